@@ -1,0 +1,1 @@
+"""The evaluation harness around :mod:`vfoa`: clips, runs, recordings, scores, reports and the command line."""

@@ -1,0 +1,180 @@
+"""Pin-hole projection, directions and ray-box intersection: the only file with rotation conventions.
+
+Three frames meet here:
+
+camera  the rectified left camera: x right, y down, z forward.
+crop    the axes in which a head is seen: z along the ray from the camera to the head (away), x right and y down in
+        the crop. Networks that see only a crop of a head answer in this frame. Wherever a person stands, (0, 0, -1)
+        looks into the camera.
+box     a box's own axes, from :attr:`vfoa.types.Box3D.left_from_box`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vfoa.types import Box3D, Float, Map, StereoRig
+
+CONE_HEIGHT_M = 1.10
+"""Height of the cones for which the paper gives radii (Simões and Moreno 2022, synthetic cases)."""
+
+
+# Angles
+
+
+def unit(vectors: ArrayLike) -> Float:
+    """Vectors (..., 3) at length 1."""
+    array = np.asarray(vectors, dtype=np.float64)
+    return array / np.linalg.norm(array, axis=-1, keepdims=True)
+
+
+def angle_between(a: ArrayLike, b: ArrayLike) -> Float:
+    """Angles (...) in radians, 0 to pi, between vectors (..., 3) of any length; exact for tiny angles too.
+
+    Kahan's formula: 2 atan2(|a/|a| - b/|b||, |a/|a| + b/|b||).
+    """
+    a, b = unit(a), unit(b)
+    return 2 * np.arctan2(np.linalg.norm(a - b, axis=-1), np.linalg.norm(a + b, axis=-1))
+
+
+def fov_from_radius(radius_m: float) -> float:
+    """Full apex angle in radians of a cone 1.10 m high with this base radius: the paper's way to name cones."""
+    return float(2 * np.arctan2(radius_m, CONE_HEIGHT_M))
+
+
+# Projection
+
+
+def depth_from_disparity(disparity_px: ArrayLike, rig: StereoRig) -> Float:
+    """Depth z in metres for disparities of any shape; NaN where unknown or not in front of the camera.
+
+    z = fx B / (d + cx_right - cx).
+    """
+    shifted = np.asarray(disparity_px, dtype=np.float64) + (rig.cx_right_px - rig.cx_px)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(shifted > 0, rig.fx_px * rig.baseline_m / shifted, np.nan)
+
+
+def disparity_from_depth(depth_m: ArrayLike, rig: StereoRig) -> Float:
+    """Disparity in pixels for depths of any shape; the inverse of :func:`depth_from_disparity`."""
+    depth = np.asarray(depth_m, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        disparity = rig.fx_px * rig.baseline_m / depth - (rig.cx_right_px - rig.cx_px)
+    return np.where(depth > 0, disparity, np.nan)
+
+
+def back_project(u_px: ArrayLike, v_px: ArrayLike, depth_m: ArrayLike, rig: StereoRig) -> Float:
+    """Points (..., 3) in the camera frame, metres, seen at pixels (u, v) at depths z."""
+    u, v, z = (np.asarray(value, dtype=np.float64) for value in (u_px, v_px, depth_m))
+    return np.stack([(u - rig.cx_px) * z / rig.fx_px, (v - rig.cy_px) * z / rig.fy_px, z], axis=-1)
+
+
+def project(points_left: ArrayLike, rig: StereoRig) -> Float:
+    """Pixels (..., 2) of points (..., 3) in the camera frame; NaN for points not in front of the camera."""
+    points = np.asarray(points_left, dtype=np.float64)
+    z = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
+    return points[..., :2] / z * [rig.fx_px, rig.fy_px] + [rig.cx_px, rig.cy_px]
+
+
+def points_in_mask(disparity_px: Map, mask: np.ndarray, rig: StereoRig) -> tuple[Float, Float]:
+    """Points (N, 3) in metres and pixels (N, 2) where ``mask`` (H, W) is set and the disparity is known."""
+    v, u = np.nonzero(mask & np.isfinite(disparity_px))
+    depth = depth_from_disparity(disparity_px[v, u], rig)
+    known = np.isfinite(depth)
+    pixels = np.stack([u[known], v[known]], axis=-1).astype(np.float64)
+    return back_project(pixels[:, 0], pixels[:, 1], depth[known], rig), pixels
+
+
+# Directions seen in a crop
+
+
+def left_from_crop(ray_left: ArrayLike) -> Float:
+    """Rotation (..., 3, 3) that turns directions in a crop's axes to the camera's, for the ray (..., 3) to the head.
+
+    Columns r, d, f with f = ray / |ray|, r = (0, 1, 0) x f normalised, d = f x r.
+    """
+    forward = unit(ray_left)
+    right = unit(np.cross([0.0, 1.0, 0.0], forward))
+    return np.stack([right, np.cross(forward, right), forward], axis=-1)
+
+
+def direction_from_crop(direction_crop: ArrayLike, ray_left: ArrayLike) -> Float:
+    """Directions (..., 3) in the camera frame from directions (..., 3) in a crop's axes and rays (..., 3)."""
+    return np.einsum("...ij,...j->...i", left_from_crop(ray_left), np.asarray(direction_crop, dtype=np.float64))
+
+
+def direction_to_crop(direction_left: ArrayLike, ray_left: ArrayLike) -> Float:
+    """The inverse of :func:`direction_from_crop`."""
+    return np.einsum("...ji,...j->...i", left_from_crop(ray_left), np.asarray(direction_left, dtype=np.float64))
+
+
+def head_direction_crop(yaw_rad: ArrayLike, pitch_rad: ArrayLike) -> Float:
+    """Direction (..., 3) in the crop's axes of a head: yaw > 0 turned to the image's left, pitch > 0 up.
+
+    (-sin y, -cos y sin p, -cos y cos p), the convention of FSA-Net and its relatives.
+    """
+    yaw, pitch = np.asarray(yaw_rad, dtype=np.float64), np.asarray(pitch_rad, dtype=np.float64)
+    return np.stack([-np.sin(yaw), -np.cos(yaw) * np.sin(pitch), -np.cos(yaw) * np.cos(pitch)], axis=-1)
+
+
+def gaze_direction_crop(theta_rad: ArrayLike, phi_rad: ArrayLike) -> Float:
+    """Direction (..., 3) in the crop's axes of a gaze in Gaze360's angles: theta > 0 image-left, phi > 0 up.
+
+    Gaze360's eye frame has x to the image's left and y up: (cos phi sin theta, sin phi, -cos phi cos theta) there.
+    """
+    theta, phi = np.asarray(theta_rad, dtype=np.float64), np.asarray(phi_rad, dtype=np.float64)
+    return np.stack([-np.cos(phi) * np.sin(theta), -np.sin(phi), -np.cos(phi) * np.cos(theta)], axis=-1)
+
+
+def pixel_ray(u_px: float, v_px: float, rig: StereoRig) -> Float:
+    """Unit ray (3,) from the camera through a pixel."""
+    return unit(back_project(u_px, v_px, 1.0, rig))
+
+
+def perturb(direction: ArrayLike, right_rad: ArrayLike, down_rad: ArrayLike) -> Float:
+    """Directions (..., 3) turned by an angle of hypot(right, down) towards (right, down) of their own tangent plane.
+
+    The exponential map on the sphere, with the tangent axes of :func:`left_from_crop`.
+    """
+    frame = left_from_crop(direction)
+    right, down = np.asarray(right_rad, dtype=np.float64), np.asarray(down_rad, dtype=np.float64)
+    angle = np.hypot(right, down)
+    scale = np.sinc(angle / np.pi)
+    tangent = np.stack([right * scale, down * scale, np.cos(angle)], axis=-1)
+    return np.einsum("...ij,...j->...i", frame, tangent)
+
+
+# Boxes
+
+
+def box_corners(box: Box3D) -> Float:
+    """The eight corners (8, 3) of a box, camera frame, metres."""
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij")).reshape(3, 8).T
+    return box.center_m + (signs * box.half_size_m) @ box.left_from_box.T
+
+
+def entry_distance(origin_left: ArrayLike, directions: ArrayLike, boxes: tuple[Box3D, ...]) -> Float:
+    """Distance (R, T) along each of R unit directions (R, 3) to where it enters each of T boxes; NaN for a miss.
+
+    The slab method (Kay and Kajiya 1986). A direction component of exactly zero is decided by a branch, since the
+    form without one answers NaN for an origin on a face's plane. Only what lies ahead counts (t >= 0); an origin
+    inside a box enters it at distance 0.
+    """
+    directions = np.asarray(directions, dtype=np.float64)
+    if not boxes:
+        return np.empty((len(directions), 0))
+    box_from_left = np.stack([box.left_from_box.T for box in boxes])
+    center = np.stack([box.center_m for box in boxes])
+    half = np.stack([box.half_size_m for box in boxes])[:, None, :]
+    origin = np.einsum("tij,tj->ti", box_from_left, np.asarray(origin_left, dtype=np.float64) - center)[:, None, :]
+    along = np.einsum("tij,rj->tri", box_from_left, directions)
+
+    parallel = along == 0
+    inverse = 1 / np.where(parallel, 1, along)
+    first, second = (-half - origin) * inverse, (half - origin) * inverse
+    outside = np.abs(origin) > half
+    near = np.where(parallel, np.where(outside, np.inf, -np.inf), np.minimum(first, second)).max(axis=-1)
+    far = np.where(parallel, np.where(outside, -np.inf, np.inf), np.maximum(first, second)).min(axis=-1)
+    entry = np.maximum(near, 0)
+    return np.where(far >= entry, entry, np.nan).T

@@ -1,0 +1,25 @@
+"""Head pose: where a head points."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from vfoa.registry import Registry
+from vfoa.types import Head, HeadPose, StereoFrame
+
+
+class HeadPoseModel(Protocol):
+    """Estimates the pose of a head from its image. Built as ``Class(settings)``, with ``Class.Settings``."""
+
+    def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
+        """Estimate one head's pose, or None where the model has no answer."""
+        ...
+
+
+MODELS = Registry(
+    kind="head_pose.model",
+    builtin={
+        "fsanet": "vfoa.head_pose.fsanet:FsaNet",
+    },
+    group="vfoa.head_pose",
+)

@@ -1,0 +1,80 @@
+"""The whole pipeline on one screen.
+
+    perceive     images -> percepts: disparity, instances, heads, head poses, gazes. Stateless, slow, cached.
+    reconstruct  percepts -> scene: clouds, boxes and eye origins in metres. Stateless.
+    attend       scene, memory -> result, memory: tracks, filtered cues, cones, attention. Ordered and cheap.
+
+The first two run out of order and in parallel; a sweep over cones repeats only the third.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from vfoa.attention import AttentionSettings, pay_attention
+from vfoa.gaze import GazeModel
+from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
+from vfoa.head_pose import HeadPoseModel
+from vfoa.heads import HeadDetector
+from vfoa.reconstruction import ReconstructionSettings, reconstruct
+from vfoa.segmentation import Segmenter
+from vfoa.settings import Settings
+from vfoa.stereo import StereoMatcher
+from vfoa.tracking import TrackerState, TrackingSettings, track_people
+from vfoa.types import FrameResult, HeadView, Percepts, Scene, StereoFrame
+
+__all__ = ["AttendSettings", "Memory", "Stages", "attend", "perceive", "reconstruct"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stages:
+    """The models and matchers of one configuration. None: that cue is not measured."""
+
+    matcher: StereoMatcher
+    segmenter: Segmenter
+    heads: HeadDetector
+    head_pose: HeadPoseModel | None
+    gaze: GazeModel | None
+
+
+def perceive(frame: StereoFrame, stages: Stages) -> Percepts:
+    """Run every model on one frame."""
+    disparity = stages.matcher.match(frame)
+    instances = stages.segmenter.segment(frame)
+    views = []
+    for head in stages.heads.detect(frame, instances):
+        head_pose = stages.head_pose.estimate(frame, head) if stages.head_pose else None
+        gaze = stages.gaze.estimate(frame, head, head_pose) if stages.gaze else None
+        views.append(HeadView(head=head, head_pose=head_pose, gaze=gaze))
+    return Percepts(
+        index=frame.index,
+        time_ns=frame.time_ns,
+        rig=frame.rig,
+        disparity=disparity,
+        instances=instances,
+        views=tuple(views),
+    )
+
+
+class AttendSettings(Settings):
+    """Settings of :func:`attend`."""
+
+    tracking: TrackingSettings = TrackingSettings()
+    gaze_filter: GazeFilterSettings = GazeFilterSettings()
+    attention: AttentionSettings = AttentionSettings()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Memory:
+    """What :func:`attend` carries from one frame to the next."""
+
+    tracker: TrackerState = field(default_factory=TrackerState)
+    gaze_filter: GazeFilterState = field(default_factory=GazeFilterState)
+
+
+def attend(scene: Scene, memory: Memory, settings: AttendSettings) -> tuple[FrameResult, Memory]:
+    """Follow the people of one frame and compute what each looks at."""
+    tracked, tracker = track_people(scene.people, memory.tracker, settings.tracking)
+    subjects, gaze_filter = filter_cues(tracked, memory.gaze_filter, settings.gaze_filter)
+    attentions = tuple(pay_attention(subject, scene.targets, settings.attention) for subject in subjects)
+    return FrameResult(scene=scene, attentions=attentions), Memory(tracker=tracker, gaze_filter=gaze_filter)

@@ -1,0 +1,53 @@
+"""Named, lazily imported plug-ins: one line here, or one entry point in another distribution."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+from vfoa.errors import VfoaError, did_you_mean
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Registry:
+    """What one kind of plug-in is called and where it stands.
+
+    Parameters
+    ----------
+    kind
+        The word for error messages and configuration, such as ``"stereo"``.
+    builtin
+        Name to ``"module:Class"``. Nothing is imported before :meth:`load`.
+    group
+        The entry-point group through which other distributions add names, such as ``"vfoa.stereo"``.
+    """
+
+    kind: str
+    builtin: Mapping[str, str]
+    group: str
+
+    def names(self) -> list[str]:
+        """Every name that :meth:`load` takes, sorted."""
+        return sorted({*self.builtin, *self._others()})
+
+    def load(self, name: str) -> Any:
+        """Import and return the class called ``name``.
+
+        Raises
+        ------
+        VfoaError
+            If there is no such name; the message proposes the nearest.
+        """
+        if name in self.builtin:
+            module, _, attribute = self.builtin[name].partition(":")
+            return getattr(import_module(module), attribute)
+        others = self._others()
+        if name not in others:
+            raise VfoaError(f"{self.kind}: no {name!r}; {did_you_mean(name, self.names())}")
+        return others[name].load()
+
+    def _others(self) -> dict[str, EntryPoint]:
+        return {point.name: point for point in entry_points(group=self.group)}

@@ -1,0 +1,25 @@
+"""Panoptic segmentation: which pixels of the left view belong to which thing."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from vfoa.registry import Registry
+from vfoa.types import Instances, StereoFrame
+
+
+class Segmenter(Protocol):
+    """Finds the instances in the left view. Built as ``Class(settings)``, with ``Class.Settings``."""
+
+    def segment(self, frame: StereoFrame) -> Instances:
+        """Segment one frame, at the resolution of the image."""
+        ...
+
+
+SEGMENTERS = Registry(
+    kind="segmentation.model",
+    builtin={
+        "yolo_seg": "vfoa.segmentation.yolo_seg:YoloSeg",
+    },
+    group="vfoa.segmentation",
+)

@@ -1,0 +1,415 @@
+"""Every value that flows through the pipeline, and the conventions they share.
+
+Frames      The camera frame is the rectified left camera with OpenCV axes: x right, y down, z forward, in metres.
+            It is also the world, unless a source has poses. Names say the frame: ``points_left``,
+            ``left_from_box``.
+Pixels      (u, v), an integer is a pixel's centre. Boxes are (u0, v0, u1, v1).
+Units       Suffixes ``_px _m _rad _deg _ns``. Angles are radians here and degrees in files and on the command line.
+Images      (H, W, 3) uint8 RGB.
+Maps        (H, W) float32. NaN means unknown, never 0, -1 or inf.
+Times       int nanoseconds.
+Disparity   Positive: x_right = x_left - d.
+
+Values are frozen. Their arrays are checked for shape and dtype once, here, and are read-only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+Float = NDArray[np.float64]
+Map = NDArray[np.float32]
+Image = NDArray[np.uint8]
+Mask = NDArray[np.bool_]
+
+Cue = Literal["gaze", "head"]
+CUES: tuple[Cue, ...] = ("gaze", "head")
+
+
+def _set(value: object, name: str, found: ArrayLike, dtype: DTypeLike, *shape: int | None) -> None:
+    """Store ``found`` on a frozen value as a read-only array of the given dtype and shape (None: any length).
+
+    Arrays of another dtype are refused, not converted: a silent copy of an image is a bug that costs time, and
+    an integer disparity has usually lost its sixteenths. Plain sequences of numbers are converted.
+    """
+    array = found.view() if isinstance(found, np.ndarray) else np.asarray(found, dtype=dtype)
+    what = f"{type(value).__name__}.{name}"
+    if array.dtype != dtype:
+        raise ValueError(f"{what}: expected dtype {np.dtype(dtype).name}, found {array.dtype.name}")
+    if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+        expected = ", ".join("any" if n is None else str(n) for n in shape)
+        raise ValueError(f"{what}: expected shape ({expected}), found {array.shape}")
+    array.flags.writeable = False
+    object.__setattr__(value, name, array)
+
+
+def _set_unit(value: object, name: str, found: ArrayLike) -> None:
+    """Store a direction as a read-only unit vector (3,); a zero or unknown direction is an error."""
+    vector = np.asarray(found, dtype=np.float64)
+    length = float(np.linalg.norm(vector))
+    if not np.isfinite(length) or length == 0.0:
+        raise ValueError(f"{type(value).__name__}.{name}: expected a direction, found {vector}")
+    _set(value, name, vector / length, np.float64, 3)
+
+
+def _finite(value: object, *names: str) -> None:
+    for name in names:
+        if not np.isfinite(getattr(value, name)):
+            raise ValueError(f"{type(value).__name__}.{name}: expected a finite number, found {getattr(value, name)}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoRig:
+    """A rectified stereo pair of pin-hole cameras with parallel axes.
+
+    ``cx_right_px`` differs from ``cx_px`` where rectification kept separate principal points; depth is then
+    z = fx B / (d + cx_right - cx).
+    """
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    baseline_m: float
+    cx_right_px: float
+
+    def __post_init__(self) -> None:
+        _finite(self, "fx_px", "fy_px", "cx_px", "cy_px", "baseline_m", "cx_right_px")
+        for name in ("width_px", "height_px", "fx_px", "fy_px", "baseline_m"):
+            if getattr(self, name) <= 0:
+                raise ValueError(f"StereoRig.{name}: expected a positive number, found {getattr(self, name)}")
+
+    @property
+    def camera_matrix(self) -> Float:
+        """K (3, 3) of the left camera, pixels."""
+        return np.array([[self.fx_px, 0, self.cx_px], [0, self.fy_px, self.cy_px], [0, 0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoFrame:
+    """One rectified stereo pair: images (H, W, 3) uint8 RGB. ``index`` is the source's own frame number."""
+
+    index: int
+    time_ns: int
+    left: Image
+    right: Image
+    rig: StereoRig
+
+    def __post_init__(self) -> None:
+        _set(self, "left", self.left, np.uint8, self.rig.height_px, self.rig.width_px, 3)
+        _set(self, "right", self.right, np.uint8, self.rig.height_px, self.rig.width_px, 3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disparity:
+    """A disparity map of the left view, pixels, NaN = unknown; confidence in [0, 1] where the matcher has one."""
+
+    disparity_px: Map
+    confidence: Map | None = None
+
+    def __post_init__(self) -> None:
+        _set(self, "disparity_px", self.disparity_px, np.float32, None, None)
+        if self.confidence is not None:
+            _set(self, "confidence", self.confidence, np.float32, *self.disparity_px.shape)
+
+    @property
+    def known_share(self) -> float:
+        """Share of the pixels with a disparity, in [0, 1]."""
+        return float(np.isfinite(self.disparity_px).mean())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Instance:
+    """One segment: a thing (countable, such as a cup) or stuff (such as sky).
+
+    ``id`` is its value in :attr:`Instances.ids`; ``category_id`` is the source's own number for ``label``.
+    """
+
+    id: int
+    label: str
+    category_id: int
+    is_thing: bool
+    score: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Instances:
+    """A panoptic segmentation of the left view: ``ids`` (H, W) uint16, 0 = no instance, and what each id is."""
+
+    ids: NDArray[np.uint16]
+    instances: tuple[Instance, ...]
+
+    def __post_init__(self) -> None:
+        _set(self, "ids", self.ids, np.uint16, None, None)
+        listed = [instance.id for instance in self.instances]
+        drawn = np.flatnonzero(np.bincount(self.ids.ravel())).tolist()
+        if len(set(listed)) != len(listed) or 0 in listed:
+            raise ValueError(f"Instances.instances: expected distinct ids above 0, found {listed}")
+        if unknown := set(drawn) - {0, *listed}:
+            raise ValueError(f"Instances.ids: holds {sorted(unknown)}, which no instance has; instances: {listed}")
+
+    def mask(self, instance_id: int) -> Mask:
+        """Pixels (H, W) of one instance."""
+        return np.equal(self.ids, instance_id)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Head:
+    """A head seen in the left view.
+
+    ``box_px`` (4,) is the box of the whole head (u0, v0, u1, v1), not of the face alone. ``landmarks_px`` (5, 2)
+    are the person's own right eye, left eye, nose, right and left mouth corner, where a face was found.
+    ``instance_id`` is the person's instance where the detector knows it; otherwise it is found by overlap.
+    """
+
+    box_px: Float
+    score: float
+    landmarks_px: Float | None = None
+    instance_id: int | None = None
+
+    def __post_init__(self) -> None:
+        _set(self, "box_px", self.box_px, np.float64, 4)
+        if self.landmarks_px is not None:
+            _set(self, "landmarks_px", self.landmarks_px, np.float64, 5, 2)
+        u0, v0, u1, v1 = self.box_px
+        if not (u1 > u0 and v1 > v0):
+            raise ValueError(f"Head.box_px: expected u0 < u1 and v0 < v1, found {self.box_px}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadPose:
+    """Where a head points: ``direction`` (3,) unit, camera frame.
+
+    The angles are those of the model, in the crop's axes: yaw > 0 turns to the image's left, pitch > 0 up,
+    roll > 0 clockwise in the image. A model whose angles are unknown (truth) gives the direction alone.
+    ``sigma_rad`` is the angular error the source claims, where it claims one.
+    """
+
+    direction: Float
+    yaw_rad: float = float("nan")
+    pitch_rad: float = float("nan")
+    roll_rad: float = float("nan")
+    sigma_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        _set_unit(self, "direction", self.direction)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gaze:
+    """Where the eyes look: ``direction`` (3,) unit, camera frame; ``sigma_rad`` its uncertainty, where there is one."""
+
+    direction: Float
+    sigma_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        _set_unit(self, "direction", self.direction)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadView:
+    """All that was measured on one head of one frame. None: that stage gave nothing.
+
+    ``crop`` is the head's image (h, w, 3) uint8 RGB, kept where a temporal gaze model needs it.
+    """
+
+    head: Head
+    head_pose: HeadPose | None
+    gaze: Gaze | None
+    crop: Image | None = None
+
+    def __post_init__(self) -> None:
+        if self.crop is not None:
+            _set(self, "crop", self.crop, np.uint8, None, None, 3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Percepts:
+    """What :func:`vfoa.pipeline.perceive` found in one frame. Every stage's output, nothing combined yet."""
+
+    index: int
+    time_ns: int
+    rig: StereoRig
+    disparity: Disparity
+    instances: Instances
+    views: tuple[HeadView, ...]
+
+    def __post_init__(self) -> None:
+        size = (self.rig.height_px, self.rig.width_px)
+        for name, shape in (
+            ("disparity", self.disparity.disparity_px.shape),
+            ("instances", self.instances.ids.shape),
+        ):
+            if shape != size:
+                raise ValueError(f"Percepts.{name}: expected a map of {size}, found {shape}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Box3D:
+    """A box in the camera frame: centre (3,), half extents (3,) along its own axes, and their rotation (3, 3).
+
+    The columns of ``left_from_box`` are the box's axes in the camera frame; the identity for an axis-aligned box.
+    """
+
+    center_m: Float
+    half_size_m: Float
+    left_from_box: Float
+
+    def __post_init__(self) -> None:
+        _set(self, "center_m", self.center_m, np.float64, 3)
+        _set(self, "half_size_m", self.half_size_m, np.float64, 3)
+        _set(self, "left_from_box", self.left_from_box, np.float64, 3, 3)
+        if not (np.isfinite(self.center_m).all() and (self.half_size_m > 0).all()):
+            raise ValueError(
+                f"Box3D: expected a finite centre and positive half sizes, found {self.center_m} and {self.half_size_m}"
+            )
+
+    @property
+    def d_max_m(self) -> float:
+        """Greatest distance of the surface from the centroid: half the diagonal."""
+        return float(np.linalg.norm(self.half_size_m))
+
+    @property
+    def d_min_m(self) -> float:
+        """Least distance of the surface from the centroid: the smallest half extent."""
+        return float(self.half_size_m.min())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Target:
+    """Something that can be looked at: an instance, its cloud (N, 3) in metres (camera frame), and its box.
+
+    ``box`` is None when too few points were known for one. ``box_px`` (4,) is the extent of the mask.
+    """
+
+    instance: Instance
+    box_px: Float
+    points_left: Map
+    box: Box3D | None
+
+    def __post_init__(self) -> None:
+        _set(self, "box_px", self.box_px, np.float64, 4)
+        _set(self, "points_left", self.points_left, np.float32, None, 3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Person:
+    """A head joined to the scene: its person's instance, and the eye origin (3,) in metres, None if not known."""
+
+    view: HeadView
+    instance_id: int | None
+    eye_origin_left: Float | None
+
+    def __post_init__(self) -> None:
+        if self.eye_origin_left is not None:
+            _set(self, "eye_origin_left", self.eye_origin_left, np.float64, 3)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """One frame in metres, from :func:`vfoa.pipeline.reconstruct`: the targets and the people. No memory in it."""
+
+    index: int
+    time_ns: int
+    targets: tuple[Target, ...]
+    people: tuple[Person, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subject:
+    """A person followed over frames: the track's id, and the cues after filtering. None: not measured."""
+
+    track_id: int
+    person: Person
+    gaze: Gaze | None
+    head_pose: HeadPose | None
+
+    def direction(self, cue: Cue) -> Float | None:
+        """The cue's direction (3,), camera frame, or None where it was not measured."""
+        source = self.gaze if cue == "gaze" else self.head_pose
+        return None if source is None else source.direction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cone:
+    """A hollow cone of rays about one cue's direction: apex (3,) at the eyes, full apex angle ``fov_rad``."""
+
+    cue: Cue
+    apex_left: Float
+    axis: Float
+    fov_rad: float
+    n_rays: int
+
+    def __post_init__(self) -> None:
+        _set(self, "apex_left", self.apex_left, np.float64, 3)
+        _set_unit(self, "axis", self.axis)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rays:
+    """All rays of one subject: a common origin (3,), directions (R, 3), and the cone (R,) each belongs to.
+
+    ``entry_m`` (R, T) is the distance along each ray to where it enters each target's box, NaN for a miss.
+    """
+
+    origin_left: Float
+    directions: Float
+    cone_index: NDArray[np.intp]
+    entry_m: Float
+
+    def __post_init__(self) -> None:
+        rays = len(self.directions)
+        _set(self, "origin_left", self.origin_left, np.float64, 3)
+        _set(self, "directions", self.directions, np.float64, rays, 3)
+        _set(self, "cone_index", self.cone_index, np.intp, rays)
+        _set(self, "entry_m", self.entry_m, np.float64, rays, None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetAttention:
+    """One target's attention values in [0, 1]: per cue (NaN: the cue was not measured) and in total."""
+
+    instance_id: int
+    gaze: float
+    head: float
+    total: float
+
+
+class NoAttention(Enum):
+    """Why a subject has no attention at all in a frame."""
+
+    NO_EYES_3D = "no_eyes_3d"
+    NO_DIRECTION = "no_direction"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attention:
+    """One subject's attention in one frame: a value per target, and the focus.
+
+    ``focus`` is the instance id of the target with the most attention, None when no target has any.
+    ``tied`` are the ids of the other targets with exactly the same value (the nearest won).
+    ``missing`` says why nothing could be computed; then ``values`` is empty and ``focus`` is None.
+    """
+
+    subject: Subject
+    values: tuple[TargetAttention, ...] = ()
+    focus: int | None = None
+    tied: tuple[int, ...] = ()
+    missing: NoAttention | None = None
+    cones: tuple[Cone, ...] = ()
+    rays: Rays | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameResult:
+    """Everything known about one frame at the end of the pipeline."""
+
+    scene: Scene
+    attentions: tuple[Attention, ...]

@@ -1,0 +1,33 @@
+"""Where model files stand on this machine."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import platformdirs
+
+from vfoa.errors import VfoaError
+
+
+def directories() -> list[Path]:
+    """The folders searched for weights, in order: ``$VFOA_MODELS``, then the cache directory of the platform."""
+    named = os.environ.get("VFOA_MODELS")
+    cache = Path(platformdirs.user_cache_dir("vfoa")) / "models"
+    return [Path(named), cache] if named else [cache]
+
+
+def locate(weights: str) -> Path:
+    """Return the path of a weights file: itself if it names an existing file, else the first folder that holds it.
+
+    Raises
+    ------
+    VfoaError
+        If no folder holds it.
+    """
+    candidates = [Path(weights).expanduser(), *(folder / weights for folder in directories())]
+    for path in candidates:
+        if path.is_file():
+            return path
+    folders = ", ".join(str(folder) for folder in directories())
+    raise VfoaError(f"{weights}: no such model file; expected a path, or a name in one of: {folders} (VFOA_MODELS)")
