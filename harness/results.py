@@ -1,11 +1,25 @@
 """What a run keeps of each frame: named, plain values, one JSON line each in ``results.jsonl``.
 
-Everything the scores, tables and pages need is here, so that none of them needs images or models.
+Everything the scores, tables and pages need is here, so that none of them needs images or models. Every line begins
+with the version of the format, so that files can be joined line by line.
 """
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    import msgspec
+
+VERSION = 1
+_START = b'{"version":%d,' % VERSION
 
 Vector = tuple[float, float, float]
 BoxPx = tuple[float, float, float, float]
@@ -77,6 +91,95 @@ class FrameRecord:
     targets: tuple[TargetRecord, ...]
     subjects: tuple[SubjectRecord, ...]
 
+    def __post_init__(self) -> None:
+        known = {target.instance_id for target in self.targets}
+        if len(known) != len(self.targets):
+            raise ValueError(f"frame {self.frame}: expected distinct instance ids in targets")
+        for subject in self.subjects:
+            named = {value.instance_id for value in subject.attention}
+            if subject.focus is not None:
+                named.add(subject.focus)
+            if not named <= known:
+                raise ValueError(
+                    f"frame {self.frame}: track {subject.track_id} attends to instances {sorted(named - known)}, "
+                    "which are not in targets"
+                )
+
     def target(self, instance_id: int) -> TargetRecord:
         """The target with this instance id."""
         return next(target for target in self.targets if target.instance_id == instance_id)
+
+
+def to_line(record: FrameRecord) -> str:
+    """One frame as a line of ``results.jsonl``, its newline included.
+
+    Raises
+    ------
+    ValueError
+        If reading the line would not give the same record: a number is not finite, or a value is of another type.
+    """
+    encoder, decoder = _codec()
+    line = _START + encoder.encode(record)[1:]
+    if decoder.decode(line) != record:
+        raise ValueError(f"frame {record.frame} of {record.clip}: a value would not survive the file: {record}")
+    return line.decode() + "\n"
+
+
+def read_results(path: Path) -> Iterator[FrameRecord]:
+    """Read a ``results.jsonl``, one record at a time in the order of the file. Nothing is skipped or repaired.
+
+    Raises
+    ------
+    VfoaError
+        If the file is missing, a line is of another version or not a frame's record, the last line is cut, or a
+        frame stands in it twice; the message names the file and the line.
+    """
+    seen: dict[tuple[str, str, int], int] = {}
+    try:
+        with path.open("rb") as file:
+            for number, line in enumerate(file, start=1):
+                record = _from_line(line, path, number)
+                _check_first(seen, record, path, number)
+                yield record
+    except OSError as error:
+        raise VfoaError(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def _from_line(line: bytes, path: Path, number: int) -> FrameRecord:
+    import msgspec
+
+    if not line.endswith(b"\n"):
+        raise VfoaError(f"{path}, line {number}: cut short: expected a newline at its end")
+    if not line.startswith(_START):
+        _check_version(line, path, number)
+    try:
+        return _codec()[1].decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise VfoaError(f"{path}, line {number}: not a frame's record: {error}") from None
+
+
+def _check_version(line: bytes, path: Path, number: int) -> None:
+    """Accept a line another program wrote (spaces, another order of keys), if it says the right version."""
+    try:
+        value = json.loads(line)
+    except ValueError as error:
+        raise VfoaError(f"{path}, line {number}: not JSON: {error}") from None
+    version = value.get("version") if isinstance(value, dict) else None
+    if version != VERSION:
+        raise VfoaError(f"{path}, line {number}: expected version {VERSION}, found {version!r}")
+
+
+def _check_first(seen: dict[tuple[str, str, int], int], record: FrameRecord, path: Path, number: int) -> None:
+    first = seen.setdefault((record.clip, record.configuration, record.frame), number)
+    if first != number:
+        raise VfoaError(
+            f"{path}, line {number}: frame {record.frame} of clip {record.clip!r} under {record.configuration!r} "
+            f"is on line {first} already"
+        )
+
+
+@cache
+def _codec() -> tuple[msgspec.json.Encoder, msgspec.json.Decoder[FrameRecord]]:
+    import msgspec
+
+    return msgspec.json.Encoder(), msgspec.json.Decoder(FrameRecord)
