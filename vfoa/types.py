@@ -164,23 +164,27 @@ class Instances:
 class Head:
     """A head seen in the left view.
 
-    ``box_px`` (4,) is the box of the whole head (u0, v0, u1, v1), not of the face alone. ``landmarks_px`` (5, 2)
-    are the person's own right eye, left eye, nose, right and left mouth corner, where a face was found.
+    ``box_px`` (4,) is the box of the whole head (u0, v0, u1, v1), not of the face alone. Where a face was found,
+    ``face_box_px`` (4,) is its box, forehead to chin, and ``landmarks_px`` (5, 2) are the person's own right eye,
+    left eye, nose, right and left mouth corner.
     ``instance_id`` is the person's instance where the detector knows it; otherwise it is found by overlap.
     """
 
     box_px: Float
     score: float
+    face_box_px: Float | None = None
     landmarks_px: Float | None = None
     instance_id: int | None = None
 
     def __post_init__(self) -> None:
-        _set(self, "box_px", self.box_px, np.float64, 4)
         if self.landmarks_px is not None:
             _set(self, "landmarks_px", self.landmarks_px, np.float64, 5, 2)
-        u0, v0, u1, v1 = self.box_px
-        if not (u1 > u0 and v1 > v0):
-            raise ValueError(f"Head.box_px: expected u0 < u1 and v0 < v1, found {self.box_px}")
+        for name in ("box_px", "face_box_px"):
+            if (box := getattr(self, name)) is not None:
+                _set(self, name, box, np.float64, 4)
+                u0, v0, u1, v1 = getattr(self, name)
+                if not (u1 > u0 and v1 > v0):
+                    raise ValueError(f"Head.{name}: expected u0 < u1 and v0 < v1, found {box}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,0 +1,49 @@
+"""Crops of heads and eyes, as networks want them: a fixed size, upright, sampled at sub-pixel positions."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vfoa.types import Float, Image
+
+
+def grow(box_px: ArrayLike, *, side: float, top: float, bottom: float) -> Float:
+    """A box (4,) grown by shares of its own width (left and right: ``side``) and height (``top``, ``bottom``)."""
+    u0, v0, u1, v1 = np.asarray(box_px, dtype=np.float64)
+    width, height = u1 - u0, v1 - v0
+    return np.array([u0 - side * width, v0 - top * height, u1 + side * width, v1 + bottom * height])
+
+
+def square(center_px: ArrayLike, side_px: float) -> Float:
+    """The square box (4,) about a centre (2,)."""
+    u, v = np.asarray(center_px, dtype=np.float64)
+    return np.array([u - side_px / 2, v - side_px / 2, u + side_px / 2, v + side_px / 2])
+
+
+def crop(image: Image, box_px: ArrayLike, size_px: int, *, roll_rad: float = 0.0) -> Image:
+    """Cut a box (4,) out of an image and bring it to (size, size, 3), stretched where the box is not square.
+
+    ``roll_rad`` > 0: the box itself is turned clockwise in the image about its centre, so that a head that leans
+    clockwise by this angle comes out upright. Beyond the border the image's last pixels are repeated. A box larger
+    than ``size_px`` is sampled at a whole multiple of it and averaged, so that nothing aliases.
+    """
+    u0, v0, u1, v1 = np.asarray(box_px, dtype=np.float64)
+    width, height = u1 - u0, v1 - v0
+    multiple = max(1, math.ceil(max(width, height) / size_px))
+    samples = multiple * size_px
+    cos, sin = math.cos(roll_rad), math.sin(roll_rad)
+    axes = np.array([[cos * width, -sin * height], [sin * width, cos * height]]) / samples
+    center = np.array([(u0 + u1) / 2, (v0 + v1) / 2])
+    first = center - axes @ [(samples - 1) / 2, (samples - 1) / 2]
+    sampled = cv2.warpAffine(
+        image,
+        np.column_stack([axes, first]),
+        (samples, samples),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return cv2.resize(sampled, (size_px, size_px), interpolation=cv2.INTER_AREA) if multiple > 1 else sampled
