@@ -1,0 +1,202 @@
+"""MPI Sintel: one scene and one pass of the stereo set, with what the depth and segmentation sets add."""
+
+from __future__ import annotations
+
+import re
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from harness.adapters import Truth
+from harness.adapters.stereo_folder import read_pair
+from harness.disparity_files import read_depth, read_sintel_disparity
+from harness.files import digest_files
+from harness.images import read_bytes, read_raw
+from harness.segment_ids import relabel, small_ids
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.settings import Settings
+from vfoa.types import Disparity, Float, Instance, Instances, Map, Mask, StereoFrame, StereoRig
+
+BASELINE_M = 0.10
+"""Of the parallel stereo cameras (the stereo set's README)."""
+
+RATE_HZ = 24.0
+"""Of the film."""
+
+_NAME = re.compile(r"frame_(\d+)\.png")
+_CAMERA_TAG = np.float32(202021.25)
+
+
+class SintelSettings(Settings):
+    """Which scene and which render pass: ``clean`` (no fog, no blur) or ``final``."""
+
+    scene: str
+    render_pass: Literal["clean", "final"] = Field(default="clean", alias="pass")
+
+
+class SintelClip:
+    """One scene, in the folders of the official archives, unpacked into one place.
+
+    root/training/
+      clean_left/SCENE/frame_0001.png       clean_right/SCENE/...     or final_left, final_right
+      camdata_left/SCENE/frame_0001.cam     intrinsics, read for every frame: fx changes within some scenes
+      disparities/SCENE/frame_0001.png      optional: true disparity
+      occlusions/SCENE/frame_0001.png       optional: with outofframe/, what the right view does not see
+      depth/SCENE/frame_0001.dpt            optional: true depth
+      segmentation/SCENE/frame_0001.png     optional: true instances, without names: label "segment"
+    """
+
+    Settings = SintelSettings
+
+    def __init__(self, settings: SintelSettings, root: Path | None) -> None:
+        self._scene, self._pass = settings.scene, settings.render_pass
+        self._training = (root if root is not None else Path.cwd()) / "training"
+        if not self._training.is_dir():
+            raise VfoaError(f"{self._training}: no such folder; expected MPI Sintel's stereo set, unpacked")
+        self._check_scene()
+        folder = self._path(f"{self._pass}_left", 1).parent
+        matches = (_NAME.fullmatch(path.name) for path in folder.iterdir())
+        self._frames = tuple(sorted(int(match[1]) for match in matches if match))
+        if not self._frames:
+            raise VfoaError(f"{folder}: no images; expected frame_0001.png and so on")
+        for kind, suffix in ((f"{self._pass}_right", "png"), ("camdata_left", "cam")):
+            self._check_complete(kind, suffix)
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The film's numbers, from 1."""
+        return self._frames
+
+    @property
+    def rate_hz(self) -> float:
+        """The film's rate."""
+        return RATE_HZ
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """None: the official data has no peculiarity that a table must tell."""
+        return ()
+
+    def frame(self, number: int) -> StereoFrame:
+        """Read one pair and its camera."""
+        self._check_number(number)
+        left, right = read_pair(self._path(f"{self._pass}_left", number), self._path(f"{self._pass}_right", number))
+        camera = read_camera(self._path("camdata_left", number, "cam"))
+        fx, fy, cx, cy = (float(camera[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        rig = StereoRig(
+            width_px=left.shape[1],
+            height_px=left.shape[0],
+            fx_px=fx,
+            fy_px=fy,
+            cx_px=cx,
+            cy_px=cy,
+            baseline_m=BASELINE_M,
+            cx_right_px=cx,
+        )
+        return StereoFrame(index=number, time_ns=round(number * 1e9 / RATE_HZ), left=left, right=right, rig=rig)
+
+    def truth(self, number: int) -> Truth:
+        """Disparity and instances, each where its folder is there."""
+        self._check_number(number)
+        disparity = self._path("disparities", number)
+        return Truth(
+            disparity=Disparity(disparity_px=read_sintel_disparity(disparity)) if disparity.is_file() else None,
+            instances=self._instances(number),
+        )
+
+    def depth_m(self, number: int) -> Map | None:
+        """True depth (H, W) in metres; None where the depth set is not there."""
+        path = self._path("depth", number, "dpt")
+        return read_depth(path) if path.is_file() else None
+
+    def hidden(self, number: int) -> Mask | None:
+        """Pixels (H, W) of the left view that the right one does not see: occluded or out of its frame.
+
+        None where neither mask is there.
+        """
+        paths = [path for kind in ("occlusions", "outofframe") if (path := self._path(kind, number)).is_file()]
+        masks = [_any_channel(read_raw(path)) for path in paths]
+        return np.logical_or.reduce(masks) if masks else None
+
+    def digest(self) -> str:
+        """Of the images' and cameras' bytes and the frames' numbers."""
+        kinds = ((f"{self._pass}_left", "png"), (f"{self._pass}_right", "png"), ("camdata_left", "cam"))
+        return digest_files(
+            (f"{number} {kind}", self._path(kind, number, suffix)) for number in self._frames for kind, suffix in kinds
+        )
+
+    def _path(self, kind: str, number: int, suffix: str = "png") -> Path:
+        return self._training / kind / self._scene / f"frame_{number:04d}.{suffix}"
+
+    def _check_scene(self) -> None:
+        views = self._training / f"{self._pass}_left"
+        if not views.is_dir():
+            raise VfoaError(f"{views}: no such folder; expected the {self._pass} pass of MPI Sintel's stereo set")
+        if not (views / self._scene).is_dir():
+            scenes = [path.name for path in views.iterdir() if path.is_dir()]
+            raise VfoaError(f"{views}: no scene {self._scene!r}; {did_you_mean(self._scene, scenes)}")
+
+    def _check_complete(self, kind: str, suffix: str) -> None:
+        missing = [path for number in self._frames if not (path := self._path(kind, number, suffix)).is_file()]
+        if missing:
+            raise VfoaError(
+                f"{missing[0]}: no such file, but {self._pass}_left has its frame "
+                f"({len(missing)} of {len(self._frames)} are missing)"
+            )
+
+    def _check_number(self, number: int) -> None:
+        if number not in self._frames:
+            raise VfoaError(f"{self._scene}: no frame {number}; expected {self._frames[0]} to {self._frames[-1]}")
+
+    def _instances(self, number: int) -> Instances | None:
+        path = self._path("segmentation", number)
+        if not path.is_file():
+            return None
+        ids = relabel(_read_segments(path), self._small_ids)
+        drawn = [int(each) for each in np.unique(ids) if each]
+        return Instances(
+            ids=ids,
+            instances=tuple(
+                Instance(id=each, label="segment", category_id=0, is_thing=True, score=1.0) for each in drawn
+            ),
+        )
+
+    @cached_property
+    def _small_ids(self) -> dict[int, int]:
+        """16-bit ids for the whole scene's segments, so that one thing has one id in every frame."""
+        paths = [path for number in self._frames if (path := self._path("segmentation", number)).is_file()]
+        every_id = (int(each) for path in paths for each in np.unique(_read_segments(path)))
+        return small_ids(every_id, f"{self._training / 'segmentation' / self._scene}")
+
+
+def read_camera(path: Path) -> Float:
+    """Read the intrinsics M (3, 3), pixels, of a Sintel ``.cam``: float32 tag, float64[9] M, float64[12] N.
+
+    Raises
+    ------
+    VfoaError
+        If the file is not one.
+    """
+    data = read_bytes(path)
+    if len(data) != 4 + 21 * 8 or np.frombuffer(data, "<f4", 1)[0] != _CAMERA_TAG:
+        raise VfoaError(f"{path}: not a Sintel camera: expected {4 + 21 * 8} bytes with the tag {_CAMERA_TAG}")
+    matrix = np.frombuffer(data, "<f8", 9, offset=4).reshape(3, 3).astype(np.float64)
+    if not (np.isfinite(matrix).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
+        raise VfoaError(f"{path}: expected finite intrinsics with positive focal lengths, found {matrix.tolist()}")
+    return matrix
+
+
+def _read_segments(path: Path) -> NDArray[np.uint32]:
+    """A segmentation PNG: id = (R 256 + G) 256 + B."""
+    image = read_raw(path)
+    if image.ndim != 3 or image.dtype != np.uint8:
+        raise VfoaError(f"{path}: found shape {image.shape} of {image.dtype}; expected Sintel's 8-bit RGB segmentation")
+    return image.astype(np.uint32) @ np.array([65536, 256, 1], dtype=np.uint32)
+
+
+def _any_channel(image: NDArray[np.uint8]) -> Mask:
+    return (image if image.ndim == 2 else image.max(axis=2)) > 0

@@ -1,0 +1,111 @@
+"""``vfoa clips``: what clips there are, and whether they can be used."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from harness.clip_check import ClipCheck, ClipRow
+
+app = typer.Typer(help="List the clips, and check that they can be used.", no_args_is_help=True)
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
+
+
+@app.command(name="list")
+def list_clips(as_json: Json = False) -> None:
+    """List every clip: the working directory's own, then those that came with the package."""
+    from harness.clip_check import list_clips as find_clips
+
+    rows = find_clips()
+    if as_json:
+        _print_json(rows)
+    else:
+        _print_list(rows)
+
+
+@app.command(name="check")
+def check_clips(
+    clips: Annotated[list[str] | None, typer.Argument(metavar="[CLIP]...", help="Names or .toml files.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Open clips, decode three frames of each, check calibration, rectification and labels; exit 2 if one fails."""
+    from harness.clip_check import check_clip
+    from harness.locate import names
+
+    checks = [check_clip(clip) for clip in clips or names("datasets")]
+    if as_json:
+        _print_json(checks)
+    else:
+        _print_checks(checks)
+    if any(check.problems for check in checks):
+        raise typer.Exit(2)
+
+
+def _print_json(values: list[ClipRow] | list[ClipCheck]) -> None:
+    import json
+    from dataclasses import asdict
+
+    typer.echo(json.dumps([asdict(value) for value in values], indent=2, ensure_ascii=False))
+
+
+def _print_list(rows: list[ClipRow]) -> None:
+    _print_table(
+        ["clip", "adapter", "frames", "subjects", "targets", "licence", "labels"],
+        [
+            [
+                row.name,
+                row.adapter,
+                row.frames,
+                ", ".join(row.subjects),
+                ", ".join(row.targets),
+                row.licence,
+                row.labels,
+            ]
+            for row in rows
+        ],
+    )
+    for row in rows:
+        if row.problem:
+            typer.echo(f"{row.name}: {row.problem}")
+
+
+def _print_checks(checks: list[ClipCheck]) -> None:
+    _print_table(
+        ["clip", "frames", "size", "fx px", "baseline m", "rows apart px", "matches", "labels", ""],
+        [
+            [
+                check.name,
+                check.frames,
+                check.size_px and " x ".join(map(str, check.size_px)),
+                _rounded(check.fx_px, 1),
+                _rounded(check.baseline_m, 4),
+                _rounded(check.vertical_error_px, 2),
+                check.matches,
+                check.labels,
+                "fails" if check.problems else "ok",
+            ]
+            for check in checks
+        ],
+    )
+    for check in checks:
+        for problem in check.problems:
+            typer.echo(f"{check.name}: {problem}")
+
+
+def _rounded(value: float | None, digits: int) -> str | None:
+    return None if value is None else f"{value:.{digits}f}"
+
+
+def _print_table(header: list[str], rows: list[list[object]]) -> None:
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(*header, box=SIMPLE_HEAD, pad_edge=False)
+    for row in rows:
+        table.add_row(*(Text("-" if cell in (None, "") else str(cell)) for cell in row))
+    Console().print(table)

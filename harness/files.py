@@ -1,0 +1,45 @@
+"""Files: written whole or not at all, and digested by content."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+
+def atomic_write(path: Path, content: str | bytes) -> None:
+    """Write a file (text as UTF-8, line ends as given) so that a reader sees the old content or all of the new.
+
+    The folder is made where it is missing.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    temporary = Path(name)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.chmod(0o666 & ~_umask())  # mkstemp makes private files; results are meant to be shared
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
+    """Hexadecimal sha256 of (role, file) pairs in order: of the roles and the contents, not of the paths."""
+    total = hashlib.sha256()
+    for role, path in parts:
+        with path.open("rb") as file:
+            total.update(f"{role}\0{hashlib.file_digest(file, 'sha256').hexdigest()}\n".encode())
+    return total.hexdigest()
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

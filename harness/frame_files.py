@@ -1,0 +1,106 @@
+"""Files numbered by frame: which file holds which frame, from the digits in its name."""
+
+from __future__ import annotations
+
+import glob
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TypeVar
+
+from vfoa.errors import VfoaError
+
+Value = TypeVar("Value")
+
+_DIGITS = re.compile(r"\d+")
+_PRINTF = re.compile(r"%0?(\d*)d")
+IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm"})
+
+
+def find_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
+    """Files under ``root`` by frame number, ascending.
+
+    ``pattern`` is a folder (all its images), a glob (``left/*.png``), or has one printf field for the number
+    (``left/%06d.png``). Without a field, the number is the run of digits that differs between the names; a single
+    file without digits is frame 0. ``where`` (file and key) starts the messages.
+
+    Raises
+    ------
+    VfoaError
+        If nothing is found, or a name's number is missing, ambiguous or there twice.
+    """
+    folder = root / pattern
+    if folder.is_dir():
+        files = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+        expected = f"images in the folder {folder}"
+    elif _PRINTF.search(pattern):
+        return _printf_frames(root, pattern, where)
+    else:
+        files = _glob(root, pattern)
+        expected = f"a folder of images, a glob or a pattern such as left/%06d.png under {root}"
+    if not files:
+        raise VfoaError(f"{where}: {pattern!r} matches no file; expected {expected}")
+    by_name = {path.name: path for path in sorted(files)}
+    if len(by_name) != len(files):
+        raise VfoaError(f"{where}: {pattern!r} matches files of the same name in several folders; expected one folder")
+    return {number: by_name[name] for number, name in number_names(by_name, f"{where}: {pattern!r}").items()}
+
+
+def number_names(names: Iterable[str], where: str) -> dict[int, str]:
+    """Frame numbers of file names, ascending: the one run of digits that differs between them."""
+    names = sorted(names)
+    runs = {name: [int(digits) for digits in _DIGITS.findall(Path(name).stem)] for name in names}
+    if len(names) == 1:
+        return {(runs[names[0]] or [0])[-1]: names[0]}
+    first = names[0]
+    if odd := next((name for name in names if len(runs[name]) != len(runs[first]) or not runs[name]), None):
+        raise VfoaError(
+            f"{where}: {first!r} and {odd!r} do not share one numbering; "
+            "expected names that differ in a frame number, or a pattern with %d for it"
+        )
+    varying = [column for column in range(len(runs[first])) if len({runs[name][column] for name in names}) > 1]
+    if len(varying) != 1:
+        raise VfoaError(
+            f"{where}: {len(varying)} numbers differ between {first!r} and {names[-1]!r}; "
+            "expected one, or a pattern with %d for the frame number"
+        )
+    return _unique(((runs[name][varying[0]], name) for name in names), where)
+
+
+def printf_name(pattern: str, number: int) -> str:
+    """The name of one frame's file: the pattern's printf field filled in."""
+    return _PRINTF.sub(lambda match: str(number).zfill(int(match[1] or 0)), pattern, count=1)
+
+
+def check_printf(pattern: str, where: str) -> None:
+    """Refuse a pattern without exactly one field for the frame number."""
+    if len(_PRINTF.findall(pattern)) != 1:
+        raise VfoaError(f"{where}: {pattern!r}; expected one field for the frame number, such as frame_%04d.png")
+
+
+def _printf_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
+    check_printf(pattern, where)
+    before, _, after = _PRINTF.split(pattern)
+    named = re.compile(re.escape(before) + r"(\d+)" + re.escape(after))
+    files = _glob(root, f"{glob.escape(before)}*{glob.escape(after)}")
+    matches = [(named.fullmatch(path.relative_to(root).as_posix()), path) for path in files]
+    found = [(int(match[1]), path) for match, path in matches if match]
+    if not found:
+        raise VfoaError(f"{where}: {pattern!r} matches no file under {root}")
+    return _unique(found, where)
+
+
+def _glob(root: Path, pattern: str) -> list[Path]:
+    try:
+        return sorted(path for path in root.glob(pattern) if path.is_file())
+    except (ValueError, NotImplementedError):  # an empty pattern, or an absolute one
+        return []
+
+
+def _unique(pairs: Iterable[tuple[int, Value]], where: str) -> dict[int, Value]:
+    found: dict[int, Value] = {}
+    for number, value in pairs:
+        if number in found:
+            raise VfoaError(f"{where}: frame {number} is there twice: {found[number]} and {value}")
+        found[number] = value
+    return dict(sorted(found.items()))

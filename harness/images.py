@@ -1,0 +1,97 @@
+"""Images from files: decoded whole, or one clear error."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vfoa.errors import VfoaError
+from vfoa.types import Image
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_JPEG = b"\xff\xd8"
+_JPEG_END = b"\xff\xd9"
+
+
+def read_rgb(path: Path) -> Image:
+    """Read an image (H, W, 3) uint8 RGB. Gray is repeated, alpha dropped, 16 bits are cut to 8.
+
+    The rotation a camera may have noted (EXIF) is ignored: calibrations speak of the sensor's own pixels.
+
+    Raises
+    ------
+    VfoaError
+        If the file is not there, not an image, or damaged.
+    """
+    image = _decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def read_raw(path: Path) -> NDArray[Any]:
+    """Read an image with the values it holds: (H, W) or (H, W, 3) in RGB order, alpha dropped, uint8 or uint16.
+
+    Raises
+    ------
+    VfoaError
+        As :func:`read_rgb`.
+    """
+    image = _decode(path, cv2.IMREAD_UNCHANGED)
+    return image if image.ndim == 2 else np.ascontiguousarray(image[..., 2::-1])
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a file whole; a :class:`VfoaError` that names it where that fails."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise VfoaError(f"{path}: no such file") from None
+    except OSError as error:
+        raise VfoaError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def _decode(path: Path, flags: int) -> NDArray[Any]:
+    data = read_bytes(path)
+    # OpenCV 4 fills the missing part of a cut file with black or gray and says nothing.
+    if problem := _damage(data):
+        raise VfoaError(f"{path}: {problem}")
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error as error:
+        raise VfoaError(f"{path}: not a readable image: {error.err}") from None
+    if image is None:
+        raise VfoaError(f"{path}: not a readable image ({len(data)} bytes); expected PNG, JPEG or another of OpenCV's")
+    return image
+
+
+def _damage(data: bytes) -> str | None:
+    """What is wrong with the bytes of an image file, None if nothing can be seen."""
+    if not data:
+        return "the file is empty; expected an image"
+    if data.startswith(_PNG):
+        return _png_damage(data)
+    # Some cameras append a few bytes of their own to a JPEG; inside compressed data the end mark cannot occur.
+    if data.startswith(_JPEG) and _JPEG_END not in data[-1024:]:
+        return f"truncated JPEG: no end mark in {len(data)} bytes"
+    return None
+
+
+def _png_damage(data: bytes) -> str | None:
+    """Walk the chunks of a PNG (length, type, data, CRC) up to IEND."""
+    at = len(_PNG)
+    while at + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        kind, end = data[at + 4 : at + 8], at + 12 + length
+        if end > len(data):
+            break
+        if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
+            return f"damaged PNG: wrong checksum of chunk {kind.decode('latin-1')!r} at byte {at}"
+        if kind == b"IEND":
+            return None
+        at = end
+    return f"truncated PNG: the file ends after {len(data)} bytes, inside the chunk at byte {at}"

@@ -1,0 +1,216 @@
+"""From instances and tracks to the names that a manifest and the annotations use.
+
+A rule says how to find one thing or person by what the pipeline knows: its category, and where several share that,
+its own id in the source, its place from the left, or a place in the image.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from vfoa.settings import Settings
+from vfoa.types import Float, FrameResult
+
+PointPx = tuple[float, float]
+
+
+class NameRule(Settings):
+    """What bears a name: an instance of ``category`` (the segmenter's word), and which one where there are several.
+
+    At most one of: ``instance``, the id it has in the source; ``from_left``, 1 for the leftmost of its category;
+    ``at_px`` (u, v), the nearest to this point; ``box_px`` (u0, v0, u1, v1), the one that overlaps this box most.
+    With none of them, a target's name is shared by all of the category, a subject's goes to one person at a time.
+    """
+
+    category: str
+    instance: int | None = Field(default=None, gt=0)
+    from_left: int | None = Field(default=None, gt=0)
+    at_px: tuple[float, float] | None = None
+    box_px: tuple[float, float, float, float] | None = None
+
+    @model_validator(mode="after")
+    def _one_choice(self) -> Self:
+        given = [key for key in ("instance", "from_left", "at_px", "box_px") if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise ValueError(f"found {' and '.join(given)}; expected at most one of them beside category")
+        return self
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether the category is all it asks for."""
+        return self.instance is None and self.from_left is None and self.at_px is None and self.box_px is None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubjectNames:
+    """What is carried from frame to frame: the name of each track, and where each name was last seen (a head, px)."""
+
+    by_track: Mapping[int, str] = field(default_factory=dict)
+    last_seen_px: Mapping[str, PointPx] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Names:
+    """The names in one frame: of the named tracks by track id, and of every target by instance id."""
+
+    subjects: Mapping[int, str]
+    targets: Mapping[int, str]
+
+
+Rules = Mapping[str, NameRule]
+
+
+def name_frame(
+    result: FrameResult, subjects: Rules, targets: Rules, memory: SubjectNames
+) -> tuple[Names, SubjectNames]:
+    """Name the people and the targets of one frame."""
+    memory = name_subjects(result, subjects, memory)
+    tracks = [attention.subject.track_id for attention in result.attentions]
+    named = {track: memory.by_track[track] for track in tracks if track in memory.by_track}
+    return Names(subjects=named, targets=name_targets(result, subjects, targets, memory)), memory
+
+
+def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> SubjectNames:
+    """Give names to the tracks of one frame that have none yet; a track keeps its name.
+
+    A name whose track has ended goes to the unnamed person nearest to where it was last seen; a name that was never
+    given goes by its rule. People whose instance is not known (or not of the category) get none.
+    """
+    people = _people(result)
+    by_track = dict(memory.by_track)
+    taken = {by_track[person.key] for person in people if person.key in by_track}
+    free = {name: rule for name, rule in rules.items() if name not in taken}
+    unnamed = [person for person in people if person.key not in by_track]
+    found = _assign(_returning(free, memory), unnamed, people)
+    unnamed = [person for person in unnamed if person.key not in found]
+    new = {name: rule for name, rule in free.items() if name not in found.values()}
+    found |= _assign({name: rule for name, rule in new.items() if name not in memory.last_seen_px}, unnamed, people)
+    by_track = {track: name for track, name in by_track.items() if name not in found.values()} | found
+    seen = {by_track[person.key]: person.center_px for person in people if person.key in by_track}
+    return SubjectNames(by_track=by_track, last_seen_px={**memory.last_seen_px, **seen})
+
+
+def name_targets(result: FrameResult, subjects: Rules, targets: Rules, memory: SubjectNames) -> dict[int, str]:
+    """Name every instance of a frame: by the subject it is, by the rules of the targets, or as ``label#id``."""
+    things = [
+        _Candidate(key=each.instance.id, instance_id=each.instance.id, label=each.instance.label, box_px=each.box_px)
+        for each in result.scene.targets
+    ]
+    names = {}
+    for person in _people(result):
+        if person.key in memory.by_track and person.instance_id is not None:
+            names[person.instance_id] = memory.by_track[person.key]
+    unseen = {name: rule for name, rule in subjects.items() if name not in names.values()}
+    names |= _assign(_returning(unseen, memory), _without(things, names), things)
+    unseen = {name: rule for name, rule in unseen.items() if name not in memory.last_seen_px}
+    names |= _assign(unseen, _without(things, names), things)
+    exact = {name: rule for name, rule in targets.items() if not rule.is_shared}
+    names |= _assign(exact, _without(things, names), things)
+    shared = {rule.category: name for name, rule in targets.items() if rule.is_shared}
+    names |= {thing.key: shared[thing.label] for thing in _without(things, names) if thing.label in shared}
+    return {thing.key: names.get(thing.key, f"{thing.label}#{thing.key}") for thing in things}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Candidate:
+    """Something that may get a name: ``key`` is its track or instance id, ``label`` None where it is not known."""
+
+    key: int
+    instance_id: int | None
+    label: str | None
+    box_px: Float
+
+    @property
+    def center_px(self) -> PointPx:
+        u0, v0, u1, v1 = self.box_px.tolist()
+        return (u0 + u1) / 2, (v0 + v1) / 2
+
+
+def _people(result: FrameResult) -> list[_Candidate]:
+    labels = {target.instance.id: target.instance.label for target in result.scene.targets}
+    subjects = [attention.subject for attention in result.attentions]
+    return [
+        _Candidate(
+            key=subject.track_id,
+            instance_id=subject.person.instance_id,
+            label=labels.get(subject.person.instance_id) if subject.person.instance_id is not None else None,
+            box_px=subject.person.view.head.box_px,
+        )
+        for subject in subjects
+    ]
+
+
+def _without(candidates: Iterable[_Candidate], named: Mapping[int, str]) -> list[_Candidate]:
+    return [candidate for candidate in candidates if candidate.key not in named]
+
+
+def _returning(free: Rules, memory: SubjectNames) -> dict[str, NameRule]:
+    """Rules by which names that were seen before are found again: the source's own id, else the last place."""
+    return {
+        name: rule if rule.instance is not None else NameRule(category=rule.category, at_px=memory.last_seen_px[name])
+        for name, rule in free.items()
+        if name in memory.last_seen_px
+    }
+
+
+def _assign(rules: Rules, candidates: Iterable[_Candidate], everyone: Iterable[_Candidate]) -> dict[int, str]:
+    """Names by candidates' keys, each name and each candidate at most once, the best match first.
+
+    ``everyone`` are those among whom places from the left are counted.
+    """
+    places = _places_from_left(everyone)
+    matches = sorted(
+        (match, places[candidate.key], order, candidate.key, name)
+        for order, (name, rule) in enumerate(rules.items())
+        for candidate in candidates
+        if (match := _match(rule, candidate, places[candidate.key])) is not None
+    )
+    found: dict[int, str] = {}
+    for *_, key, name in matches:
+        if key not in found and name not in found.values():
+            found[key] = name
+    return found
+
+
+def _places_from_left(candidates: Iterable[_Candidate]) -> dict[int, int]:
+    """The place of each candidate among those of its category, 1 = leftmost, by the middle of its box."""
+    places: dict[int, int] = {}
+    count: dict[str | None, int] = {}
+    for candidate in sorted(candidates, key=lambda each: (each.center_px, each.key)):
+        count[candidate.label] = places[candidate.key] = count.get(candidate.label, 0) + 1
+    return places
+
+
+def _match(rule: NameRule, candidate: _Candidate, place: int) -> tuple[float, ...] | None:
+    """How well a candidate fits a rule (smaller is better, sure rules before loose ones); None: not at all."""
+    if candidate.label != rule.category:
+        return None
+    if rule.instance is not None:
+        return (0,) if candidate.instance_id == rule.instance else None
+    if rule.from_left is not None:
+        return (1,) if place == rule.from_left else None
+    if rule.at_px is not None:
+        return (2, *_distances_px(candidate, rule.at_px))
+    if rule.box_px is not None:
+        overlap = _iou(candidate.box_px, np.array(rule.box_px))
+        return (2, 1 - overlap) if overlap > 0 else None
+    return (3,)
+
+
+def _distances_px(candidate: _Candidate, point_px: PointPx) -> tuple[float, float]:
+    """Distance of a point to a candidate's box (0 inside) and to the box's middle."""
+    point, low, high = np.array(point_px), candidate.box_px[:2], candidate.box_px[2:]
+    to_box = np.maximum(np.maximum(low - point, point - high), 0)
+    return float(np.linalg.norm(to_box)), float(np.linalg.norm(point - candidate.center_px))
+
+
+def _iou(a: Float, b: Float) -> float:
+    size = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0)
+    shared = float(size.prod())
+    union = float((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod()) - shared
+    return shared / union if union > 0 else 0.0

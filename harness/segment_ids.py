@@ -1,0 +1,35 @@
+"""Segment ids of other formats, fitted into the 16 bits of :attr:`vfoa.types.Instances.ids`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfoa.errors import VfoaError
+
+_LARGEST = np.iinfo(np.uint16).max
+
+
+def small_ids(ids: Iterable[int], where: str) -> dict[int, int]:
+    """A 16-bit id above 0 for each id: its own where it fits, else the smallest that is free, in ascending order.
+
+    Raises
+    ------
+    VfoaError
+        If there are more than 65,535 ids.
+    """
+    wanted = sorted(set(ids) - {0})
+    if len(wanted) > _LARGEST:
+        raise VfoaError(f"{where}: {len(wanted)} different segment ids; expected at most {_LARGEST}")
+    kept = {number for number in wanted if number <= _LARGEST}
+    free = (number for number in range(1, _LARGEST + 1) if number not in kept)
+    return {number: number if number in kept else next(free) for number in wanted}
+
+
+def relabel(ids: NDArray[np.uint32], small: Mapping[int, int]) -> NDArray[np.uint16]:
+    """An id map (H, W) in 16 bits; ids that ``small`` does not have become 0, no instance."""
+    present, where = np.unique(ids, return_inverse=True)
+    table = np.array([small.get(int(number), 0) for number in present], dtype=np.uint16)
+    return table[where].reshape(ids.shape)

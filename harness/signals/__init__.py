@@ -1,0 +1,1 @@
+"""Stages that read what was made elsewhere: masks and disparity from files."""

@@ -1,0 +1,159 @@
+"""Segmentation made elsewhere, in COCO's panoptic format (as detectron2 and its relatives write it)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, Field
+
+from harness.adapters import Clip
+from harness.config_errors import parse
+from harness.files import digest_files
+from harness.frame_files import number_names
+from harness.images import read_bytes, read_raw
+from harness.locate import expand
+from harness.segment_ids import relabel, small_ids
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.settings import Settings
+from vfoa.types import Instance, Instances, StereoFrame
+
+
+class CocoPanopticSettings(Settings):
+    """Where the masks are: a JSON file and a folder of PNG under ``root``. Stuff is kept only where it is named."""
+
+    root: str
+    annotations: str = "panoptic.json"
+    masks: str = "png"
+    stuff: tuple[str, ...] = ()
+
+
+class CocoPanoptic:
+    """A segmenter that reads each frame's id map (id = R + 256 G + 65536 B) and what its ids are.
+
+        root/
+          panoptic.json       images, annotations[].{file_name, segments_info[].{id, category_id}}, categories
+          png/frame_0001.png  one a frame, of the left image's size; the digits are the clip's frame number
+
+    Ids that fit 16 bits stay as they are; larger ones get the smallest free number, the same in every frame.
+    Crowd regions and stuff that is not named are no instances.
+    """
+
+    Settings = CocoPanopticSettings
+
+    def __init__(self, settings: CocoPanopticSettings, clip: Clip) -> None:
+        root = expand(settings.root, Path.cwd(), "segmentation.root")
+        self._json, self._png = root / settings.annotations, root / settings.masks
+        file = _read(self._json)
+        self._categories = {category.id: category for category in file.categories}
+        self._stuff = _named_stuff(settings.stuff, file, self._json)
+        by_name = {annotation.file_name: annotation for annotation in file.annotations}
+        numbers = number_names(by_name, f"{self._json}: annotations") if by_name else {}
+        self._annotations = {number: by_name[name] for number, name in numbers.items()}
+        every_id = (segment.id for annotation in file.annotations for segment in annotation.segments_info)
+        self._small = small_ids(every_id, str(self._json))
+        if missing := [number for number in clip.frames if number not in self._annotations]:
+            raise VfoaError(f"{self._json}: no annotation for frame {missing[0]} ({len(missing)} frames are missing)")
+
+    def segment(self, frame: StereoFrame) -> Instances:
+        """Read one frame's masks.
+
+        Raises
+        ------
+        VfoaError
+            If the frame has none, its size is not the image's, or it holds ids that the JSON does not explain.
+        """
+        if frame.index not in self._annotations:
+            raise VfoaError(f"{self._json}: no annotation for frame {frame.index}")
+        annotation = self._annotations[frame.index]
+        path = self._png / annotation.file_name
+        ids = _read_ids(path)
+        if ids.shape != frame.left.shape[:2]:
+            raise VfoaError(
+                f"{path}: the masks are {_size(ids.shape)} pixels, the left image {_size(frame.left.shape)}"
+            )
+        drawn = set(np.unique(ids).tolist()) - {0}
+        if unknown := drawn - {segment.id for segment in annotation.segments_info}:
+            raise VfoaError(f"{path}: holds segment {min(unknown)}, which is not in {self._json.name}'s segments_info")
+        kept = [segment for segment in annotation.segments_info if segment.id in drawn and self._is_wanted(segment)]
+        small = {segment.id: self._small[segment.id] for segment in kept}
+        return Instances(ids=relabel(ids, small), instances=tuple(self._instance(segment) for segment in kept))
+
+    def digest(self) -> str:
+        """Hexadecimal sha256 of the JSON and every PNG it names."""
+        maps = [(str(n), self._png / each.file_name) for n, each in self._annotations.items()]
+        if missing := next((path for _, path in maps if not path.is_file()), None):
+            raise VfoaError(f"{missing}: no such file, but {self._json} names it")
+        return digest_files([("json", self._json), *maps])
+
+    def _is_wanted(self, segment: _Segment) -> bool:
+        if segment.category_id not in self._categories:
+            raise VfoaError(
+                f"{self._json}: segment {segment.id} has category_id {segment.category_id}; "
+                f"expected one of the categories' ids: {sorted(self._categories)}"
+            )
+        category = self._categories[segment.category_id]
+        return not segment.iscrowd and (bool(category.isthing) or category.name in self._stuff)
+
+    def _instance(self, segment: _Segment) -> Instance:
+        category = self._categories[segment.category_id]
+        return Instance(
+            id=self._small[segment.id],
+            label=category.name,
+            category_id=category.id,
+            is_thing=bool(category.isthing),
+            score=segment.score,
+        )
+
+
+class _Segment(BaseModel):
+    id: int = Field(ge=0, lt=1 << 24)
+    category_id: int
+    iscrowd: int = 0
+    score: float = 1.0
+
+
+class _Annotation(BaseModel):
+    file_name: str
+    segments_info: list[_Segment]
+
+
+class _Category(BaseModel):
+    id: int
+    name: str
+    isthing: int = 1
+
+
+class _PanopticFile(BaseModel):
+    """The part of COCO's panoptic JSON that is used; it may hold more."""
+
+    annotations: list[_Annotation]
+    categories: list[_Category]
+
+
+def _read(path: Path) -> _PanopticFile:
+    try:
+        data: Any = json.loads(read_bytes(path))
+    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+        raise VfoaError(f"{path}: not JSON: {error}") from None
+    return parse(_PanopticFile, data, str(path))
+
+
+def _named_stuff(stuff: tuple[str, ...], file: _PanopticFile, path: Path) -> frozenset[str]:
+    names = [category.name for category in file.categories if not category.isthing]
+    if unknown := next((name for name in stuff if name not in names), None):
+        raise VfoaError(f"{path}: no stuff category {unknown!r}; {did_you_mean(unknown, names)}")
+    return frozenset(stuff)
+
+
+def _read_ids(path: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.uint32]]:
+    image = read_raw(path)
+    if image.ndim != 3 or image.dtype != np.uint8:
+        raise VfoaError(f"{path}: found {image.ndim} dimensions of {image.dtype}; expected an 8-bit RGB PNG")
+    return image.astype(np.uint32) @ np.array([1, 256, 65536], dtype=np.uint32)
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} x {shape[0]}"
