@@ -24,6 +24,12 @@ def square(center_px: ArrayLike, side_px: float) -> Float:
     return np.array([u - side_px / 2, v - side_px / 2, u + side_px / 2, v + side_px / 2])
 
 
+def center(box_px: ArrayLike) -> Float:
+    """Centre (2,) of a box (4,)."""
+    u0, v0, u1, v1 = np.asarray(box_px, dtype=np.float64)
+    return np.array([(u0 + u1) / 2, (v0 + v1) / 2])
+
+
 def crop(image: Image, box_px: ArrayLike, size_px: int, *, roll_rad: float = 0.0) -> Image:
     """Cut a box (4,) out of an image and bring it to (size, size, 3), stretched where the box is not square.
 
@@ -37,8 +43,7 @@ def crop(image: Image, box_px: ArrayLike, size_px: int, *, roll_rad: float = 0.0
     samples = multiple * size_px
     cos, sin = math.cos(roll_rad), math.sin(roll_rad)
     axes = np.array([[cos * width, -sin * height], [sin * width, cos * height]]) / samples
-    center = np.array([(u0 + u1) / 2, (v0 + v1) / 2])
-    first = center - axes @ [(samples - 1) / 2, (samples - 1) / 2]
+    first = center(box_px) - axes @ [(samples - 1) / 2, (samples - 1) / 2]
     sampled = cv2.warpAffine(
         image,
         np.column_stack([axes, first]),

@@ -1,0 +1,192 @@
+"""Learned models through ONNX Runtime: sessions, providers, threads and checks. The only file that imports it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import onnxruntime
+from numpy.typing import NDArray
+from onnxruntime.capi import onnxruntime_pybind11_state
+from pydantic import Field
+
+from vfoa.errors import VfoaError
+from vfoa.settings import Settings
+from vfoa.types import Float, Image
+from vfoa.weights import locate
+
+Provider = Literal["cpu", "cuda", "tensorrt", "openvino", "coreml"]
+Shape = tuple[int | None, ...]
+
+_PROVIDERS: dict[Provider, str] = {
+    "cpu": "CPUExecutionProvider",
+    "cuda": "CUDAExecutionProvider",
+    "tensorrt": "TensorrtExecutionProvider",
+    "openvino": "OpenVINOExecutionProvider",
+    "coreml": "CoreMLExecutionProvider",
+}
+_LFS_POINTER = b"version https://git-lfs"
+_FATAL = 4
+
+# ONNX Runtime's errors have no base of their own
+_RUNTIME_ERRORS = tuple(
+    error
+    for error in vars(onnxruntime_pybind11_state).values()
+    if isinstance(error, type) and issubclass(error, Exception)
+)
+
+
+class RuntimeSettings(Settings):
+    """Where a network runs. One thread by default: frames are spread over processes, and results stay the same."""
+
+    provider: Provider = "cpu"
+    threads: int = Field(default=1, ge=1)
+
+
+class OnnxSettings(RuntimeSettings):
+    """Settings of a stage with one network. ``weights`` is a path, or a file's name in the folders of weights."""
+
+    weights: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signature:
+    """What a graph must take and give: names and shapes, None for a length that may be anything.
+
+    ``by_position``: the exporter's names mean nothing; the i-th input and output are called as they are here.
+    Otherwise the inputs must have exactly these names, and the outputs these and perhaps others.
+    """
+
+    inputs: Mapping[str, Shape]
+    outputs: Mapping[str, Shape]
+    by_position: bool = False
+
+
+class Model:
+    """A network of a known signature. Opened at its first use; it travels to other processes as its settings.
+
+    Parameters
+    ----------
+    weights
+        A path, or a file's name in the folders of weights.
+    signature
+        What its graph must take and give.
+    settings
+        Provider and threads.
+
+    Raises
+    ------
+    VfoaError
+        If no such file exists; at the first use if it is not a model, not this model, or not for this provider.
+    """
+
+    def __init__(self, weights: str, signature: Signature, settings: RuntimeSettings) -> None:
+        self.path = locate(weights)
+        self._weights, self._signature, self._settings = weights, signature, settings
+        self._opened: tuple[Any, dict[str, str], dict[str, str]] | None = None
+
+    def __reduce__(self) -> tuple[type[Model], tuple[str, Signature, RuntimeSettings]]:
+        return type(self), (self._weights, self._signature, self._settings)
+
+    def run(self, **inputs: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
+        """Run the network once: inputs and outputs by the names of the signature."""
+        session, graph_inputs, graph_outputs = self._open()
+        found = session.run(list(graph_outputs.values()), {graph_inputs[name]: inputs[name] for name in inputs})
+        return dict(zip(graph_outputs, found, strict=True))
+
+    def input_shape(self, name: str) -> Shape:
+        """The shape of an input as the graph has it, None for a length that it leaves open."""
+        session, graph_inputs, _ = self._open()
+        return next(_shape(node) for node in session.get_inputs() if node.name == graph_inputs[name])
+
+    def check(self) -> None:
+        """Open the model now, so that a wrong one fails here.
+
+        Raises
+        ------
+        VfoaError
+            If it is not a model, not this model, or not for this provider.
+        """
+        self._open()
+
+    def _open(self) -> tuple[Any, dict[str, str], dict[str, str]]:
+        if self._opened is None:
+            session = _session(self.path, self._settings)
+            takes = _match(self.path, "input", self._signature.inputs, session.get_inputs(), self._signature)
+            gives = _match(self.path, "output", self._signature.outputs, session.get_outputs(), self._signature)
+            self._opened = session, takes, gives
+        return self._opened
+
+
+def blob(*images: Image, bgr: bool, mean: float | Float = 0.0, scale: float | Float = 1.0) -> NDArray[np.float32]:
+    """RGB images (H, W, 3) of one size as a network's input (N, 3, H, W) float32: (value - mean) * scale.
+
+    ``bgr`` gives the channels in the order blue, green, red; ``mean`` and ``scale`` are in that order too.
+    """
+    batch = np.stack(images)[..., ::-1] if bgr else np.stack(images)
+    values = (batch.astype(np.float32) - np.float32(mean)) * np.float32(scale)
+    return np.ascontiguousarray(values.transpose(0, 3, 1, 2))
+
+
+def _session(path: Path, settings: RuntimeSettings) -> Any:
+    provider = _PROVIDERS[settings.provider]
+    available = onnxruntime.get_available_providers()
+    if provider not in available:
+        names = ", ".join(name for name, provider in _PROVIDERS.items() if provider in available)
+        raise VfoaError(
+            f"provider: {settings.provider!r} is not in this build of ONNX Runtime; expected one of: {names}"
+        )
+    with path.open("rb") as file:
+        if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
+            raise VfoaError(f"{path}: a Git LFS pointer; expected the model it stands for (fetch it with git lfs pull)")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = settings.threads
+    options.inter_op_num_threads = 1
+    options.use_deterministic_compute = True
+    options.log_severity_level = _FATAL
+    # What an accelerator cannot run falls to the CPU, node by node; a provider that fails as a whole is an error.
+    providers = list(dict.fromkeys([provider, _PROVIDERS["cpu"]]))
+    try:
+        session = onnxruntime.InferenceSession(str(path), sess_options=options, providers=providers)
+    except _RUNTIME_ERRORS as error:
+        reason = " ".join(str(error).split())
+        raise VfoaError(f"{path}: not a whole ONNX model; expected one that ONNX Runtime loads: {reason}") from error
+    if session.get_providers()[0] != provider:
+        raise VfoaError(f"provider: {settings.provider!r} could not start on this machine; expected its libraries")
+    return session
+
+
+def _shape(node: Any) -> Shape:
+    return tuple(length if isinstance(length, int) else None for length in node.shape)
+
+
+def _match(
+    path: Path, kind: str, expected: Mapping[str, Shape], nodes: list[Any], signature: Signature
+) -> dict[str, str]:
+    """Name of each expected tensor in the graph, or an error that says what was expected and what was found."""
+    if signature.by_position:
+        chosen = dict(zip(expected, nodes, strict=False))
+        right = len(nodes) == len(expected)
+    else:
+        chosen = {node.name: node for node in nodes if node.name in expected}
+        right = len(chosen) == len(expected) and (kind == "output" or len(nodes) == len(expected))
+    right = right and all(_fits(shape, chosen[name]) for name, shape in expected.items())
+    if not right:
+        wanted = ", ".join(f"{name} {_text(shape)}" for name, shape in expected.items())
+        found = ", ".join(f"{node.name} {_text(_shape(node))} {node.type}" for node in nodes)
+        unnamed = " (any names)" if signature.by_position else ""
+        raise VfoaError(f"{path}: another model's {kind}s; expected{unnamed} {wanted} of tensor(float), found {found}")
+    return {name: chosen[name].name for name in expected}
+
+
+def _fits(expected: Shape, node: Any) -> bool:
+    found = _shape(node)
+    same = len(found) == len(expected) and all(None in (m, n) or m == n for m, n in zip(found, expected, strict=True))
+    return same and node.type == "tensor(float)"
+
+
+def _text(shape: Shape) -> str:
+    return "[" + ", ".join("any" if length is None else str(length) for length in shape) + "]"
