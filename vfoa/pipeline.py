@@ -16,7 +16,7 @@ from vfoa.gaze import GazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
 from vfoa.heads import HeadDetector
-from vfoa.reconstruction import ReconstructionSettings, reconstruct
+from vfoa.reconstruction import reconstruct
 from vfoa.segmentation import Segmenter
 from vfoa.settings import Settings
 from vfoa.stereo import StereoMatcher

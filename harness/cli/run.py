@@ -1,0 +1,62 @@
+"""``vfoa run``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from harness.experiment import Experiment
+
+OUT_HELP = "The run's directory; runs/<experiment> if not given."
+WORKERS_HELP = "Processes, one clip each at a time; 0 means one a core."
+
+
+def run(
+    what: Annotated[
+        list[str], typer.Argument(help="An experiment (name or .toml file), or clips.", metavar="EXPERIMENT | CLIP...")
+    ],
+    overrides: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting in every configuration.")
+    ] = None,
+    clips: Annotated[
+        list[str] | None, typer.Option("--clip", help="Run this clip instead of the experiment's own.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help=OUT_HELP)] = None,
+    workers: Annotated[int, typer.Option(min=0, help=WORKERS_HELP)] = 0,
+    limit: Annotated[int | None, typer.Option(min=1, help="Run only the first frames of each clip.")] = None,
+    recording: Annotated[str, typer.Option(help="Size of the Rerun recordings: light, full or none.")] = "light",
+) -> None:
+    """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
+    from harness.cli.progress import frames_bar
+    from harness.conduct import conduct, prepare
+    from harness.report import print_scores, write_reports
+    from vfoa.errors import VfoaError
+
+    if recording not in ("light", "full", "none"):
+        raise VfoaError(f"--recording {recording}: expected light, full or none")
+    experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()))
+    plan = prepare(experiment, limit=limit, recording=None if recording == "none" else recording)
+    with frames_bar(plan.frames, experiment.name) as progress:
+        directory = conduct(
+            plan, out or Path("runs") / experiment.name, workers=workers or os.cpu_count() or 1, progress=progress
+        )
+    print_scores(write_reports(directory))
+    typer.echo(f"\nRun: {directory.path}  (scrub a failure: vfoa view {directory.path})")
+
+
+def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...]) -> Experiment:
+    """The experiment that is meant: one by name or file, or the default one on the clips that are named."""
+    from harness.experiment import is_experiment, load_experiment
+    from vfoa.errors import VfoaError
+
+    if len(what) == 1 and is_experiment(what[0]):
+        return load_experiment(what[0], clips=clips, overrides=overrides)
+    if both := [name for name in what if is_experiment(name)]:
+        raise VfoaError(
+            f"run: expected one experiment, or clips; found {' '.join(what)} ({both[0]!r} is an experiment)"
+        )
+    return load_experiment("default", clips=(*what, *clips), overrides=overrides)

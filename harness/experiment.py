@@ -1,0 +1,230 @@
+"""Experiments: which clips under which configurations.
+
+An experiment is a TOML file::
+
+    clips = ["studio_table", "studio_talk"]
+    notes = ["Heads and masks are the truth; gaze and head pose are simulated."]
+
+    [defaults.stereo]                       # one table per stage, see vfoa/*/ and harness/stages.py
+    matcher = "sgbm"
+    min_depth_m = 0.8                       # for every matcher that has such a setting
+
+    [grid]                                  # every combination; a value is named by itself ...
+    "stereo.matcher" = ["bm", "sgbm"]
+    "attention.cones_cm" = { one = [10], two = [10, 25] }     # ... or by its key
+
+or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and the tables in which it differs.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from harness.config_errors import parse, read_toml
+from harness.locate import find, names
+from harness.stages import SLOTS, StageChoice
+from vfoa.attention import AttentionSettings
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.gaze_filter import GazeFilterSettings
+from vfoa.pipeline import AttendSettings
+from vfoa.reconstruction import ReconstructionSettings
+from vfoa.settings import Settings
+from vfoa.tracking import TrackingSettings
+
+_ATTEND = {"tracking": TrackingSettings, "gaze_filter": GazeFilterSettings, "attention": AttentionSettings}
+_TABLES = (*SLOTS, "reconstruction", *_ATTEND)
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]*")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Configuration:
+    """Every setting of one way to run the pipeline. ``choices`` has one entry per slot, None for one switched off."""
+
+    name: str
+    choices: Mapping[str, StageChoice | None]
+    reconstruction: ReconstructionSettings
+    attend: AttendSettings
+
+    def plain(self) -> dict[str, Any]:
+        """The configuration as JSON values, every default written out: what a run's manifest records."""
+        stages = {name: choice.plain() if choice else None for name, choice in self.choices.items()}
+        attend = self.attend.model_dump(mode="json")
+        return {**stages, "reconstruction": self.reconstruction.model_dump(mode="json"), **attend}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Experiment:
+    """Clips x configurations. ``notes`` are printed with the table."""
+
+    name: str
+    clips: tuple[str, ...]
+    configurations: tuple[Configuration, ...]
+    notes: tuple[str, ...] = ()
+
+
+class _File(Settings):
+    clips: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    defaults: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    grid: dict[str, Any] = Field(default_factory=dict)
+    configuration: tuple[dict[str, Any], ...] = ()
+
+
+def load_experiment(name_or_path: str, *, clips: tuple[str, ...] = (), overrides: tuple[str, ...] = ()) -> Experiment:
+    """Read an experiment by the name of one in the project, or by path.
+
+    Parameters
+    ----------
+    clips
+        Run these instead of the file's own.
+    overrides
+        ``"stereo.min_depth_m=0.5"``: a dotted key and a TOML value (a bare word is a string), set in every
+        configuration, over its defaults and its grid.
+
+    Raises
+    ------
+    VfoaError
+        If the file, a key or a value is wrong: one line with the file and the dotted key.
+    """
+    path = _find(name_or_path)
+    where = str(path)
+    file = parse(_File, read_toml(path), where)
+    chosen = clips or file.clips
+    if not chosen:
+        raise VfoaError(f"{where}: clips: expected at least one clip, found none")
+    changes = [_override(text) for text in overrides]
+    configurations = []
+    used: set[tuple[str, str]] = set()
+    for name, differences in _variants(file, where):
+        own = _tables([*differences, *changes], where)
+        inherited = _inherited(file.defaults, own)
+        used |= {(table, key) for table, settings in inherited.items() for key in settings}
+        tables = {table: {**inherited.get(table, {}), **own.get(table, {})} for table in {*inherited, *own}}
+        configurations.append(_configuration(name, tables, f"{where}: configuration {name!r}"))
+    _all_used(file.defaults, used, where)
+    return Experiment(name=path.stem, clips=chosen, configurations=tuple(configurations), notes=file.notes)
+
+
+def is_experiment(name_or_path: str) -> bool:
+    """Whether this names an experiment: a ``.toml`` file that is not a clip's manifest, or one by name."""
+    return find("experiments", name_or_path) is not None or (
+        name_or_path.endswith(".toml") and "adapter" not in read_toml(Path(name_or_path))
+    )
+
+
+def _find(name_or_path: str) -> Path:
+    if name_or_path.endswith(".toml"):
+        return Path(name_or_path)
+    path = find("experiments", name_or_path)
+    if path is None:
+        raise VfoaError(f"experiment: no {name_or_path!r}; {did_you_mean(name_or_path, names('experiments'))}")
+    return path
+
+
+def _variants(file: _File, where: str) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
+    """The names of the configurations, and the (dotted key, value) pairs in which each differs from the defaults."""
+    if file.grid and file.configuration:
+        raise VfoaError(f"{where}: expected either [grid] or [[configuration]], found both")
+    if file.configuration:
+        yield from _named(file.configuration, where)
+        return
+    axes = [_alternatives(key, values, where) for key, values in file.grid.items()]
+    for combination in itertools.product(*axes):
+        name = "-".join(label for label, _, _ in combination) or "default"
+        yield _checked(name, where), [(key, value) for _, key, value in combination]
+
+
+def _named(configurations: tuple[dict[str, Any], ...], where: str) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
+    seen: set[str] = set()
+    for number, table in enumerate(configurations, start=1):
+        name = table.get("name")
+        if not isinstance(name, str):
+            raise VfoaError(f"{where}: [[configuration]] number {number}: expected a name, found {name!r}")
+        if name in seen:
+            raise VfoaError(f"{where}: [[configuration]] number {number}: the name {name!r} occurs twice")
+        seen.add(name)
+        yield _checked(name, where), list(_flattened({key: value for key, value in table.items() if key != "name"}))
+
+
+def _alternatives(key: str, values: Any, where: str) -> list[tuple[str, str, Any]]:
+    """(label, dotted key, value) for each alternative of one axis of the grid."""
+    if isinstance(values, list) and values:
+        return [(str(value), key, value) for value in values]
+    if isinstance(values, dict) and values:
+        return [(label, key, value) for label, value in values.items()]
+    raise VfoaError(f"{where}: grid.{key}: expected a list of values or a table of named values, found {values!r}")
+
+
+def _checked(name: str, where: str) -> str:
+    if not _NAME.fullmatch(name):
+        raise VfoaError(f"{where}: configuration {name!r}: expected a name of letters, digits and . + _ - alone")
+    return name
+
+
+def _override(text: str) -> tuple[str, Any]:
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise VfoaError(f"--set {text}: expected KEY=VALUE, such as stereo.matcher=sgbm")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value.strip()
+
+
+def _flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tables.items():
+        if isinstance(value, dict):
+            yield from _flattened(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _tables(changes: list[tuple[str, Any]], where: str) -> dict[str, dict[str, Any]]:
+    """Dotted keys as tables."""
+    tables: dict[str, dict[str, Any]] = {}
+    for dotted, value in changes:
+        table, dot, key = dotted.partition(".")
+        if not dot:
+            raise VfoaError(f"{where}: {dotted}: expected a dotted key, such as stereo.matcher")
+        if table not in _TABLES:
+            raise VfoaError(f"{where}: {dotted}: unknown table; {did_you_mean(table, _TABLES)}")
+        tables.setdefault(table, {})[key] = value
+    return tables
+
+
+def _inherited(defaults: dict[str, dict[str, Any]], own: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+    """The defaults that a configuration takes over: a stage takes those of its settings that it has."""
+    tables = {}
+    for table, settings in defaults.items():
+        slot = SLOTS.get(table)
+        name = {**settings, **own.get(table, {})}.get(slot.key) if slot else None
+        tables[table] = {key: value for key, value in settings.items() if slot is None or slot.takes(name, key)}
+    return tables
+
+
+def _all_used(defaults: dict[str, dict[str, Any]], used: set[tuple[str, str]], where: str) -> None:
+    for table, settings in defaults.items():
+        if table not in _TABLES:
+            raise VfoaError(f"{where}: defaults.{table}: unknown table; {did_you_mean(table, _TABLES)}")
+        for key in settings:
+            if (table, key) not in used:
+                raise VfoaError(f"{where}: defaults.{table}.{key}: no configuration's {table} has such a setting")
+
+
+def _configuration(name: str, tables: dict[str, Any], where: str) -> Configuration:
+    choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in SLOTS.values()}
+    settings = {key: parse(model, tables.get(key, {}), f"{where}: {key}") for key, model in _ATTEND.items()}
+    return Configuration(
+        name=name,
+        choices=choices,
+        reconstruction=parse(ReconstructionSettings, tables.get("reconstruction", {}), f"{where}: reconstruction"),
+        attend=AttendSettings(**settings),
+    )

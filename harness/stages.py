@@ -1,0 +1,137 @@
+"""The five exchangeable stages: which names each takes, and how one is built for a clip.
+
+A stage of the library knows only frames and is built as ``Class(settings)``. A stage of the harness reads something
+that belongs to the clip (its truth, files made elsewhere) and is built as ``Class(settings, clip)``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import vfoa.gaze
+import vfoa.head_pose
+import vfoa.heads
+import vfoa.segmentation
+import vfoa.stereo
+from harness.adapters import Clip
+from harness.config_errors import parse
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.registry import Registry
+from vfoa.settings import Settings
+
+OFF = "none"
+"""The name that switches an optional stage off."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slot:
+    """One place in the pipeline: its table in a configuration, the key that chooses, and what there is to choose."""
+
+    name: str
+    key: str
+    library: Registry
+    of_clip: Mapping[str, str]
+    optional: bool = False
+
+    def parse(self, table: Mapping[str, Any], where: str) -> StageChoice | None:
+        """Read ``{key: name, **settings}``; None for an optional stage that is switched off.
+
+        Raises
+        ------
+        VfoaError
+            If the name or a setting is not known; ``where`` opens the message.
+        """
+        name = table.get(self.key)
+        if name is None:
+            raise VfoaError(f"{where}: {self.name}.{self.key}: missing; expected one of: {', '.join(self.names())}")
+        settings = {key: value for key, value in table.items() if key != self.key}
+        if name == OFF and self.optional:
+            return None
+        if name not in self.names():
+            raise VfoaError(f"{where}: {self.name}.{self.key}: no {name!r}; {did_you_mean(str(name), self.names())}")
+        return StageChoice(
+            slot=self.name, name=name, settings=parse(self.settings_class(name), settings, f"{where}: {self.name}")
+        )
+
+    def settings_class(self, name: str) -> type[Settings]:
+        """The class of the settings of the stage called ``name``."""
+        return self._class(name).Settings
+
+    def takes(self, name: object, key: str) -> bool:
+        """Whether the stage called ``name`` has a setting called ``key``; False for a name that is not there."""
+        if key == self.key:
+            return True
+        return name != OFF and name in self.names() and key in self.settings_class(str(name)).model_fields
+
+    def build(self, choice: StageChoice, clip: Clip) -> Any:
+        """Build the stage for one clip."""
+        cls = self._class(choice.name)
+        return cls(choice.settings, clip) if choice.name in self.of_clip else cls(choice.settings)
+
+    def names(self) -> list[str]:
+        """Every name this slot takes, sorted."""
+        return sorted({*self.library.names(), *self.of_clip, *([OFF] if self.optional else [])})
+
+    def _class(self, name: str) -> Any:
+        registry = Registry(kind=self.library.kind, builtin=self.of_clip, group="") if name in self.of_clip else None
+        return (registry or self.library).load(name)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageChoice:
+    """A stage by name with its checked settings."""
+
+    slot: str
+    name: str
+    settings: Settings
+
+    def plain(self) -> dict[str, Any]:
+        """The choice as JSON values, every default written out."""
+        return {SLOTS[self.slot].key: self.name, **self.settings.model_dump(mode="json")}
+
+
+SLOTS: dict[str, Slot] = {
+    slot.name: slot
+    for slot in (
+        Slot(
+            name="stereo",
+            key="matcher",
+            library=vfoa.stereo.MATCHERS,
+            of_clip={"truth": "harness.oracle:TruthMatcher", "files": "harness.signals.disparity:FileMatcher"},
+        ),
+        Slot(
+            name="segmentation",
+            key="model",
+            library=vfoa.segmentation.SEGMENTERS,
+            of_clip={
+                "truth": "harness.oracle:TruthSegmenter",
+                "coco_panoptic": "harness.signals.coco_panoptic:CocoPanoptic",
+            },
+        ),
+        Slot(
+            name="heads",
+            key="detector",
+            library=vfoa.heads.DETECTORS,
+            of_clip={"truth": "harness.oracle:TruthHeads"},
+        ),
+        Slot(
+            name="head_pose",
+            key="model",
+            library=vfoa.head_pose.MODELS,
+            of_clip={
+                "truth": "harness.oracle:TruthHeadPose",
+                "simulated": "harness.simulated:SimulatedHeadPose",
+            },
+            optional=True,
+        ),
+        Slot(
+            name="gaze",
+            key="model",
+            library=vfoa.gaze.MODELS,
+            of_clip={"truth": "harness.oracle:TruthGaze", "simulated": "harness.simulated:SimulatedGaze"},
+            optional=True,
+        ),
+    )
+}

@@ -1,0 +1,74 @@
+"""Imports run one way, and each outside package has its one door."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+# package -> the files (or folders) that may import it
+DOORS = {
+    "rerun": ("harness/recording/",),
+    "rerun_cli": ("harness/recording/",),
+    "mcap": ("harness/adapters/mcap",),
+    "onnxruntime": ("vfoa/onnx.py",),
+    "typer": ("harness/cli/",),
+    "torch": ("harness/export/",),
+}
+
+
+def _sources(package: str) -> list[Path]:
+    return sorted((ROOT / package).rglob("*.py"))
+
+
+def _imports(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield node.module
+
+
+def _within(path: Path, places: tuple[str, ...]) -> bool:
+    return path.relative_to(ROOT).as_posix().startswith(places)
+
+
+def test_the_library_does_not_know_the_harness() -> None:
+    guilty = [path for path in _sources("vfoa") if any(name.split(".")[0] == "harness" for name in _imports(path))]
+    assert not guilty
+
+
+@pytest.mark.parametrize("package", DOORS)
+def test_an_outside_package_has_one_door(package: str) -> None:
+    importers = [
+        path
+        for path in [*_sources("vfoa"), *_sources("harness")]
+        if any(name.split(".")[0] == package for name in _imports(path))
+    ]
+    assert [path for path in importers if not _within(path, DOORS[package])] == []
+
+
+def test_the_command_line_is_imported_by_nobody() -> None:
+    guilty = [
+        path
+        for path in _sources("harness")
+        if not _within(path, ("harness/cli/",)) and any(name.startswith("harness.cli") for name in _imports(path))
+    ]
+    assert not guilty
+
+
+def test_types_stand_at_the_bottom_and_the_pipeline_on_top() -> None:
+    types = {name for name in _imports(ROOT / "vfoa" / "types.py") if name.startswith("vfoa")}
+    geometry = {name for name in _imports(ROOT / "vfoa" / "geometry.py") if name.startswith("vfoa")}
+    importers = [path for path in _sources("vfoa") if "vfoa.pipeline" in set(_imports(path))]
+    assert types == set()
+    assert geometry == {"vfoa.types"}
+    assert importers == []
+
+
+def test_data_folders_hold_no_python() -> None:
+    assert [path for folder in ("datasets", "annotations", "reports") for path in (ROOT / folder).rglob("*.py")] == []
