@@ -95,15 +95,12 @@ def left_from_crop(ray_left: ArrayLike) -> Float:
     Columns r, d, f with f = ray / |ray|, r = (0, 1, 0) x f normalised, d = f x r. For a ray straight up or down,
     where that product is zero, r = (1, 0, 0).
     """
-    forward = unit(ray_left)
-    x, y, z = np.moveaxis(forward, -1, 0)
+    x, y, z = np.moveaxis(unit(ray_left), -1, 0)
     level = np.hypot(x, z)
-    upright = level > 0
-    length = np.where(upright, level, 1)
-    cosine, sine = np.where(upright, z / length, 1), x / length
-    right = np.stack([cosine, np.zeros_like(level), -sine], axis=-1)
-    down = np.stack([-y * sine, level, -y * cosine], axis=-1)
-    return np.stack([right, down, forward], axis=-1)
+    length = np.where(level > 0, level, 1)
+    sine, cosine = x / length, np.where(level > 0, z / length, 1)
+    rows = [[cosine, -y * sine, x], [np.zeros_like(y), level, y], [-sine, -y * cosine, z]]
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
 def direction_from_crop(direction_crop: ArrayLike, ray_left: ArrayLike) -> Float:
@@ -155,7 +152,7 @@ def perturb(direction: ArrayLike, right_rad: ArrayLike, down_rad: ArrayLike) -> 
 # Boxes
 
 _PARALLEL = 1e-200
-"""A smaller component of a direction counts as zero: its inverse, times a length in metres, would overflow."""
+"""A smaller component of a direction counts as zero: its inverse, times a distance, would overflow."""
 
 
 def box_corners(box: Box3D) -> Float:
@@ -171,25 +168,26 @@ def entry_distance(origin_left: ArrayLike, directions: ArrayLike, boxes: tuple[B
     without one answers NaN for an origin on a face's plane. Only what lies ahead counts (t >= 0); an origin inside
     a box enters it at distance 0.
 
-    The boxes' own axes come first in every array, (3, R, T), so that the extremes over the three slabs are taken
-    between whole planes: several times faster than within each ray's own three numbers.
+    In the box's own axes and in units of its half sizes, a box is the cube from -1 to 1. The axes come first in the
+    arrays, (3, R, T), so that the extremes over the three slabs are taken between whole planes: several times faster
+    than within each ray's own three numbers.
     """
     directions = np.asarray(directions, dtype=np.float64)
     if not boxes:
         return np.empty((len(directions), 0))
-    left_from_box = np.concatenate([box.left_from_box for box in boxes]).reshape(-1, 3, 3)
-    center = np.concatenate([box.center_m for box in boxes]).reshape(-1, 3)
-    half = np.stack([box.half_size_m for box in boxes], axis=-1)[:, None, :]
-    origin = np.einsum("tji,tj->it", left_from_box, np.asarray(origin_left, dtype=np.float64) - center)[:, None, :]
-    along = directions @ left_from_box.transpose(2, 1, 0)
+    left_from_box = np.array([box.left_from_box for box in boxes])
+    half = np.array([box.half_size_m for box in boxes])
+    offset = np.asarray(origin_left, dtype=np.float64) - np.array([box.center_m for box in boxes])
+    origin = (np.einsum("tji,tj->ti", left_from_box, offset) / half).T[:, None, :]
+    along = directions @ (left_from_box / half[:, None, :]).transpose(2, 1, 0)
 
     parallel = np.abs(along) < _PARALLEL
-    inverse = 1 / np.where(parallel, 1, along)
-    first, second = (-half - origin) * inverse, (half - origin) * inverse
-    near, far = np.minimum(first, second), np.maximum(first, second)
+    along[parallel] = 1
+    inverse = 1 / along
+    middle, reach = -origin * inverse, np.abs(inverse)
+    near, far = middle - reach, middle + reach
     if parallel.any():
-        outside = np.abs(origin) > half
-        near = np.where(parallel, np.where(outside, np.inf, -np.inf), near)
-        far = np.where(parallel, np.where(outside, -np.inf, np.inf), far)
+        near[parallel], far[parallel] = -np.inf, np.inf
+        near[parallel & (np.abs(origin) > 1)] = np.inf
     entry = np.maximum(near.max(axis=0), 0)
     return np.where(far.min(axis=0) >= entry, entry, np.nan)

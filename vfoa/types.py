@@ -360,7 +360,8 @@ class Cone:
 class Rays:
     """All rays of one subject: a common origin (3,), directions (R, 3), and the cone (R,) each belongs to.
 
-    ``entry_m`` (R, T) is the distance along each ray to where it enters each target's box, NaN for a miss.
+    ``entry_m`` (R, T) is the distance along each ray to where it enters each target's box, NaN where it does not
+    count (a miss, or a hit hidden by a nearer box). Its columns are :attr:`Attention.values`, in their order.
     """
 
     origin_left: Float
@@ -378,7 +379,7 @@ class Rays:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetAttention:
-    """One target's attention values in [0, 1]: per cue (NaN: the cue was not measured) and in total."""
+    """One target's attention in [0, 1]: each cue's weighted part (NaN: the cue was not measured), and their sum."""
 
     instance_id: int
     gaze: float

@@ -1,0 +1,199 @@
+"""Attention: how much a subject looks at each target, from hollow cones of rays about the gaze and the head.
+
+Simões and Moreno (ICARSC 2022), as their text and figures have it:
+
+    cone    apex at the eye origin, axis = the cue's direction, full apex angle 2 atan(radius / 1.10 m)
+    ray     A = 1.5 - |P - C| / d_max where it enters a box, 0 where it misses                          (1)
+    cue     s = sum A / (N (1.5 - d_min / d_max)), in [0, 1], over the N rays of all the cue's cones    (2)
+    total   A_T = w_gaze s_gaze + w_head s_head                                                         (3)
+    focus   the target with the greatest A_T; none where all are 0
+
+P is where the ray enters the box, C the box's centroid. d_max (half the diagonal) and d_min (the smallest half
+extent) are the greatest and the least distance of the box's surface from C: rays that all enter at the middle of
+the nearest face make s = 1.
+
+The printed equations multiply by w and divide by it again, so that the weights cancel. The text and the figures need
+them, so they are applied here once, in (3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import lru_cache
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, PositiveInt, model_validator
+
+from vfoa.geometry import entry_distance, fov_from_radius, left_from_crop
+from vfoa.settings import Settings
+from vfoa.types import CUES, Attention, Box3D, Cone, Cue, Float, NoAttention, Rays, Subject, Target, TargetAttention
+
+Weighting = Literal["adaptive", "equal", "gaze", "head"]
+
+SINGLE_CONE_CM = (10.0,)
+"""The default: the paper's single cone. Its pair of a small and a medium cone is (10, 25)."""
+
+AGREEMENT_DEG = 30.0
+"""Gaze and head agree up to this angle between them."""
+
+_COS_AGREEMENT = float(np.cos(np.deg2rad(AGREEMENT_DEG)))
+
+WEIGHTS = {
+    "agree": (0.6, 0.4),
+    "differ": (0.9, 0.1),
+    "equal": (0.5, 0.5),
+    "gaze": (1.0, 0.0),
+    "head": (0.0, 1.0),
+}
+"""(w_gaze, w_head). The first two are the paper's adaptive weights: eyes turned away from the head say more."""
+
+
+class AttentionSettings(Settings):
+    """Settings of :func:`pay_attention`.
+
+    Cones are full apex angles in degrees (``cones_deg``) or, as in the paper, base radii in centimetres at a height
+    of 1.10 m (``cones_cm``). One of the two, never both; without either it is one cone of 10 cm. Each cone has
+    ``n_rays`` rays evenly on its surface and, with ``axis_ray``, one along its axis.
+
+    ``weighting``: ``adaptive`` is the paper's. The others are ablations; ``gaze`` and ``head`` rest on that cue
+    alone, so that a subject without it has no direction.
+
+    ``occlusion``: with ``ignore``, the paper's, a ray counts for every box on its way, with ``first_hit`` only for
+    the one it enters first.
+    """
+
+    cones_deg: tuple[Annotated[float, Field(gt=0, lt=180)], ...] | None = Field(default=None, min_length=1)
+    cones_cm: tuple[Annotated[float, Field(gt=0)], ...] | None = Field(default=None, min_length=1)
+    n_rays: PositiveInt = 40
+    axis_ray: bool = True
+    weighting: Weighting = "adaptive"
+    occlusion: Literal["ignore", "first_hit"] = "ignore"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_cones_once(cls, given: Any) -> Any:
+        """Fill in the default here, so that settings that were written out read back as themselves."""
+        if not isinstance(given, dict):
+            return given
+        named = [name for name in ("cones_deg", "cones_cm") if given.get(name) is not None]
+        if len(named) > 1:
+            raise ValueError("expected cones_deg or cones_cm, found both")
+        return given if named else {**given, "cones_cm": SINGLE_CONE_CM}
+
+    @property
+    def cones_rad(self) -> tuple[float, ...]:
+        """Full apex angle of each cone, radians."""
+        if self.cones_deg is not None:
+            return tuple(float(np.deg2rad(angle)) for angle in self.cones_deg)
+        return tuple(fov_from_radius(radius / 100) for radius in self.cones_cm or ())
+
+
+def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: AttentionSettings) -> Attention:
+    """Compute one subject's attention to every target that has a box, the subject's own instance apart.
+
+    The values keep the order of the targets. Among targets with exactly the same total, the one entered nearest to
+    the eyes has the focus. Without an eye origin or a direction to go by the result says so, and holds nothing else.
+    """
+    origin = subject.person.eye_origin_left
+    if origin is None:
+        return Attention(subject=subject, missing=NoAttention.NO_EYES_3D)
+    axes = {cue: axis for cue in CUES if (axis := subject.direction(cue)) is not None}
+    weights = cue_weights(axes, settings.weighting)
+    if not weights:
+        return Attention(subject=subject, missing=NoAttention.NO_DIRECTION)
+    boxes = {
+        target.instance.id: target.box
+        for target in targets
+        if target.box is not None and target.instance.id != subject.person.instance_id
+    }
+
+    cones = tuple(
+        Cone(cue=cue, apex_left=origin, axis=axis, fov_rad=fov_rad, n_rays=settings.n_rays)
+        for cue, axis in axes.items()
+        for fov_rad in settings.cones_rad
+    )
+    rays = _cast(cones, tuple(boxes.values()), settings)
+    scores = _score(rays, tuple(boxes.values()))
+    shares = scores.reshape(len(axes), len(scores) // len(axes), len(boxes)).mean(axis=1)
+    values = _weigh(tuple(boxes), dict(zip(axes, shares, strict=True)), weights)
+    focus, tied = _focus(values, rays)
+    return Attention(subject=subject, values=values, focus=focus, tied=tied, cones=cones, rays=rays)
+
+
+def cue_weights(axes: Mapping[Cue, Float], weighting: Weighting) -> dict[Cue, float]:
+    """Weights of the measured cues, with sum 1: a cue that was not measured gives its weight to the other.
+
+    ``axes`` are the unit directions of the measured cues. Empty where no measured cue has any weight.
+    """
+    kind: str = weighting
+    if weighting == "adaptive":
+        kind = "agree" if len(axes) == 2 and np.vdot(*axes.values()) >= _COS_AGREEMENT else "differ"
+    weights = {cue: weight for cue, weight in zip(CUES, WEIGHTS[kind], strict=True) if cue in axes}
+    total = sum(weights.values())
+    return {cue: weight / total for cue, weight in weights.items()} if total > 0 else {}
+
+
+@lru_cache(maxsize=64)
+def _pencil(fovs_rad: tuple[float, ...], n_rays: int, axis_ray: bool) -> Float:
+    """Unit rays (K, N, 3) of K cones about +z: ray k at the angle 2 pi k / n_rays from +x, the axis last."""
+    angle = 2 * np.pi * np.arange(n_rays) / n_rays
+    half = np.array(fovs_rad)[:, None] / 2
+    x, y, z = np.broadcast_arrays(np.sin(half) * np.cos(angle), np.sin(half) * np.sin(angle), np.cos(half))
+    surface = np.stack([x, y, z], axis=-1)
+    axis = np.broadcast_to([0.0, 0.0, 1.0], (len(fovs_rad), int(axis_ray), 3))
+    return np.concatenate([surface, axis], axis=1)
+
+
+def _cast(cones: tuple[Cone, ...], boxes: tuple[Box3D, ...], settings: AttentionSettings) -> Rays:
+    """Cast the rays of every cone, cone by cone, and find where they enter the boxes."""
+    origin = cones[0].apex_left
+    pencil = _pencil(tuple(cone.fov_rad for cone in cones), settings.n_rays, settings.axis_ray)
+    left_from_cone = left_from_crop([cone.axis for cone in cones])
+    directions = (pencil @ left_from_cone.transpose(0, 2, 1)).reshape(-1, 3)
+    entry_m = entry_distance(origin, directions, boxes)
+    if settings.occlusion == "first_hit":
+        first = np.fmin.reduce(entry_m, axis=1, keepdims=True, initial=np.inf)
+        entry_m = np.where(entry_m == first, entry_m, np.nan)
+    cone_index = np.repeat(np.arange(len(cones)), pencil.shape[1])
+    return Rays(origin_left=origin, directions=directions, cone_index=cone_index, entry_m=entry_m)
+
+
+def _score(rays: Rays, boxes: tuple[Box3D, ...]) -> Float:
+    """What each ray (R, T) adds to N s of each target: (1.5 d_max - |P - C|) / (1.5 d_max - d_min), from (1) and (2).
+
+    |P - C| counts as d_min where it is less, which is so only for eyes inside the box: there P is the eyes.
+    """
+    if not boxes:
+        return rays.entry_m
+    half = np.array([box.half_size_m for box in boxes])
+    offset = rays.origin_left - np.array([box.center_m for box in boxes])
+    d_max, d_min = np.sqrt((half**2).sum(axis=1)), half.min(axis=1)
+    # |o + t d - C|^2 in powers of t: the points themselves would be an array three times as large
+    squared = (offset**2).sum(axis=1) + rays.entry_m * (rays.entry_m + 2 * rays.directions @ offset.T)
+    distance = np.sqrt(np.maximum(squared, d_min**2))
+    score = (1.5 * d_max - distance) / (1.5 * d_max - d_min)
+    return np.where(np.isnan(score), 0, score)
+
+
+def _weigh(
+    ids: tuple[int, ...], shares: Mapping[Cue, Float], weights: Mapping[Cue, float]
+) -> tuple[TargetAttention, ...]:
+    """Equation (3): each cue's part of the total, from its share s (T,)."""
+    parts = {cue: share * weights[cue] for cue, share in shares.items()}
+    unknown = [float("nan")] * len(ids)
+    gaze, head = (parts[cue].tolist() if cue in parts else unknown for cue in CUES)
+    total = sum(parts.values(), start=np.zeros(len(ids))).tolist()
+    rows = zip(ids, gaze, head, total, strict=True)
+    return tuple(TargetAttention(instance_id=i, gaze=g, head=h, total=t) for i, g, h, t in rows)
+
+
+def _focus(values: tuple[TargetAttention, ...], rays: Rays) -> tuple[int | None, tuple[int, ...]]:
+    """The target with the most attention, and those with exactly as much: nearest entry first, then by id."""
+    most = max((value.total for value in values), default=0.0)
+    if most == 0:
+        return None, ()
+    best = [column for column, value in enumerate(values) if value.total == most]
+    best.sort(key=lambda column: (np.nanmin(rays.entry_m[:, column]), values[column].instance_id))
+    first, *tied = (values[column].instance_id for column in best)
+    return first, tuple(tied)
