@@ -1,0 +1,91 @@
+"""Recordings: every stage of every frame, written for the Rerun viewer by an observer that changes nothing.
+
+``recorder.py`` is the observer; ``stages.py``, ``scene.py``, ``attention.py`` and ``verdicts.py`` say what is logged of
+each subject; ``entities.py`` holds the paths, ``blueprint.py`` the layout, ``viewer.py`` opens the result. This file
+does not import Rerun, so that a run without recordings does not pay for it.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Literal, Protocol, Self
+
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.types import FrameResult, Percepts, StereoFrame
+
+if TYPE_CHECKING:
+    from harness.results import FrameRecord
+    from harness.verdicts import Verdict
+
+Size = Literal["light", "full"]
+"""How much a recording holds: ``light`` is enough to understand a failure, ``full`` is everything at full size."""
+
+
+class FrameObserver(Protocol):
+    """What the run loop shows each finished frame to. Frames come in order; nothing shown may be changed."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def log(
+        self,
+        frame: StereoFrame,
+        percepts: Percepts,
+        result: FrameResult,
+        record: FrameRecord,
+        verdicts: tuple[Verdict, ...],
+    ) -> None:
+        """Show one frame: its images, what was found in it, the named result, and how each subject was judged."""
+        ...
+
+
+class NullRecorder:
+    """An observer that looks away: for runs without recordings."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        return None
+
+    def log(
+        self,
+        frame: StereoFrame,
+        percepts: Percepts,
+        result: FrameResult,
+        record: FrameRecord,
+        verdicts: tuple[Verdict, ...],
+    ) -> None:
+        """Do nothing."""
+
+
+def find_recordings(run: Path, clip: str | None, configuration: str | None) -> list[Path]:
+    """The recordings of a run's directory in the order of their names, or ``run`` itself where it is a recording.
+
+    Raises
+    ------
+    VfoaError
+        If there is none, or none of that clip and configuration.
+    """
+    if run.is_file() and run.suffix == ".rrd":
+        return [run]
+    recordings = sorted(run.glob("*__*.rrd"))
+    if not recordings:
+        raise VfoaError(f"{run}: expected a run's directory with recordings (*.rrd), found none")
+    if clip is not None:
+        known = {path.stem.split("__")[0] for path in recordings}
+        recordings = [path for path in recordings if path.stem.startswith(f"{clip}__")]
+        if not recordings:
+            raise VfoaError(f"{run}: found no recording of clip {clip!r}; {did_you_mean(clip, known)}")
+    if configuration is not None:
+        known = {path.stem.split("__")[-1] for path in recordings}
+        recordings = [path for path in recordings if path.stem.endswith(f"__{configuration}")]
+        if not recordings:
+            raise VfoaError(f"{run}: found no recording under {configuration!r}; {did_you_mean(configuration, known)}")
+    return recordings

@@ -1,0 +1,129 @@
+"""Where each subject looks: eye origin, directions, cones, rays, hits, and the attention curves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+import rerun as rr
+
+from harness.recording import entities
+from harness.recording.frame_log import FrameLog
+from harness.recording.labels import CUE_COLOURS, Colour, Colours, attention_by_name, subject_names
+from harness.results import FrameRecord
+from vfoa.geometry import CONE_HEIGHT_M, left_from_crop
+from vfoa.types import CUES, Attention, Cone, Cue, Float, FrameResult, Rays
+
+ARROW_M = 0.25
+_RIM = 48
+_RIBS = 4
+
+
+def log_attention(log: FrameLog, result: FrameResult, record: FrameRecord, colours: Colours) -> None:
+    """All subjects of a frame."""
+    names = subject_names(record)
+    reach = _reach_m(result)
+    for attention in result.attentions:
+        name = names[attention.subject.track_id]
+        _log_eyes(log, attention, name)
+        _log_cones(log, attention, name, reach)
+        if attention.rays is not None:
+            _log_rays(log, attention.cones, attention.rays, name, reach)
+    _log_curves(log, record, names, colours)
+
+
+def _reach_m(result: FrameResult) -> float:
+    """How far cones and missing rays are drawn: past the farthest box; the paper's cone height without boxes."""
+    eyes = [person.eye_origin_left for person in result.scene.people if person.eye_origin_left is not None]
+    boxes = [target.box for target in result.scene.targets if target.box is not None]
+    far = [float(np.linalg.norm(box.center_m - eye)) for box in boxes for eye in eyes]
+    return max(far, default=CONE_HEIGHT_M)
+
+
+def _log_eyes(log: FrameLog, attention: Attention, name: str) -> None:
+    eyes = attention.subject.person.eye_origin_left
+    if eyes is None:
+        return
+    marker = rr.Points3D([eyes], radii=rr.Radius.ui_points(5), colors=[(255, 255, 255)])
+    log.log(entities.subject_3d(name, "origin"), marker)
+    for cue in CUES:
+        direction = attention.subject.direction(cue)
+        if direction is not None:
+            arrow = rr.Arrows3D(
+                origins=[eyes], vectors=[ARROW_M * direction], colors=[CUE_COLOURS[cue]], radii=rr.Radius.ui_points(3)
+            )
+            log.log(entities.cue_3d(name, cue, "direction"), arrow)
+
+
+def _log_cones(log: FrameLog, attention: Attention, name: str, reach: float) -> None:
+    counts: dict[Cue, int] = dict.fromkeys(CUES, 0)
+    for cone in attention.cones:
+        line = cone_wire(cone, reach)[None].astype(np.float32)
+        colour = _dim(CUE_COLOURS[cone.cue], 0.6)
+        wire = rr.LineStrips3D(line, colors=[colour], radii=rr.Radius.ui_points(0.75))
+        log.log(entities.cue_3d(name, cone.cue, f"cone_{counts[cone.cue]}"), wire)
+        counts[cone.cue] += 1
+
+
+def cone_wire(cone: Cone, reach_m: float) -> Float:
+    """A cone as one line (N, 3) in the camera frame, metres: four ribs of length ``reach_m``, then the rim they end on.
+
+    One line, because Rerun takes an array of lines ten times faster than a list of lines of several lengths.
+    """
+    half = cone.fov_rad / 2
+    turn = np.linspace(0, 2 * math.pi, _RIM + 1)
+    local = np.stack([math.sin(half) * np.cos(turn), math.sin(half) * np.sin(turn), np.full_like(turn, math.cos(half))])
+    rim = cone.apex_left + reach_m * (left_from_crop(cone.axis) @ local).T
+    ends = rim[: -1 : _RIM // _RIBS]
+    ribs = np.stack([ends, np.broadcast_to(cone.apex_left, ends.shape)], axis=1).reshape(-1, 3)
+    return np.concatenate([ribs, rim])
+
+
+def _log_rays(log: FrameLog, cones: Sequence[Cone], rays: Rays, name: str, reach: float) -> None:
+    """Rays that hit are bright and end where they first enter a box; rays that miss are dim and go past it all."""
+    of_cone = np.array([cone.cue for cone in cones])
+    entry = rays.entry_m
+    first = np.fmin.reduce(entry, axis=1) if entry.shape[1] else np.full(len(entry), np.nan)
+    hit = np.isfinite(first)
+    ends = rays.origin_left + rays.directions * np.where(hit, first, reach)[:, None]
+    lines = np.stack([np.broadcast_to(rays.origin_left, ends.shape), ends], axis=1)
+    for cue in CUES:
+        ours = of_cone[rays.cone_index] == cue
+        if not ours.any():
+            continue
+        bright, dim = CUE_COLOURS[cue], _dim(CUE_COLOURS[cue], 0.3)
+        colours = np.where(hit[ours, None], bright, dim).astype(np.uint8)
+        # one array of strips costs a tenth of a list of them
+        strips = rr.LineStrips3D(lines[ours], colors=colours, radii=rr.Radius.ui_points(0.5))
+        log.log(entities.cue_3d(name, cue, "rays"), strips)
+        ray, target = np.nonzero(np.isfinite(entry) & ours[:, None])
+        if len(ray):
+            points = rays.origin_left + rays.directions[ray] * entry[ray, target, None]
+            hits = rr.Points3D(points, colors=[bright], radii=rr.Radius.ui_points(2.5))
+            log.log(entities.cue_3d(name, cue, "hits"), hits)
+
+
+def _log_curves(log: FrameLog, record: FrameRecord, names: dict[int, str], colours: Colours) -> None:
+    """One curve per value that was measured; the total thick, each cue thin and dim."""
+    for subject in record.subjects:
+        name = names[subject.track_id]
+        for target, value in attention_by_name(record, subject).items():
+            for what, number in (("total", value.total), ("gaze", value.gaze), ("head", value.head)):
+                if number is None:
+                    continue
+                path = entities.curve(name, target, what)
+                log.keep(path, partial(_style, target, what, colours.of(target)), key="style")
+                log.log(path, rr.Scalars(number))
+
+
+def _style(target: str, what: str, colour: Colour) -> rr.SeriesLines:
+    if what == "total":
+        return rr.SeriesLines(names=target, colors=[colour], widths=3)
+    return rr.SeriesLines(names=f"{target}, {what}", colors=[_dim(colour, 0.8 if what == "gaze" else 0.5)], widths=1.25)
+
+
+def _dim(colour: Colour, share: float) -> Colour:
+    red, green, blue = colour
+    return int(red * share), int(green * share), int(blue * share)

@@ -1,0 +1,130 @@
+"""The layout in which a recording opens: what is seen, from where, and what each curve is called."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from harness.recording import Size, entities
+from vfoa.geometry import box_corners
+from vfoa.types import CUES, Float, Scene
+
+FROM_MIDDLE = (0.75, -0.6, -0.8)
+"""Where the viewer's eye is, in diagonals of the scene from its middle: right of the camera, above, and behind it."""
+
+MOST_PLOTS = 3
+"""Subjects with a plot of their own; with more, one plot has all the curves."""
+
+
+def blueprint(scene: Scene | None, subjects: Sequence[str], rate_hz: float | None, size: Size) -> rrb.Blueprint:
+    """The layout for a recording whose first frame is ``scene``, with the subjects that are known by name."""
+    images = rrb.Tabs(_left_view(subjects), *_stereo_views(size), name="Images", active_tab=0)
+    documents = rrb.Tabs(
+        rrb.TextDocumentView(origin=entities.SUMMARY, name="This frame"),
+        rrb.TextLogView(origin=entities.LOG, name="Failures"),
+        rrb.TextDocumentView(origin=entities.GUIDE, name="How to read this"),
+        active_tab=0,
+    )
+    lanes = rrb.StateTimelineView(origin=entities.VERDICT, name="Truth, prediction, verdict")
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Vertical(images, _world_view(scene), row_shares=[5, 6]),
+            rrb.Vertical(documents, *_plots(subjects), lanes, row_shares=_shares(len(_plots(subjects)))),
+            column_shares=[3, 2],
+        ),
+        rrb.TimePanel(timeline="frame", play_state="paused", fps=rate_hz, state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _left_view(subjects: Sequence[str]) -> rrb.Spatial2DView:
+    # the subjects stand in the world; under the camera's pin-hole the view projects them into the image, where all
+    # rays would hide the scene and the cones' outlines do not
+    rays = [f"- {entities.cue_3d(name, cue, 'rays')}" for name in subjects for cue in CUES]
+    contents = [f"{entities.CAMERA}/**", f"- {entities.DEPTH}/**", f"{entities.SUBJECTS}/**", *rays]
+    return rrb.Spatial2DView(origin=entities.CAMERA, contents=contents, name="Left image")
+
+
+def _stereo_views(size: Size) -> list[rrb.Spatial2DView]:
+    views = [
+        rrb.Spatial2DView(origin=entities.DISPARITY, name="Disparity"),
+        rrb.Spatial2DView(origin=entities.RIGHT, name="Right image"),
+    ]
+    if size == "full":
+        views.append(rrb.Spatial2DView(origin=entities.CONFIDENCE, name="Confidence"))
+        views.append(rrb.Spatial2DView(origin=entities.CAMERA, contents=[f"{entities.DEPTH}/**"], name="Depth"))
+    return views
+
+
+def _world_view(scene: Scene | None) -> rrb.Spatial3DView:
+    hidden = (entities.DEPTH, entities.MASKS, entities.TARGETS_2D, entities.HEADS_2D)
+    position, look_target = eye_controls(scene)
+    return rrb.Spatial3DView(
+        origin=entities.WORLD,
+        contents=[f"{entities.WORLD}/**", *(f"- {path}/**" for path in hidden)],
+        name="Scene in metres",
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital, position=position, look_target=look_target, eye_up=(0, -1, 0)
+        ),
+    )
+
+
+def eye_controls(scene: Scene | None) -> tuple[Float, Float]:
+    """Position (3,) and look-at point (3,) of the viewer's eye, camera frame, metres.
+
+    From above and to the side of the left camera, so that depth, which the image hides, is seen; far enough
+    back to see the whole first frame.
+    """
+    seen = [] if scene is None else [box_corners(target.box) for target in scene.targets if target.box is not None]
+    if scene is not None:
+        seen += [person.eye_origin_left[None] for person in scene.people if person.eye_origin_left is not None]
+    points = np.concatenate(seen) if seen else np.array([[-0.5, -0.3, 1.0], [0.5, 0.3, 2.0]])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, extent = (low + high) / 2, max(float(np.linalg.norm(high - low)), 0.2)
+    return middle + extent * np.array(FROM_MIDDLE), middle
+
+
+def _plots(subjects: Sequence[str]) -> list[rrb.TimeSeriesView]:
+    if not 0 < len(subjects) <= MOST_PLOTS:
+        return [_plot(entities.ATTENTION, "Attention")]
+    return [_plot(entities.subject_curves(name), f"Attention of {name}") for name in subjects]
+
+
+def _plot(origin: str, name: str) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(
+        origin=origin, name=name, axis_y=rrb.ScalarAxis(range=(-0.03, 1.05)), plot_legend=rrb.Corner2D.RightTop
+    )
+
+
+def _shares(plots: int) -> list[float]:
+    return [3.0, *([4.0 / plots] * plots), 2.0]
+
+
+GUIDE = """\
+# How to read this recording
+
+Each frame asks: **what does each person look at?** The table *This frame* has the answer, the truth, and the cause of
+a failure; the lanes below show both over time.
+
+- **Left image**: masks and boxes of the targets, in one colour per target everywhere; white boxes are heads.
+- **Scene in metres**: each target's points and 3D box, seen by the left camera. A number at a box is the attention
+  it gets, 0 to 1.
+- **Yellow** is the gaze, **blue** is the head: an arrow, its cones, and their rays. Rays that hit a box are bright and
+  end there; rays that hit nothing are dim.
+- A **green line** leads from the eyes to what the person truly looks at; a **red line** to the wrong answer.
+- **Attention**: one curve per target, thick in total, thin for gaze and head. The highest thick curve is the answer.
+
+A gap in a curve or lane: in these frames there was nothing to say.
+"""
+
+
+def guide() -> rr.TextDocument:
+    """The page that explains the views."""
+    return rr.TextDocument(GUIDE, media_type=rr.MediaType.MARKDOWN)

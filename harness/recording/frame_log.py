@@ -1,0 +1,43 @@
+"""Logging frame by frame into a Rerun stream: times, what is static, and the clearing of what has gone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import rerun as rr
+
+
+class FrameLog:
+    """A stream in which an entity that a frame does not log is cleared.
+
+    Rerun shows the latest value of an entity; without the clearing, a box would stay where its thing was last seen.
+    """
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        self._stream = stream
+        self._before: set[str] = set()
+        self._now: set[str] = set()
+        self._kept: dict[str, object] = {}
+
+    def begin(self, frame: int, time_ns: int) -> None:
+        """Set the time of all that follows: the source's own frame number and time."""
+        self._stream.set_time("frame", sequence=frame)
+        self._stream.set_time("time", duration=np.timedelta64(time_ns, "ns"))
+
+    def log(self, path: str, entity: rr.AsComponents) -> None:
+        """Log an entity of this frame."""
+        self._now.add(path)
+        self._stream.log(path, entity)
+
+    def keep(self, path: str, build: Callable[[], rr.AsComponents], *, key: object, static: bool = True) -> None:
+        """Build and log what outlives the frame, and only when its ``key`` differs from that of the last time."""
+        if path not in self._kept or self._kept[path] != key:
+            self._kept[path] = key
+            self._stream.log(path, build(), static=static)
+
+    def end(self) -> None:
+        """Clear what the frame before had and this one has not."""
+        for path in sorted(self._before - self._now):
+            self._stream.log(path, rr.Clear(recursive=True))
+        self._before, self._now = self._now, set()

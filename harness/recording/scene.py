@@ -1,0 +1,98 @@
+"""The targets in metres: their clouds, their 3D boxes, and their extent in the left image."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import rerun as rr
+from scipy.spatial.transform import Rotation
+
+from harness.recording import Size, entities
+from harness.recording.frame_log import FrameLog
+from harness.recording.labels import Colours, subject_names, target_names
+from harness.results import FrameRecord
+from vfoa.types import Box3D, Scene
+
+LIGHT_POINTS = 15_000
+"""Most points of all clouds of a frame in a light recording."""
+
+
+def log_targets(log: FrameLog, scene: Scene, record: FrameRecord, colours: Colours, size: Size) -> None:
+    """Clouds and boxes; each box says its target's name and how much attention it gets."""
+    names = target_names(record)
+    base = {target.instance_id: target.name for target in record.targets}
+    captions = _captions(record, names)
+    kept = _most_points([len(target.points_left) for target in scene.targets], LIGHT_POINTS)
+    for target in scene.targets:
+        number = target.instance.id
+        points = target.points_left
+        if size == "light" and len(points) > kept:
+            points = points[np.linspace(0, len(points) - 1, kept).astype(np.intp)]
+        if len(points):
+            cloud = rr.Points3D(points, class_ids=colours.class_of(base[number]), radii=rr.Radius.ui_points(1.5))
+            log.log(entities.points(number), cloud)
+        if target.box is not None:
+            log.log(entities.box(number), _box(target.box, captions[number], colours.class_of(base[number])))
+    _log_extents(log, record, captions, colours)
+
+
+def _box(box: Box3D, caption: str, class_id: int) -> rr.Boxes3D:
+    # arrays and a class instead of Rerun's own values and a colour: half the time
+    return rr.Boxes3D(
+        centers=box.center_m[None],
+        half_sizes=box.half_size_m[None],
+        quaternions=Rotation.from_matrix(box.left_from_box).as_quat()[None],
+        fill_mode=rr.components.FillMode.MajorWireframe,
+        radii=rr.Radius.ui_points(1.5),
+        labels=[caption],
+        show_labels=True,
+        class_ids=class_id,
+    )
+
+
+def _log_extents(log: FrameLog, record: FrameRecord, captions: Mapping[int, str], colours: Colours) -> None:
+    """One batch of 2D boxes around the masks, so that the image says what is what without a pointer over it."""
+    if not record.targets:
+        return
+    classes = [colours.class_of(target.name) for target in record.targets]
+    boxes = rr.Boxes2D(
+        array=[target.box_px for target in record.targets],
+        array_format=rr.Box2DFormat.XYXY,
+        class_ids=classes,
+        radii=rr.Radius.ui_points(0.75),
+    )
+    log.log(f"{entities.TARGETS_2D}/box2d", boxes)
+    # a box has its caption below itself, which is often below the image
+    middles = np.array([target.box_px for target in record.targets]).reshape(-1, 2, 2).mean(axis=1)
+    captioned = rr.Points2D(
+        middles,
+        labels=[captions[target.instance_id] for target in record.targets],
+        show_labels=True,
+        class_ids=classes,
+        radii=rr.Radius.ui_points(1.5),
+    )
+    log.log(f"{entities.TARGETS_2D}/caption", captioned)
+
+
+def _captions(record: FrameRecord, names: Mapping[int, str]) -> dict[int, str]:
+    """``bird 0.42`` with one subject, ``cup  ann 0.42, ben 0.10`` with several; nothing for no attention."""
+    subjects = subject_names(record)
+    totals: dict[int, list[str]] = {number: [] for number in names}
+    for subject in record.subjects:
+        whose = f"{subjects[subject.track_id]} " if len(record.subjects) > 1 else ""
+        for value in subject.attention:
+            if value.total > 0 and value.instance_id in totals:
+                totals[value.instance_id].append(f"{whose}{value.total:.2f}")
+    return {number: "  ".join([name, ", ".join(totals[number])]).strip() for number, name in names.items()}
+
+
+def _most_points(sizes: Sequence[int], budget: int) -> int:
+    """The most points a cloud may keep so that all together stay within the budget: small clouds stay whole."""
+    left = budget
+    for index, size in enumerate(sorted(sizes)):
+        cap = left // (len(sizes) - index)
+        if size > cap:
+            return cap
+        left -= size
+    return budget

@@ -1,0 +1,131 @@
+"""The real Rerun viewer: opened at a frame, on this machine only, and stopped by whoever started it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import rerun_cli
+from rerun.experimental import ViewerClient
+
+from vfoa.errors import VfoaError
+
+HOST = "127.0.0.1"
+"""Every bind names it: Rerun's own default is every network interface."""
+
+_CONNECT_S = 30.0
+_DRAWN_S = 60.0
+_POLL_S = 0.3
+
+
+def viewer_binary() -> Path:
+    """The viewer inside the Rerun package. The ``rerun`` command is a wrapper: ending it would leave the viewer."""
+    name = "rerun.exe" if os.name == "nt" else "rerun"
+    return Path(rerun_cli.__file__).with_name(name)
+
+
+def show(recordings: Sequence[Path], frame: int | None) -> None:
+    """Open recordings in a window, the first one at ``frame``; returns when the window is closed.
+
+    Raises
+    ------
+    VfoaError
+        If the viewer cannot be started, as without a display.
+    """
+    with _viewer([]) as (process, client):
+        _open(client, recordings, frame)
+        process.wait()
+
+
+def serve_web(recordings: Sequence[Path]) -> None:
+    """Serve recordings to a browser on this machine until interrupted; Rerun opens it and prints the address."""
+    arguments = ["--serve-web", "--bind", HOST, "--port", str(_free_port()), "--web-viewer-port", str(_free_port())]
+    process = subprocess.Popen([viewer_binary(), *arguments, *recordings])
+    with _stopped_at_end(process):
+        process.wait()
+
+
+def screenshot(recording: Path, frame: int | None, png: Path, *, size: tuple[int, int] = (1600, 900)) -> None:
+    """Draw a recording at a frame into a PNG file, without a display; ``size`` is (width, height) in pixels.
+
+    Needs a Vulkan driver; one that runs on the CPU is enough (on Debian: mesa-vulkan-drivers, libvulkan1).
+
+    Raises
+    ------
+    VfoaError
+        If the viewer cannot be started, or still draws after a minute.
+    """
+    options = ["--headless", "--window-size", f"{size[0]}x{size[1]}"]
+    with _viewer(options) as (_, client):
+        _open(client, [recording], frame)
+        png.write_bytes(_settled_picture(client))
+
+
+def _open(client: ViewerClient, recordings: Sequence[Path], frame: int | None) -> None:
+    # the last one opened is in front
+    for recording in reversed(recordings):
+        client.open(str(recording))
+    if frame is not None:
+        client.set_time("frame", sequence=frame, play_state="paused")
+
+
+def _settled_picture(client: ViewerClient) -> bytes:
+    """A screenshot that equals the one before it: loading and layout are over."""
+    deadline = time.monotonic() + _DRAWN_S
+    before = b""
+    while time.monotonic() < deadline:
+        time.sleep(_POLL_S)
+        now = client.take_screenshot()
+        if now == before:
+            return now
+        before = now
+    raise VfoaError(f"the Rerun viewer: expected a picture that stands still within {_DRAWN_S:.0f} s, found none")
+
+
+@contextmanager
+def _viewer(options: Sequence[str]) -> Iterator[tuple[subprocess.Popen[bytes], ViewerClient]]:
+    port = _free_port()
+    command = [str(viewer_binary()), "--bind", HOST, "--port", str(port), "--hide-welcome-screen", *options]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    with _stopped_at_end(process):
+        yield process, _connect(process, port)
+
+
+@contextmanager
+def _stopped_at_end(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    try:
+        yield
+    finally:
+        if process.poll() is None:
+            process.terminate()
+        try:
+            process.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        if process.stderr is not None:
+            process.stderr.close()
+
+
+def _connect(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
+    deadline = time.monotonic() + _CONNECT_S
+    while time.monotonic() < deadline:
+        if process.poll() is not None:
+            said = (process.stderr.read() if process.stderr else b"").decode(errors="replace").strip().splitlines()
+            raise VfoaError(f"the Rerun viewer ended with status {process.returncode}: {said[-1] if said else ''}")
+        try:
+            return ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
+        except Exception:  # the client has no error type of its own for "not yet there"
+            time.sleep(_POLL_S)
+    raise VfoaError(f"the Rerun viewer: expected an answer within {_CONNECT_S:.0f} s, found none")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])

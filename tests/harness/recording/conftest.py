@@ -1,0 +1,190 @@
+"""A run of four small frames with all that a recording must cope with, computed by the real second half."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.annotations import Label
+from harness.naming import Names
+from harness.records import to_record
+from harness.results import FrameRecord
+from harness.verdicts import Verdict, judge
+from vfoa.attention import AttentionSettings, pay_attention
+from vfoa.geometry import fov_from_radius
+from vfoa.types import (
+    Box3D,
+    Disparity,
+    FrameResult,
+    Gaze,
+    Head,
+    HeadPose,
+    HeadView,
+    Instance,
+    Instances,
+    Percepts,
+    Person,
+    Scene,
+    StereoFrame,
+    StereoRig,
+    Subject,
+    Target,
+)
+
+ANN = "Ann Müller/left"
+"""A name that an entity path cannot hold unescaped."""
+
+NAMES = {1: ANN, 2: "red cup", 3: "red cup", 4: "book#4"}
+EYES = np.array([0.0, -0.1, 1.5])
+CENTRES = {1: (0.0, 0.1, 1.5), 2: (-0.4, 0.1, 1.0), 3: (-0.4, 0.1, 1.6), 4: (0.4, 0.1, 1.0)}
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the run loop shows an observer of one frame."""
+
+    frame: StereoFrame
+    percepts: Percepts
+    result: FrameResult
+    record: FrameRecord
+    verdicts: tuple[Verdict, ...]
+
+    @property
+    def arguments(self) -> tuple[Any, ...]:
+        return self.frame, self.percepts, self.result, self.record, self.verdicts
+
+
+def show(index: int, *, things: tuple[int, ...], head: bool = True, gaze_at: int | None = None, turn: int = 0) -> Shown:
+    """One frame: the instances in ``things``, Ann where ``head``, her gaze at one of them, her head at the book.
+
+    ``turn`` is added to every instance's id: a segmenter that numbers anew.
+    """
+    rig = StereoRig(
+        width_px=96, height_px=64, fx_px=80, fy_px=80, cx_px=47.5, cy_px=31.5, baseline_m=0.1, cx_right_px=47.5
+    )
+    rng = np.random.default_rng(index)
+    left, right = rng.integers(0, 256, (2, 64, 96, 3), dtype=np.uint8)
+    frame = StereoFrame(index=index, time_ns=index * 40_000_000, left=left, right=right, rig=rig)
+    ids = np.zeros((64, 96), dtype=np.uint16)
+    instances = []
+    for thing in things:
+        ids[20:40, 20 * (thing - 1) : 20 * thing] = thing + turn
+        label = {1: "person", 4: "book"}.get(thing, "cup")
+        instances.append(Instance(id=thing + turn, label=label, category_id=thing, is_thing=True, score=0.9))
+    disparity = np.full((64, 96), 8.0, dtype=np.float32)
+    disparity[:5] = np.nan
+    views = (_view(gaze_at),) if head else ()
+    percepts = Percepts(
+        index=index,
+        time_ns=frame.time_ns,
+        rig=rig,
+        disparity=Disparity(disparity_px=disparity, confidence=np.full((64, 96), 0.5, dtype=np.float32)),
+        instances=Instances(ids=ids, instances=tuple(instances)),
+        views=views,
+    )
+    targets = tuple(_target(instance, instance.id - turn, rng) for instance in instances)
+    people = tuple(Person(view=view, instance_id=1 + turn, eye_origin_left=EYES) for view in views)
+    scene = Scene(index=index, time_ns=frame.time_ns, targets=targets, people=people)
+    settings = AttentionSettings(cones_cm=(10, 25))
+    subjects = [Subject(track_id=7, person=p, gaze=p.view.gaze, head_pose=p.view.head_pose) for p in people]
+    result = FrameResult(scene=scene, attentions=tuple(pay_attention(s, targets, settings) for s in subjects))
+    names = Names(subjects={7: ANN}, targets={thing + turn: NAMES[thing] for thing in things})
+    record = to_record("clip", "two cones", result, names)
+    return Shown(frame, percepts, result, record, (judge(record, ANN, Label(target="red cup")),))
+
+
+def _view(gaze_at: int | None) -> HeadView:
+    gaze = None if gaze_at is None else Gaze(direction=np.array(CENTRES[gaze_at]) - EYES)
+    head_pose = HeadPose(direction=np.array(CENTRES[4]) - EYES)
+    return HeadView(head=Head(box_px=np.array([2.0, 20, 18, 34]), score=1), head_pose=head_pose, gaze=gaze)
+
+
+def _target(instance: Instance, thing: int, rng: np.random.Generator) -> Target:
+    centre = np.array(CENTRES[thing])
+    turn = fov_from_radius(0.3) * thing
+    rotation = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
+    points = (centre + rng.uniform(-0.1, 0.1, (400, 3))).astype(np.float32)
+    box = Box3D(center_m=centre, half_size_m=np.array([0.1, 0.12, 0.08]), left_from_box=rotation)
+    box_px = np.array([20.0 * (thing - 1), 20, 20 * thing - 1, 39])
+    return Target(instance=instance, box_px=box_px, points_left=points, box=None if thing == 3 else box)
+
+
+@pytest.fixture
+def frames() -> list[Shown]:
+    """Gaze at the cup; the gaze lost and the cups gone; nobody there; all back, numbered anew."""
+    return [
+        show(10, things=(1, 2, 3, 4), gaze_at=2),
+        show(11, things=(1, 4), gaze_at=None),
+        show(13, things=(4,), head=False),
+        show(14, things=(1, 2, 3, 4), gaze_at=4, turn=300),
+    ]
+
+
+@pytest.fixture
+def record_run(tmp_path: Path) -> Callable[..., Path]:
+    """Write frames into a recording of a run called ``run``."""
+    from harness.recording.recorder import Recorder
+
+    def write(frames: list[Shown], **options: Any) -> Path:
+        path = tmp_path / "run" / "clip__two.rrd"
+        with Recorder(
+            path, clip="clip", configuration="two", rate_hz=25, subjects=[ANN], targets=["red cup"], **options
+        ) as recorder:
+            for shown in frames:
+                recorder.log(*shown.arguments)
+        return path
+
+    return write
+
+
+class Columns:
+    """A recording read back by Rerun's own reader."""
+
+    def __init__(self, path: Path) -> None:
+        from rerun.chunk import RrdReader
+
+        self._batches: dict[str, list[Any]] = {}
+        for chunk in RrdReader(path).stream():
+            self._batches.setdefault(chunk.entity_path, []).append(chunk.to_record_batch())
+
+    @property
+    def paths(self) -> set[str]:
+        """Every entity that holds something."""
+        return set(self._batches)
+
+    def at(self, path: str, component: str) -> dict[int, Any]:
+        """The values of a component of an entity by frame."""
+        found: dict[int, Any] = {}
+        for batch in self._batches.get(path, ()):
+            if component in batch.schema.names and "frame" in batch.schema.names:
+                values = batch.column(component).to_pylist()
+                frames = batch.column("frame").to_pylist()
+                found |= {f: value for f, value in zip(frames, values, strict=True) if value is not None}
+        return found
+
+    def static(self, path: str, component: str) -> Any:
+        """The last static value of a component of an entity."""
+        found = [
+            value
+            for batch in self._batches.get(path, ())
+            if component in batch.schema.names and "frame" not in batch.schema.names
+            for value in batch.column(component).to_pylist()
+        ]
+        return found[-1]
+
+    def timelines(self, path: str) -> set[str]:
+        """The timelines an entity has values on."""
+        return {
+            name for batch in self._batches[path] for name in batch.schema.names if ":" not in name and "." not in name
+        }
+
+
+@pytest.fixture
+def read_back() -> type[Columns]:
+    """Read a recording."""
+    return Columns

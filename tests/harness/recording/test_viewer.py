@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import ctypes.util
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from harness.recording import find_recordings
+from harness.recording.blueprint import eye_controls
+from harness.recording.viewer import screenshot
+from vfoa.errors import VfoaError
+from vfoa.geometry import box_corners
+
+
+def test_the_eye_looks_at_the_scene_from_outside(frames):
+    position, target = eye_controls(frames[0].result.scene)
+    boxes = [target.box for target in frames[0].result.scene.targets if target.box is not None]
+    corners = np.concatenate([box_corners(box) for box in boxes])
+    assert (corners.min(axis=0) <= target).all()
+    assert (target <= corners.max(axis=0)).all()
+    assert np.linalg.norm(position - target) > np.linalg.norm(corners - target, axis=1).max()
+    assert np.isfinite(eye_controls(None)).all()
+
+
+@pytest.mark.skipif(
+    ctypes.util.find_library("vulkan") is None or not any(Path("/usr/share/vulkan/icd.d").glob("*.json")),
+    reason="needs a Vulkan driver (Debian: mesa-vulkan-drivers libvulkan1)",
+)
+def test_the_real_viewer_draws_the_frame_it_is_asked_for(frames, record_run, tmp_path):
+    path = record_run(frames)
+    pictures = []
+    for frame in (10, 13):
+        png = tmp_path / f"{frame}.png"
+        screenshot(path, frame, png, size=(800, 500))
+        pictures.append(cv2.imread(str(png)))
+    assert pictures[0].shape == (500, 800, 3)
+    left = [picture[40:220, :450] for picture in pictures]
+    # noise images in the left view: drawn, and another one in each frame
+    assert left[0].std() > 20
+    assert (left[0] != left[1]).mean() > 0.2
+
+
+def test_recordings_are_found_by_clip_and_configuration(tmp_path):
+    for name in ("a__one", "a__two", "b__one"):
+        (tmp_path / f"{name}.rrd").touch()
+    (tmp_path / "b__two.rrd.partial").touch()
+    assert [path.stem for path in find_recordings(tmp_path, None, None)] == ["a__one", "a__two", "b__one"]
+    assert [path.stem for path in find_recordings(tmp_path, "a", "two")] == ["a__two"]
+    assert find_recordings(tmp_path / "a__one.rrd", None, None) == [tmp_path / "a__one.rrd"]
+    with pytest.raises(VfoaError, match=r"clip 'c'.*expected one of: a, b"):
+        find_recordings(tmp_path, "c", None)
+    with pytest.raises(VfoaError, match=r"'two'.*expected one of: one"):
+        find_recordings(tmp_path, "b", "two")
+    with pytest.raises(VfoaError, match="found none"):
+        find_recordings(tmp_path / "nowhere", None, None)
