@@ -1,0 +1,1 @@
+"""Tables and pages, from results and scores alone: no images, no models."""

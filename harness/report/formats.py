@@ -1,0 +1,132 @@
+"""One table, four ways to print it: terminal, CSV, Markdown, LaTeX. Equal tables give equal bytes."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+
+UNKNOWN = "–"
+"""What stands for a number that has no value, for people; CSV has an empty cell."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """Text in rows and columns, every number already in its printed form.
+
+    ``words`` is how many of the first columns hold words; all others are numbers and are printed to the right.
+    ``notes`` are what a reader must know, each one sentence or more.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    words: int
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(f"Table {self.title!r}: expected {len(self.columns)} cells, found {row}")
+
+
+def to_csv(table: Table) -> str:
+    """Header and rows, RFC 4180 with LF; title and notes have no place in it."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([table.columns, *table.rows])
+    return text.getvalue()
+
+
+def to_markdown(table: Table, *, level: int = 1) -> str:
+    """A heading, what the table needs said of it, and the table."""
+    head = f"{'#' * level} {_one_line(table.title)}\n\n"
+    notes = "".join(f"- {_markdown(note)}\n" for note in table.notes)
+    if not table.rows:
+        return f"{head}{notes}{chr(10) * bool(notes)}Nothing to show.\n"
+    cells = [[_markdown(cell) for cell in row] for row in (table.columns, *table.rows)]
+    widths = [max(len(row[i]) for row in cells) for i in range(len(table.columns))]
+    rule = ["-" * max(width, 3) if i < table.words else "-" * max(width - 1, 2) + ":" for i, width in enumerate(widths)]
+    lines = [_aligned(cells[0], widths, table.words), rule, *(_aligned(row, widths, table.words) for row in cells[1:])]
+    return f"{head}{notes}{chr(10) * bool(notes)}" + "".join(f"| {' | '.join(line)} |\n" for line in lines)
+
+
+def to_latex(table: Table, *, label: str) -> str:
+    r"""A floating table with booktabs rules; needs ``\usepackage{booktabs}``. The notes stand under it."""
+    lines = [
+        r"\begin{table}",
+        r"\centering",
+        rf"\caption{{{_latex(table.title)}}}",
+        rf"\label{{{label}}}",
+        rf"\begin{{tabular}}{{{'l' * table.words}{'r' * (len(table.columns) - table.words)}}}",
+        r"\toprule",
+        _latex_row(table.columns),
+        r"\midrule",
+        *(_latex_row(row) for row in table.rows),
+        r"\bottomrule",
+        r"\end{tabular}",
+        *(rf"\par\footnotesize {_latex(note)}" for note in table.notes),
+        r"\end{table}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def to_rich(table: Table) -> RichTable:
+    """For a terminal: numbers are never cut or wrapped, words are where it is narrow."""
+    from rich import box
+    from rich.markup import escape
+    from rich.table import Table as RichTable
+
+    printed = RichTable(title=escape(table.title), box=box.SIMPLE_HEAD, title_justify="left", padding=(0, 1, 0, 0))
+    for i, name in enumerate(table.columns):
+        is_word = i < table.words
+        printed.add_column(escape(name), justify="left" if is_word else "right", no_wrap=not is_word, overflow="fold")
+    for row in table.rows:
+        printed.add_row(*(escape(cell) for cell in row))
+    return printed
+
+
+def csv_cell(text: str) -> str:
+    """One cell as :func:`to_csv` would write it, for tables too long to hold as cells."""
+    return '"' + text.replace('"', '""') + '"' if re.search('[",\r\n]', text) else text
+
+
+def _aligned(cells: Sequence[str], widths: Iterable[int], words: int) -> list[str]:
+    return [
+        cell.ljust(max(width, 3)) if i < words else cell.rjust(max(width, 3))
+        for i, (cell, width) in enumerate(zip(cells, widths, strict=True))
+    ]
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+def _markdown(text: str) -> str:
+    """Escape what would end a cell or be read as mark-up."""
+    return re.sub(r"([\\`*<|\[\]#]|(?<!\w)_|_(?!\w))", r"\\\1", _one_line(text))
+
+
+_LATEX = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    "–": "--",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+}
+
+
+def _latex(text: str) -> str:
+    return "".join(_LATEX.get(sign, sign) for sign in _one_line(text))
+
+
+def _latex_row(cells: Iterable[str]) -> str:
+    # a bracket after \\ would be read as its optional argument, so every row begins with an empty group
+    return f"{{}}{' & '.join(_latex(cell) for cell in cells)} \\\\"

@@ -1,0 +1,78 @@
+"""``frames.csv``: per frame, subject and target, the attention values, and how the frame was judged."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from functools import lru_cache
+
+from harness.report.formats import csv_cell
+from harness.results import FrameRecord, SubjectRecord
+from harness.verdicts import Verdict, find_subject
+
+COLUMNS = (
+    *("clip", "configuration", "frame", "time_s", "subject", "track", "target", "instance"),
+    *("gaze", "head", "total", "focus", "truth", "predicted", "outcome", "cause"),
+)
+
+_cell = lru_cache(maxsize=None)(csv_cell)
+_Key = tuple[str, str, int]
+
+
+class FrameRows:
+    """Collects the rows while records pass by, so that a long run is read once: see :meth:`watch`."""
+
+    def __init__(self) -> None:
+        self._rows: list[tuple[_Key, str | None, list[str]]] = []
+
+    def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
+        """Hand the records on, for example to :func:`harness.score.score`, and keep what the table needs of them."""
+        for record in records:
+            key = record.clip, record.configuration, record.frame
+            start = _start(*key, time=f"{record.time_ns / 1e9:.3f}")
+            names = {target.instance_id: _cell(target.name) for target in record.targets}
+            for subject in record.subjects:
+                is_judged = subject.name is not None and find_subject(record, subject.name) is subject
+                lines = _subject_lines(f"{start}{_cell(subject.name or '')},{subject.track_id},", subject, names)
+                self._rows.append((key, subject.name if is_judged else None, lines))
+            yield record
+
+    def to_csv(self, verdicts: Iterable[Verdict]) -> str:
+        """The table as text, in the order of the records: one row per target, ``focus`` 1 for the one looked at.
+
+        A subject without attention values has one row without a target. Labelled frames that have no such subject,
+        or no record, stand at the end. Attention has four decimals, time three. A person the manifest does not know
+        has a track and no name.
+        """
+        judged = {(each.clip, each.configuration, each.frame, each.subject): each for each in verdicts}
+        text = [",".join(COLUMNS) + "\n"]
+        for key, subject, lines in self._rows:
+            end = _judgement(judged.pop((*key, subject), None) if subject is not None else None)
+            text.extend(f"{line}{end}" for line in lines)
+        for verdict in judged.values():
+            start = _start(verdict.clip, verdict.configuration, verdict.frame, time="")
+            text.append(f"{start}{_cell(verdict.subject)},,,,,,,,{_judgement(verdict)}")
+        return "".join(text)
+
+
+def _start(clip: str, configuration: str, frame: int, time: str) -> str:
+    return f"{_cell(clip)},{_cell(configuration)},{frame},{time},"
+
+
+def _subject_lines(start: str, subject: SubjectRecord, names: dict[int, str]) -> list[str]:
+    if not subject.attention:
+        return [f"{start},,,,,,"]
+    return [
+        f"{start}{names[value.instance_id]},{value.instance_id},{_number(value.gaze)},{_number(value.head)},"
+        f"{value.total:.4f},{1 if value.instance_id == subject.focus else 0},"
+        for value in subject.attention
+    ]
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.4f}"
+
+
+def _judgement(verdict: Verdict | None) -> str:
+    if verdict is None:
+        return ",,,\n"
+    return f"{_cell(verdict.truth or '')},{_cell(verdict.predicted or '')},{verdict.outcome},{verdict.cause or ''}\n"
