@@ -1,0 +1,137 @@
+"""The IOU tracker: the published rule written out by hand, and against an implementation of its own kind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import make_person
+
+from vfoa.tracking import TrackerState, TrackingSettings, box_iou, final_tracks, track_people
+from vfoa.types import Person
+
+PUBLISHED = TrackingSettings(ttl=0)
+
+
+def at(left_px: float, score: float = 1.0) -> Person:
+    """A head box of 10 x 10 px. Two of them s px apart overlap by (10 - s) / (10 + s): by a half up to s = 10 / 3."""
+    return make_person((left_px, 0, left_px + 10, 10), score=score)
+
+
+def lefts(tracks: dict[int, tuple[tuple[int, Person], ...]]) -> dict[int, list[tuple[int, float]]]:
+    """Tracks as (frame, left edge)."""
+    return {
+        track_id: [(frame, float(person.view.head.box_px[0])) for frame, person in members]
+        for track_id, members in tracks.items()
+    }
+
+
+def test_a_split_a_crossing_and_a_gap():
+    split = [(at(100),), (at(103), at(98)), (at(106), at(96)), (at(109), at(94))]
+    crossing = [(at(0), at(9)), (at(3), at(6)), (at(6), at(3)), (at(9), at(0))]
+    gap = [(at(200),), (at(200),), (), (at(200),)]
+    frames = [sum(people, ()) for people in zip(split, crossing, gap, strict=True)]
+
+    assert lefts(final_tracks(frames, PUBLISHED)) == {
+        # the split: 98 overlaps 100 more than 103 does, which starts a track of its own
+        1: [(0, 100), (1, 98), (2, 96), (3, 94)],
+        5: [(1, 103), (2, 106), (3, 109)],
+        # the crossing: boxes alone cannot tell two heads that pass from two that bounce
+        2: [(0, 0), (1, 3), (2, 3), (3, 0)],
+        3: [(0, 9), (1, 6), (2, 6), (3, 9)],
+        # the gap: the track ends before it, and what comes after is too short to count
+        4: [(0, 200), (1, 200)],
+    }
+
+
+@pytest.mark.parametrize(("ttl", "ids"), [(1, {1, 2}), (2, {1})])
+def test_a_track_outlives_a_gap_of_up_to_ttl_frames(ttl, ids):
+    frames = [(at(0),), (at(1),), (), (), (at(2),), (at(3),)]
+    assert set(final_tracks(frames, TrackingSettings(ttl=ttl))) == ids
+
+
+def test_only_tracks_with_a_good_head_and_enough_heads_count():
+    frames = [(at(0, 0.4), at(50, 0.4), at(100, 0.9)), (at(0, 0.4), at(50, 0.6))]
+    assert set(final_tracks(frames, PUBLISHED)) == {2}
+
+
+def test_a_track_is_reported_before_it_counts():
+    tracked, state = track_people((at(0),), TrackerState(), PUBLISHED)
+    assert [track_id for track_id, _ in tracked] == [1]
+    assert not state.tracks[0].confirmed(PUBLISHED)
+    _, state = track_people((at(0),), state, PUBLISHED)
+    assert state.tracks[0].confirmed(PUBLISHED)
+
+
+def test_heads_below_sigma_l_are_not_followed():
+    tracked, state = track_people((at(0, 0.2), at(50, 0.4)), TrackerState(), TrackingSettings(sigma_l=0.3))
+    assert [person.view.head.score for _, person in tracked] == [0.4]
+    assert len(state.tracks) == 1
+
+
+def test_people_come_in_the_order_of_their_ids_whatever_the_order_they_were_found_in():
+    _, state = track_people((at(0), at(50)), TrackerState(), PUBLISHED)
+    tracked, _ = track_people((at(90), at(50), at(1)), state, PUBLISHED)
+    assert [(track_id, person.view.head.box_px[0]) for track_id, person in tracked] == [(1, 1), (2, 50), (3, 90)]
+
+
+def test_an_id_is_not_given_twice():
+    _, state = track_people((at(0),), TrackerState(), PUBLISHED)
+    _, state = track_people((), state, PUBLISHED)
+    tracked, _ = track_people((at(0),), state, PUBLISHED)
+    assert [track_id for track_id, _ in tracked] == [2]
+
+
+boxes = st.builds(
+    lambda u, v, score: make_person((u, v, u + 20, v + 20), score=score),
+    st.integers(0, 30),
+    st.integers(0, 30),
+    st.sampled_from([0.1, 0.3, 0.6, 0.9]),
+)
+
+
+@given(st.lists(st.lists(boxes, max_size=4).map(tuple), max_size=8))
+def test_without_gaps_it_is_the_published_algorithm(frames):
+    settings = TrackingSettings(sigma_l=0.2, sigma_h=0.5, sigma_iou=0.4, t_min=2, ttl=0)
+    found = [[person for _, person in members] for members in final_tracks(frames, settings).values()]
+    expected = published(frames, sigma_l=0.2, sigma_h=0.5, sigma_iou=0.4, t_min=2)
+    assert sorted(map(ids, found)) == sorted(map(ids, expected))
+
+
+def ids(people: list[Person]) -> list[int]:
+    return [id(person) for person in people]
+
+
+def published(frames, *, sigma_l, sigma_h, sigma_iou, t_min):
+    """Algorithm 1 of the paper: lists of active and finished tracks, each a list of detections."""
+    active: list[list[Person]] = []
+    finished: list[list[Person]] = []
+    for detections in frames:
+        candidates = [person for person in detections if person.view.head.score >= sigma_l]
+        still_active = []
+        for track in active:
+            best = None
+            for candidate in candidates:
+                overlap = box_iou(track[-1].view.head.box_px, candidate.view.head.box_px)
+                if best is None or overlap > best[0]:
+                    best = (overlap, candidate)
+            if best is not None and best[0] >= sigma_iou:
+                still_active.append([*track, best[1]])
+                candidates = [candidate for candidate in candidates if candidate is not best[1]]
+            else:
+                finished.append(track)
+        active = still_active + [[candidate] for candidate in candidates]
+    return [
+        track
+        for track in finished + active
+        if len(track) >= t_min and max(person.view.head.score for person in track) >= sigma_h
+    ]
+
+
+def test_overlap_of_boxes():
+    unit = np.array([0.0, 0, 1, 1])
+    assert box_iou(unit, unit) == 1
+    assert box_iou(unit, np.array([0.5, 0, 1.5, 1])) == pytest.approx(1 / 3)
+    assert box_iou(unit, np.array([0.0, 0, 2, 2])) == pytest.approx(1 / 4)
+    assert box_iou(unit, unit + 1) == box_iou(unit, unit + 5) == 0
