@@ -31,7 +31,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise VfoaError(f"{path}: not TOML: {error}") from None
 
 
-def parse(model: type[Model], data: Any, where: str) -> Model:
+def parse(model: type[Model], data: Any, where: str, table: str = "") -> Model:
     """Check ``data`` against a model.
 
     Parameters
@@ -41,25 +41,28 @@ def parse(model: type[Model], data: Any, where: str) -> Model:
     data
         What was read from a file.
     where
-        The start of the message: a file, or a file and the table in it, as ``"clip.toml: source"``.
+        The start of the message, such as a file.
+    table
+        Where ``data`` stands in that file, put before the key: ``"source"`` makes ``source.scene``.
 
     Raises
     ------
     VfoaError
-        For the first mistake: where, the dotted key, what was found and what was expected.
+        For one mistake (an unknown key first, since that is often why another is missing): where, the dotted key,
+        what was found and what was expected.
     """
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        mistakes = error.errors(include_url=False)
+        mistakes = sorted(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
         more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
-        raise VfoaError(f"{where}: {_sentence(model, mistakes[0])}{more}") from None
+        raise VfoaError(f"{where}: {_sentence(model, mistakes[0], table)}{more}") from None
 
 
-def _sentence(model: type[BaseModel], mistake: Any) -> str:
+def _sentence(model: type[BaseModel], mistake: Any, table: str) -> str:
     """One pydantic error as ``key: what was found and expected``."""
     location, kind = mistake["loc"], mistake["type"]
-    key = ".".join(map(str, location))
+    key = ".".join(map(str, (*([table] if table else []), *location)))
     prefix = f"{key}: " if key else ""
     if kind == "extra_forbidden":
         return f"unknown key {key!r}; {did_you_mean(str(location[-1]), _keys_beside(model, location))}"

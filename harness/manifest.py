@@ -86,7 +86,7 @@ class ClipManifest(Settings):
             adapter = ADAPTERS.load(self.adapter)
         except VfoaError as error:
             raise VfoaError(f"{self._path}: {error}") from None
-        settings = parse(adapter.Settings, self.source, f"{self._path}: source")
+        settings = parse(adapter.Settings, self.source, str(self._path), "source")
         root = self.resolve_root()
         try:
             return adapter(settings, root)

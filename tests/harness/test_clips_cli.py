@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from disk import write_bytes, write_image, write_text
+from typer.testing import CliRunner
+
+from harness.cli.clips import app
+from harness.clip_check import row_differences_px
+
+WIDTH, HEIGHT, DISPARITY = 320, 240, 12
+CAMERA = "fx_px = 300.0\ncx_px = 159.5\ncy_px = 119.5\nbaseline_m = 0.1\n"
+MANIFEST = f"""
+name = "wall"
+adapter = "stereo_folder"
+root = "wall"
+[source]
+left = "left"
+right = "right"
+[source.camera]
+{CAMERA}
+[subjects.girl]
+category = "person"
+[targets.bird]
+category = "bird"
+"""
+LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,3,girl,bird,\n"
+
+
+def _textured(rows_apart: int) -> tuple[np.ndarray, np.ndarray]:
+    """Two views of a flat wall with blobs, the right one also moved down by ``rows_apart``."""
+    noise = np.random.default_rng(0).integers(0, 256, (HEIGHT + 40, WIDTH + 40), dtype=np.uint8)
+    blobs = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 3), None, 0, 255, cv2.NORM_MINMAX)
+    wall = cv2.cvtColor(blobs, cv2.COLOR_GRAY2RGB)
+    left = wall[20 : 20 + HEIGHT, 20 : 20 + WIDTH]
+    right = wall[20 - rows_apart : 20 - rows_apart + HEIGHT, 20 + DISPARITY : 20 + DISPARITY + WIDTH]
+    return left, right
+
+
+def _clip(folder: Path, rows_apart: int = 0, manifest: str = MANIFEST, labels: str = LABELS) -> None:
+    for n in (1, 2, 3):
+        for side, image in zip(("left", "right"), _textured(rows_apart), strict=True):
+            write_image(folder / "datasets" / "wall" / side / f"{n}.png", image)
+    write_text(folder / "datasets" / "wall.toml", manifest)
+    write_text(folder / "annotations" / "wall.csv", labels)
+
+
+def _check(*arguments: str) -> tuple[int, dict[str, object]]:
+    found = CliRunner().invoke(app, ["check", "--json", *arguments])
+    return found.exit_code, json.loads(found.stdout)[0]
+
+
+@pytest.fixture(autouse=True)
+def _work_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.delenv("VFOA_DATA", raising=False)
+
+
+@pytest.mark.parametrize("rows_apart", [0, 4])
+def test_the_row_difference_is_measured(rows_apart: int) -> None:
+    found = row_differences_px(*_textured(rows_apart))
+    assert len(found) >= 30
+    assert np.median(found) == pytest.approx(rows_apart, abs=0.1)
+
+
+def test_pictures_without_features_give_no_measure() -> None:
+    flat = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
+    assert row_differences_px(flat, flat).shape == (0,)
+
+
+def test_a_good_clip_passes(tmp_path: Path) -> None:
+    _clip(tmp_path)
+    code, found = _check("wall")
+    assert code == 0
+    assert found["problems"] == []
+    assert (found["frames"], found["size_px"], found["baseline_m"], found["labels"]) == (3, [WIDTH, HEIGHT], 0.1, 3)
+
+
+def test_rows_that_do_not_match_fail(tmp_path: Path) -> None:
+    _clip(tmp_path, rows_apart=4)
+    code, found = _check("wall")
+    assert code == 2
+    assert found["problems"] == ["matched points lie 4.0 rows apart (median); expected at most 1.5 in a rectified pair"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"labels": LABELS.replace("bird", "brid")}, "wall.csv:3: unknown target 'brid'; did you mean 'bird'?"),
+        ({"labels": LABELS.replace("1,3", "1,4")}, "wall.csv:3: frame 4 is outside the clip"),
+        ({"manifest": MANIFEST.replace("0.1", "120.0")}, "the baseline is 120 m; expected metres (millimetres?)"),
+        ({"manifest": MANIFEST.replace("159.5", "800.0")}, "the principal point (800, 119.5) lies outside the image"),
+        ({"manifest": MANIFEST.replace("left =", "lft =")}, "unknown key 'source.lft'; did you mean 'left'?"),
+    ],
+)
+def test_a_bad_clip_fails_with_one_line(tmp_path: Path, change: dict[str, str], message: str) -> None:
+    _clip(tmp_path, **change)  # type: ignore[arg-type]
+    code, found = _check("wall")
+    assert code == 2
+    problems = found["problems"]
+    assert isinstance(problems, list)
+    assert message in problems[0]
+    assert "\n" not in problems[0]
+
+
+def test_a_truncated_image_fails_and_is_named(tmp_path: Path) -> None:
+    _clip(tmp_path)
+    path = tmp_path / "datasets" / "wall" / "right" / "3.png"
+    write_bytes(path, path.read_bytes()[:-1000])
+    found = CliRunner().invoke(app, ["check", "wall"])
+    assert found.exit_code == 2
+    assert f"{path}: truncated PNG" in found.stdout.replace("\n", "")
+
+
+def test_the_list_works_without_the_data(tmp_path: Path) -> None:
+    _clip(tmp_path)
+    found = CliRunner().invoke(app, ["list", "--json"])
+    assert found.exit_code == 0
+    rows = {row["name"]: row for row in json.loads(found.stdout)}
+    assert (rows["wall"]["frames"], rows["wall"]["labels"], rows["wall"]["problem"]) == (3, 3, None)
+    bandage = rows["sintel_bandage_2"]
+    assert (bandage["frames"], bandage["labels"], bandage["subjects"]) == (None, 50, ["girl"])
+    assert "VFOA_DATA, which is not set" in bandage["problem"]
+
+
+def test_the_tables_name_every_clip(tmp_path: Path) -> None:
+    _clip(tmp_path)
+    listed = CliRunner().invoke(app, ["list"])
+    assert "wall" in listed.stdout
+    assert "sintel_bandage_2: " in listed.stdout
+    checked = CliRunner().invoke(app, ["check", "wall"])
+    assert checked.exit_code == 0
+    assert "320 x 240" in checked.stdout
+
+
+def test_the_real_clips_pass(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VFOA_DATA", str(shared_data.resolve()))
+    code, sintel = _check("sintel_bandage_2")
+    assert (code, sintel["frames"], sintel["labels"]) == (0, 50, 50)
+    code, kitti = _check("kitti_pair")
+    assert (code, kitti["frames"], kitti["baseline_m"]) == (0, 1, pytest.approx(0.532, abs=0.002))
