@@ -1,0 +1,208 @@
+"""Block matching and semi-global matching, on planes of known disparity and on real frames."""
+
+from __future__ import annotations
+
+import pickle
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+from scenes import make_rig, stereo_planes
+
+from vfoa.errors import VfoaError
+from vfoa.geometry import disparity_from_depth
+from vfoa.stereo import MATCHERS
+from vfoa.stereo.block_matching import SGBM_MODES, disparity_range
+from vfoa.types import StereoFrame
+
+RIG = make_rig(240, 120)
+PLATE = (slice(30, 90), slice(80, 180))
+CONFIGURATIONS = [
+    ("bm", {}),
+    ("bm", {"wls": False}),
+    *[("sgbm", {"mode": mode, "wls": wls}) for mode in SGBM_MODES for wls in (True, False)],
+]
+
+
+def matcher(name, **settings):
+    plugin = MATCHERS.load(name)
+    return plugin(plugin.Settings(**settings))
+
+
+@pytest.fixture(scope="module")
+def planes():
+    return stereo_planes(RIG, far_px=8, near_px=24, window=PLATE, noise=3)
+
+
+@pytest.mark.parametrize(("name", "settings"), CONFIGURATIONS)
+def test_planes_have_their_disparity(planes, name, settings):
+    frame, truth, visible = planes
+    found = matcher(name, **settings).match(frame).disparity_px
+    error = np.abs(found - truth)
+    neighbourhood = np.ones((17, 17), np.uint8)
+    core = (cv2.erode(np.where(visible, truth, 0), neighbourhood) == cv2.dilate(truth, neighbourhood)) & visible
+    assert np.isfinite(found[core]).mean() > 0.9
+    assert np.nanmedian(error) <= 1 / 16
+    assert np.nanmean(error[core] > 1) < 0.05
+
+
+@pytest.mark.parametrize(("name", "settings"), CONFIGURATIONS)
+def test_every_known_pixel_is_seen_by_both_cameras_at_a_depth(planes, name, settings):
+    frame, _, _ = planes
+    found = matcher(name, **settings).match(frame).disparity_px
+    known = np.isfinite(found)
+    column_right = np.arange(RIG.width_px) - found
+    assert found.dtype == np.float32
+    assert (found[known] > 0).all()
+    assert (column_right[known] >= 0).all()
+
+
+@pytest.mark.parametrize(("name", "settings"), CONFIGURATIONS)
+def test_no_band_is_blind(name, settings):
+    frame, truth, visible = stereo_planes(RIG, far_px=8, near_px=12, window=(slice(40, 80), slice(12, 60)))
+    found = matcher(name, min_depth_m=0.3, **settings).match(frame).disparity_px
+    right = np.abs(found - truth) < 1
+    for columns in (slice(12, 30), slice(RIG.width_px - 20, RIG.width_px)):
+        assert right[:, columns][visible[:, columns]].mean() > 0.75
+
+
+@pytest.mark.parametrize(("name", "settings"), CONFIGURATIONS)
+def test_what_is_behind_the_plate_for_the_right_camera_is_mostly_unknown(planes, name, settings):
+    frame, _, visible = planes
+    known = np.isfinite(matcher(name, **settings).match(frame).disparity_px)
+    hidden = ~visible
+    hidden[:, :8] = False
+    assert known[hidden].mean() < 0.6 < known[visible].mean()
+
+
+@pytest.mark.parametrize("name", ["bm", "sgbm"])
+def test_a_surface_without_texture_is_unknown_without_wls(name):
+    frame, _, _ = stereo_planes(RIG, far_px=8, near_px=24, window=PLATE)
+    for image in (frame.left, frame.right):
+        image.flags.writeable = True
+        image[:] = 128
+    assert np.isnan(matcher(name, wls=False).match(frame).disparity_px).all()
+
+
+def test_confidence_decides_what_is_known(planes):
+    frame, _, _ = planes
+    found = {limit: matcher("sgbm", min_confidence=limit).match(frame) for limit in (0.0, 0.5, 1.0)}
+    for limit, disparity in found.items():
+        confidence = disparity.confidence
+        assert 0 <= confidence.min() <= confidence.max() <= 1
+        assert (confidence[np.isfinite(disparity.disparity_px)] >= limit).all()
+    assert found[0.0].known_share > found[0.5].known_share > found[1.0].known_share
+    assert matcher("sgbm", wls=False).match(frame).confidence is None
+
+
+@pytest.mark.parametrize("offset_px", [-6, 4])
+def test_separate_principal_points_shift_the_search(offset_px):
+    rig = make_rig(240, 120, cx_right_offset_px=offset_px)
+    frame, truth, visible = stereo_planes(rig, far_px=8, near_px=24, window=PLATE)
+    found = matcher("sgbm", min_depth_m=float(160 * 0.1 / (24 + offset_px))).match(frame).disparity_px
+    assert (np.abs(found - truth)[visible] < 0.5).mean() > 0.85
+
+
+@pytest.mark.parametrize(("name", "settings"), CONFIGURATIONS)
+def test_the_same_pair_gives_the_same_map_also_after_other_rigs_and_in_a_copy(planes, name, settings):
+    frame, _, _ = planes
+    first = matcher(name, **settings)
+    expected = first.match(frame).disparity_px
+    other, _, _ = stereo_planes(make_rig(200, 100), far_px=4, near_px=9, window=(slice(20, 60), slice(50, 120)))
+    first.match(other)
+    copy = pickle.loads(pickle.dumps(first))
+    for again in (first, copy):
+        np.testing.assert_array_equal(again.match(frame).disparity_px, expected)
+
+
+# Range
+
+
+@given(
+    min_depth_m=st.floats(0.1, 20),
+    fx_px=st.floats(100, 2000),
+    baseline_m=st.floats(0.02, 0.5),
+    offset_px=st.floats(-40, 40),
+    depth_scale=st.floats(1, 100),
+)
+def test_the_range_holds_every_depth_from_the_nearest_on(min_depth_m, fx_px, baseline_m, offset_px, depth_scale):
+    rig = make_rig(640, 480, fx_px=fx_px, baseline_m=baseline_m, cx_right_offset_px=offset_px)
+    nearest = float(disparity_from_depth(min_depth_m, rig))
+    assume(nearest > 1)
+    found = disparity_range(rig, min_depth_m)
+    disparity = float(disparity_from_depth(min_depth_m * depth_scale, rig))
+    assert found.count % 16 == 0
+    assert found.first_px >= 0
+    if 0 < disparity < rig.width_px - 1:
+        assert found.first_px <= disparity <= found.first_px + found.count - 1
+    assert found.count < min(nearest, rig.width_px) - found.first_px + 18
+
+
+def test_the_range_reaches_the_dragon_of_bandage_2():
+    rig = make_rig(1024, 436, fx_px=896, baseline_m=0.1)
+    assert disparity_range(rig, 0.45).count == 208
+
+
+def test_a_nearest_depth_that_no_disparity_has_is_an_error():
+    with pytest.raises(VfoaError, match=r"stereo\.min_depth_m.*40\.0 m"):
+        disparity_range(make_rig(cx_right_offset_px=2), 40.0)
+
+
+# Settings
+
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        ("bm", {"block_size_px": 14}),
+        ("bm", {"block_size_px": 3}),
+        ("sgbm", {"block_size_px": 4}),
+        ("sgbm", {"block_size_px": 13}),
+        ("sgbm", {"p1": 32, "p2": 32}),
+        ("sgbm", {"mode": "4way"}),
+        ("bm", {"mode": "3way"}),
+        ("sgbm", {"min_depth_m": 0}),
+        ("sgbm", {"min_confidence": 1.1}),
+    ],
+)
+def test_impossible_settings_are_refused(name, settings):
+    with pytest.raises(ValidationError):
+        matcher(name, **settings)
+
+
+# Real frames
+
+
+def sintel(folder, kind, frame):
+    path = folder / "sintel" / "training" / kind / "bandage_2" / f"frame_{frame:04d}.png"
+    return cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2RGB)
+
+
+@pytest.fixture(scope="module")
+def bandage_2(shared_data):
+    rig = make_rig(1024, 436, fx_px=896, baseline_m=0.1)
+    pairs = []
+    for number in (1, 25, 50):
+        coded = sintel(shared_data, "disparities", number).astype(np.float32)
+        left, right = (sintel(shared_data, kind, number) for kind in ("clean_left", "clean_right"))
+        truth = 4 * coded[..., 0] + coded[..., 1] / 64
+        pairs.append((StereoFrame(index=number, time_ns=0, left=left, right=right, rig=rig), truth))
+    return pairs
+
+
+def errors(matcher, pairs):
+    return np.stack([matcher.match(frame).disparity_px - truth for frame, truth in pairs])
+
+
+@pytest.mark.parametrize("wls", [True, False])
+def test_semi_global_matching_sees_more_of_bandage_2_than_block_matching(bandage_2, wls):
+    """The share of all pixels that are known and right to two pixels."""
+    right = {name: (np.abs(errors(matcher(name, wls=wls), bandage_2)) < 2).mean() for name in ("bm", "sgbm")}
+    assert right["sgbm"] > right["bm"] + 0.05
+
+
+def test_semi_global_matching_with_wls_is_right_to_half_a_pixel_on_bandage_2(bandage_2):
+    assert np.nanmedian(np.abs(errors(matcher("sgbm"), bandage_2))) < 0.5

@@ -1,0 +1,46 @@
+"""Weighted least squares: smooth a disparity map along the edges of its image (Min et al. 2014)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vfoa.types import Image, Map
+
+CONFIDENCE_SCALE = 255.0
+"""OpenCV's confidence runs from 0 to 255."""
+
+
+class WlsFilter:
+    """OpenCV's WLS filter with its confidence: agreement of the two views' maps, and their local variance.
+
+    The guide is the colour image, since a gray one smears dark scenes. ``discontinuity_radius_px`` is how far a
+    depth edge makes its neighbours doubtful.
+    """
+
+    def __init__(self, *, smoothness: float, sigma_color: float, discontinuity_radius_px: int) -> None:
+        self._filter: Any = cv2.ximgproc.createDisparityWLSFilterGeneric(True)
+        self._filter.setLambda(smoothness)
+        self._filter.setSigmaColor(sigma_color)
+        self._filter.setDepthDiscontinuityRadius(discontinuity_radius_px)
+
+    def filter(self, left: NDArray[np.int16], right: NDArray[np.int16], guide: Image) -> tuple[NDArray[np.int16], Map]:
+        """Filter the left view's map by the right view's.
+
+        Parameters
+        ----------
+        left, right
+            (H, W) raw disparities of both views in sixteenths of a pixel; the right view's are negative.
+        guide
+            (H, W, 3) the left image.
+
+        Returns
+        -------
+        The filtered map in sixteenths, every pixel filled, and its confidence (H, W) in [0, 1].
+        """
+        height, width = left.shape
+        filtered = self._filter.filter(left, guide, disparity_map_right=right, ROI=(0, 0, width, height))
+        return filtered, self._filter.getConfidenceMap() / np.float32(CONFIDENCE_SCALE)
