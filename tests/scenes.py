@@ -8,7 +8,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from vfoa.types import Box3D, Gaze, Head, HeadPose, HeadView, Instance, Person, Subject, Target
+from vfoa.geometry import back_project, disparity_from_depth, entry_distance
+from vfoa.types import (
+    Box3D,
+    Disparity,
+    Gaze,
+    Head,
+    HeadPose,
+    HeadView,
+    Instance,
+    Instances,
+    Map,
+    Mask,
+    Percepts,
+    Person,
+    StereoFrame,
+    StereoRig,
+    Subject,
+    Target,
+)
 
 # Attention
 
@@ -69,3 +87,79 @@ def random_room(seed: int) -> tuple[Subject, tuple[Target, ...]]:
     )
     gaze, head = rng.normal((0, 0, 1), 0.4, (2, 3))
     return make_subject(eyes=rng.uniform(-0.3, 0.3, 3), gaze=gaze, head=head), targets
+
+
+# Stereo and reconstruction
+
+
+def make_rig(
+    width_px: int = 200,
+    height_px: int = 120,
+    *,
+    fx_px: float = 160,
+    cx_right_offset_px: float = 0,
+    baseline_m: float = 0.1,
+) -> StereoRig:
+    """A rig with square pixels that looks through the middle of its image."""
+    cx, cy = (width_px - 1) / 2, (height_px - 1) / 2
+    return StereoRig(
+        width_px=width_px,
+        height_px=height_px,
+        fx_px=fx_px,
+        fy_px=fx_px,
+        cx_px=cx,
+        cy_px=cy,
+        baseline_m=baseline_m,
+        cx_right_px=cx + cx_right_offset_px,
+    )
+
+
+def stereo_planes(
+    rig: StereoRig, *, far_px: int, near_px: int, window: tuple[slice, slice], noise: int = 0, seed: int = 0
+) -> tuple[StereoFrame, Map, Mask]:
+    """A wall with disparity ``far_px`` and, in a window of the left view, a plate with ``near_px``; random textures.
+
+    Returns the pair, the true disparity, and the pixels of the left view that the right view shows as well.
+    """
+    rng = np.random.default_rng(seed)
+    size = (rig.height_px, rig.width_px)
+    wall = rng.integers(0, 256, (rig.height_px, rig.width_px + far_px, 3), dtype=np.uint8)
+    plate = rng.integers(0, 256, (*size, 3), dtype=np.uint8)
+    rows, columns = window
+    left, right = wall[:, : rig.width_px].copy(), wall[:, far_px:].copy()
+    left[window] = plate[window]
+    seen = range(max(columns.start, near_px), columns.stop)
+    right[rows, seen.start - near_px : seen.stop - near_px] = plate[rows, seen.start : seen.stop]
+    disparity = np.full(size, far_px, np.float32)
+    disparity[window] = near_px
+    visible = np.broadcast_to(np.arange(rig.width_px) >= disparity, size).copy()
+    visible[rows, max(columns.start - (near_px - far_px), 0) : columns.start] = False
+    if noise:
+        left, right = (
+            np.clip(image + rng.integers(-noise, noise + 1, image.shape), 0, 255).astype(np.uint8)
+            for image in (left, right)
+        )
+    return StereoFrame(index=1, time_ns=0, left=left, right=right, rig=rig), disparity, visible
+
+
+def rendered_boxes(rig: StereoRig, boxes: Sequence[Box3D], *, wall_m: float = 4.0, label: str = "thing") -> Percepts:
+    """What a perfect stereo camera and a perfect segmenter see of boxes before a wall: ids 1, 2, ... in their order."""
+    v, u = np.mgrid[: rig.height_px, : rig.width_px]
+    rays = back_project(u, v, 1.0, rig).reshape(-1, 3)
+    lengths = np.linalg.norm(rays, axis=-1)
+    entry = entry_distance(np.zeros(3), rays / lengths[:, None], tuple(boxes)) / lengths[:, None]
+    depth = np.column_stack([np.full(len(rays), wall_m), entry])
+    ids = np.nanargmin(depth, axis=1).astype(np.uint16)
+    disparity = disparity_from_depth(np.nanmin(depth, axis=1), rig).astype(np.float32)
+    instances = tuple(
+        Instance(id=number, label=label, category_id=1, is_thing=True, score=1.0) for number in range(1, len(boxes) + 1)
+    )
+    size = (rig.height_px, rig.width_px)
+    return Percepts(
+        index=1,
+        time_ns=0,
+        rig=rig,
+        disparity=Disparity(disparity_px=disparity.reshape(size)),
+        instances=Instances(ids=ids.reshape(size), instances=instances),
+        views=(),
+    )
