@@ -30,6 +30,7 @@ RESERVED = (NOWHERE, IGNORED)
 
 _COLUMNS = ["first_frame", "last_frame", "subject", "target", "note"]
 _POINT_COLUMNS = ["u_px", "v_px"]
+_CONTROL = re.compile(r"[\x00-\x1f]")
 _FRAME = re.compile(r"-?[0-9]{1,18}")
 
 
@@ -200,7 +201,7 @@ def _parse_point(cells: list[str], where: str) -> tuple[float, float] | None:
 
 def _check_text(cells: Iterable[str], where: str) -> None:
     for cell in cells:
-        if any(ord(character) < 32 for character in cell):
+        if _CONTROL.search(cell):
             raise VfoaError(f"{where}: {cell!r} holds a control character; expected one line of text")
 
 
