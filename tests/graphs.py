@@ -1,0 +1,67 @@
+"""Small ONNX graphs of known behaviour, with the signatures of real networks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from onnx import NodeProto, TensorProto, helper, numpy_helper, save
+
+Shape = tuple[int | str, ...]
+
+
+def constant(path: Path, inputs: Mapping[str, Shape], outputs: Mapping[str, ArrayLike]) -> str:
+    """A graph that takes ``inputs``, looks at none of them and always gives ``outputs``."""
+    arrays = {name: np.asarray(value, dtype=np.float32) for name, value in outputs.items()}
+    nodes = [_constant(name, array) for name, array in arrays.items()]
+    return write(path, nodes, inputs, {name: array.shape for name, array in arrays.items()})
+
+
+def mean_color(path: Path, input_name: str, shape: Shape, output_name: str, factor: float) -> str:
+    """A graph that answers ``factor`` times the mean of each channel of its input image: [1, channels]."""
+    nodes = [
+        helper.make_node("GlobalAveragePool", [input_name], ["pooled"]),
+        helper.make_node("Flatten", ["pooled"], ["flat"]),
+        _constant("factor", np.float32(factor)),
+        helper.make_node("Mul", ["flat", "factor"], [output_name]),
+    ]
+    return write(path, nodes, {input_name: shape}, {output_name: (1, shape[1])})
+
+
+def yolo_seg(path: Path, output0: ArrayLike, size: int = 320) -> str:
+    """A YOLO-seg graph: the given boxes, and prototypes 0, 1, 2 that say where the image is red, green and blue.
+
+    A prototype is 20 (channel - 0.5), averaged over the 4 x 4 pixels it stands for; prototypes 3 to 31 are 0.
+    """
+    boxes = np.asarray(output0, dtype=np.float32)
+    nodes = [
+        _constant("output0", boxes),
+        helper.make_node("AveragePool", ["images"], ["pooled"], kernel_shape=[4, 4], strides=[4, 4]),
+        _constant("half", np.float32(0.5)),
+        helper.make_node("Sub", ["pooled", "half"], ["centered"]),
+        _constant("twenty", np.float32(20)),
+        helper.make_node("Mul", ["centered", "twenty"], ["colors"]),
+        _constant("pads", np.array([0, 0, 0, 0, 0, 29, 0, 0], np.int64)),
+        helper.make_node("Pad", ["colors", "pads"], ["output1"]),
+    ]
+    shapes = {"output0": boxes.shape, "output1": (1, 32, size // 4, size // 4)}
+    return write(path, nodes, {"images": (1, 3, size, size)}, shapes)
+
+
+def write(path: Path, nodes: list[NodeProto], inputs: Mapping[str, Shape], outputs: Mapping[str, Shape]) -> str:
+    """Save a graph and return its path. The versions are ones that every supported ONNX Runtime reads."""
+    graph = helper.make_graph(
+        nodes,
+        "graph",
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in inputs.items()],
+        [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in outputs.items()],
+    )
+    model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
+    save(model, path)
+    return str(path)
+
+
+def _constant(name: str, value: np.ndarray | np.generic) -> NodeProto:
+    return helper.make_node("Constant", [], [name], value=numpy_helper.from_array(np.asarray(value)))

@@ -1,0 +1,156 @@
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests import graphs
+from tests.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head
+from vfoa.errors import VfoaError
+from vfoa.gaze.adas import Adas0002
+from vfoa.geometry import angle_between, direction_from_crop, head_direction_crop, pixel_ray
+from vfoa.heads.yunet import YuNet
+from vfoa.types import Gaze, Head, HeadPose, Instances
+
+EYES = {"head_pose_angles": (1, 3), "left_eye_image": (1, 3, 60, 60), "right_eye_image": (1, 3, 60, 60)}
+FRAME = frame_of(np.zeros((200, 300, 3), np.uint8))
+AHEAD = HeadPose(direction=np.array([0.0, 0, -1]))
+
+
+def head_at(u: float, v: float, *, roll_deg: float = 0.0) -> Head:
+    """A face whose eyes are 24 pixels apart, their middle at (u, v), leaning clockwise."""
+    roll = np.radians(roll_deg)
+    right, down = np.array([np.cos(roll), np.sin(roll)]), np.array([-np.sin(roll), np.cos(roll)])
+    landmarks = [[-12, 0], [12, 0], [0, 14], [-9, 26], [9, 26]] @ np.stack([right, down]) + [u, v]
+    box = np.array([u - 30.0, v - 30.0, u + 30.0, v + 50.0])
+    return Head(box_px=box, score=1.0, face_box_px=box, landmarks_px=landmarks)
+
+
+def constant_gaze(folder: Path, vector: tuple[float, float, float], **settings: object) -> Adas0002:
+    weights = graphs.constant(folder / "gaze.onnx", EYES, {"gaze_vector": [vector]})
+    return Adas0002(Adas0002.Settings.model_validate({"weights": weights, "head_pose": "stage", **settings}))
+
+
+def angles_as_gaze(folder: Path) -> Adas0002:
+    """A network that answers (yaw, pitch, 90) for the head pose it is given, in degrees."""
+    from onnx import helper, numpy_helper
+
+    nodes = [
+        helper.make_node("Constant", [], ["c"], value=numpy_helper.from_array(np.array([[0, 0, 90]], np.float32))),
+        helper.make_node("Add", ["head_pose_angles", "c"], ["gaze_vector"]),
+    ]
+    weights = graphs.write(folder / "angles.onnx", nodes, EYES, {"gaze_vector": (1, 3)})
+    return Adas0002(Adas0002.Settings(weights=weights, head_pose="stage"))
+
+
+def direction(gaze: Gaze | None) -> np.ndarray:
+    assert gaze is not None
+    return gaze.direction
+
+
+@pytest.mark.parametrize(
+    ("vector", "expected"),
+    [((0, 0, -1), (0, 0, -1)), ((-0.6, 0, -0.8), (-0.6, 0, -0.8)), ((0, 0.6, -0.8), (0, -0.6, -0.8))],
+)
+def test_axes_of_the_gaze_vector(
+    tmp_path: Path, vector: tuple[float, float, float], expected: tuple[float, float, float]
+) -> None:
+    model = constant_gaze(tmp_path, vector)
+    np.testing.assert_allclose(direction(model.estimate(FRAME, head_at(149.5, 99.5), AHEAD)), expected, atol=1e-6)
+
+
+def test_the_direction_turns_with_the_ray_to_the_eyes(tmp_path: Path) -> None:
+    model = constant_gaze(tmp_path, (0.0, 0.0, -2.0))
+    for u, v in ((40, 50), (260, 150)):
+        found = direction(model.estimate(FRAME, head_at(u, v), AHEAD))
+        np.testing.assert_allclose(found, -pixel_ray(u, v, FRAME.rig), atol=1e-6)
+
+
+def test_what_upright_eyes_see_leans_with_the_head(tmp_path: Path) -> None:
+    model = constant_gaze(tmp_path, (0.6, 0.0, -0.8))  # to the head's own right side of the picture
+    found = direction(model.estimate(FRAME, head_at(149.5, 99.5, roll_deg=90), AHEAD))
+    np.testing.assert_allclose(found, [0, 0.6, -0.8], atol=1e-6)  # a quarter turn clockwise: down
+
+
+def test_the_stages_pose_is_told_in_the_networks_signs_and_without_roll(tmp_path: Path) -> None:
+    ray = pixel_ray(80, 120, FRAME.rig)
+    pose = HeadPose(
+        direction=direction_from_crop(head_direction_crop(np.radians(20), np.radians(10)), ray), roll_rad=0.5
+    )
+    found = direction(angles_as_gaze(tmp_path).estimate(FRAME, head_at(80, 120), pose))
+    # Left is yaw < 0 and up is pitch < 0 there; the answer's y is up.
+    np.testing.assert_allclose(found, direction_from_crop(np.array([-20, 10, 90.0]) / np.sqrt(8600), ray), atol=1e-4)
+
+
+def test_each_eye_comes_from_its_own_side(tmp_path: Path) -> None:
+    from onnx import helper
+
+    nodes = [
+        helper.make_node("GlobalAveragePool", ["left_eye_image"], ["left"]),
+        helper.make_node("GlobalAveragePool", ["right_eye_image"], ["right"]),
+        helper.make_node("Neg", ["right"], ["minus"]),
+        helper.make_node("Add", ["left", "minus"], ["difference"]),
+        helper.make_node("Flatten", ["difference"], ["gaze_vector"]),
+    ]
+    weights = graphs.write(tmp_path / "sides.onnx", nodes, EYES, {"gaze_vector": (1, 3)})
+    image = np.zeros((200, 300, 3), np.uint8)
+    image[:, 150:] = [10, 20, 200]  # where the person's left eye is
+    model = Adas0002(Adas0002.Settings(weights=weights, head_pose="stage"))
+    found = direction(model.estimate(frame_of(image), head_at(149.5, 99.5), AHEAD))
+    expected = np.array([200, -20, 10.0])  # blue, green, red; y is up there
+    np.testing.assert_allclose(found, expected / np.linalg.norm(expected), atol=1e-3)
+
+
+def test_what_was_not_found_gives_no_gaze(tmp_path: Path) -> None:
+    model = constant_gaze(tmp_path, (0.0, 0.0, -1.0))
+    box = np.array([10.0, 10, 50, 60])
+    assert model.estimate(FRAME, Head(box_px=box, score=1.0), AHEAD) is None
+    assert model.estimate(FRAME, Head(box_px=box, score=1.0, face_box_px=box), AHEAD) is None
+    assert model.estimate(FRAME, head_at(100, 100), None) is None
+
+
+def test_networks_that_are_not_used_are_not_asked_for(tmp_path: Path) -> None:
+    constant_gaze(tmp_path, (0.0, 0.0, -1.0), head_pose_weights="absent.onnx", landmarks_weights="absent.onnx")
+    with pytest.raises(VfoaError, match=r"absent\.onnx"):
+        constant_gaze(tmp_path, (0.0, 0.0, -1.0), landmarks="own", landmarks_weights=str(tmp_path / "absent.onnx"))
+
+
+@pytest.fixture
+def detector(shared_models: Path) -> YuNet:
+    return YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_640_640.onnx")))
+
+
+def adas(shared_models: Path, **settings: object) -> Adas0002:
+    names = {
+        "weights": "gaze-estimation-adas-0002.onnx",
+        "head_pose_weights": "head-pose-estimation-adas-0001.onnx",
+        "landmarks_weights": "landmarks-regression-retail-0009.onnx",
+    }
+    paths = {key: str(shared_models / name) for key, name in names.items()}
+    return Adas0002(Adas0002.Settings.model_validate({**paths, **settings}))
+
+
+def test_its_own_landmarks_are_those_of_the_detector(shared_data: Path, shared_models: Path, detector: YuNet) -> None:
+    model = adas(shared_models, landmarks="own")
+    frame = bandage_frame(shared_data, 15)
+    (head,) = detector.detect(frame, Instances(ids=np.zeros(frame.left.shape[:2], np.uint16), instances=()))
+    assert head.face_box_px is not None
+    found = model._points(frame.left, head.face_box_px)
+    np.testing.assert_allclose(found, head.landmarks_px, atol=25)  # of a face 190 px wide
+    assert model.estimate(frame, head, None) is not None
+
+
+def test_mirrored_frames_give_mirrored_gazes(shared_data: Path, shared_models: Path, detector: YuNet) -> None:
+    model = pickle.loads(pickle.dumps(adas(shared_models)))
+    errors = []
+    for number in [*range(1, 7), *range(9, 51, 6)]:  # her eyes are shut in 7 and 8
+        frame = bandage_frame(shared_data, number)
+        (head,) = detector.detect(frame, Instances(ids=np.zeros(frame.left.shape[:2], np.uint16), instances=()))
+        gaze = model.estimate(frame, head, None)
+        seen = model.estimate(mirrored(frame), mirrored_head(head, frame.rig.width_px), None)
+        assert gaze.direction[0] < 0  # the dragon is at the image's left
+        errors.append(np.degrees(angle_between(seen.direction, mirrored_direction(gaze.direction))))
+    # The network itself is not symmetric: with the roll of its own head pose the median is 12 degrees.
+    assert np.median(errors) < 10

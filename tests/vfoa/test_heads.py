@@ -1,0 +1,179 @@
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.mirror import bandage_frame, frame_of, mirrored, mirrored_head
+from vfoa.errors import VfoaError
+from vfoa.heads.person_mask import PersonMask, head_box
+from vfoa.heads.yunet import YuNet
+from vfoa.types import Float, Image, Instance, Instances, Mask
+
+
+def person_mask(shape: tuple[int, int], u: float, top: float, head_width: float) -> tuple[Mask, Float]:
+    """A person seen from the front, and the box of the head: an ellipse on a neck on shoulders."""
+    canvas = np.zeros(shape, np.uint8)
+    height = 1.3 * head_width
+    box = np.array([u - head_width / 2, top, u + head_width / 2, top + height])
+    cv2.ellipse(canvas, ((u, top + height / 2), (head_width, height), 0), 1, -1)
+    neck, shoulders = 0.3 * head_width, 1.2 * head_width
+    cv2.rectangle(
+        canvas, (round(u - neck), round(top + height / 2)), (round(u + neck), round(top + 1.6 * height)), 1, -1
+    )
+    first, last = (round(u - shoulders), round(top + 1.3 * height)), (round(u + shoulders), shape[0])
+    cv2.rectangle(canvas, first, last, 1, -1)
+    return canvas.astype(bool), box
+
+
+def overlap(a: Float, b: Float) -> float:
+    """Intersection over union of two boxes."""
+    sides = np.clip(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0, None)
+    both = sides.prod()
+    return float(both / ((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod() - both))
+
+
+def people(*masks: Mask, label: str = "person", score: float = 0.8) -> Instances:
+    ids = np.zeros(masks[0].shape, np.uint16)
+    for n, mask in enumerate(masks, start=1):
+        ids[mask] = n
+    return Instances(
+        ids=ids,
+        instances=tuple(
+            Instance(id=n, label=label, category_id=1, is_thing=True, score=score) for n in range(1, len(masks) + 1)
+        ),
+    )
+
+
+def nobody(image: Image) -> Instances:
+    return Instances(ids=np.zeros(image.shape[:2], np.uint16), instances=())
+
+
+@pytest.fixture
+def yunet(shared_models: Path) -> YuNet:
+    return YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_640_640.onnx")))
+
+
+# From a person's mask
+
+
+@given(
+    u=st.floats(150, 350),
+    top=st.floats(0, 80),
+    head_width=st.floats(16, 100),
+)
+def test_the_top_of_a_persons_mask_is_the_head(u: float, top: float, head_width: float) -> None:
+    mask, box = person_mask((400, 500), u, top, head_width)
+    found = head_box(mask)
+    assert found is not None
+    assert overlap(found, box) > 0.7
+
+
+@given(du=st.integers(-60, 60), dv=st.integers(0, 60))
+def test_the_head_moves_with_the_mask(du: int, dv: int) -> None:
+    mask, _ = person_mask((400, 500), 250, 20, 60)
+    moved = np.zeros_like(mask)
+    moved[dv:] = np.roll(mask, du, axis=1)[: 400 - dv]
+    first, second = head_box(mask), head_box(moved)
+    assert first is not None
+    assert second is not None
+    np.testing.assert_allclose(second - first, [du, dv, du, dv])
+
+
+def test_a_close_up_of_a_head_is_all_head() -> None:
+    mask = np.zeros((100, 200), bool)
+    mask[10:60, 20:180] = True
+    np.testing.assert_allclose(head_box(mask), [19.5, 9.5, 179.5, 59.5], atol=9)
+
+
+def test_an_empty_mask_has_no_head() -> None:
+    assert head_box(np.zeros((10, 10), bool)) is None
+
+
+def test_each_person_has_one_head_and_other_things_have_none() -> None:
+    left, _ = person_mask((400, 500), 120, 30, 40)
+    right, box = person_mask((400, 500), 380, 60, 50)
+    frame = frame_of(np.zeros((400, 500, 3), np.uint8))
+    detector = PersonMask(PersonMask.Settings())
+    heads = detector.detect(frame, people(left, right))
+    assert [head.instance_id for head in heads] == [1, 2]
+    assert overlap(heads[1].box_px, box) > 0.7
+    assert all(0 < head.score < 0.8 and head.landmarks_px is None and head.face_box_px is None for head in heads)
+    assert detector.detect(frame, people(left, right, label="dog")) == ()
+    assert PersonMask(PersonMask.Settings(min_height_px=300)).detect(frame, people(left)) == ()
+
+
+# YuNet
+
+
+def test_finds_the_face_of_bandage_2_in_every_frame_tried(shared_data: Path, yunet: YuNet) -> None:
+    for number in range(1, 51, 7):
+        frame = bandage_frame(shared_data, number)
+        (head,) = yunet.detect(frame, nobody(frame.left))
+        assert head.score > 0.85
+        assert head.face_box_px is not None
+        assert head.landmarks_px is not None
+        right_eye, left_eye, nose, right_mouth, left_mouth = head.landmarks_px
+        assert right_eye[0] < left_eye[0]
+        assert right_mouth[0] < left_mouth[0]
+        assert max(right_eye[1], left_eye[1]) < nose[1] < min(right_mouth[1], left_mouth[1])
+        assert (head.landmarks_px > head.face_box_px[:2]).all()
+        assert (head.landmarks_px < head.face_box_px[2:]).all()
+        assert (head.box_px[:2] < head.face_box_px[:2]).all()
+        assert (head.box_px[2:] > head.face_box_px[2:]).all()
+
+
+def test_the_head_of_a_mirrored_frame_is_the_mirrored_head(shared_data: Path, yunet: YuNet) -> None:
+    frame = bandage_frame(shared_data, 20)
+    (head,) = yunet.detect(frame, nobody(frame.left))
+    (seen,) = yunet.detect(mirrored(frame), nobody(frame.left))
+    expected = mirrored_head(head, frame.rig.width_px)
+    assert overlap(seen.box_px, expected.box_px) > 0.8
+    assert seen.landmarks_px is not None
+    assert expected.landmarks_px is not None
+    np.testing.assert_allclose(seen.landmarks_px, expected.landmarks_px, atol=25)  # of a face 190 px wide
+
+
+def test_a_shrunk_search_finds_the_same_head(shared_data: Path, shared_models: Path) -> None:
+    frame = bandage_frame(shared_data, 20)
+    weights = str(shared_models / "yunet_n_dynamic.onnx")
+    found = [
+        YuNet(YuNet.Settings(weights=weights, max_size_px=size)).detect(frame, nobody(frame.left))[0].box_px
+        for size in (1024, 640, 480)
+    ]
+    assert overlap(found[0], found[1]) > 0.8
+    assert overlap(found[0], found[2]) > 0.8
+
+
+def test_people_without_a_face_get_the_head_of_their_mask(shared_data: Path, shared_models: Path) -> None:
+    frame = bandage_frame(shared_data, 20)
+    girl = np.zeros(frame.left.shape[:2], bool)
+    girl[10:, 450:800] = True
+    other, _ = person_mask((436, 1024), 250, 60, 60)
+    instances = people(girl, other)
+    weights = str(shared_models / "yunet_n_640_640.onnx")
+    with_face, without = YuNet(YuNet.Settings(weights=weights)).detect(frame, instances)
+    assert with_face.landmarks_px is not None
+    assert (without.instance_id, without.landmarks_px, without.face_box_px) == (2, None, None)
+    assert without.score < with_face.score
+    assert len(YuNet(YuNet.Settings(weights=weights, fallback="none")).detect(frame, instances)) == 1
+
+
+def test_says_nothing_and_travels(yunet: YuNet, shared_data: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    frame = bandage_frame(shared_data, 20)
+    before = yunet.detect(frame, nobody(frame.left))
+    after = pickle.loads(pickle.dumps(yunet)).detect(frame, nobody(frame.left))
+    np.testing.assert_array_equal(before[0].box_px, after[0].box_px)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_other_weights_are_one_clear_line(shared_models: Path) -> None:
+    detector = YuNet(YuNet.Settings(weights=str(shared_models / "fsanet-var-iter-688590.onnx")))
+    image = np.zeros((64, 64, 3), np.uint8)
+    with pytest.raises(VfoaError, match="another model's outputs; expected cls_8"):
+        detector.detect(frame_of(image), nobody(image))

@@ -1,0 +1,59 @@
+"""Heads from the masks of people: no network, and a head that turns away counts too."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from vfoa import settings
+from vfoa.types import Float, Head, Instances, Mask, StereoFrame
+
+HEAD_ASPECT = 1.25
+"""Height over width of a head's box: between a face (about 1.5) and a profile (about 1.2)."""
+
+SCORE_FACTOR = 0.5
+"""A head that is only inferred has half its person's score, so that one with a face comes first."""
+
+
+class PersonMask:
+    """Takes the top of each person's mask for the head, by the rule of :func:`head_box`."""
+
+    class Settings(settings.Settings):
+        """Which instances are people, and the least height of a head's box in pixels."""
+
+        label: str = "person"
+        min_height_px: float = Field(default=8.0, gt=0)
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+
+    def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
+        """One head a person, best first; none for a person whose mask is too small."""
+        heads = []
+        for person in instances.instances:
+            box = head_box(instances.mask(person.id)) if person.label == self.settings.label else None
+            if box is not None and box[3] - box[1] >= self.settings.min_height_px:
+                heads.append(Head(box_px=box, score=SCORE_FACTOR * person.score, instance_id=person.id))
+        return tuple(sorted(heads, key=lambda head: -head.score))
+
+
+def head_box(mask: Mask) -> Float | None:
+    """Box (4,) of the head in a person's mask (H, W), None for an empty mask.
+
+    From the mask's top downwards, rows are taken until their number reaches 1.25 times their median width: at the
+    top of a skull rows are narrow, so that it goes on; at the neck it has come to the height that belongs to the
+    width. Left and right leave out a twentieth of these pixels on either side, so that a strand of hair or a raised
+    finger does not widen the box. An arm raised over the head is taken for it: the mask alone cannot tell.
+    """
+    rows = np.flatnonzero(mask.any(axis=1))
+    if not len(rows):
+        return None
+    top = rows[0]
+    widths = mask[top : rows[-1] + 1].sum(axis=1)
+    height = next(
+        (n for n in range(1, len(widths) + 1) if n >= HEAD_ASPECT * np.median(widths[:n])),
+        len(widths),
+    )
+    columns = np.nonzero(mask[top : top + height])[1]
+    left, right = np.percentile(columns, [5, 95])
+    return np.array([left - 0.5, top - 0.5, right + 0.5, top + height - 0.5])
