@@ -1,0 +1,176 @@
+"""Stages that answer with the truth: each rung of the oracle ladder replaces one measurement.
+
+They read the clip's truth, so they are built as ``Class(settings, clip)``. A clip that does not know what is asked
+is an error, never an empty answer.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+
+from harness.adapters import Clip, PersonTruth, Truth
+from harness.annotations import IGNORED, Label, LabelRange, Labels
+from vfoa.errors import VfoaError
+from vfoa.settings import Settings
+from vfoa.types import Disparity, Float, Gaze, Head, HeadPose, Instances, StereoFrame
+
+T = TypeVar("T")
+
+_LEAST_OVERLAP = 0.3
+
+
+class OracleSettings(Settings):
+    """The truth has nothing to set."""
+
+
+class KnownTruth:
+    """A clip's truth as one stage needs it. The last frame's is kept, since a stage asks once for every head."""
+
+    def __init__(self, clip: Clip, needed_by: str) -> None:
+        self._clip, self._needed_by = clip, needed_by
+        self._last: tuple[int, Truth] | None = None
+
+    def disparity(self, frame: int) -> Disparity:
+        """The true disparity map."""
+        return self._known(frame, self._truth(frame).disparity, "disparity")
+
+    def instances(self, frame: int) -> Instances:
+        """The true instances."""
+        return self._known(frame, self._truth(frame).instances, "instances")
+
+    def people(self, frame: int) -> tuple[PersonTruth, ...]:
+        """The true people."""
+        return self._known(frame, self._truth(frame).people, "people")
+
+    def person(self, frame: int, head: Head) -> PersonTruth | None:
+        """Whose head this is: by its instance where it has one, else by the overlap of the boxes; None: nobody's."""
+        people = self.people(frame)
+        if head.instance_id is not None:
+            return next((person for person in people if person.instance_id == head.instance_id), None)
+        best = max(people, key=lambda person: box_overlap(person.head_box_px, head.box_px), default=None)
+        return best if best and box_overlap(best.head_box_px, head.box_px) >= _LEAST_OVERLAP else None
+
+    def head_direction(self, frame: int, person: PersonTruth) -> Float:
+        """Where the person's head truly points, a unit vector (3,) in the camera frame."""
+        return self._known(frame, person.head_direction, f"head direction of {person.name!r}")
+
+    def gaze_direction(self, frame: int, person: PersonTruth) -> Float:
+        """Where the person truly looks, a unit vector (3,) in the camera frame."""
+        return self._known(frame, person.gaze_direction, f"gaze direction of {person.name!r}")
+
+    def _truth(self, frame: int) -> Truth:
+        if self._last is None or self._last[0] != frame:
+            self._last = frame, self._clip.truth(frame)
+        return self._last[1]
+
+    def _known(self, frame: int, value: T | None, what: str) -> T:
+        if value is None:
+            source = type(self._clip).__name__
+            raise VfoaError(f"{source}, frame {frame}: the clip has no true {what}; needed by {self._needed_by}")
+        return value
+
+
+class TruthMatcher:
+    """``stereo.matcher = "truth"``: the clip's disparity."""
+
+    Settings = OracleSettings
+
+    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
+        self._truth = KnownTruth(clip, 'stereo.matcher = "truth"')
+
+    def match(self, frame: StereoFrame) -> Disparity:
+        """The true disparity of the frame."""
+        return self._truth.disparity(frame.index)
+
+
+class TruthSegmenter:
+    """``segmentation.model = "truth"``: the clip's instances."""
+
+    Settings = OracleSettings
+
+    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
+        self._truth = KnownTruth(clip, 'segmentation.model = "truth"')
+
+    def segment(self, frame: StereoFrame) -> Instances:
+        """The true instances of the frame."""
+        return self._truth.instances(frame.index)
+
+
+class TruthHeads:
+    """``heads.detector = "truth"``: the clip's head boxes, each with its person's instance."""
+
+    Settings = OracleSettings
+
+    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
+        self._truth = KnownTruth(clip, 'heads.detector = "truth"')
+
+    def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
+        """The true heads of the frame. The instance is given where ``instances`` has it too."""
+        listed = {each.id for each in instances.instances if each.label == "person"}
+        return tuple(
+            Head(
+                box_px=person.head_box_px,
+                score=1.0,
+                instance_id=person.instance_id if person.instance_id in listed else None,
+            )
+            for person in self._truth.people(frame.index)
+        )
+
+
+class TruthHeadPose:
+    """``head_pose.model = "truth"``: where the head truly points; None for a head that is nobody's."""
+
+    Settings = OracleSettings
+
+    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
+        self._truth = KnownTruth(clip, 'head_pose.model = "truth"')
+
+    def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
+        """The true direction of one head."""
+        person = self._truth.person(frame.index, head)
+        return None if person is None else HeadPose(direction=self._truth.head_direction(frame.index, person))
+
+
+class TruthGaze:
+    """``gaze.model = "truth"``: where the eyes truly look; None for a head that is nobody's."""
+
+    Settings = OracleSettings
+
+    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
+        self._truth = KnownTruth(clip, 'gaze.model = "truth"')
+
+    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
+        """The true gaze of one head."""
+        person = self._truth.person(frame.index, head)
+        return None if person is None else Gaze(direction=self._truth.gaze_direction(frame.index, person))
+
+
+def box_overlap(a_px: Float, b_px: Float) -> float:
+    """Intersection over union of two image boxes (u0, v0, u1, v1)."""
+    sides = np.minimum(a_px[2:], b_px[2:]) - np.maximum(a_px[:2], b_px[:2])
+    common = float(np.prod(np.maximum(sides, 0)))
+    return common / float(np.prod(a_px[2:] - a_px[:2]) + np.prod(b_px[2:] - b_px[:2]) - common)
+
+
+def true_labels(clip: Clip) -> Labels:
+    """The annotations that follow from a clip's truth: what everybody looks at, ``ignore`` during a saccade.
+
+    Raises
+    ------
+    VfoaError
+        If the clip does not know its people.
+    """
+    truth = KnownTruth(clip, "true labels")
+    rows: list[LabelRange] = []
+    current: dict[str, LabelRange] = {}
+    for frame in clip.frames:
+        for person in truth.people(frame):
+            label = Label(target=person.target) if person.target else Label(target=IGNORED, note="saccade")
+            before = current.get(person.name)
+            first = before.first_frame if before and before.label == label else frame
+            if before and first == frame:
+                rows.append(before)
+            current[person.name] = LabelRange(first_frame=first, last_frame=frame, subject=person.name, label=label)
+    return Labels([*rows, *current.values()])
