@@ -32,7 +32,10 @@ HEAD_POSE = Signature(
 LANDMARKS = Signature(inputs={"face": (1, 3, 48, 48)}, outputs={"points": (1, 10, 1, 1)}, by_position=True)
 
 FACE_SIDE = 1.1
-"""Side of the head-pose network's square over the longer side of the face's box (of 0.9 to 1.3, tried on a portrait turned by known angles)."""
+"""Side of the head-pose network's square over the longer side of the face's box.
+
+Of 0.9 to 1.3 it reads the roll of a portrait that is turned by known angles best.
+"""
 
 
 class Adas0002:
