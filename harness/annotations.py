@@ -14,80 +14,30 @@ import math
 import re
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from harness.files import atomic_write
 from harness.images import read_bytes
+from harness.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels
 from vfoa.errors import VfoaError, did_you_mean
 
-VERSION_LINE = "# vfoa annotations 1"
-NOWHERE = "none"
-"""The target of a subject who looks at nothing in the scene."""
-IGNORED = "ignore"
-"""The target of a frame that is not scored."""
-RESERVED = (NOWHERE, IGNORED)
+__all__ = [
+    "IGNORED",
+    "NOWHERE",
+    "RESERVED",
+    "VERSION_LINE",
+    "Label",
+    "LabelRange",
+    "Labels",
+    "read_annotations",
+    "write_annotations",
+]
 
+VERSION_LINE = "# vfoa annotations 1"
 _COLUMNS = ["first_frame", "last_frame", "subject", "target", "note"]
 _POINT_COLUMNS = ["u_px", "v_px"]
 _CONTROL = re.compile(r"[\x00-\x1f]")
 _FRAME = re.compile(r"-?[0-9]{1,18}")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Label:
-    """What a subject looks at: a name of the manifest, ``none`` or ``ignore``; ``point_px`` where, if it was noted."""
-
-    target: str
-    note: str = ""
-    point_px: tuple[float, float] | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LabelRange:
-    """One row: the same label for a subject from ``first_frame`` to ``last_frame``, both included."""
-
-    first_frame: int
-    last_frame: int
-    subject: str
-    label: Label
-
-
-class Labels:
-    """All labels of a clip. ``ranges`` are in the order in which they are written: by first frame, then subject."""
-
-    def __init__(self, ranges: Iterable[LabelRange]) -> None:
-        self.ranges = tuple(sorted(ranges, key=lambda each: (each.first_frame, each.subject)))
-        self._by_subject: dict[str, list[LabelRange]] = {}
-        for each in self.ranges:
-            self._by_subject.setdefault(each.subject, []).append(each)
-        self._firsts = {name: [each.first_frame for each in rows] for name, rows in self._by_subject.items()}
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, Labels) and self.ranges == other.ranges
-
-    def __hash__(self) -> int:
-        return hash(self.ranges)
-
-    @property
-    def subjects(self) -> tuple[str, ...]:
-        """The subjects that have labels, sorted."""
-        return tuple(sorted(self._by_subject))
-
-    def at(self, frame: int, subject: str) -> Label | None:
-        """The label of a subject in a frame; None where there is none. Takes logarithmic time."""
-        position = bisect_right(self._firsts.get(subject, []), frame) - 1
-        if position < 0:
-            return None
-        found = self._by_subject[subject][position]
-        return found.label if frame <= found.last_frame else None
-
-    def labelled(self, frames: Iterable[int]) -> Iterator[tuple[int, str, Label]]:
-        """Every (frame, subject, label) among these frames, in their order, subjects sorted."""
-        for frame in frames:
-            for subject in self.subjects:
-                if (label := self.at(frame, subject)) is not None:
-                    yield frame, subject, label
 
 
 def read_annotations(

@@ -155,8 +155,8 @@ def _read_opencv(path: Path, rectified: bool) -> Calibration:
             unrectified = [pair for pair in _UNRECTIFIED if _undoes_something(storage, pair)]
         finally:
             storage.release()
-    except (cv2.error, SystemError) as error:
-        raise VfoaError(f"{path}: not a file of OpenCV's FileStorage: {str(error).splitlines()[0]}") from None
+    except (cv2.error, SystemError):  # OpenCV's binding raises the latter where parsing failed
+        raise VfoaError(f"{path}: cannot be parsed; expected YAML or XML as OpenCV's FileStorage writes it") from None
     for name, matrix in matrices.items():
         if matrix is None or matrix.shape != (3, 4):
             found = "no such matrix" if matrix is None else f"shape {matrix.shape}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -66,6 +67,7 @@ def _print_list(rows: list[ClipRow]) -> None:
             ]
             for row in rows
         ],
+        wrapped={"subjects", "targets", "licence"},
     )
     for row in rows:
         if row.problem:
@@ -74,16 +76,14 @@ def _print_list(rows: list[ClipRow]) -> None:
 
 def _print_checks(checks: list[ClipCheck]) -> None:
     _print_table(
-        ["clip", "frames", "size", "fx px", "baseline m", "rows apart px", "matches", "labels", ""],
+        ["clip", "frames", "size", "B m", "rows off", "labels", ""],
         [
             [
                 check.name,
                 check.frames,
-                check.size_px and " x ".join(map(str, check.size_px)),
-                _rounded(check.fx_px, 1),
+                check.size_px and "x".join(map(str, check.size_px)),
                 _rounded(check.baseline_m, 4),
                 _rounded(check.vertical_error_px, 2),
-                check.matches,
                 check.labels,
                 "fails" if check.problems else "ok",
             ]
@@ -99,13 +99,16 @@ def _rounded(value: float | None, digits: int) -> str | None:
     return None if value is None else f"{value:.{digits}f}"
 
 
-def _print_table(header: list[str], rows: list[list[object]]) -> None:
+def _print_table(header: list[str], rows: list[list[object]], wrapped: Collection[str] = ()) -> None:
+    """Print a table; only the columns named in ``wrapped`` may be broken into lines."""
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(*header, box=SIMPLE_HEAD, pad_edge=False)
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in header:
+        table.add_column(name, no_wrap=name not in wrapped, overflow="fold", min_width=len(name))
     for row in rows:
         table.add_row(*(Text("-" if cell in (None, "") else str(cell)) for cell in row))
     Console().print(table)
