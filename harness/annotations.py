@@ -16,8 +16,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from harness.files import atomic_write
-from harness.images import read_bytes
+from harness.files import atomic_write, read_bytes
 from harness.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels
 from vfoa.errors import VfoaError, did_you_mean
 

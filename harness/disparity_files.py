@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.images import read_bytes, read_raw
+from harness.files import read_bytes
+from harness.images import read_raw
 from vfoa.errors import VfoaError
 from vfoa.types import Map
 

@@ -8,6 +8,18 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
+from vfoa.errors import VfoaError
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a file whole; a :class:`VfoaError` that names it where that fails."""
+    try:
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise VfoaError(f"{path}: no such file") from None
+    except OSError as error:
+        raise VfoaError(f"{path}: cannot be read: {error.strerror or error}") from None
+
 
 def atomic_write(path: Path, content: str | bytes) -> None:
     """Write a file (text as UTF-8, line ends as given) so that a reader sees the old content or all of the new.

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.files import read_bytes
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
@@ -43,16 +44,6 @@ def read_raw(path: Path) -> NDArray[Any]:
     """
     image = _decode(path, cv2.IMREAD_UNCHANGED)
     return image if image.ndim == 2 else np.ascontiguousarray(image[..., 2::-1])
-
-
-def read_bytes(path: Path) -> bytes:
-    """Read a file whole; a :class:`VfoaError` that names it where that fails."""
-    try:
-        return path.read_bytes()
-    except FileNotFoundError:
-        raise VfoaError(f"{path}: no such file") from None
-    except OSError as error:
-        raise VfoaError(f"{path}: cannot be read: {error.strerror or error}") from None
 
 
 def _decode(path: Path, flags: int) -> NDArray[Any]:

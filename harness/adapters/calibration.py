@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.images import read_bytes
+from harness.files import read_bytes
 from vfoa.errors import VfoaError
 from vfoa.types import Float, StereoRig
 

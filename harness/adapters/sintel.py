@@ -14,8 +14,8 @@ from pydantic import Field
 from harness.adapters import Truth
 from harness.adapters.stereo_folder import read_pair
 from harness.disparity_files import read_depth, read_sintel_disparity
-from harness.files import digest_files
-from harness.images import read_bytes, read_raw
+from harness.files import digest_files, read_bytes
+from harness.images import read_raw
 from harness.segment_ids import relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings

@@ -11,9 +11,9 @@ from pydantic import BaseModel, Field
 
 from harness.adapters import Clip
 from harness.config_errors import parse
-from harness.files import digest_files
+from harness.files import digest_files, read_bytes
 from harness.frame_files import number_names
-from harness.images import read_bytes, read_raw
+from harness.images import read_raw
 from harness.locate import expand
 from harness.segment_ids import relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
