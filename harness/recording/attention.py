@@ -14,7 +14,7 @@ from harness.recording.frame_log import FrameLog
 from harness.recording.labels import CUE_COLOURS, Colour, Colours, attention_by_name, subject_names
 from harness.results import FrameRecord
 from vfoa.geometry import CONE_HEIGHT_M, left_from_crop
-from vfoa.types import CUES, Attention, Cone, Cue, Float, FrameResult, Rays
+from vfoa.types import CUES, Attention, Cone, Float, FrameResult, Rays, Scene
 
 ARROW_M = 0.25
 _RIM = 48
@@ -24,9 +24,9 @@ _RIBS = 4
 def log_attention(log: FrameLog, result: FrameResult, record: FrameRecord, colours: Colours) -> None:
     """All subjects of a frame."""
     names = subject_names(record)
-    reach = _reach_m(result)
     for attention in result.attentions:
         name = names[attention.subject.track_id]
+        reach = _reach_m(attention, result.scene)
         _log_eyes(log, attention, name)
         _log_cones(log, attention, name, reach)
         if attention.rays is not None:
@@ -34,12 +34,14 @@ def log_attention(log: FrameLog, result: FrameResult, record: FrameRecord, colou
     _log_curves(log, record, names, colours)
 
 
-def _reach_m(result: FrameResult) -> float:
-    """How far cones and missing rays are drawn: past the farthest box; the paper's cone height without boxes."""
-    eyes = [person.eye_origin_left for person in result.scene.people if person.eye_origin_left is not None]
-    boxes = [target.box for target in result.scene.targets if target.box is not None]
-    far = [float(np.linalg.norm(box.center_m - eye)) for box in boxes for eye in eyes]
-    return max(far, default=CONE_HEIGHT_M)
+def _reach_m(attention: Attention, scene: Scene) -> float:
+    """How far a subject's cones and missing rays are drawn: to the middling target; without one, the paper's height."""
+    eyes = attention.subject.person.eye_origin_left
+    attended = {value.instance_id for value in attention.values}
+    boxes = [target.box for target in scene.targets if target.instance.id in attended and target.box is not None]
+    if eyes is None or not boxes:
+        return CONE_HEIGHT_M
+    return float(np.median([np.linalg.norm(box.center_m - eyes) for box in boxes]))
 
 
 def _log_eyes(log: FrameLog, attention: Attention, name: str) -> None:
@@ -58,13 +60,12 @@ def _log_eyes(log: FrameLog, attention: Attention, name: str) -> None:
 
 
 def _log_cones(log: FrameLog, attention: Attention, name: str, reach: float) -> None:
-    counts: dict[Cue, int] = dict.fromkeys(CUES, 0)
-    for cone in attention.cones:
-        line = cone_wire(cone, reach)[None].astype(np.float32)
-        colour = _dim(CUE_COLOURS[cone.cue], 0.6)
-        wire = rr.LineStrips3D(line, colors=[colour], radii=rr.Radius.ui_points(0.75))
-        log.log(entities.cue_3d(name, cone.cue, f"cone_{counts[cone.cue]}"), wire)
-        counts[cone.cue] += 1
+    for cue in CUES:
+        wires = [cone_wire(cone, reach) for cone in attention.cones if cone.cue == cue]
+        if wires:
+            lines = np.stack(wires).astype(np.float32)
+            strips = rr.LineStrips3D(lines, colors=[_dim(CUE_COLOURS[cue], 0.7)], radii=rr.Radius.ui_points(0.75))
+            log.log(entities.cue_3d(name, cue, "cones"), strips)
 
 
 def cone_wire(cone: Cone, reach_m: float) -> Float:
@@ -82,7 +83,7 @@ def cone_wire(cone: Cone, reach_m: float) -> Float:
 
 
 def _log_rays(log: FrameLog, cones: Sequence[Cone], rays: Rays, name: str, reach: float) -> None:
-    """Rays that hit are bright and end where they first enter a box; rays that miss are dim and go past it all."""
+    """Rays that hit are bright and end where they first enter a box; rays that miss are dim, as long as the cone."""
     of_cone = np.array([cone.cue for cone in cones])
     entry = rays.entry_m
     first = np.fmin.reduce(entry, axis=1) if entry.shape[1] else np.full(len(entry), np.nan)
@@ -93,7 +94,7 @@ def _log_rays(log: FrameLog, cones: Sequence[Cone], rays: Rays, name: str, reach
         ours = of_cone[rays.cone_index] == cue
         if not ours.any():
             continue
-        bright, dim = CUE_COLOURS[cue], _dim(CUE_COLOURS[cue], 0.3)
+        bright, dim = CUE_COLOURS[cue], _dim(CUE_COLOURS[cue], 0.2)
         colours = np.where(hit[ours, None], bright, dim).astype(np.uint8)
         # one array of strips costs a tenth of a list of them
         strips = rr.LineStrips3D(lines[ours], colors=colours, radii=rr.Radius.ui_points(0.5))
@@ -106,22 +107,19 @@ def _log_rays(log: FrameLog, cones: Sequence[Cone], rays: Rays, name: str, reach
 
 
 def _log_curves(log: FrameLog, record: FrameRecord, names: dict[int, str], colours: Colours) -> None:
-    """One curve per value that was measured; the total thick, each cue thin and dim."""
+    """One curve per value that was measured."""
     for subject in record.subjects:
         name = names[subject.track_id]
         for target, value in attention_by_name(record, subject).items():
             for what, number in (("total", value.total), ("gaze", value.gaze), ("head", value.head)):
-                if number is None:
-                    continue
-                path = entities.curve(name, target, what)
-                log.keep(path, partial(_style, target, what, colours.of(target)), key="style")
-                log.log(path, rr.Scalars(number))
+                if number is not None:
+                    path = entities.curve(name, what, target)
+                    log.keep(path, partial(_style, target, colours.of(target)), key="style")
+                    log.log(path, rr.Scalars(number))
 
 
-def _style(target: str, what: str, colour: Colour) -> rr.SeriesLines:
-    if what == "total":
-        return rr.SeriesLines(names=target, colors=[colour], widths=3)
-    return rr.SeriesLines(names=f"{target}, {what}", colors=[_dim(colour, 0.8 if what == "gaze" else 0.5)], widths=1.25)
+def _style(target: str, colour: Colour) -> rr.SeriesLines:
+    return rr.SeriesLines(names=target, colors=[colour], widths=2)
 
 
 def _dim(colour: Colour, share: float) -> Colour:

@@ -12,7 +12,7 @@ from harness.recording import Size, entities
 from vfoa.geometry import box_corners
 from vfoa.types import CUES, Float, Scene
 
-FROM_MIDDLE = (0.75, -0.6, -0.8)
+FROM_MIDDLE = (0.52, -0.45, -0.62)
 """Where the viewer's eye is, in diagonals of the scene from its middle: right of the camera, above, and behind it."""
 
 MOST_PLOTS = 3
@@ -91,20 +91,28 @@ def eye_controls(scene: Scene | None) -> tuple[Float, Float]:
     return middle + extent * np.array(FROM_MIDDLE), middle
 
 
-def _plots(subjects: Sequence[str]) -> list[rrb.TimeSeriesView]:
+def _plots(subjects: Sequence[str]) -> list[rrb.Tabs | rrb.TimeSeriesView]:
     if not 0 < len(subjects) <= MOST_PLOTS:
-        return [_plot(entities.ATTENTION, "Attention")]
-    return [_plot(entities.subject_curves(name), f"Attention of {name}") for name in subjects]
+        return [_plot(entities.ATTENTION, "Attention", legend=True)]
+    return [_tabs(name, legend=len(subjects) == 1) for name in subjects]
 
 
-def _plot(origin: str, name: str) -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(
-        origin=origin, name=name, axis_y=rrb.ScalarAxis(range=(-0.03, 1.05)), plot_legend=rrb.Corner2D.RightTop
+def _tabs(subject: str, *, legend: bool) -> rrb.Tabs:
+    views = (("total", f"Attention of {subject}"), ("gaze", "by gaze"), ("head", "by head"))
+    return rrb.Tabs(
+        *(_plot(entities.curves(subject, value), name, legend=legend) for value, name in views), active_tab=0
     )
 
 
+def _plot(origin: str, name: str, *, legend: bool) -> rrb.TimeSeriesView:
+    # the axis fits the data: who wins matters, and with narrow cones all values are small. A low plot has no room
+    # for a legend; its colours are those of the boxes
+    corner = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=corner)
+
+
 def _shares(plots: int) -> list[float]:
-    return [3.0, *([4.0 / plots] * plots), 2.0]
+    return [4.0, *([4.0 / plots] * plots), 1.5 + 0.5 * plots]
 
 
 GUIDE = """\
@@ -114,12 +122,12 @@ Each frame asks: **what does each person look at?** The table *This frame* has t
 a failure; the lanes below show both over time.
 
 - **Left image**: masks and boxes of the targets, in one colour per target everywhere; white boxes are heads.
-- **Scene in metres**: each target's points and 3D box, seen by the left camera. A number at a box is the attention
-  it gets, 0 to 1.
+- **Scene in metres**: each target's points and 3D box, as the left camera saw them. A number at a name is the
+  attention it gets, 0 to 1.
 - **Yellow** is the gaze, **blue** is the head: an arrow, its cones, and their rays. Rays that hit a box are bright and
   end there; rays that hit nothing are dim.
 - A **green line** leads from the eyes to what the person truly looks at; a **red line** to the wrong answer.
-- **Attention**: one curve per target, thick in total, thin for gaze and head. The highest thick curve is the answer.
+- **Attention**: one curve per target; the highest is the answer. The tabs beside it show the part of each cue.
 
 A gap in a curve or lane: in these frames there was nothing to say.
 """

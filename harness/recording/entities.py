@@ -59,18 +59,18 @@ def subject_3d(subject: str, *parts: str) -> str:
 
 
 def cue_3d(subject: str, cue: Cue, part: str) -> str:
-    """A cue of a subject in the world: ``direction``, ``cone_0``, ``cone_1``, ..., ``rays``, ``hits``."""
+    """A cue of a subject in the world: ``direction``, ``cones``, ``rays``, ``hits``."""
     return _join(SUBJECTS, subject, cue, part)
 
 
-def subject_curves(subject: str) -> str:
-    """Above all attention curves of one subject."""
-    return _join(ATTENTION, subject)
+def curves(subject: str, value: str) -> str:
+    """Above the curves of one subject's ``gaze``, ``head`` or ``total``: one plot."""
+    return _join(ATTENTION, subject, value)
 
 
-def curve(subject: str, target: str, value: str) -> str:
+def curve(subject: str, value: str, target: str) -> str:
     """One attention curve: ``gaze``, ``head`` or ``total`` of a subject for a target."""
-    return _join(ATTENTION, subject, target, value)
+    return _join(ATTENTION, subject, value, target)
 
 
 def verdict(subject: str, *parts: str) -> str:

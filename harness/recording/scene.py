@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.recording import Size, entities
 from harness.recording.frame_log import FrameLog
-from harness.recording.labels import Colours, subject_names, target_names
+from harness.recording.labels import Colours, target_names
 from harness.results import FrameRecord
 from vfoa.types import Box3D, Scene
 
@@ -55,11 +55,11 @@ def _log_extents(log: FrameLog, record: FrameRecord, captions: Mapping[int, str]
     """One batch of 2D boxes around the masks, so that the image says what is what without a pointer over it."""
     if not record.targets:
         return
-    classes = [colours.class_of(target.name) for target in record.targets]
+    shades = [colours.of(target.name) for target in record.targets]
     boxes = rr.Boxes2D(
         array=[target.box_px for target in record.targets],
         array_format=rr.Box2DFormat.XYXY,
-        class_ids=classes,
+        colors=shades,
         radii=rr.Radius.ui_points(0.75),
     )
     log.log(f"{entities.TARGETS_2D}/box2d", boxes)
@@ -69,22 +69,18 @@ def _log_extents(log: FrameLog, record: FrameRecord, captions: Mapping[int, str]
         middles,
         labels=[captions[target.instance_id] for target in record.targets],
         show_labels=True,
-        class_ids=classes,
+        colors=shades,
         radii=rr.Radius.ui_points(1.5),
     )
     log.log(f"{entities.TARGETS_2D}/caption", captioned)
 
 
 def _captions(record: FrameRecord, names: Mapping[int, str]) -> dict[int, str]:
-    """``bird 0.42`` with one subject, ``cup  ann 0.42, ben 0.10`` with several; nothing for no attention."""
-    subjects = subject_names(record)
-    totals: dict[int, list[str]] = {number: [] for number in names}
-    for subject in record.subjects:
-        whose = f"{subjects[subject.track_id]} " if len(record.subjects) > 1 else ""
-        for value in subject.attention:
-            if value.total > 0 and value.instance_id in totals:
-                totals[value.instance_id].append(f"{whose}{value.total:.2f}")
-    return {number: "  ".join([name, ", ".join(totals[number])]).strip() for number, name in names.items()}
+    """``bird 0.42`` with one subject; with several the name alone, since the values would hide the scene."""
+    if len(record.subjects) != 1:
+        return dict(names)
+    totals = {value.instance_id: value.total for value in record.subjects[0].attention if value.total > 0}
+    return {number: f"{name} {totals[number]:.2f}" if number in totals else name for number, name in names.items()}
 
 
 def _most_points(sizes: Sequence[int], budget: int) -> int:

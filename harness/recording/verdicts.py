@@ -88,7 +88,7 @@ def _log_lines(log: FrameLog, record: FrameRecord, verdict: Verdict) -> None:
             colors=[colour],
             radii=rr.Radius.ui_points(2.5),
             labels=[f"{what}: {target}"],
-            show_labels=True,
+            show_labels=len(record.subjects) == 1,
         )
         log.log(entities.subject_3d(verdict.subject, what), line)
 
@@ -126,29 +126,31 @@ def summary(record: FrameRecord, verdicts: Sequence[Verdict]) -> str:
         row = [_cell(cell) for cell in cells]
         row[3] = f"**{row[3].upper()}**" if verdict.outcome == "wrong" else row[3]
         lines.append(f"| {' | '.join(row)} |")
+    return "\n".join([*lines, "", *_attention_table(record)]) + "\n"
+
+
+def _attention_table(record: FrameRecord) -> list[str]:
+    """One row a target, one column a subject, the most attended target first."""
     names = subject_names(record)
-    for subject in record.subjects:
-        lines += ["", *_attention_table(record, subject, names[subject.track_id])]
-    return "\n".join(lines) + "\n"
+    columns = {names[subject.track_id]: attention_by_name(record, subject) for subject in record.subjects}
+    strongest: dict[str, float] = {}
+    for column in columns.values():
+        for target, value in column.items():
+            strongest[target] = max(value.total, strongest.get(target, 0.0))
+    lines = [f"{_cell(names[s.track_id])}: no attention, {_cell(s.missing)}\n" for s in record.subjects if s.missing]
+    if not strongest:
+        return lines
+    lines.append(f"| total (gaze, head) | {' | '.join(_cell(name) for name in columns)} |")
+    lines.append("|---" * (1 + len(columns)) + "|")
+    for target in sorted(strongest, key=lambda target: (-strongest[target], target)):
+        cells = [_numbers(column[target]) if target in column else "" for column in columns.values()]
+        lines.append(f"| {_cell(target)} | {' | '.join(cells)} |")
+    return lines
 
 
-def _attention_table(record: FrameRecord, subject: SubjectRecord, name: str) -> list[str]:
-    if subject.missing is not None:
-        return [f"{_cell(name)}: no attention, {subject.missing}"]
-    rows = attention_by_name(record, subject)
-    if not rows:
-        return [f"{_cell(name)}: no target has a box"]
-    ranked = sorted(rows.items(), key=lambda row: (-row[1].total, row[0]))
-    return [
-        f"| {_cell(name)}: attention to | total | gaze | head |",
-        "|---|---|---|---|",
-        *(f"| {_cell(target)} | {' | '.join(_numbers(value))} |" for target, value in ranked),
-    ]
-
-
-def _numbers(value: AttentionRecord) -> tuple[str, str, str]:
+def _numbers(value: AttentionRecord) -> str:
     gaze, head = ("not measured" if cue is None else f"{cue:.2f}" for cue in (value.gaze, value.head))
-    return f"{value.total:.2f}", gaze, head
+    return f"{value.total:.2f} ({gaze}, {head})"
 
 
 def _cell(text: str) -> str:

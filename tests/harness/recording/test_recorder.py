@@ -31,7 +31,7 @@ def test_the_recorder_changes_nothing_it_is_shown(frames, record_run):
 def test_curves_equal_the_record(frames, record_run, read_back):
     columns = read_back(record_run(frames))
     for what in ("gaze", "head", "total"):
-        curve = columns.at(entities.curve(ANN, "book#4", what), "Scalars:scalars")
+        curve = columns.at(entities.curve(ANN, what, "book#4"), "Scalars:scalars")
         expected = {
             shown.record.frame: [getattr(value, what)]
             for shown in frames
@@ -45,7 +45,7 @@ def test_curves_equal_the_record(frames, record_run, read_back):
 
 def test_a_cue_that_was_not_measured_leaves_a_gap(frames, record_run, read_back):
     columns = read_back(record_run(frames))
-    path = entities.curve(ANN, "book#4", "gaze")
+    path = entities.curve(ANN, "gaze", "book#4")
     assert columns.at(path, "Clear:is_recursive") == {11: [True]}
 
 
@@ -72,7 +72,7 @@ def test_what_vanishes_is_cleared_in_that_frame(frames, record_run, read_back):
         entities.box(2),
         entities.points(3),
         entities.cue_3d(ANN, "gaze", "rays"),
-        entities.cue_3d(ANN, "gaze", "cone_1"),
+        entities.cue_3d(ANN, "gaze", "cones"),
     ]
     gone_at_13 = [entities.box(1), entities.subject_3d(ANN, "origin"), entities.head_box(ANN)]
     for frame, paths in ((11, gone_at_11), (13, gone_at_13)):
