@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 import socket
 import subprocess
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 import rerun_cli
 from rerun.experimental import ViewerClient
@@ -91,9 +93,11 @@ def _settled_picture(client: ViewerClient) -> bytes:
 def _viewer(options: Sequence[str]) -> Iterator[tuple[subprocess.Popen[bytes], ViewerClient]]:
     port = _free_port()
     command = [str(viewer_binary()), "--bind", HOST, "--port", str(port), "--hide-welcome-screen", *options]
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    with _stopped_at_end(process):
-        yield process, _connect(process, port)
+    # a file, since a pipe that nobody reads would stop the viewer once it is full
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=said)
+        with _stopped_at_end(process):
+            yield process, _connect(process, port, said)
 
 
 @contextmanager
@@ -108,16 +112,15 @@ def _stopped_at_end(process: subprocess.Popen[bytes]) -> Iterator[None]:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-        if process.stderr is not None:
-            process.stderr.close()
 
 
-def _connect(process: subprocess.Popen[bytes], port: int) -> ViewerClient:
+def _connect(process: subprocess.Popen[bytes], port: int, said: BinaryIO) -> ViewerClient:
     deadline = time.monotonic() + _CONNECT_S
     while time.monotonic() < deadline:
         if process.poll() is not None:
-            said = (process.stderr.read() if process.stderr else b"").decode(errors="replace").strip().splitlines()
-            raise VfoaError(f"the Rerun viewer ended with status {process.returncode}: {said[-1] if said else ''}")
+            said.seek(0)
+            lines = said.read().decode(errors="replace").strip().splitlines()
+            raise VfoaError(f"the Rerun viewer ended with status {process.returncode}: {lines[-1] if lines else ''}")
         try:
             return ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
         except Exception:  # the client has no error type of its own for "not yet there"
