@@ -48,6 +48,11 @@ class EventCounts:
         events = self.true + self.found
         return 2 * self.matched / events if events else math.nan
 
+    @property
+    def rates(self) -> tuple[float, float, float]:
+        """Recall, precision and F."""
+        return self.recall, self.precision, self.f_measure
+
 
 def find_events(codes: Codes, positions: Codes) -> list[Event]:
     """Runs of one code over consecutive positions. Negative codes (no prediction) are no events and end one.

@@ -77,13 +77,15 @@ class ScoreRow:
 class Scores:
     """All scores of a run. ``rows`` hold only what has annotated frames; ``verdicts`` the unscored frames, too.
 
-    Clips and configurations are in the order of the results; verdicts by clip, configuration, subject, frame.
+    Clips and configurations are in the order of the results; verdicts by clip, configuration, subject, frame. ``notes``
+    are what every table must say of the clips and the experiment.
     """
 
     clips: tuple[str, ...]
     configurations: tuple[str, ...]
     verdicts: tuple[Verdict, ...]
     rows: tuple[ScoreRow, ...]
+    notes: tuple[str, ...] = ()
 
     def by_clip(self) -> list[ScoreRow]:
         """The rows of whole clips, and those of all clips together where there are several."""
@@ -103,6 +105,7 @@ def score(
     labels_by_clip: Mapping[str, Labels],
     *,
     frames_by_clip: Mapping[str, Iterable[int]] | None = None,
+    notes: Sequence[str] = (),
 ) -> Scores:
     """Score every (clip, configuration) of which there are records.
 
@@ -115,13 +118,15 @@ def score(
     frames_by_clip
         The frames that were to be run, where those are fewer than the labels cover (a clip whose numbers have gaps,
         a run with a limit). A labelled frame among them without a record is wrong.
+    notes
+        What must be said of the clips and the experiment, such as how a view was made.
     """
     outcomes = collect_outcomes(records, labels_by_clip, frames_by_clip or {})
     clips = tuple(dict.fromkeys(each.clip for each in outcomes))
     configurations = tuple(dict.fromkeys(each.configuration for each in outcomes))
     rows = [row for group in _groups(outcomes, clips, configurations) if (row := _row(*group)) is not None]
     verdicts = tuple(verdict for each in outcomes for verdict in each.verdicts)
-    return Scores(clips=clips, configurations=configurations, verdicts=verdicts, rows=tuple(rows))
+    return Scores(clips=clips, configurations=configurations, verdicts=verdicts, rows=tuple(rows), notes=tuple(notes))
 
 
 _Group = tuple[str | None, str | None, str, list[Outcomes]]

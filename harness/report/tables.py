@@ -8,23 +8,22 @@ from pathlib import Path
 
 from harness.annotations import Labels
 from harness.baselines import RULES
-from harness.comparison import SIGNIFICANCE, Comparison, compare
+from harness.comparison import compare
 from harness.files import atomic_write
+from harness.report.all_scores import ALL, scores_table
+from harness.report.compared import comparison_table, comparisons_csv
 from harness.report.formats import UNKNOWN, Table, to_csv, to_latex, to_markdown
 from harness.report.frames import FrameRows
 from harness.results import read_results
 from harness.score import CAUSES, ScoreRow, Scores, score
 from harness.statistics import LEVEL, REPLICATES, Interval
 
-ALL = "(all)"
-"""What stands for the clip, or the subject, in a row over all of them."""
-
 FRR_NOTES = (
     "FRR: correct / annotated (frame, subject) pairs that are not marked ignore; n counts these pairs. "
     "A pair without a prediction is wrong.",
-    f"Wilson: {LEVEL:.0%} score interval, as if frames were independent. Bootstrap: {LEVEL:.0%} percentile interval, "
+    f"Intervals: {100 * LEVEL:.0f} %. Wilson's takes frames as independent. The bootstrap's, by percentiles of "
     f"{REPLICATES} resamples of moving blocks of one second (at most a fifth of a sequence) within each subject and "
-    "clip: neighbouring frames are not independent. It has no width where all frames agree.",
+    "clip, does not; it has no width where all frames agree.",
     "Coverage: share of pairs with a prediction. FRR given a prediction: correct / pairs with one.",
     f"{ALL}: the pairs of all clips together, so that longer clips weigh more.",
 )
@@ -43,10 +42,8 @@ def score_run(
 
     Parameters
     ----------
-    labels_by_clip, frames_by_clip
+    labels_by_clip, frames_by_clip, notes
         As for :func:`harness.score.score`.
-    notes
-        What must be said of the clips and the experiment, such as how a view was made.
 
     Raises
     ------
@@ -54,34 +51,34 @@ def score_run(
         If the results cannot be read.
     """
     frames = FrameRows()
-    scores = score(frames.watch(read_results(results)), labels_by_clip, frames_by_clip=frames_by_clip)
-    texts = {**render_tables(scores, notes=notes), "frames.csv": frames.to_csv(scores.verdicts)}
+    scores = score(frames.watch(read_results(results)), labels_by_clip, frames_by_clip=frames_by_clip, notes=notes)
+    texts = {**render_tables(scores), "frames.csv": frames.to_csv(scores.verdicts)}
     for name, text in texts.items():
         atomic_write(results.parent / name, text)
     return scores
 
 
-def render_tables(scores: Scores, *, notes: Sequence[str] = ()) -> dict[str, str]:
+def render_tables(scores: Scores) -> dict[str, str]:
     """Every table but ``frames.csv``, by file name."""
     comparisons = compare({name: scores.verdicts_of(name) for name in scores.configurations})
     compared = comparison_table(comparisons)
     sections = (paper_table, measures_table, baselines_table, causes_table, subjects_table)
-    pages = [to_markdown(frr_table(scores, notes)), *(to_markdown(make(scores), level=2) for make in sections)]
+    pages = [to_markdown(frr_table(scores)), *(to_markdown(make(scores), level=2) for make in sections)]
     return {
         "frr.csv": to_csv(scores_table(scores)),
         "frr.md": "\n".join(pages),
         "frr.tex": "\n".join(
-            [to_latex(frr_table(scores, notes), label="tab:frr"), to_latex(paper_table(scores), label="tab:paper")]
+            [to_latex(frr_table(scores), label="tab:frr"), to_latex(paper_table(scores), label="tab:paper")]
         ),
         "compared.csv": to_csv(comparisons_csv(comparisons)),
         "compared.md": to_markdown(compared),
     }
 
 
-def frr_table(scores: Scores, notes: Sequence[str] = ()) -> Table:
+def frr_table(scores: Scores) -> Table:
     """The main table: FRR of every configuration on every clip, with its intervals and coverage."""
     return Table(
-        title="Focus recognition rate (FRR) by clip and configuration",
+        title="Focus recognition rate (FRR) by clip and configuration, 95 % intervals",
         columns=("Clip", "Configuration", "n", "FRR %", "Wilson", "Bootstrap", "Coverage %", "FRR given pred. %"),
         words=2,
         rows=tuple(
@@ -96,15 +93,19 @@ def frr_table(scores: Scores, notes: Sequence[str] = ()) -> Table:
             )
             for row in scores.by_clip()
         ),
-        notes=(*notes, *_remarks(scores), *FRR_NOTES),
+        notes=(*_remarks(scores), *FRR_NOTES),
     )
 
 
 def terminal_table(scores: Scores) -> Table:
-    """What fits a terminal of 100 columns."""
+    """What fits a terminal of 100 columns, with the notes that belong to this run."""
     table = frr_table(scores)
     return Table(
-        title=table.title, columns=table.columns[:-1], rows=tuple(row[:-1] for row in table.rows), words=table.words
+        title=table.title,
+        columns=table.columns[:-1],
+        rows=tuple(row[:-1] for row in table.rows),
+        words=table.words,
+        notes=tuple(_remarks(scores)),
     )
 
 
@@ -129,7 +130,7 @@ def measures_table(scores: Scores) -> Table:
         columns=("Clip", "Configuration", "Macro F1", "Kappa", "Event recall", "Event precision", "Event F"),
         words=2,
         rows=tuple(
-            (*_names(row), *map(_decimal, (row.macro_f1, row.kappa)), *map(_decimal, _event_rates(row)))
+            (*_names(row), *map(_decimal, (row.macro_f1, row.kappa)), *map(_decimal, row.events.rates))
             for row in scores.by_clip()
         ),
         notes=(
@@ -175,7 +176,7 @@ def causes_table(scores: Scores) -> Table:
 def subjects_table(scores: Scores) -> Table:
     """FRR of every subject."""
     return Table(
-        title="FRR by subject",
+        title="FRR by subject, 95 % intervals",
         columns=("Clip", "Subject", "Configuration", "n", "FRR %", "Wilson", "Bootstrap", "Coverage %"),
         words=3,
         rows=tuple(
@@ -194,58 +195,10 @@ def subjects_table(scores: Scores) -> Table:
     )
 
 
-def scores_table(scores: Scores) -> Table:
-    """Every measure of every row, for programs: shares with six decimals, unknown ones empty."""
-    columns = (
-        *("clip", "subject", "configuration", "n", "correct", "wrong", "predicted", "frr"),
-        *("wilson_low", "wilson_high", "bootstrap_low", "bootstrap_high", "coverage", "frr_predicted"),
-        *("macro_f1", "kappa", "true_events", "found_events", "matched_events"),
-        *("event_recall", "event_precision", "event_f"),
-        *(f"baseline_{rule}" for rule in RULES),
-        *(f"cause_{cause}" for cause in CAUSES),
-    )
-    return Table(title="Scores", columns=columns, words=3, rows=tuple(_score_cells(row) for row in scores.rows))
-
-
-def comparison_table(comparisons: Sequence[Comparison]) -> Table:
-    """Pairs of configurations on their common frames, for people."""
-    return Table(
-        title="Configurations compared on the same frames",
-        columns=("In words", "n", "Better", "Worse", "p", "p (Holm)"),
-        words=1,
-        rows=tuple(
-            (each.sentence, str(each.n), str(each.better), str(each.worse), _p(each.p), _p(each.p_holm))
-            for each in comparisons
-        ),
-        notes=(
-            "Better: (frame, subject) pairs, over all clips, that the first gets right and the second wrong. p: exact "
-            f"McNemar test, two-sided; Holm: corrected for all comparisons in this table; significant below "
-            f"{SIGNIFICANCE:.0%} after it. The test takes frames as independent: read a small p of long looks "
-            "with care.",
-        ),
-    )
-
-
-def comparisons_csv(comparisons: Sequence[Comparison]) -> Table:
-    """The same for programs."""
-    return Table(
-        title="Comparisons",
-        columns=("reference", "configuration", "n", "better", "worse", "p", "p_holm", "sentence"),
-        words=2,
-        rows=tuple(
-            (
-                *(each.reference, each.configuration, str(each.n), str(each.better), str(each.worse)),
-                *(f"{each.p:.6g}", f"{each.p_holm:.6g}", each.sentence),
-            )
-            for each in comparisons
-        ),
-    )
-
-
 def _remarks(scores: Scores) -> list[str]:
-    """What the numbers themselves make worth saying: clips without labels, and clips that a trivial rule solves."""
+    """The run's own notes, and what its numbers ask to be said: clips without labels, clips that a trivial rule solves."""
     rows = scores.by_clip()
-    remarks = []
+    remarks = list(scores.notes)
     for clip in scores.clips:
         of_clip = [row for row in rows if row.clip == clip]
         if not of_clip:
@@ -259,24 +212,6 @@ def _remarks(scores: Scores) -> list[str]:
                 f"configuration in {_percent(best)} %."
             )
     return remarks
-
-
-def _score_cells(row: ScoreRow) -> tuple[str, ...]:
-    events = row.events
-    return (
-        *(row.clip or ALL, row.subject or ALL, row.configuration),
-        *map(str, (row.n, row.correct, row.n - row.correct, row.predicted)),
-        *map(_share, (row.frr, row.wilson.low, row.wilson.high, row.bootstrap.low, row.bootstrap.high)),
-        *map(_share, (row.coverage, row.frr_predicted, row.macro_f1, row.kappa)),
-        *map(str, (events.true, events.found, events.matched)),
-        *map(_share, _event_rates(row)),
-        *(_share(row.baselines[rule]) for rule in RULES),
-        *(str(row.causes[cause]) for cause in CAUSES),
-    )
-
-
-def _event_rates(row: ScoreRow) -> tuple[float, float, float]:
-    return row.events.recall, row.events.precision, row.events.f_measure
 
 
 def _names(row: ScoreRow) -> tuple[str, str]:
@@ -293,11 +228,3 @@ def _range(interval: Interval) -> str:
 
 def _decimal(value: float) -> str:
     return UNKNOWN if math.isnan(value) else f"{value + 0.0:.2f}"
-
-
-def _share(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.6f}"
-
-
-def _p(p: float) -> str:
-    return "<0.001" if p < 0.001 else f"{p:.2g}"

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import csv
+import io
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from rich.console import Console
+
+from harness.report.formats import Table, csv_cell, to_csv, to_latex, to_markdown, to_rich
+
+TABLE = Table(
+    title="A_b & 5 %",
+    columns=("Name", "n", "FRR %"),
+    words=1,
+    rows=(("sgbm_two|[x]", "50", "42–69"), ('a, "b" $1 \\ ~^<>{}#', "7", "–")),
+    notes=("clip_one: *made* for 100 %.",),
+)
+printable = st.text(st.characters(blacklist_categories=("Cc", "Cs", "Zl", "Zp")), max_size=12)
+
+
+@given(rows=st.lists(st.tuples(printable, printable), max_size=4))
+def test_csv_is_read_back_as_it_was(rows: list[tuple[str, str]]) -> None:
+    table = Table(title="", columns=("a", "b"), words=2, rows=tuple(rows))
+    assert [tuple(row) for row in csv.reader(io.StringIO(to_csv(table)))] == [("a", "b"), *rows]
+
+
+@given(text=st.text(st.characters(blacklist_categories=("Cs",)), min_size=1))
+def test_a_cell_alone_is_read_back_as_it_was(text: str) -> None:
+    assert list(csv.reader(io.StringIO(f"{csv_cell(text)},x\n", newline=""))) == [[text, "x"]]
+
+
+def test_markdown_begins_with_what_the_table_is_and_its_notes() -> None:
+    lines = to_markdown(TABLE).splitlines()
+    assert lines[:4] == ["# A_b & 5 %", "", r"- clip_one: \*made\* for 100 %.", ""]
+    assert lines[4].split() == ["|", "Name", "|", "n", "|", "FRR", "%", "|"]
+
+
+def test_markdown_rows_have_as_many_cells_as_columns_whatever_they_hold() -> None:
+    lines = [line for line in to_markdown(TABLE).splitlines() if line.startswith("|")]
+    assert [line.replace(r"\|", "").count("|") for line in lines] == [4, 4, 4, 4]
+    assert len({len(line) for line in lines}) == 1
+    assert lines[1].endswith("-: |")
+
+
+def test_an_empty_table_says_so() -> None:
+    assert to_markdown(Table(title="T", columns=("a",), words=1, rows=())) == "# T\n\nNothing to show.\n"
+
+
+def test_latex_has_booktabs_rules_and_nothing_left_to_escape() -> None:
+    text = to_latex(TABLE, label="tab:frr")
+    assert [rule for rule in (r"\toprule", r"\midrule", r"\bottomrule") if text.count(rule) == 1] == [
+        r"\toprule",
+        r"\midrule",
+        r"\bottomrule",
+    ]
+    assert r"\begin{tabular}{lrr}" in text
+    assert r"{}sgbm\_two|[x] & 50 & 42--69 \\" in text
+    assert r"\$1 \textbackslash{} \textasciitilde{}\textasciicircum{}\textless{}\textgreater{}\{\}\#" in text
+    assert r"\caption{A\_b \& 5 \%}" in text
+    assert r"\par\footnotesize clip\_one: *made* for 100 \%." in text
+
+
+def test_a_terminal_never_cuts_a_number() -> None:
+    long = Table(title="T", columns=("Name", "n"), words=1, rows=(("x" * 200, "1234567890"),))
+    console = Console(width=40, file=io.StringIO(), color_system=None)
+    console.print(to_rich(long))
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "1234567890" in text
+    assert text.count("x") == 200
+    assert max(map(len, text.splitlines())) <= 40
+
+
+def test_mark_up_in_names_is_printed_not_obeyed() -> None:
+    console = Console(width=80, file=io.StringIO(), color_system=None)
+    console.print(to_rich(TABLE))
+    assert "sgbm_two|[x]" in console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_every_row_has_a_cell_for_every_column() -> None:
+    with pytest.raises(ValueError, match="expected 2 cells"):
+        Table(title="T", columns=("a", "b"), words=1, rows=(("1",),))

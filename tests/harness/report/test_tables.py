@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import csv
+import io
+import re
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from harness.annotations import Labels
+from harness.report.formats import to_rich
+from harness.report.tables import frr_table, paper_table, render_tables, score_run, terminal_table
+from harness.results import FrameRecord, to_line
+from harness.score import score
+from harness.verdicts import CAUSES
+from tests.records import answers, frame_record, labels, subject_record, target_record
+from vfoa.errors import VfoaError
+
+PAPER = {"BM, 1 cone": 28, "SGBM, 1 cone": 35, "BM, 2 cones": 31, "SGBM, 2 cones": 38}
+NOTES = ("bandage_2: the right view is re-projected",)
+
+
+def _paper_records() -> list[FrameRecord]:
+    return [
+        record
+        for name, correct in PAPER.items()
+        for record in answers(
+            ["dragon"] * correct + ["none"] * (44 - correct) + [None] * 6, clip="bandage_2", configuration=name
+        )
+    ]
+
+
+PAPER_LABELS = {"bandage_2": labels(*["dragon"] * 50)}
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    path = tmp_path / "results.jsonl"
+    path.write_text("".join(map(to_line, _paper_records())), encoding="utf-8")
+    return path
+
+
+def _csv(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_the_papers_table_comes_out_as_printed_there() -> None:
+    scores = score(_paper_records(), PAPER_LABELS)
+    assert paper_table(scores).rows == (
+        ("BM, 1 cone", "28", "22", "56.0"),
+        ("SGBM, 1 cone", "35", "15", "70.0"),
+        ("BM, 2 cones", "31", "19", "62.0"),
+        ("SGBM, 2 cones", "38", "12", "76.0"),
+    )
+    table = frr_table(scores)
+    wilson = [row[table.columns.index("Wilson")] for row in table.rows]
+    assert wilson == ["42–69", "56–81", "48–74", "63–86"]
+
+
+def test_a_run_gets_all_its_tables_and_nothing_else(results: Path) -> None:
+    score_run(results, PAPER_LABELS, notes=NOTES)
+    assert {path.name for path in results.parent.iterdir()} == {
+        *("results.jsonl", "frr.csv", "frr.md", "frr.tex", "frames.csv", "compared.csv", "compared.md")
+    }
+
+
+def test_equal_results_give_equal_bytes(results: Path) -> None:
+    score_run(results, PAPER_LABELS, notes=NOTES)
+    first = {path.name: path.read_bytes() for path in results.parent.iterdir()}
+    score_run(results, PAPER_LABELS, notes=NOTES)
+    assert {path.name: path.read_bytes() for path in results.parent.iterdir()} == first
+
+
+def test_results_that_cannot_be_read_leave_the_old_tables(results: Path) -> None:
+    score_run(results, PAPER_LABELS)
+    before = (results.parent / "frr.csv").read_bytes()
+    results.write_bytes(results.read_bytes()[:-5])
+    with pytest.raises(VfoaError, match="line 200: cut short"):
+        score_run(results, {})
+    assert (results.parent / "frr.csv").read_bytes() == before
+
+
+def test_markdown_begins_with_what_it_is_and_what_must_be_known() -> None:
+    page = render_tables(score(_paper_records(), PAPER_LABELS, notes=NOTES))["frr.md"]
+    lines = page.splitlines()
+    assert lines[0] == "# Focus recognition rate (FRR) by clip and configuration, 95 % intervals"
+    assert lines[2] == "- bandage_2: the right view is re-projected"
+    assert lines[3] == (
+        "- bandage_2: the trivial rule 'commonest' is right in 100.0 % of the frames, the best configuration in 76.0 %."
+    )
+
+
+def test_the_notes_stand_in_the_latex_table_too() -> None:
+    text = render_tables(score(_paper_records(), PAPER_LABELS, notes=NOTES))["frr.tex"]
+    assert r"bandage\_2: the right view is re-projected" in text
+    assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 2
+
+
+def test_the_numbers_for_programs_add_up() -> None:
+    rows = _csv(render_tables(score(_paper_records(), PAPER_LABELS))["frr.csv"])
+    assert [(row["clip"], row["subject"], row["configuration"]) for row in rows][:5] == [
+        *(("bandage_2", "(all)", name) for name in PAPER),
+        ("bandage_2", "girl", "BM, 1 cone"),
+    ]
+    for row in rows:
+        assert int(row["correct"]) + int(row["wrong"]) == int(row["n"]) == 50
+        assert float(row["frr"]) == int(row["correct"]) / 50
+        assert float(row["frr"]) == pytest.approx(float(row["coverage"]) * float(row["frr_predicted"]), abs=1e-6)
+        assert sum(int(row[f"cause_{cause}"]) for cause in CAUSES) == int(row["wrong"])
+        assert float(row["wilson_low"]) < float(row["frr"]) < float(row["wilson_high"])
+        assert float(row["bootstrap_low"]) <= float(row["frr"]) <= float(row["bootstrap_high"])
+
+
+def test_comparisons_are_said_in_words() -> None:
+    texts = render_tables(score(_paper_records(), PAPER_LABELS))
+    sentence = "BM, 2 cones vs BM, 1 cone: 3 frames better, 0 worse, p = 0.25 (p = 0.5 after Holm): not distinguishable"
+    assert sentence in texts["compared.md"]
+    row = next(row for row in _csv(texts["compared.csv"]) if row["sentence"] == sentence)
+    assert (row["better"], row["worse"], row["p"]) == ("3", "0", "0.25")
+
+
+def test_a_clip_without_labels_is_said_to_be_unscored() -> None:
+    scores = score([*answers(["cup"]), *answers(["cup"], clip="street")], {"clip": labels("cup")})
+    assert "street: no annotated frames, not scored." in frr_table(scores).notes
+
+
+def test_nothing_scored_still_makes_tables() -> None:
+    texts = render_tables(score(answers(["cup"]), {}))
+    assert "Nothing to show." in texts["frr.md"]
+    assert texts["frr.csv"].count("\n") == 1
+
+
+def test_the_terminal_shows_n_rate_intervals_and_coverage_in_100_columns() -> None:
+    names = [f"sgbm_with_a_long_name,two_cones_{i}" for i in range(2)]
+    records = [
+        record
+        for clip in ("studio_conversation_long", "bandage_2")
+        for name in names
+        for record in answers(["cup"] * 12 + [None], clip=clip, configuration=name)
+    ]
+    truth: dict[str, Labels] = {clip: labels(*["cup"] * 13) for clip in ("studio_conversation_long", "bandage_2")}
+    console = Console(width=100, file=io.StringIO(), color_system=None)
+    console.print(to_rich(terminal_table(score(records, truth))))
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert max(map(len, text.splitlines())) <= 100
+    assert [word for word in ("n", "FRR %", "Wilson", "Bootstrap", "Coverage %", "(all)") if word not in text] == []
+    assert re.search(r"\(all\) .* 26 +92\.3 +76–98 +\d+–\d+ +92\.3", text)
+
+
+def test_frames_csv_has_a_row_per_frame_subject_and_target(tmp_path: Path) -> None:
+    cup, can = target_record(1, "cup"), target_record(2, 'can, "old"')
+    girl = subject_record("girl", totals={1: 0.25, 2: 0.5}, focus=2)
+    records = [
+        frame_record([cup, can], [girl, subject_record(None, track_id=7, totals={1: 0.125}, focus=1)], frame=1),
+        frame_record([cup], [subject_record("girl", missing="no_eyes_3d")], frame=2),
+        frame_record([cup], frame=3),
+    ]
+    path = tmp_path / "results.jsonl"
+    path.write_text("".join(map(to_line, records)), encoding="utf-8")
+    score_run(path, {"clip": labels("cup", "cup", "cup", "cup")})
+    rows = _csv((tmp_path / "frames.csv").read_text(encoding="utf-8"))
+    shown = [[row[key] for key in ("frame", "subject", "track", "target", "total", "focus", "cause")] for row in rows]
+    assert shown == [
+        ["1", "girl", "1", "cup", "0.2500", "0", "outscored"],
+        ["1", "girl", "1", 'can, "old"', "0.5000", "1", "outscored"],
+        ["1", "", "7", "cup", "0.1250", "1", ""],
+        ["2", "girl", "1", "", "", "", "no_eyes_3d"],
+        ["3", "girl", "", "", "", "", "no_subject"],
+        ["4", "girl", "", "", "", "", "no_subject"],
+    ]
+    assert (rows[0]["gaze"], rows[0]["head"], rows[0]["time_s"]) == ("0.2500", "", "0.040")
+    assert (rows[0]["truth"], rows[0]["predicted"], rows[0]["outcome"]) == ("cup", 'can, "old"', "wrong")

@@ -1,0 +1,91 @@
+"""Small frames' records and labels for the tests of scores and tables."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from harness.annotations import Label, LabelRange, Labels
+from harness.results import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
+
+AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
+
+def target_record(
+    instance_id: int, name: str, *, box_px: BoxPx = (0.0, 0.0, 10.0, 10.0), center: Vector | None = (0.0, 0.0, 2.0)
+) -> TargetRecord:
+    """A target with a 3D box about ``center``; without one where that is None."""
+    box = None if center is None else BoxRecord(center_m=center, half_size_m=(0.1, 0.1, 0.1), axes=AXES)
+    return TargetRecord(
+        instance_id=instance_id, name=name, label="thing", score=0.9, box_px=box_px, points=100, box=box
+    )
+
+
+def subject_record(
+    name: str | None,
+    *,
+    totals: Mapping[int, float] | None = None,
+    focus: int | None = None,
+    missing: str | None = None,
+    instance_id: int | None = None,
+    track_id: int = 1,
+    eyes: Vector | None = (0.0, 0.0, 1.0),
+) -> SubjectRecord:
+    """A subject with these attention values by instance, all of them from gaze."""
+    attention = tuple(
+        AttentionRecord(instance_id=each, gaze=total, head=None, total=total) for each, total in (totals or {}).items()
+    )
+    return SubjectRecord(
+        track_id=track_id,
+        name=name,
+        instance_id=instance_id,
+        head_box_px=(0.0, 0.0, 5.0, 5.0),
+        eye_origin_m=eyes,
+        gaze=(0.0, 0.0, 1.0),
+        gaze_sigma_rad=None,
+        head=None,
+        missing=missing,
+        attention=attention,
+        focus=focus,
+        tied=(),
+    )
+
+
+def frame_record(
+    targets: Iterable[TargetRecord] = (),
+    subjects: Iterable[SubjectRecord] = (),
+    *,
+    frame: int = 1,
+    clip: str = "clip",
+    configuration: str = "one",
+) -> FrameRecord:
+    """A frame's record, 25 frames a second."""
+    return FrameRecord(
+        clip=clip,
+        configuration=configuration,
+        frame=frame,
+        time_ns=frame * 40_000_000,
+        targets=tuple(targets),
+        subjects=tuple(subjects),
+    )
+
+
+def answers(
+    names: Sequence[str | None], *, subject: str = "girl", clip: str = "clip", configuration: str = "one"
+) -> list[FrameRecord]:
+    """Frames 1, 2, ... in which the subject looks at these targets; ``none``: at nothing, None: is not there."""
+    things = sorted({name for name in names if name not in (None, "none")})
+    targets = [target_record(each, str(name)) for each, name in enumerate(things, start=1)]
+    records = []
+    for frame, name in enumerate(names, start=1):
+        focus = things.index(name) + 1 if name in things else None
+        found = [] if name is None else [subject_record(subject, totals={focus: 0.5} if focus else {}, focus=focus)]
+        records.append(frame_record(targets, found, frame=frame, clip=clip, configuration=configuration))
+    return records
+
+
+def labels(*targets: str, subject: str = "girl") -> Labels:
+    """Labels of frames 1, 2, ..."""
+    return Labels(
+        LabelRange(first_frame=frame, last_frame=frame, subject=subject, label=Label(target=target))
+        for frame, target in enumerate(targets, start=1)
+    )
