@@ -29,7 +29,7 @@ class Material:
     colours: tuple[Colour, ...]
     pattern: Pattern = "plain"
     scale_m: float = 0.05
-    grain: float = 0.25
+    grain: float = 0.1
 
     def paint(self, points: Values) -> Values:
         """Linear albedo (N, 3) of points (N, 3) in the body's frame, metres."""

@@ -69,7 +69,7 @@ def body(looks: Looks) -> Parts:
         ],
         segments=36,
     )
-    skin = Material(colours=(looks.skin,), grain=0.12)
+    skin = Material(colours=(looks.skin,), grain=0.05)
     parts = [Part(mesh=torso, material=looks.shirt)]
     for side in (-1.0, 1.0):
         sleeve = [
@@ -92,12 +92,12 @@ def head(looks: Looks) -> Parts:
     lips: Colour = (0.68, 0.3, 0.28)
     brow: Colour = shaded(looks.hair, 0.7)
     blush: Colour = (looks.skin[0], looks.skin[1] * 0.94, looks.skin[2] * 0.93)
-    face = Material(colours=(looks.skin, lips, brow, blush), pattern="face", grain=0.12)
-    skin = Material(colours=(shade,), grain=0.12)
-    hair = Material(colours=(looks.hair, shaded(looks.hair, 0.75)), pattern="blotches", scale_m=0.014, grain=0.5)
+    face = Material(colours=(looks.skin, lips, brow, blush), pattern="face", grain=0.05)
+    skin = Material(colours=(shade,), grain=0.05)
+    hair = Material(colours=(looks.hair, shaded(looks.hair, 0.75)), pattern="blotches", scale_m=0.014, grain=0.4)
     parts = [
         Part(mesh=ellipsoid(*_CRANIUM, segments=40), material=face),
-        Part(mesh=ellipsoid((0, 0.035, 0.028), (0.06, 0.069, 0.068), segments=36), material=face),
+        Part(mesh=ellipsoid((0, 0.028, 0.054), (0.0655, 0.0795, 0.094), segments=36), material=face),
         Part(mesh=ellipsoid((0, 0.112, 0.058), (0.0125, 0.02, 0.027), segments=20), material=skin),
         *(
             Part(mesh=ellipsoid((s * 0.076, 0.002, 0.072), (0.01, 0.02, 0.03), segments=16), material=skin)

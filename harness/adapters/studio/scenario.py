@@ -81,31 +81,31 @@ CAMERA: Point = (0.0, 0.0, 1.25)
 
 _Z = TABLE_HEIGHT_M
 _OAK = Material(
-    colours=((0.62, 0.44, 0.27), (0.56, 0.38, 0.22), (0.66, 0.48, 0.31)), pattern="wood", scale_m=0.16, grain=0.2
+    colours=((0.62, 0.44, 0.27), (0.56, 0.38, 0.22), (0.66, 0.48, 0.31)), pattern="wood", scale_m=0.16, grain=0.08
 )
 _GINGHAM = Material(
-    colours=((0.93, 0.92, 0.88), (0.78, 0.45, 0.42), (0.68, 0.2, 0.2)), pattern="checks", scale_m=0.045, grain=0.1
+    colours=((0.93, 0.92, 0.88), (0.78, 0.45, 0.42), (0.68, 0.2, 0.2)), pattern="checks", scale_m=0.045, grain=0.04
 )
 _SLATE = Material(
-    colours=((0.36, 0.4, 0.42), (0.32, 0.36, 0.38), (0.4, 0.44, 0.46)), pattern="wood", scale_m=0.2, grain=0.25
+    colours=((0.36, 0.4, 0.42), (0.32, 0.36, 0.38), (0.4, 0.44, 0.46)), pattern="wood", scale_m=0.2, grain=0.1
 )
 
 _ANNA = Looks(
     skin=(0.9, 0.72, 0.6),
     hair=(0.36, 0.2, 0.1),
-    shirt=Material(colours=((0.13, 0.38, 0.45), (0.18, 0.46, 0.53)), pattern="blotches", scale_m=0.02, grain=0.3),
+    shirt=Material(colours=((0.13, 0.38, 0.45), (0.18, 0.46, 0.53)), pattern="blotches", scale_m=0.02, grain=0.12),
     iris=(0.25, 0.4, 0.3),
     long_hair=True,
 )
 _BEN = Looks(
     skin=(0.55, 0.37, 0.26),
     hair=(0.08, 0.06, 0.06),
-    shirt=Material(colours=((0.85, 0.62, 0.25), (0.78, 0.52, 0.18)), pattern="stripes", scale_m=0.03, grain=0.25),
+    shirt=Material(colours=((0.85, 0.62, 0.25), (0.78, 0.52, 0.18)), pattern="stripes", scale_m=0.03, grain=0.1),
 )
 _CARA = Looks(
     skin=(0.94, 0.78, 0.67),
     hair=(0.72, 0.5, 0.24),
-    shirt=Material(colours=((0.62, 0.22, 0.28), (0.55, 0.17, 0.23)), pattern="blotches", scale_m=0.03, grain=0.3),
+    shirt=Material(colours=((0.62, 0.22, 0.28), (0.55, 0.17, 0.23)), pattern="blotches", scale_m=0.03, grain=0.12),
     iris=(0.25, 0.38, 0.55),
     long_hair=True,
 )

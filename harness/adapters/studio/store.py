@@ -28,7 +28,7 @@ def load_pair(path: Path) -> tuple[Image, Image] | None:
     """Read a stored pair of (H, W, 3) uint8 RGB images; None where there is none, or it is damaged (logged)."""
     try:
         content = path.read_bytes()
-    except FileNotFoundError:
+    except OSError:  # not there, or no folder to read from: then save_pair says so
         return None
     digest, png = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
     if hashlib.sha256(png).digest() != digest:
