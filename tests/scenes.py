@@ -145,7 +145,7 @@ def stereo_planes(
 def rendered_boxes(rig: StereoRig, boxes: Sequence[Box3D], *, wall_m: float = 4.0, label: str = "thing") -> Percepts:
     """What a perfect stereo camera and a perfect segmenter see of boxes before a wall: ids 1, 2, ... in their order."""
     v, u = np.mgrid[: rig.height_px, : rig.width_px]
-    rays = back_project(u, v, 1.0, rig).reshape(-1, 3)
+    rays = back_project(u, v, np.ones(u.shape), rig).reshape(-1, 3)
     lengths = np.linalg.norm(rays, axis=-1)
     entry = entry_distance(np.zeros(3), rays / lengths[:, None], tuple(boxes)) / lengths[:, None]
     depth = np.column_stack([np.full(len(rays), wall_m), entry])

@@ -1,0 +1,217 @@
+"""From percepts to a scene in metres: a cloud and a box for every instance, an eye origin for every head.
+
+A cloud is cleaned in three steps, each against one fault of stereo:
+
+erode    the outermost pixels of a mask, where the matcher mixes the thing with its background;
+gate     points far before or behind the median depth: background that the mask took along;
+outlier  points far from their neighbours, for this cloud: single mismatches, pixels that fly between two things.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from vfoa.boxes import axis_aligned_box, oriented_box
+from vfoa.geometry import back_project, depth_from_disparity
+from vfoa.settings import Settings
+from vfoa.types import Box3D, Float, Head, HeadView, Instance, Mask, Percepts, Person, Scene, StereoRig, Target
+
+Window = tuple[slice, slice]
+"""Rows and columns of a part of the image."""
+
+EYE_HEIGHT = 0.35
+"""Height of the eyes in a head's box, from its top (Simões and Moreno 2022: 65 % from the bottom)."""
+
+EYE_PATCH = 0.2
+"""Side of the patch about the eyes, in widths of the head's box (ditto)."""
+
+GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
+
+
+class ReconstructionSettings(Settings):
+    """Settings of :func:`reconstruct`.
+
+    Things are targets always, stuff only if its label is in ``stuff``. People are the instances with a label in
+    ``person``. ``boxes`` are along the camera's axes (the paper) or the smallest in any orientation. The gate keeps
+    points nearer to the median depth than ``gate_mads`` times the median absolute deviation, or than the thing is
+    wide or high. An outlier is ``outlier_ratio`` times as far from its ``outlier_neighbours`` nearest as is usual. A
+    cloud of fewer than ``min_points`` has no box; one of more than ``max_points`` is thinned out.
+    """
+
+    stuff: tuple[str, ...] = ()
+    person: tuple[str, ...] = ("person",)
+    boxes: Literal["aabb", "oriented"] = "aabb"
+    erode_px: int = Field(default=1, ge=0, le=20)
+    gate_mads: float = Field(default=8, gt=0)
+    outlier_neighbours: int = Field(default=4, ge=1)
+    outlier_ratio: float = Field(default=5, ge=1)
+    min_points: int = Field(default=20, ge=1)
+    max_points: int = Field(default=1000, ge=100)
+    min_eye_points: int = Field(default=9, ge=1)
+
+
+def reconstruct(percepts: Percepts, settings: ReconstructionSettings) -> Scene:
+    """Place the instances and the heads of one frame in the camera frame, in metres."""
+    return Scene(
+        index=percepts.index,
+        time_ns=percepts.time_ns,
+        targets=_targets(percepts, settings),
+        people=tuple(_person(view, percepts, settings) for view in percepts.views),
+    )
+
+
+# Targets
+
+
+def _targets(percepts: Percepts, settings: ReconstructionSettings) -> tuple[Target, ...]:
+    """One target for each instance that is wanted and has pixels, in the order of the instances."""
+    from scipy.ndimage import find_objects
+
+    windows = find_objects(percepts.instances.ids)
+    targets = []
+    for instance in percepts.instances.instances:
+        window = windows[instance.id - 1] if instance.id <= len(windows) else None
+        if window is not None and (instance.is_thing or instance.label in settings.stuff):
+            targets.append(_target(instance, (window[0], window[1]), percepts, settings))
+    return tuple(targets)
+
+
+def _target(instance: Instance, window: Window, percepts: Percepts, settings: ReconstructionSettings) -> Target:
+    rows, columns = window
+    mask = np.equal(percepts.instances.ids[window], instance.id)
+    pixels = _pixels(_eroded(mask, settings.erode_px), window, percepts)
+    points = _points(_thinned(pixels, settings.max_points), percepts)
+    points = _without_outliers(_gated(points, settings, percepts.rig, max(mask.shape)), settings)
+    return Target(
+        instance=instance,
+        box_px=np.array([columns.start, rows.start, columns.stop, rows.stop]) - 0.5,
+        points_left=points.astype(np.float32),
+        box=_box(points, settings),
+    )
+
+
+def _pixels(mask: Mask, window: Window, percepts: Percepts) -> NDArray[np.intp]:
+    """Pixels (N, 2), as (v, u), where the mask of a window is set and the disparity is known."""
+    rows, columns = window
+    pixels = np.argwhere(mask & np.isfinite(percepts.disparity.disparity_px[window]))
+    return pixels + np.array([rows.start, columns.start])
+
+
+def _points(pixels: NDArray[np.intp], percepts: Percepts) -> Float:
+    """Points (N, 3) of pixels (v, u), less those with a disparity that no depth has."""
+    v, u = pixels.T
+    depth = depth_from_disparity(percepts.disparity.disparity_px[v, u], percepts.rig)
+    points = back_project(u, v, depth, percepts.rig)
+    return points[np.isfinite(depth)]
+
+
+def _eroded(mask: Mask, radius_px: int) -> Mask:
+    """A mask less its border; a mask so small that less than half would be left is kept whole."""
+    import cv2
+
+    if radius_px == 0:
+        return mask
+    square = np.ones((2 * radius_px + 1, 2 * radius_px + 1), np.uint8)
+    inner = cv2.erode(mask.view(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    return inner if 2 * inner.sum() >= mask.sum() else mask
+
+
+def _thinned(pixels: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """At most ``count`` of the rows, spread evenly by the golden ratio.
+
+    A constant step would run in time with the rows of a mask and always miss the same columns.
+    """
+    if len(pixels) <= count:
+        return pixels
+    fractions = np.arange(count) * GOLDEN_RATIO % 1
+    chosen = np.zeros(len(pixels), np.bool_)
+    chosen[(fractions * len(pixels)).astype(np.intp)] = True
+    return pixels[chosen]
+
+
+def _gated(points: Float, settings: ReconstructionSettings, rig: StereoRig, extent_px: int) -> Float:
+    """The points near the median depth.
+
+    ``extent_px`` is the greater side of the mask: the face that is seen may be flat, with no deviation at all, and
+    the thing as deep as it is wide all the same.
+    """
+    if len(points) == 0:
+        return points
+    depth = points[:, 2]
+    median = np.median(depth)
+    deviation = np.abs(depth - median)
+    gate = max(settings.gate_mads * np.median(deviation), extent_px * median / min(rig.fx_px, rig.fy_px))
+    return points[deviation <= gate]
+
+
+def _without_outliers(points: Float, settings: ReconstructionSettings) -> Float:
+    """The points less those far from their nearest neighbours, measured against the median of the cloud.
+
+    Distances are taken between (x / z, y / z, ln z): the camera samples a surface evenly there, whatever its depth.
+    """
+    from scipy.spatial import KDTree
+
+    neighbours = settings.outlier_neighbours
+    if len(points) <= neighbours:
+        return points
+    even = np.column_stack([points[:, :2] / points[:, 2:], np.log(points[:, 2])])
+    distance = np.mean(KDTree(even).query(even, k=neighbours + 1)[0], axis=1)
+    return points[distance <= settings.outlier_ratio * np.median(distance)]
+
+
+def _box(points: Float, settings: ReconstructionSettings) -> Box3D | None:
+    if len(points) < settings.min_points:
+        return None
+    return axis_aligned_box(points) if settings.boxes == "aabb" else oriented_box(points)
+
+
+# People
+
+
+def _person(view: HeadView, percepts: Percepts, settings: ReconstructionSettings) -> Person:
+    instance_id = view.head.instance_id
+    if instance_id is None:
+        instance_id = _covering_person(view.head, percepts, settings)
+    origin = _eye_origin(view.head, instance_id, percepts, settings)
+    return Person(view=view, instance_id=instance_id, eye_origin_left=origin)
+
+
+def _covering_person(head: Head, percepts: Percepts, settings: ReconstructionSettings) -> int | None:
+    """The person whose mask covers most of the head's box; the first of equals; None if none covers any of it."""
+    u0, v0, u1, v1 = head.box_px
+    window = _window(u0, v0, u1, v1, percepts.rig)
+    covered = np.bincount(percepts.instances.ids[window].ravel(), minlength=2**16)
+    people = [it.id for it in percepts.instances.instances if it.label in settings.person and covered[it.id] > 0]
+    return max(people, key=lambda it: covered[it], default=None)
+
+
+def _eye_origin(
+    head: Head, instance_id: int | None, percepts: Percepts, settings: ReconstructionSettings
+) -> Float | None:
+    """The median (3,) of the points of the patch about the eyes; else of one twice as wide; else of the head's mask."""
+    u0, v0, u1, v1 = head.box_px
+    center_u, center_v, side = (u0 + u1) / 2, v0 + EYE_HEIGHT * (v1 - v0), EYE_PATCH * (u1 - u0)
+    patches = [(center_u - half, center_v - half, center_u + half, center_v + half) for half in (side / 2, side)]
+    regions = patches if instance_id is None else [*patches, (u0, v0, u1, v1)]
+    for region in regions:
+        window = _window(*region, percepts.rig)
+        ids = percepts.instances.ids[window]
+        mask = np.full(ids.shape, True) if instance_id is None else np.equal(ids, instance_id)
+        points = _points(_pixels(mask, window, percepts), percepts)
+        if len(points) >= settings.min_eye_points:
+            return np.median(points, axis=0)
+    return None
+
+
+def _window(u0: float, v0: float, u1: float, v1: float, rig: StereoRig) -> Window:
+    """The rows and columns of the pixels whose centres lie in a region, as far as it is in the image."""
+    rows, columns = (
+        slice(min(max(math.ceil(low), 0), size), min(max(math.floor(high) + 1, 0), size))
+        for low, high, size in ((v0, v1, rig.height_px), (u0, u1, rig.width_px))
+    )
+    return rows, columns
