@@ -10,6 +10,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -182,4 +183,13 @@ def _check_first(seen: dict[tuple[str, str, int], int], record: FrameRecord, pat
 def _codec() -> tuple[msgspec.json.Encoder, msgspec.json.Decoder[FrameRecord]]:
     import msgspec
 
-    return msgspec.json.Encoder(), msgspec.json.Decoder(FrameRecord)
+    return msgspec.json.Encoder(enc_hook=_plain), msgspec.json.Decoder(FrameRecord)
+
+
+def _plain(value: object) -> int | float:
+    """A number of numpy's as Python's own; the encoder knows no other."""
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
+    raise TypeError(f"expected plain numbers, text and tuples in a record, found {type(value).__name__}")

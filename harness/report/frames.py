@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from harness.report.formats import csv_cell
 from harness.results import FrameRecord, SubjectRecord
-from harness.verdicts import Verdict, find_subject
+from harness.verdicts import Verdict
 
 COLUMNS = (
     *("clip", "configuration", "frame", "time_s", "subject", "track", "target", "instance"),
@@ -31,9 +31,8 @@ class FrameRows:
             start = _start(*key, time=f"{record.time_ns / 1e9:.3f}")
             names = {target.instance_id: _cell(target.name) for target in record.targets}
             for subject in record.subjects:
-                is_judged = subject.name is not None and find_subject(record, subject.name) is subject
                 lines = _subject_lines(f"{start}{_cell(subject.name or '')},{subject.track_id},", subject, names)
-                self._rows.append((key, subject.name if is_judged else None, lines))
+                self._rows.append((key, subject.name, lines))
             yield record
 
     def to_csv(self, verdicts: Iterable[Verdict]) -> str:
@@ -46,6 +45,7 @@ class FrameRows:
         judged = {(each.clip, each.configuration, each.frame, each.subject): each for each in verdicts}
         text = [",".join(COLUMNS) + "\n"]
         for key, subject, lines in self._rows:
+            # taken out when used: of tracks that share a name the first is the one that was judged
             end = _judgement(judged.pop((*key, subject), None) if subject is not None else None)
             text.extend(f"{line}{end}" for line in lines)
         for verdict in judged.values():

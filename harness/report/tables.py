@@ -196,7 +196,7 @@ def subjects_table(scores: Scores) -> Table:
 
 
 def _remarks(scores: Scores) -> list[str]:
-    """The run's own notes, and what its numbers ask to be said: clips without labels, clips that a trivial rule solves."""
+    """The run's own notes, and what its numbers ask for: clips without labels, clips that a trivial rule solves."""
     rows = scores.by_clip()
     remarks = list(scores.notes)
     for clip in scores.clips:

@@ -5,6 +5,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -142,6 +143,17 @@ def test_a_missing_file_is_one_error(tmp_path: Path) -> None:
 def test_a_number_that_json_does_not_have_is_refused_when_written(number: float) -> None:
     with pytest.raises(ValueError, match="would not survive"):
         to_line(replace(RECORD, subjects=(replace(RECORD.subjects[0], gaze_sigma_rad=number),)))
+
+
+def test_numbers_of_numpy_are_written_as_numbers() -> None:
+    subject = replace(RECORD.subjects[0], gaze_sigma_rad=np.float64(0.1), focus=np.int64(1))  # type: ignore[arg-type]
+    plain = replace(RECORD.subjects[0], gaze_sigma_rad=0.1, focus=1)
+    assert to_line(replace(RECORD, subjects=(subject,))) == to_line(replace(RECORD, subjects=(plain,)))
+
+
+def test_what_is_no_plain_value_is_refused() -> None:
+    with pytest.raises(TypeError, match="expected plain numbers"):
+        to_line(replace(RECORD, subjects=(replace(RECORD.subjects[0], gaze=np.zeros(3)),)))  # type: ignore[arg-type]
 
 
 def test_a_record_names_each_instance_once() -> None:

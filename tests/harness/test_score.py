@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -135,6 +136,36 @@ def test_what_was_never_predicted_has_no_rate_given_a_prediction() -> None:
     row = _row(score(answers([None, None]), {"clip": labels("cup", "none")}))
     assert (row.frr, row.coverage) == (0, 0)
     assert math.isnan(row.frr_predicted)
+
+
+def test_a_block_of_the_bootstrap_is_a_second_of_the_clip() -> None:
+    looks = np.repeat(np.random.default_rng(6).random(30) < 0.5, 25)  # right or wrong for 25 frames on end
+    records = answers(["cup" if right else "can" for right in looks])
+    truth = {"clip": labels(*["cup"] * 750)}
+    slow = [replace(record, time_ns=record.frame * 10**9) for record in records]  # a frame a second: blocks of one
+    wilson, at_25_hz, at_1_hz = (
+        each.high - each.low
+        for each in (
+            _row(score(records, truth)).wilson,
+            _row(score(records, truth)).bootstrap,
+            _row(score(slow, truth)).bootstrap,
+        )
+    )
+    assert at_25_hz > 3 * wilson
+    assert at_1_hz == pytest.approx(wilson, rel=0.1)
+
+
+def test_labels_on_every_tenth_frame_make_blocks_of_fewer_frames() -> None:
+    rng = np.random.default_rng(7)
+    records = answers(["cup" if right else "can" for right in rng.random(1000) < 0.5])
+    sparse = Labels(
+        LabelRange(first_frame=frame, last_frame=frame, subject="girl", label=Label(target="cup"))
+        for frame in range(1, 1001, 10)
+    )
+    slow = [replace(record, time_ns=record.frame * 10**8) for record in records]  # labels a second apart: blocks of one
+    row = _row(score(slow, {"clip": sparse}))
+    assert row.n == 100
+    assert row.bootstrap.high - row.bootstrap.low == pytest.approx(row.wilson.high - row.wilson.low, rel=0.15)
 
 
 def test_no_records_have_no_scores() -> None:

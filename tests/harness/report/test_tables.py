@@ -10,6 +10,7 @@ from rich.console import Console
 
 from harness.annotations import Labels
 from harness.report.formats import to_rich
+from harness.report.frames import FrameRows
 from harness.report.tables import frr_table, paper_table, render_tables, score_run, terminal_table
 from harness.results import FrameRecord, to_line
 from harness.score import score
@@ -171,3 +172,11 @@ def test_frames_csv_has_a_row_per_frame_subject_and_target(tmp_path: Path) -> No
     ]
     assert (rows[0]["gaze"], rows[0]["head"], rows[0]["time_s"]) == ("0.2500", "", "0.040")
     assert (rows[0]["truth"], rows[0]["predicted"], rows[0]["outcome"]) == ("cup", 'can, "old"', "wrong")
+
+
+def test_frames_csv_judges_one_track_of_a_name() -> None:
+    twins = [subject_record("girl", track_id=track, totals={1: 0.5}, focus=1) for track in (1, 2)]
+    rows = FrameRows()
+    scores = score(rows.watch([frame_record([target_record(1, "cup")], twins)]), {"clip": labels("cup")})
+    shown = [(row["track"], row["outcome"]) for row in _csv(rows.to_csv(scores.verdicts))]
+    assert shown == [("1", "correct"), ("2", "")]
