@@ -149,6 +149,18 @@ def perturb(direction: ArrayLike, right_rad: ArrayLike, down_rad: ArrayLike) -> 
     return np.einsum("...ij,...j->...i", frame, tangent)
 
 
+def tangent_offset(direction: ArrayLike, other: ArrayLike) -> Float:
+    """Angles (..., 2) towards (right, down) that turn ``direction`` into ``other``: the inverse of :func:`perturb`.
+
+    The logarithm on the sphere. The opposite direction, which lies every way, is taken to lie to the right.
+    """
+    right, down, _ = np.moveaxis(np.einsum("...ji,...j->...i", left_from_crop(direction), unit(other)), -1, 0)
+    aside = np.hypot(right, down)
+    length = np.where(aside > 0, aside, 1)
+    angle = angle_between(direction, other)
+    return np.stack([angle * np.where(aside > 0, right / length, 1), angle * down / length], axis=-1)
+
+
 # Boxes
 
 _PARALLEL = 1e-200

@@ -1,0 +1,168 @@
+"""The gaze filter: what it gains on a signal of known truth, and what it does when measurements fail."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import make_person
+from scipy.spatial.transform import Rotation
+
+from harness.bench.gaze_filter import filtered, measure_gaze_filter, noisy, saccade, steps_and_pursuits
+from vfoa.gaze_filter import CueFilter, GazeFilterSettings, GazeFilterState, filter_cues, follow
+from vfoa.geometry import angle_between, perturb
+from vfoa.types import Float
+
+GAZE = GazeFilterSettings(cues="gaze")
+AHEAD = np.array([0.0, 0.0, 1.0])
+
+
+def at(right_deg: float) -> Float:
+    """A direction this far to the right of straight ahead."""
+    return perturb(AHEAD, np.deg2rad(right_deg), 0)
+
+
+def followed(measurements: list[Float | None], wanted: GazeFilterSettings = GAZE) -> list[CueFilter | None]:
+    """The filter after each measurement."""
+    states: list[CueFilter | None] = []
+    for measured in measurements:
+        states.append(follow(states[-1] if states else None, measured, wanted))
+    return states
+
+
+# What it gains
+
+
+def test_it_smooths_noise_and_lets_saccades_through():
+    rows = {row.noise_deg: row for row in measure_gaze_filter(noises_deg=(4, 8), seeds=(0, 1))}
+    assert rows[4].raw_rmse_deg == pytest.approx(4 * np.sqrt(2), rel=0.05)
+    assert rows[4].ratio <= 0.7
+    assert rows[8].ratio <= 0.7
+    assert rows[4].after_3_deg <= 5
+
+
+def test_without_noise_a_saccade_of_thirty_degrees_is_followed_at_once():
+    true = saccade(np.random.default_rng(0))
+    assert np.rad2deg(angle_between(filtered(true, GAZE), true)).max() < 5
+
+
+def test_the_signal_has_saccades_and_pursuits_but_no_jump_beyond_forty_degrees():
+    steps_deg = np.rad2deg(angle_between(*(lambda d: (d[1:], d[:-1]))(steps_and_pursuits(np.random.default_rng(0)))))
+    assert np.count_nonzero(steps_deg > 4) > 10
+    assert np.count_nonzero((steps_deg > 0.1) & (steps_deg < 1.1)) > 50
+    assert steps_deg.max() < 42
+
+
+def test_a_steady_gaze_stays_where_it_is_and_becomes_certain():
+    states = followed([at(10)] * 50)
+    assert all(np.rad2deg(angle_between(state.direction, at(10))) < 1e-6 for state in states)
+    assert np.diag(states[-1].covariance)[0] < np.diag(states[0].covariance)[0]
+
+
+def test_a_saccade_releases_the_filter_for_as_long_as_it_holds():
+    theta = [state.theta for state in followed([at(0)] * 10 + [at(40)] * 10)]
+    assert max(theta[:10]) < 0.01
+    assert min(theta[10:15]) > 0.99
+    assert theta[15:18] == pytest.approx([0.3, 0.09, 0.027], abs=0.01)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 2**32 - 1))
+def test_no_direction_is_special(seed):
+    rng = np.random.default_rng(seed)
+    measured = noisy(steps_and_pursuits(rng, 40), 5, rng)
+    turn = Rotation.random(rng=rng).as_matrix()
+    np.testing.assert_allclose(filtered(measured @ turn.T, GAZE), filtered(measured, GAZE) @ turn.T, atol=1e-9)
+
+
+# What is missing or wrong
+
+
+def test_a_prediction_stands_in_for_a_missing_cue_and_grows_uncertain_until_the_cue_is_gone():
+    wanted = GazeFilterSettings(cues="gaze", max_missing=3)
+    states = followed([at(0)] * 5 + [None] * 4 + [at(60)], wanted)
+    variances = [np.trace(state.covariance[:2, :2]) for state in states[4:8]]
+    assert variances == sorted(set(variances))
+    assert [state is None for state in states[5:]] == [False, False, False, True, False]
+    np.testing.assert_allclose(states[-1].direction, at(60))
+
+
+def test_a_prediction_follows_a_moving_gaze_but_does_not_run_away():
+    moving = [at(degree) for degree in np.arange(0, 20, 1.0)]
+    last, *predicted = followed([*moving, None, None, None, None, None])[19:]
+    beyond = [np.rad2deg(angle_between(state.direction, last.direction)) for state in predicted]
+    assert beyond == sorted(beyond)
+    assert 0.1 < beyond[-1] < 2
+
+
+def test_a_measurement_that_nobody_can_make_is_taken_for_missing_until_it_lasts():
+    wanted = GazeFilterSettings(cues="gaze", max_missing=3)
+    states = followed([at(0)] * 5 + [at(150)] + [at(0)] + [at(150)] * 4, wanted)
+    off_deg = [float(np.rad2deg(angle_between(state.direction, at(0)))) for state in states]
+    assert max(off_deg[:10]) < 1
+    assert off_deg[10] == pytest.approx(150)
+
+
+@pytest.mark.parametrize("opposite", [-AHEAD, np.array([0.0, -1.0, 0.0])])
+def test_the_opposite_and_the_vertical_direction_are_measurements_like_any(opposite):
+    wanted = GazeFilterSettings(cues="gaze", gate_deg=180)
+    start = AHEAD if opposite[2] else -opposite
+    states = followed([start, opposite, opposite], wanted)
+    assert np.rad2deg(angle_between(states[-1].direction, opposite)) < 2
+
+
+# Subjects
+
+
+def people(*directions: float | None):
+    """Tracked people, ids from 1, whose head points where they look."""
+    return tuple(
+        (number, make_person(gaze=None if degree is None else at(degree), head=None if degree is None else at(degree)))
+        for number, degree in enumerate(directions, start=1)
+    )
+
+
+def test_off_hands_the_measurements_on():
+    tracked = people(3, None)
+    subjects, state = filter_cues(tracked, GazeFilterState(), GazeFilterSettings())
+    for subject, (track_id, person) in zip(subjects, tracked, strict=True):
+        assert (subject.track_id, subject.person) == (track_id, person)
+        assert (subject.gaze, subject.head_pose) == (person.view.gaze, person.view.head_pose)
+    assert not state.filters
+
+
+@pytest.mark.parametrize(("cues", "head_deg"), [("gaze", 8), ("both", 2)])
+def test_the_head_is_filtered_only_if_wanted(cues, head_deg):
+    wanted = GazeFilterSettings(cues=cues)
+    _, state = filter_cues(people(0), GazeFilterState(), wanted)
+    for _ in range(20):
+        _, state = filter_cues(people(0), state, wanted)
+    (subject,), _ = filter_cues(people(8), state, wanted)
+    assert np.rad2deg(angle_between(subject.gaze.direction, at(0))) < 4
+    assert np.rad2deg(angle_between(subject.head_pose.direction, at(0))) == pytest.approx(head_deg, abs=2)
+
+
+def test_subjects_are_filtered_apart_and_the_state_is_not_changed():
+    together, alone = GazeFilterState(), GazeFilterState()
+    for degree in (0, 4, 1, 5):
+        (_, second), after = filter_cues(people(-degree, degree), together, GAZE)
+        again, _ = filter_cues(people(-degree, degree), together, GAZE)
+        (single,), alone = filter_cues(people(-degree, degree)[1:], alone, GAZE)
+        np.testing.assert_array_equal(second.gaze.direction, single.gaze.direction)
+        np.testing.assert_array_equal(second.gaze.direction, again[1].gaze.direction)
+        together = after
+
+
+def test_a_subject_who_is_gone_for_long_is_forgotten():
+    _, state = filter_cues(people(0), GazeFilterState(), GAZE)
+    for _ in range(GAZE.max_missing):
+        _, state = filter_cues((), state, GAZE)
+        assert state.filters
+    _, state = filter_cues((), state, GAZE)
+    assert not state.filters
+
+
+def test_a_gaze_that_was_never_measured_is_none():
+    (subject,), _ = filter_cues(people(None), GazeFilterState(), GazeFilterSettings(cues="both"))
+    assert (subject.gaze, subject.head_pose) == (None, None)

@@ -1,0 +1,164 @@
+"""The gaze filter: a Kalman filter of each subject's gaze, and of the head if wanted, that lets saccades through.
+
+Toivanen's method, as Simões and Moreno use it: state [position, velocity], constant velocity between frames, and a
+measurement noise that falls while the direction moves fast, so that fixations are smoothed and saccades are not:
+
+    change  how far the measurement lies from the last estimate, degrees per frame: the derivative of the position
+    s       1 / (1 + exp(-LAMBDA (change - ALPHA noise)))        a saccade (1) or a fixation (0)
+    theta   the greatest s of the last ``hold`` frames, m: m itself when it rises, else 0.7 m + 0.3 theta
+    R       diag(noise^2 (1 - theta), same, 1, 1)
+
+Positions are angles on the tangent plane of the sphere at the last estimate, in degrees, so that no direction is
+special; one frame is the unit of time. Two things are ours: the velocity is measured from the last estimate, not from
+the last measurement, whose noise would count twice; and velocity fades (DAMPING), since eyes that moved have mostly
+arrived, and an extrapolation over missing frames must not run away. ``harness.bench.gaze_filter`` measures it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+from pydantic import Field, NonNegativeInt, PositiveInt
+
+from vfoa.geometry import left_from_crop, perturb, tangent_offset
+from vfoa.settings import Settings
+from vfoa.types import CUES, Cue, Float, Gaze, HeadPose, Person, Subject
+
+LAMBDA = 0.5
+"""Steepness of the step from fixation to saccade, per degree and frame."""
+
+ALPHA = 3.0
+"""Where that step stands, in units of the noise: a change that noise alone seldom makes."""
+
+DAMPING = 0.5
+"""What is left of the velocity a frame later."""
+
+PROCESS_NOISE = np.diag([1.0, 1.0, 0.01, 0.01])
+"""Q: variance that a frame adds, degrees^2 and (degrees per frame)^2."""
+
+TRANSITION = np.block([[np.eye(2), np.eye(2)], [np.zeros((2, 2)), DAMPING * np.eye(2)]])
+"""F: from one frame to the next."""
+
+
+class GazeFilterSettings(Settings):
+    """Settings of :func:`filter_cues`.
+
+    ``noise_deg`` is the error of one measurement along one axis. ``hold`` is how many frames a saccade's release of
+    the filter lasts. A measurement more than ``gate_deg`` from the prediction counts as missing: nobody turns that
+    far in a frame. While a cue is missing the prediction stands in for it, for at most ``max_missing`` frames; after
+    that the cue is missing indeed, and the filter starts afresh with the next measurement, however far that is.
+    """
+
+    cues: Literal["off", "gaze", "both"] = "off"
+    noise_deg: float = Field(default=6.0, gt=0)
+    hold: PositiveInt = 5
+    gate_deg: float = Field(default=90.0, gt=0)
+    max_missing: NonNegativeInt = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CueFilter:
+    """What is known of one cue of one subject.
+
+    ``direction`` (3,) is the estimate, unit, camera frame. ``velocity_deg`` (3,) is its change in degrees per frame,
+    camera frame. ``covariance`` (4, 4) is of (right, down, velocity right, velocity down) on the tangent plane,
+    degrees; it is the same for any choice of right and down. ``saccades`` are the last values of s, the newest last.
+    """
+
+    direction: Float
+    velocity_deg: Float
+    covariance: Float
+    saccades: tuple[float, ...] = ()
+    theta: float = 0.0
+    missing: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GazeFilterState:
+    """The filters that run, by track id and cue."""
+
+    filters: Mapping[tuple[int, Cue], CueFilter] = field(default_factory=dict)
+
+
+def filter_cues(
+    tracked: tuple[tuple[int, Person], ...], state: GazeFilterState, settings: GazeFilterSettings
+) -> tuple[tuple[Subject, ...], GazeFilterState]:
+    """Turn the tracked people of one frame into subjects, whose cues are filtered where the settings say so.
+
+    A filtered direction keeps the uncertainty of its own measurement, and a filtered head has no angles: those of the
+    model belong to the unfiltered direction.
+    """
+    cues: tuple[Cue, ...] = {"off": (), "gaze": CUES[:1], "both": CUES}[settings.cues]
+    measured = {(track_id, cue): _measured(person, cue) for track_id, person in tracked for cue in cues}
+    filters = {}
+    for key in {**state.filters, **measured}:
+        after = follow(state.filters.get(key), measured.get(key), settings)
+        if after is not None:
+            filters[key] = after
+    subjects = tuple(_subject(track_id, person, cues, filters) for track_id, person in tracked)
+    return subjects, GazeFilterState(filters=filters)
+
+
+def follow(before: CueFilter | None, measured: Float | None, settings: GazeFilterSettings) -> CueFilter | None:
+    """One frame of one filter; ``measured`` (3,) is a unit direction. None: there is nothing to go by."""
+    if before is None:
+        return None if measured is None else _start(measured, settings)
+
+    from filterpy.kalman import predict, update
+
+    axes = left_from_crop(before.direction)[:, :2]
+    x, P = predict(
+        np.concatenate([np.zeros(2), before.velocity_deg @ axes]), before.covariance, TRANSITION, PROCESS_NOISE
+    )
+    offset_deg = None if measured is None else np.rad2deg(tangent_offset(before.direction, measured))
+    if offset_deg is None or np.linalg.norm(offset_deg - x[:2]) > settings.gate_deg:
+        if before.missing == settings.max_missing:
+            return follow(None, measured, settings)
+        return _moved(replace(before, missing=before.missing + 1), axes, x, P)
+
+    saccades = (*before.saccades, _saccade(float(np.linalg.norm(offset_deg)), settings))[-settings.hold :]
+    theta = max(saccades) if max(saccades) > before.theta else 0.7 * max(saccades) + 0.3 * before.theta
+    r = settings.noise_deg**2 * (1 - theta)
+    z = np.concatenate([offset_deg, offset_deg])
+    x, P = update(x, P, z, np.diag([r, r, 1.0, 1.0]), np.eye(4))
+    return _moved(replace(before, saccades=saccades, theta=theta, missing=0), axes, x, P)
+
+
+def _start(measured: Float, settings: GazeFilterSettings) -> CueFilter:
+    variance = settings.noise_deg**2
+    return CueFilter(direction=measured, velocity_deg=np.zeros(3), covariance=np.diag([variance, variance, 1.0, 1.0]))
+
+
+def _saccade(change_deg: float, settings: GazeFilterSettings) -> float:
+    """The logistic function as a tanh, which cannot overflow."""
+    return (1 + math.tanh(LAMBDA * (change_deg - ALPHA * settings.noise_deg) / 2)) / 2
+
+
+def _moved(before: CueFilter, axes: Float, x: Float, covariance: Float) -> CueFilter:
+    """The filter with the state ``x`` (4,) on the tangent plane with these ``axes`` (3, 2) as its new estimate."""
+    right_rad, down_rad = np.deg2rad(x[:2])
+    direction = perturb(before.direction, right_rad, down_rad)
+    return replace(before, direction=direction, velocity_deg=axes @ x[2:], covariance=covariance)
+
+
+def _measured(person: Person, cue: Cue) -> Float | None:
+    source = person.view.gaze if cue == "gaze" else person.view.head_pose
+    return None if source is None else source.direction
+
+
+def _subject(
+    track_id: int, person: Person, cues: tuple[Cue, ...], filters: Mapping[tuple[int, Cue], CueFilter]
+) -> Subject:
+    gaze, head_pose = person.view.gaze, person.view.head_pose
+    if "gaze" in cues:
+        found = filters.get((track_id, "gaze"))
+        gaze = None if found is None else Gaze(direction=found.direction, sigma_rad=gaze.sigma_rad if gaze else None)
+    if "head" in cues:
+        found = filters.get((track_id, "head"))
+        sigma_rad = head_pose.sigma_rad if head_pose else None
+        head_pose = None if found is None else HeadPose(direction=found.direction, sigma_rad=sigma_rad)
+    return Subject(track_id=track_id, person=person, gaze=gaze, head_pose=head_pose)
