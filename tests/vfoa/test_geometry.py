@@ -1,0 +1,243 @@
+"""Projection, directions and boxes: inverse pairs, conventions and an independent ray-box reference."""
+
+from __future__ import annotations
+
+import math
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import make_box, make_rig
+from scipy.spatial.transform import Rotation
+
+from vfoa.geometry import (
+    angle_between,
+    back_project,
+    box_corners,
+    depth_from_disparity,
+    direction_from_crop,
+    direction_to_crop,
+    disparity_from_depth,
+    entry_distance,
+    fov_from_radius,
+    gaze_direction_crop,
+    head_direction_crop,
+    left_from_crop,
+    perturb,
+    pixel_ray,
+    points_in_mask,
+    project,
+    unit,
+)
+
+SEEDS = st.integers(0, 2**32 - 1)
+ANGLES = st.floats(-1.5, 1.5)
+RIG = make_rig(64, 48, fx_px=50, cx_right_offset_px=3)
+
+
+def vectors(seed, rows=7):
+    return np.random.default_rng(seed).normal(size=(rows, 3))
+
+
+# Angles
+
+
+@given(SEEDS)
+def test_unit_vectors_keep_their_direction_row_by_row(seed):
+    found = vectors(seed)
+    lengths = np.sqrt((found**2).sum(axis=1))
+    np.testing.assert_allclose(unit(found) * lengths[:, None], found)
+
+
+@given(SEEDS)
+def test_angles_are_those_of_the_dot_product_row_by_row(seed):
+    a, b = vectors(seed), vectors(seed + 1)
+    expected = [math.acos(np.dot(p, q) / math.sqrt(np.dot(p, p) * np.dot(q, q))) for p, q in zip(a, b, strict=True)]
+    np.testing.assert_allclose(angle_between(a, 3 * b), expected, atol=1e-7)
+
+
+@pytest.mark.parametrize("angle", [1e-12, 1e-8, 1e-3, 1.0, math.pi / 2, math.pi - 1e-8])
+def test_small_and_straight_angles_are_exact(angle):
+    assert angle_between((1, 0, 0), (math.cos(angle), math.sin(angle), 0)) == pytest.approx(angle, rel=1e-7)
+
+
+@pytest.mark.parametrize(("radius_m", "fov_deg"), [(0.05, 5.2), (0.10, 10.4), (0.25, 25.6), (0.47, 46.3)])
+def test_cones_have_the_angles_of_their_radii(radius_m, fov_deg):
+    assert math.degrees(fov_from_radius(radius_m)) == pytest.approx(fov_deg, abs=0.05)
+
+
+# Projection
+
+
+@given(st.lists(st.floats(0.1, 1e4), min_size=1, max_size=9), st.floats(-20, 20))
+def test_depth_and_disparity_are_inverse(depths, offset_px):
+    rig = make_rig(cx_right_offset_px=offset_px)
+    np.testing.assert_allclose(depth_from_disparity(disparity_from_depth(depths, rig), rig), depths, rtol=1e-6)
+
+
+def test_depth_is_focal_length_times_baseline_over_disparity():
+    rig = make_rig(1024, 436, fx_px=896, baseline_m=0.1)
+    np.testing.assert_allclose(depth_from_disparity([[166.0], [89.6]], rig), [[0.53976], [1.0]], rtol=1e-4)
+    shifted = make_rig(1024, 436, fx_px=896, baseline_m=0.1, cx_right_offset_px=10)
+    assert depth_from_disparity(79.6, shifted) == pytest.approx(1.0)
+
+
+def test_what_has_no_depth_is_unknown():
+    np.testing.assert_array_equal(depth_from_disparity([np.nan, -3.0, -5.0], RIG), [np.nan] * 3)
+    np.testing.assert_array_equal(disparity_from_depth([np.nan, 0.0, -1.0], RIG), [np.nan] * 3)
+    assert np.isfinite(depth_from_disparity(-2.9, RIG))
+
+
+@given(SEEDS)
+def test_projection_and_back_projection_are_inverse_row_by_row(seed):
+    rng = np.random.default_rng(seed)
+    u, v, z = rng.uniform(-50, 150, (2, 3)), rng.uniform(-50, 150, (2, 3)), rng.uniform(0.1, 50, (2, 3))
+    points = back_project(u, v, z, RIG)
+    np.testing.assert_allclose(project(points, RIG), np.stack([u, v], axis=-1), atol=1e-9)
+    np.testing.assert_allclose(points[..., 2], z)
+    homogeneous = points @ RIG.camera_matrix.T
+    np.testing.assert_allclose(homogeneous[..., :2] / homogeneous[..., 2:], project(points, RIG), atol=1e-9)
+
+
+@given(SEEDS)
+def test_both_cameras_see_a_point_a_disparity_apart(seed):
+    point = np.random.default_rng(seed).uniform((-1, -1, 0.5), (1, 1, 5))
+    u_left = project(point, RIG)[0]
+    u_right = RIG.fx_px * (point[0] - RIG.baseline_m) / point[2] + RIG.cx_right_px
+    assert disparity_from_depth(point[2], RIG) == pytest.approx(u_left - u_right)
+
+
+def test_what_is_not_in_front_has_no_pixel():
+    np.testing.assert_array_equal(np.isnan(project([[0, 0, -1], [0, 0, 0], [0, 0, 1]], RIG)).all(axis=1), [1, 1, 0])
+
+
+def test_points_in_a_mask_are_its_known_pixels():
+    disparity = np.full((48, 64), np.nan, np.float32)
+    disparity[10, 20], disparity[11, 21], disparity[12, 22], disparity[13, 23] = 2.0, 7.0, -4.0, 5.0
+    mask = np.ones(disparity.shape, bool)
+    mask[13, 23] = False
+    points, pixels = points_in_mask(disparity, mask, RIG)
+    np.testing.assert_array_equal(pixels, [[20, 10], [21, 11]])
+    np.testing.assert_allclose(points[:, 2], [1.0, 0.5])
+    np.testing.assert_allclose(project(points, RIG), pixels, atol=1e-9)
+
+
+def test_the_ray_of_the_principal_point_is_the_axis():
+    np.testing.assert_allclose(pixel_ray(RIG.cx_px, RIG.cy_px, RIG), [0, 0, 1])
+    assert np.linalg.norm(pixel_ray(3, 5, RIG)) == pytest.approx(1)
+
+
+# Directions seen in a crop
+
+
+@given(SEEDS)
+def test_the_crop_frame_is_a_rotation_about_the_ray_with_level_right(seed):
+    rays = vectors(seed)
+    for ray, frame in zip(rays, left_from_crop(rays), strict=True):
+        np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+        assert np.linalg.det(frame) == pytest.approx(1)
+        np.testing.assert_allclose(frame[:, 2], ray / math.sqrt(ray @ ray))
+        assert frame[1, 0] == 0
+        assert frame[1, 1] >= 0
+        np.testing.assert_allclose(frame, left_from_crop(ray))
+
+
+@pytest.mark.parametrize("ray", [(0, 1, 0), (0, -1, 0), (1e-300, 1, 0)])
+def test_a_ray_straight_up_or_down_has_a_crop_frame(ray):
+    frame = left_from_crop(ray)
+    np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
+
+
+@given(SEEDS)
+def test_directions_to_and_from_a_crop_are_inverse_row_by_row(seed):
+    rays, directions = vectors(seed), vectors(seed + 1)
+    there = direction_to_crop(directions, rays)
+    np.testing.assert_allclose(direction_from_crop(there, rays), directions, atol=1e-12)
+    np.testing.assert_allclose(direction_from_crop(there[3], rays[3]), directions[3], atol=1e-12)
+    one_ray = direction_from_crop(directions, rays[0])
+    np.testing.assert_allclose(direction_to_crop(one_ray, rays[0]), directions, atol=1e-12)
+
+
+@given(SEEDS)
+def test_who_looks_into_the_camera_looks_back_along_the_ray(seed):
+    rays = vectors(seed)
+    for straight in (head_direction_crop(0, 0), gaze_direction_crop(0, 0)):
+        np.testing.assert_allclose(direction_from_crop(straight, rays), -unit(rays), atol=1e-12)
+
+
+@given(ANGLES, ANGLES)
+def test_the_angles_of_heads_and_gazes_turn_to_the_images_left_and_up(first, second):
+    head, gaze = head_direction_crop(first, second), gaze_direction_crop(first, second)
+    for direction in (head, gaze):
+        assert np.linalg.norm(direction) == pytest.approx(1)
+        assert np.sign(-direction[0]) == np.sign(math.sin(first)) or abs(first) < 1e-12
+        assert np.sign(-direction[1]) == np.sign(math.sin(second)) or abs(second) < 1e-12
+        assert direction[2] < 0
+    assert math.asin(-head[0]) == pytest.approx(first, abs=1e-6)
+    assert math.atan2(-head[1], -head[2]) == pytest.approx(second, abs=1e-6)
+    assert math.atan2(-gaze[0], -gaze[2]) == pytest.approx(first, abs=1e-6)
+    assert math.asin(-gaze[1]) == pytest.approx(second, abs=1e-6)
+
+
+@given(ANGLES, ANGLES, SEEDS)
+def test_a_perturbation_turns_by_its_angle_towards_its_side(right_rad, down_rad, seed):
+    direction = vectors(seed)
+    turned = perturb(direction, right_rad, down_rad)
+    np.testing.assert_allclose(angle_between(turned, direction), math.hypot(right_rad, down_rad), atol=1e-9)
+    local = direction_to_crop(turned, direction)
+    np.testing.assert_allclose(local[:, 0] * down_rad, local[:, 1] * right_rad, atol=1e-9)
+    assert (local[:, 0] * right_rad + local[:, 1] * down_rad >= -1e-12).all()
+
+
+# Boxes
+
+
+@given(SEEDS)
+def test_corners_are_half_the_diagonal_from_the_centre_and_on_three_faces(seed):
+    rng = np.random.default_rng(seed)
+    box = make_box(rng.normal(size=3), rng.uniform(0.1, 1, 3), Rotation.random(rng=rng).as_matrix())
+    offsets = box_corners(box) - box.center_m
+    np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), box.d_max_m)
+    np.testing.assert_allclose(np.abs(offsets @ box.left_from_box), np.tile(box.half_size_m, (8, 1)), atol=1e-12)
+    assert len(np.unique(np.round(offsets, 9), axis=0)) == 8
+
+
+def first_face(origin, direction, box):
+    """The entry distance by meeting each face's plane in turn and asking whether the point lies in the face."""
+    start, step = (origin - box.center_m) @ box.left_from_box, direction @ box.left_from_box
+    if (np.abs(start) <= box.half_size_m).all():
+        return 0.0
+    found = math.nan
+    for axis, side in product(range(3), (-1, 1)):
+        if step[axis] != 0:
+            distance = (side * box.half_size_m[axis] - start[axis]) / step[axis]
+            others = [other for other in range(3) if other != axis]
+            met = (start + distance * step)[others]
+            if distance >= 0 and (np.abs(met) <= box.half_size_m[others]).all():
+                found = min(distance, found) if found == found else distance
+    return found
+
+
+@given(SEEDS)
+def test_rays_enter_boxes_where_they_first_meet_a_face(seed):
+    rng = np.random.default_rng(seed)
+    boxes = tuple(
+        make_box(rng.normal(size=3), rng.uniform(0.1, 1, 3), rotation)
+        for rotation in [np.eye(3), *Rotation.random(3, rng=rng).as_matrix()]
+    )
+    origin, directions = rng.normal(size=3), unit(rng.normal(size=(20, 3)))
+    expected = [[first_face(origin, direction, box) for box in boxes] for direction in directions]
+    np.testing.assert_allclose(entry_distance(origin, directions, boxes), expected, atol=1e-9)
+
+
+@given(
+    st.tuples(*[st.sampled_from([-1.0, -0.5, -0.25, 0.0, 0.25, 0.5, 1.0])] * 3),
+    st.tuples(*[st.sampled_from([-1.0, -0.5, 0.0, 0.5, 1.0])] * 3).filter(any),
+)
+def test_zero_components_and_origins_on_planes_of_faces_are_decided(origin, direction):
+    """All numbers are sums of powers of two, so that the reference is exact as well."""
+    box = make_box((0, 0, 0), (0.5, 0.25, 0.5))
+    found = entry_distance(origin, np.array([direction]), (box,))
+    np.testing.assert_array_equal(found, [[first_face(np.array(origin), np.array(direction), box)]])
