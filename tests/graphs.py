@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +12,15 @@ from onnx import NodeProto, TensorProto, helper, numpy_helper, save
 Shape = tuple[int | str, ...]
 
 
-def constant(path: Path, inputs: Mapping[str, Shape], outputs: Mapping[str, ArrayLike]) -> str:
-    """A graph that takes ``inputs``, looks at none of them and always gives ``outputs``."""
-    arrays = {name: np.asarray(value, dtype=np.float32) for name, value in outputs.items()}
-    nodes = [_constant(name, array) for name, array in arrays.items()]
-    return write(path, nodes, inputs, {name: array.shape for name, array in arrays.items()})
+def constant(
+    path: Path, inputs: Mapping[str, Shape], outputs: Mapping[str, ArrayLike], integers: Collection[str] = ()
+) -> str:
+    """A graph that takes ``inputs``, looks at none of them and always gives ``outputs``; ``integers`` as int64."""
+    arrays = {
+        name: np.asarray(value, dtype=np.int64 if name in integers else np.float32) for name, value in outputs.items()
+    }
+    nodes = [constant_node(name, array) for name, array in arrays.items()]
+    return write(path, nodes, inputs, {name: array.shape for name, array in arrays.items()}, integers)
 
 
 def mean_color(path: Path, input_name: str, shape: Shape, output_name: str, factor: float) -> str:
@@ -24,7 +28,7 @@ def mean_color(path: Path, input_name: str, shape: Shape, output_name: str, fact
     nodes = [
         helper.make_node("GlobalAveragePool", [input_name], ["pooled"]),
         helper.make_node("Flatten", ["pooled"], ["flat"]),
-        _constant("factor", np.float32(factor)),
+        constant_node("factor", np.float32(factor)),
         helper.make_node("Mul", ["flat", "factor"], [output_name]),
     ]
     return write(path, nodes, {input_name: shape}, {output_name: (1, shape[1])})
@@ -37,31 +41,43 @@ def yolo_seg(path: Path, output0: ArrayLike, size: int = 320) -> str:
     """
     boxes = np.asarray(output0, dtype=np.float32)
     nodes = [
-        _constant("output0", boxes),
+        constant_node("output0", boxes),
         helper.make_node("AveragePool", ["images"], ["pooled"], kernel_shape=[4, 4], strides=[4, 4]),
-        _constant("half", np.float32(0.5)),
+        constant_node("half", np.float32(0.5)),
         helper.make_node("Sub", ["pooled", "half"], ["centered"]),
-        _constant("twenty", np.float32(20)),
+        constant_node("twenty", np.float32(20)),
         helper.make_node("Mul", ["centered", "twenty"], ["colors"]),
-        _constant("pads", np.array([0, 0, 0, 0, 0, 29, 0, 0], np.int64)),
+        constant_node("pads", np.array([0, 0, 0, 0, 0, 29, 0, 0], np.int64)),
         helper.make_node("Pad", ["colors", "pads"], ["output1"]),
     ]
     shapes = {"output0": boxes.shape, "output1": (1, 32, size // 4, size // 4)}
     return write(path, nodes, {"images": (1, 3, size, size)}, shapes)
 
 
-def write(path: Path, nodes: list[NodeProto], inputs: Mapping[str, Shape], outputs: Mapping[str, Shape]) -> str:
+def write(
+    path: Path,
+    nodes: list[NodeProto],
+    inputs: Mapping[str, Shape],
+    outputs: Mapping[str, Shape],
+    integers: Collection[str] = (),
+) -> str:
     """Save a graph and return its path. The versions are ones that every supported ONNX Runtime reads."""
     graph = helper.make_graph(
         nodes,
         "graph",
         [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in inputs.items()],
-        [helper.make_tensor_value_info(name, TensorProto.FLOAT, shape) for name, shape in outputs.items()],
+        [
+            helper.make_tensor_value_info(name, TensorProto.INT64 if name in integers else TensorProto.FLOAT, shape)
+            for name, shape in outputs.items()
+        ],
     )
     model = helper.make_model(graph, ir_version=8, opset_imports=[helper.make_opsetid("", 17)])
     save(model, path)
     return str(path)
 
 
-def _constant(name: str, value: np.ndarray | np.generic) -> NodeProto:
+def constant_node(name: str, value: np.ndarray | np.generic) -> NodeProto:
+    """A node that always gives ``value``; float64 becomes float32, as all graphs here are."""
+    array = np.asarray(value)
+    value = array.astype(np.float32) if array.dtype == np.float64 else array
     return helper.make_node("Constant", [], [name], value=numpy_helper.from_array(np.asarray(value)))

@@ -57,12 +57,14 @@ class Signature:
     """What a graph must take and give: names and shapes, None for a length that may be anything.
 
     ``by_position``: the exporter's names mean nothing; the i-th input and output are called as they are here.
-    Otherwise the inputs must have exactly these names, and the outputs these and perhaps others.
+    Otherwise the inputs must have exactly these names, and the outputs these and perhaps others. All are float32,
+    but the ``integers``, which are int64.
     """
 
     inputs: Mapping[str, Shape]
     outputs: Mapping[str, Shape]
     by_position: bool = False
+    integers: frozenset[str] = frozenset()
 
 
 class Model:
@@ -102,6 +104,11 @@ class Model:
         session, graph_inputs, _ = self._open()
         return next(_shape(node) for node in session.get_inputs() if node.name == graph_inputs[name])
 
+    def provider(self) -> Provider:
+        """What the network runs on: the provider that was asked for, since no other is ever taken instead."""
+        session, *_ = self._open()
+        return next(name for name, provider in _PROVIDERS.items() if provider == session.get_providers()[0])
+
     def check(self) -> None:
         """Open the model now, so that a wrong one fails here.
 
@@ -119,6 +126,13 @@ class Model:
             gives = _match(self.path, "output", self._signature.outputs, session.get_outputs(), self._signature)
             self._opened = session, takes, gives
         return self._opened
+
+
+IMAGENET_MEAN: Float = np.array([123.675, 116.28, 103.53])
+"""Mean of ImageNet's pixels, RGB, 0 to 255: what most networks subtract (see :func:`blob`)."""
+
+IMAGENET_SCALE: Float = 1 / np.array([58.395, 57.12, 57.375])
+"""One over the standard deviation of ImageNet's pixels, RGB, 0 to 255."""
 
 
 def blob(*images: Image, bgr: bool, mean: float | Float = 0.0, scale: float | Float = 1.0) -> NDArray[np.float32]:
@@ -173,19 +187,20 @@ def _match(
     else:
         chosen = {node.name: node for node in nodes if node.name in expected}
         right = len(chosen) == len(expected) and (kind == "output" or len(nodes) == len(expected))
-    right = right and all(_fits(shape, chosen[name]) for name, shape in expected.items())
+    types = {name: "tensor(int64)" if name in signature.integers else "tensor(float)" for name in expected}
+    right = right and all(_fits(shape, types[name], chosen[name]) for name, shape in expected.items())
     if not right:
-        wanted = ", ".join(f"{name} {_text(shape)}" for name, shape in expected.items())
+        wanted = ", ".join(f"{name} {_text(shape)} {types[name]}" for name, shape in expected.items())
         found = ", ".join(f"{node.name} {_text(_shape(node))} {node.type}" for node in nodes)
         unnamed = " (any names)" if signature.by_position else ""
-        raise VfoaError(f"{path}: another model's {kind}s; expected{unnamed} {wanted} of tensor(float), found {found}")
+        raise VfoaError(f"{path}: another model's {kind}s; expected{unnamed} {wanted}, found {found}")
     return {name: chosen[name].name for name in expected}
 
 
-def _fits(expected: Shape, node: Any) -> bool:
+def _fits(expected: Shape, type_: str, node: Any) -> bool:
     found = _shape(node)
     same = len(found) == len(expected) and all(None in (m, n) or m == n for m, n in zip(found, expected, strict=True))
-    return same and node.type == "tensor(float)"
+    return same and node.type == type_
 
 
 def _text(shape: Shape) -> str:

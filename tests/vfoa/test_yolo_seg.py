@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from tests import graphs
+from tests.masks import CUP, PERSON, picture, rectangle
 from tests.mirror import bandage_frame, frame_of, read_rgb
-from vfoa.coco import STUFF, THING_IDS, THINGS
+from vfoa.coco import STUFF, THINGS
 from vfoa.errors import VfoaError
 from vfoa.segmentation.yolo_seg import YoloSeg
-from vfoa.types import Instances, Mask
+from vfoa.types import Instances
 
 RED, GREEN, BLUE = np.eye(3, 32)
-PERSON, CUP = THING_IDS.index(1), THING_IDS.index(47)
 
 
 def output0(*rows: tuple[tuple[float, float, float, float], int, float, np.ndarray]) -> np.ndarray:
@@ -25,21 +25,6 @@ def output0(*rows: tuple[tuple[float, float, float, float], int, float, np.ndarr
         found[4 + label, 100 * n] = score
         found[84:, 100 * n] = coefficients
     return found[None]
-
-
-def picture(width: int, height: int, **colored: Mask) -> np.ndarray:
-    """A black image, red, green or blue where the masks say."""
-    image = np.zeros((height, width, 3), np.uint8)
-    for channel, name in enumerate(("red", "green", "blue")):
-        if name in colored:
-            image[colored[name], channel] = 255
-    return image
-
-
-def rectangle(width: int, height: int, u0: int, v0: int, u1: int, v1: int) -> Mask:
-    mask = np.zeros((height, width), bool)
-    mask[v0:v1, u0:u1] = True
-    return mask
 
 
 def segment(path: Path, found: np.ndarray, image: np.ndarray, **settings: object) -> Instances:

@@ -19,7 +19,11 @@ class Segmenter(Protocol):
 SEGMENTERS = Registry(
     kind="segmentation.model",
     builtin={
+        "rf_detr_seg": "vfoa.segmentation.rf_detr_seg:RfDetrSeg",
         "yolo_seg": "vfoa.segmentation.yolo_seg:YoloSeg",
+        "mask_rcnn": "vfoa.segmentation.mask_rcnn:MaskRcnn",
+        "mask_classification": "vfoa.segmentation.mask_classification:MaskClassification",
+        "panoptic_fpn": "vfoa.segmentation.panoptic_fpn:PanopticFpn",
     },
     group="vfoa.segmentation",
 )

@@ -1,0 +1,103 @@
+"""Mask classification (Cheng et al. 2021, MaskFormer; Kerssies et al. 2025, EoMT): things and stuff alike are queries.
+
+The graph, as ``transformers`` and its exporters name it: ``pixel_values`` [1, 3, H, W] RGB by ImageNet's mean and
+deviation; ``class_queries_logits`` [1, Q, 134] over 80 things, 53 kinds of stuff and "no object",
+``masks_queries_logits`` [1, Q, h, w]. Each pixel belongs to the query with the greatest class probability x mask
+probability (MaskFormer, section 3.4); a query of which others have taken most is dropped; the same stuff in several
+queries is one segment.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from vfoa.coco import STUFF, STUFF_IDS, THING_IDS, THINGS
+from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
+from vfoa.segmentation.canvas import Canvas, wanted_categories
+from vfoa.segmentation.placement import Placement, letterboxed, stretched
+from vfoa.types import Float, Instances, Map, Mask, StereoFrame
+
+CATEGORY_IDS = (*THING_IDS, *STUFF_IDS)
+"""COCO's own number of the i-th class."""
+
+SIGNATURE = Signature(
+    inputs={"pixel_values": (1, 3, None, None)},
+    outputs={
+        "class_queries_logits": (1, None, len(CATEGORY_IDS) + 1),
+        "masks_queries_logits": (1, None, None, None),
+    },
+)
+_BLACK = (0, 0, 0)
+
+
+class MaskClassification:
+    """Panoptic segmentation of COCO's 80 things and 53 kinds of stuff with MaskFormer, EoMT or a relative."""
+
+    class Settings(OnnxSettings):
+        """What to keep. ``labels`` are COCO's names of things and stuff; none given: all of them.
+
+        ``fit``: ``pad`` keeps the image's shape and fills with black (EoMT), ``stretch`` does not (MaskFormer of an
+        open size). A query counts from ``score_threshold``, if it keeps more than ``min_visible`` of the pixels that
+        it claims; both as published. ``input_size_px`` counts only where the graph leaves its size open.
+        """
+
+        score_threshold: float = Field(default=0.8, gt=0, lt=1)
+        min_visible: float = Field(default=0.8, ge=0, lt=1)
+        labels: tuple[str, ...] = ()
+        fit: Literal["pad", "stretch"] = "pad"
+        input_size_px: int = Field(default=640, ge=32, multiple_of=32)
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self._wanted = wanted_categories(settings.labels, {**THINGS, **STUFF})
+        self._model = Model(settings.weights, SIGNATURE, settings)
+
+    def segment(self, frame: StereoFrame) -> Instances:
+        """Segment one frame. Each pixel belongs to one query; ids are 1..n, best score first."""
+        shape = self._model.input_shape("pixel_values")
+        size = (shape[2] or self.settings.input_size_px, shape[3] or self.settings.input_size_px)
+        padded = self.settings.fit == "pad"
+        image, placement = letterboxed(frame.left, size, fill=_BLACK) if padded else stretched(frame.left, size)
+        found = self._model.run(pixel_values=blob(image, bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE))
+        classes = _softmax(found["class_queries_logits"][0])
+        best, scores = classes.argmax(axis=1), classes.max(axis=1)
+        kept = np.flatnonzero((best < len(CATEGORY_IDS)) & (scores > self.settings.score_threshold))
+        kept = kept[np.argsort(-scores[kept], kind="stable")]
+        masks = self._masks(found["masks_queries_logits"][0, kept], scores[kept], placement)
+        return self._paint(masks, [CATEGORY_IDS[n] for n in best[kept]], scores[kept], placement)
+
+    def _masks(self, logits: Map, scores: Float, placement: Placement) -> list[Mask]:
+        """What each query keeps of the image: where it has the greatest score x probability, and claims the pixel."""
+        height, width = placement.image_size
+        owner, greatest = np.full((height, width), -1), np.zeros((height, width), np.float32)
+        claims = []
+        for n, score in enumerate(scores):
+            upsampled = placement.whole(logits[n])
+            weighted = np.float32(score) / (1 + np.exp(-upsampled))
+            better = weighted > greatest
+            owner[better], greatest[better] = n, weighted[better]
+            claims.append(upsampled >= 0)
+        return [self._visible(claim, owner == n) for n, claim in enumerate(claims)]
+
+    def _visible(self, claim: Mask, owned: Mask) -> Mask:
+        kept = claim & owned
+        enough = np.count_nonzero(kept) > self.settings.min_visible * np.count_nonzero(claim)
+        return kept if enough else np.zeros_like(kept)
+
+    def _paint(self, masks: list[Mask], categories: list[int], scores: Float, placement: Placement) -> Instances:
+        canvas = Canvas(placement.image_size, max_hidden=1)
+        for n, (mask, category) in enumerate(zip(masks, categories, strict=True)):
+            if category not in self._wanted or (category in STUFF and category in categories[:n]):
+                continue
+            same = [each for each, other in zip(masks, categories, strict=True) if other == category]
+            canvas.paint(np.any(same, axis=0) if category in STUFF else mask, category, scores[n])
+        return canvas.instances()
+
+
+def _softmax(logits: Map) -> Float:
+    """Probabilities (Q, C) of logits (Q, C)."""
+    powers = np.exp(logits.astype(np.float64) - logits.max(axis=1, keepdims=True))
+    return powers / powers.sum(axis=1, keepdims=True)

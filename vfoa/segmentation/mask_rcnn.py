@@ -1,0 +1,60 @@
+"""Mask R-CNN (He et al. 2017) as torchvision has it (BSD-3-Clause): boxes, each with a mask.
+
+The graph, as ``torch.onnx.export`` makes it of torchvision's model and one image: [3, H, W] RGB in [0, 1]; boxes
+[N, 4], labels [N] in COCO's own numbers (int64), scores [N], masks [N, 1, H, W] > 0.5, pasted at the input's size.
+Names depend on who exported it, the order does not. Resizing, normalisation and suppression are inside.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from vfoa.coco import THINGS
+from vfoa.onnx import Model, OnnxSettings, Signature, blob
+from vfoa.segmentation.canvas import Canvas, wanted_categories
+from vfoa.segmentation.placement import stretched, window_of
+from vfoa.types import Instances, StereoFrame
+
+SIGNATURE = Signature(
+    inputs={"image": (3, None, None)},
+    outputs={"boxes": (None, 4), "labels": (None,), "scores": (None,), "masks": (None, 1, None, None)},
+    integers=frozenset({"labels"}),
+    by_position=True,
+)
+
+
+class MaskRcnn:
+    """Instance segmentation of COCO's 80 things with torchvision's Mask R-CNN."""
+
+    class Settings(OnnxSettings):
+        """What to keep. ``labels`` are COCO's names of things; none given: all of them.
+
+        ``max_hidden`` drops a mask of which better ones cover a larger share.
+        """
+
+        score_threshold: float = Field(default=0.5, gt=0, le=1)
+        max_hidden: float = Field(default=0.5, ge=0, le=1)
+        labels: tuple[str, ...] = ()
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self._wanted = wanted_categories(settings.labels, THINGS)
+        self._model = Model(settings.weights, SIGNATURE, settings)
+
+    def segment(self, frame: StereoFrame) -> Instances:
+        """Segment one frame. Where masks overlap the better score wins; ids are 1..n, best score first."""
+        shape, (height, width) = self._model.input_shape("image"), frame.left.shape[:2]
+        image, placement = stretched(frame.left, (shape[1] or height, shape[2] or width))
+        found = self._model.run(image=blob(image, bgr=False, scale=1 / 255)[0])
+        canvas = Canvas(placement.image_size, self.settings.max_hidden)
+        boxes = placement.to_image(found["boxes"])
+        for n in np.argsort(-found["scores"], kind="stable"):
+            if found["scores"][n] < self.settings.score_threshold:
+                break
+            # A pasted mask may reach a pixel beyond its box, which is rounded there.
+            window = window_of(boxes[n] + [-1, -1, 1, 1], placement.image_size)
+            if window and int(found["labels"][n]) in self._wanted:
+                mask = placement.inside(found["masks"][n, 0], window) > 0.5
+                canvas.paint(mask, int(found["labels"][n]), found["scores"][n], window)
+        return canvas.instances()
