@@ -30,14 +30,14 @@ SHORTEST_FIXATION_S, LONGEST_FIXATION_S, MEAN_EXCESS_S = 0.5, 3.0, 0.18
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """Where a body is: its rotation (3, 3) and origin (3,) in the room, metres."""
+    """Where a body is: its rotation (3, 3) and origin (3,), metres, in the room or (from the stage) in the camera."""
 
-    room_from_body: Float
-    origin_room: Float
+    frame_from_body: Float
+    origin_m: Float
 
     def apply(self, points_body: Float) -> Float:
-        """Points (..., 3) of the body in the room."""
-        return points_body @ self.room_from_body.T + self.origin_room
+        """Points (..., 3) of the body in the frame in which its pose is given."""
+        return points_body @ self.frame_from_body.T + self.origin_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,12 +89,12 @@ class Choreography:
         turn = np.array([[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]])
         origin = np.array(thing.at)
         if thing.roll is None:
-            return Pose(room_from_body=turn, origin_room=origin)
+            return Pose(frame_from_body=turn, origin_m=origin)
         shift = np.append(thing.roll.reach_m, 0) * np.sin(2 * np.pi * frame / self._rate_hz / thing.roll.period_s)
         # It rolls on the table without slip: angle = path / radius.
         axis = unit(np.cross([0.0, 0.0, 1.0], np.append(thing.roll.reach_m, 0)))
         angle = shift @ unit(np.append(thing.roll.reach_m, 0)) / BALL_RADIUS_M
-        return Pose(room_from_body=_rotation(axis, angle) @ turn, origin_room=origin + shift)
+        return Pose(frame_from_body=_rotation(axis, angle) @ turn, origin_m=origin + shift)
 
     def actor(self, actor: Actor, frame: int) -> ActorPose:
         """How a person sits, holds the head and looks."""
@@ -111,7 +111,7 @@ class Choreography:
             start = unit(self._aim(before, frame) - eye_origin)
             gaze, target = slerp(start, gaze, _minimum_jerk((since + 1) / (SACCADE_FRAMES + 1))), None
         look = room_from_look(gaze)
-        right, left = (Pose(room_from_body=look, origin_room=center) for center in head.apply(EYE_CENTERS_HEAD))
+        right, left = (Pose(frame_from_body=look, origin_m=center) for center in head.apply(EYE_CENTERS_HEAD))
         return ActorPose(body=body, head=head, eyes=(right, left), eye_origin=eye_origin, gaze=gaze, target=target)
 
     def _body(self, actor: Actor, frame: int) -> Pose:
@@ -120,20 +120,20 @@ class Choreography:
         facing = np.array([-np.sin(heading), np.cos(heading), 0.0])
         phase = 2 * np.pi * (frame / self._rate_hz / 3.7 + 0.37 * actor.id)
         sway = 0.005 * np.array([np.sin(phase), 0.6 * np.cos(1.3 * phase), 0.0])
-        return Pose(room_from_body=room_from_look(facing), origin_room=np.array(actor.at) + sway)
+        return Pose(frame_from_body=room_from_look(facing), origin_m=np.array(actor.at) + sway)
 
     def _head(self, actor: Actor, body: Pose, before: Fixation, current: Fixation, since: int, frame: int) -> Pose:
         neck = body.apply(NECK_BODY)
         old, new = (self._head_goal(actor, body, neck, fixation, frame) for fixation in (before, current))
         direction = slerp(old, new, _minimum_jerk(min(1.0, (since + 1) / HEAD_TURN_FRAMES)))
-        return Pose(room_from_body=room_from_look(direction), origin_room=neck)
+        return Pose(frame_from_body=room_from_look(direction), origin_m=neck)
 
     def _head_goal(self, actor: Actor, body: Pose, neck: Float, fixation: Fixation, frame: int) -> Float:
         """Where the head comes to rest in a fixation: at ``head_at``, or a share of the way to the gaze's aim."""
-        eyes = neck + body.room_from_body @ FACE_CENTER_HEAD
+        eyes = neck + body.frame_from_body @ FACE_CENTER_HEAD
         if fixation.look.head_at is not None:
             return unit(self._point(fixation.look.head_at, frame) - eyes)
-        return slerp(body.room_from_body[:, 1], unit(self._aim(fixation, frame) - eyes), actor.head_share)
+        return slerp(body.frame_from_body[:, 1], unit(self._aim(fixation, frame) - eyes), actor.head_share)
 
     def _aim(self, fixation: Fixation, frame: int) -> Float:
         return self._point(fixation.look.at, frame) + fixation.offset_m

@@ -108,7 +108,7 @@ class Stage:
 
     def poses(self, frame: int) -> dict[str, Pose]:
         """Where every body is, in the camera frame; ``frame`` counts from 0."""
-        poses = {body.name: Pose(room_from_body=np.eye(3), origin_room=np.zeros(3)) for body in self.bodies}
+        poses = {body.name: Pose(frame_from_body=np.eye(3), origin_m=np.zeros(3)) for body in self.bodies}
         for thing in self._scenario.things:
             poses[thing.name] = self._choreography.thing(thing, frame)
         for actor, pose in self._actors(frame).items():
@@ -134,7 +134,7 @@ class Stage:
                 instance_id=ids[name],
                 head_box_px=self._head_box(name, pose),
                 eye_origin_left=_left_from_room() @ (pose.eye_origin - CAMERA),
-                head_direction=_left_from_room() @ pose.head.room_from_body[:, 1],
+                head_direction=_left_from_room() @ pose.head.frame_from_body[:, 1],
                 gaze_direction=_left_from_room() @ pose.gaze,
                 target=pose.target,
             )
@@ -159,7 +159,7 @@ def _left_from_room() -> Float:
 
 def _to_left(pose: Pose) -> Pose:
     rotation = _left_from_room()
-    return Pose(room_from_body=rotation @ pose.room_from_body, origin_room=rotation @ (pose.origin_room - CAMERA))
+    return Pose(frame_from_body=rotation @ pose.frame_from_body, origin_m=rotation @ (pose.origin_m - CAMERA))
 
 
 def _vertices(parts: Parts) -> Float:
