@@ -20,6 +20,7 @@ MODELS = Registry(
     kind="gaze.model",
     builtin={
         "adas_0002": "vfoa.gaze.adas:Adas0002",
+        "l2cs": "vfoa.gaze.l2cs:L2cs",
     },
     group="vfoa.gaze",
 )

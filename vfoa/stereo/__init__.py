@@ -21,6 +21,7 @@ MATCHERS = Registry(
     builtin={
         "bm": "vfoa.stereo.block_matching:BlockMatcher",
         "sgbm": "vfoa.stereo.block_matching:SemiGlobalMatcher",
+        "hitnet": "vfoa.stereo.hitnet:HitNet",
     },
     group="vfoa.stereo",
 )

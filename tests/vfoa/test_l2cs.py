@@ -1,0 +1,108 @@
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from onnx import helper
+
+from tests import graphs
+from tests.mirror import frame_of
+from vfoa.gaze import MODELS
+from vfoa.gaze.l2cs import L2cs
+from vfoa.geometry import pixel_ray
+from vfoa.types import Float, Head
+
+FRAME = frame_of(np.zeros((200, 300, 3), np.uint8))
+INPUT = {"input": ("batch", 3, 448, 448)}
+
+
+def bin_logits(angle_deg: float) -> np.ndarray:
+    """Logits [1, 90] of a distribution over the two bins about an angle, whose mean it is. Bin i is at 4 i - 180."""
+    place = (angle_deg + 180) / 4
+    below = int(place)
+    probabilities = np.full(90, 1e-12)
+    probabilities[below], probabilities[below + 1] = 1 - (place - below) + 1e-12, place - below + 1e-12
+    return np.log(probabilities)[None]
+
+
+def constant_gaze(folder: Path, horizontal_deg: float, vertical_deg: float, names: tuple[str, str]) -> L2cs:
+    outputs = dict(zip(names, (bin_logits(horizontal_deg), bin_logits(vertical_deg)), strict=True))
+    return L2cs(L2cs.Settings(weights=graphs.constant(folder / "gaze.onnx", INPUT, outputs)))
+
+
+def head_at(u: float, v: float) -> Head:
+    box = np.array([u - 20.0, v - 30.0, u + 20.0, v + 30.0])
+    return Head(box_px=box, score=1.0, face_box_px=box)
+
+
+def direction(model: L2cs, u: float = 149.5, v: float = 99.5) -> Float:
+    gaze = model.estimate(FRAME, head_at(u, v), None)
+    assert gaze is not None
+    return gaze.direction
+
+
+def test_is_used_by_name() -> None:
+    assert MODELS.load("l2cs") is L2cs
+
+
+@pytest.mark.parametrize(
+    ("horizontal_deg", "vertical_deg", "expected"),
+    [
+        (0, 0, (0, 0, -1)),
+        (30, 0, (-0.5, 0, -np.sqrt(0.75))),  # to the image's left
+        (0, 30, (0, -0.5, -np.sqrt(0.75))),  # up
+        (-17, 0, (np.sin(np.radians(17)), 0, -np.cos(np.radians(17)))),  # between two bins
+        (90, 60, (-0.5, -np.sqrt(0.75), 0)),
+    ],
+)
+@pytest.mark.parametrize("names", [("yaw", "pitch"), ("pitch", "yaw"), ("495", "496")])
+def test_known_bins_are_a_known_direction_whatever_the_outputs_are_called(
+    tmp_path: Path,
+    horizontal_deg: float,
+    vertical_deg: float,
+    expected: tuple[float, float, float],
+    names: tuple[str, str],
+) -> None:
+    found = direction(constant_gaze(tmp_path, horizontal_deg, vertical_deg, names))
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_a_gaze_straight_ahead_meets_the_camera_from_anywhere(tmp_path: Path) -> None:
+    model = pickle.loads(pickle.dumps(constant_gaze(tmp_path, 0, 0, ("pitch", "yaw"))))
+    for u, v in ((20, 30), (280, 60), (150, 180)):
+        np.testing.assert_allclose(direction(model, u, v), -pixel_ray(u, v, FRAME.rig), atol=1e-6)
+
+
+def test_a_head_without_a_face_has_no_gaze(tmp_path: Path) -> None:
+    head = Head(box_px=np.array([10.0, 10, 50, 60]), score=1.0)
+    assert constant_gaze(tmp_path, 0, 0, ("pitch", "yaw")).estimate(FRAME, head, None) is None
+
+
+def test_the_input_is_the_face_in_rgb_by_imagenets_statistics(tmp_path: Path) -> None:
+    """The graph's angles are those of the bins at which the mean red and the mean blue of the face point."""
+    bins = np.arange(90, dtype=np.float32)[None]
+    nodes = [helper.make_node("GlobalAveragePool", ["input"], ["pooled"])]
+    for name, channel in (("horizontal", 0), ("vertical", 2)):
+        # Bin 45 + 10 x: -|i - 45 - 10 x| as a logit, made steep.
+        nodes += [
+            graphs.constant_node(f"{name}_index", np.array([channel])),
+            helper.make_node("Gather", ["pooled", f"{name}_index"], [f"{name}_x4"], axis=1),
+            helper.make_node("Flatten", [f"{name}_x4"], [f"{name}_x"]),
+            graphs.constant_node(f"{name}_ten", np.float32(10)),
+            helper.make_node("Mul", [f"{name}_x", f"{name}_ten"], [f"{name}_shift"]),
+            graphs.constant_node(f"{name}_bins", bins - 45),
+            helper.make_node("Sub", [f"{name}_bins", f"{name}_shift"], [f"{name}_off"]),
+            helper.make_node("Mul", [f"{name}_off", f"{name}_off"], [f"{name}_square"]),
+            helper.make_node("Neg", [f"{name}_square"], [name]),
+        ]
+    weights = graphs.write(tmp_path / "face.onnx", nodes, INPUT, {"horizontal": (1, 90), "vertical": (1, 90)})
+    image = np.zeros((200, 300, 3), np.uint8)
+    image[60:140, 120:180] = [182, 0, 75]  # red 1 deviation above its mean, blue half a deviation below
+    gaze = L2cs(L2cs.Settings(weights=weights)).estimate(frame_of(image), head_at(149.5, 99.5), None)
+    assert gaze is not None
+    theta = np.degrees(np.arctan2(-gaze.direction[0], -gaze.direction[2]))
+    phi = np.degrees(np.arcsin(-gaze.direction[1]))
+    assert theta == pytest.approx(40 * (182 - 123.675) / 58.395, abs=0.5)
+    assert phi == pytest.approx(40 * (75 - 103.53) / 57.375, abs=0.5)

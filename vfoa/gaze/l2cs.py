@@ -1,0 +1,58 @@
+"""L2CS-Net (Abdelrahman et al. 2022) and MobileGaze: gaze from one face, each angle as a distribution over 90 bins.
+
+The graph: [1, 3, 448, 448] RGB by ImageNet's mean and deviation, the face's box stretched; two outputs [1, 90] of
+logits, first the horizontal angle (> 0 to the image's left), then the vertical one (> 0 up), whatever their names are:
+their makers call the first "pitch" in one place and "yaw" in another. An angle is sum p_i (4 i) - 180 degrees.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydantic import Field
+
+from vfoa.crops import center, crop, grow
+from vfoa.geometry import direction_from_crop, gaze_direction_crop, pixel_ray
+from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
+from vfoa.types import Gaze, Head, HeadPose, Map, StereoFrame
+
+BINS = 90
+BIN_DEG = 4.0
+FIRST_BIN_DEG = -180.0
+
+SIGNATURE = Signature(
+    inputs={"face": (1, 3, 448, 448)},
+    outputs={"horizontal": (1, BINS), "vertical": (1, BINS)},
+    by_position=True,
+)
+
+
+class L2cs:
+    """Gaze of one frame from a face, without head pose, landmarks or neighbouring frames."""
+
+    class Settings(OnnxSettings):
+        """``margin``: what the crop adds to the face's box on each side, as a share of its width or height."""
+
+        margin: float = Field(default=0.0, ge=0)
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+        self._model = Model(settings.weights, SIGNATURE, settings)
+
+    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
+        """Estimate one head's gaze; None without a face, which is all that these networks were shown."""
+        if head.face_box_px is None:
+            return None
+        margin = self.settings.margin
+        box = grow(head.face_box_px, side=margin, top=margin, bottom=margin)
+        face = blob(crop(frame.left, box, 448), bgr=False, mean=IMAGENET_MEAN, scale=IMAGENET_SCALE)
+        found = self._model.run(face=face)
+        theta, phi = (_expected_angle(found[name][0]) for name in ("horizontal", "vertical"))
+        u, v = center(box)
+        return Gaze(direction=direction_from_crop(gaze_direction_crop(theta, phi), pixel_ray(u, v, frame.rig)))
+
+
+def _expected_angle(logits: Map) -> float:
+    """Mean angle in radians of a distribution given as logits (90,)."""
+    weights = np.exp(logits.astype(np.float64) - logits.max())
+    angles_deg = FIRST_BIN_DEG + BIN_DEG * np.arange(BINS)
+    return float(np.radians(weights @ angles_deg / weights.sum()))
