@@ -51,6 +51,11 @@ def test_a_track_outlives_a_gap_of_up_to_ttl_frames(ttl, ids):
     assert set(final_tracks(frames, TrackingSettings(ttl=ttl))) == ids
 
 
+def test_each_gap_is_measured_anew():
+    frames = [(at(0),), (), (at(0),), (), (at(0),)]
+    assert lefts(final_tracks(frames, TrackingSettings(ttl=1))) == {1: [(0, 0), (2, 0), (4, 0)]}
+
+
 def test_only_tracks_with_a_good_head_and_enough_heads_count():
     frames = [(at(0, 0.4), at(50, 0.4), at(100, 0.9)), (at(0, 0.4), at(50, 0.6))]
     assert set(final_tracks(frames, PUBLISHED)) == {2}
