@@ -164,16 +164,19 @@ def _score(rays: Rays, boxes: tuple[Box3D, ...]) -> Float:
 
     |P - C| counts as d_min where it is less, which is so only for eyes inside the box: there P is the eyes.
     """
+    scores = np.zeros(rays.entry_m.shape)
     if not boxes:
-        return rays.entry_m
+        return scores
+    center = np.array([box.center_m for box in boxes])
     half = np.array([box.half_size_m for box in boxes])
-    offset = rays.origin_left - np.array([box.center_m for box in boxes])
     d_max, d_min = np.sqrt((half**2).sum(axis=1)), half.min(axis=1)
-    # |o + t d - C|^2 in powers of t: the points themselves would be an array three times as large
-    squared = (offset**2).sum(axis=1) + rays.entry_m * (rays.entry_m + 2 * rays.directions @ offset.T)
-    distance = np.sqrt(np.maximum(squared, d_min**2))
-    score = (1.5 * d_max - distance) / (1.5 * d_max - d_min)
-    return np.where(np.isnan(score), 0, score)
+
+    # most rays miss most boxes: only the hits have a P
+    ray, box = np.nonzero(np.isfinite(rays.entry_m))
+    entry_point = rays.origin_left + rays.entry_m[ray, box, None] * rays.directions[ray]
+    distance = np.sqrt(((entry_point - center[box]) ** 2).sum(axis=1))
+    scores[ray, box] = (1.5 * d_max[box] - np.maximum(distance, d_min[box])) / (1.5 * d_max - d_min)[box]
+    return scores
 
 
 def _weigh(
@@ -194,6 +197,6 @@ def _focus(values: tuple[TargetAttention, ...], rays: Rays) -> tuple[int | None,
     if most == 0:
         return None, ()
     best = [column for column, value in enumerate(values) if value.total == most]
-    best.sort(key=lambda column: (np.nanmin(rays.entry_m[:, column]), values[column].instance_id))
+    best.sort(key=lambda column: (np.fmin.reduce(rays.entry_m[:, column]), values[column].instance_id))
     first, *tied = (values[column].instance_id for column in best)
     return first, tuple(tied)

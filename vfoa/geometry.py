@@ -95,12 +95,12 @@ def left_from_crop(ray_left: ArrayLike) -> Float:
     Columns r, d, f with f = ray / |ray|, r = (0, 1, 0) x f normalised, d = f x r. For a ray straight up or down,
     where that product is zero, r = (1, 0, 0).
     """
-    x, y, z = np.moveaxis(unit(ray_left), -1, 0)
+    x, y, z = unit(ray_left).T
     level = np.hypot(x, z)
     length = np.where(level > 0, level, 1)
-    sine, cosine = x / length, np.where(level > 0, z / length, 1)
-    rows = [[cosine, -y * sine, x], [np.zeros_like(y), level, y], [-sine, -y * cosine, z]]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    sine, cosine = x / length, np.where(level > 0, z, 1) / length
+    right, down = (cosine, np.zeros_like(y), -sine), (-y * sine, level, -y * cosine)
+    return np.array([right, down, (x, y, z)]).T
 
 
 def direction_from_crop(direction_crop: ArrayLike, ray_left: ArrayLike) -> Float:

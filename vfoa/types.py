@@ -15,6 +15,7 @@ Values are frozen. Their arrays are checked for shape and dtype once, here, and 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import Enum
 from typing import Literal
@@ -38,12 +39,12 @@ def _set(value: object, name: str, found: ArrayLike, dtype: DTypeLike, *shape: i
     an integer disparity has usually lost its sixteenths. Plain sequences of numbers are converted.
     """
     array = found.view() if isinstance(found, np.ndarray) else np.asarray(found, dtype=dtype)
-    what = f"{type(value).__name__}.{name}"
     if array.dtype != dtype:
-        raise ValueError(f"{what}: expected dtype {np.dtype(dtype).name}, found {array.dtype.name}")
+        expected = np.dtype(dtype).name
+        raise ValueError(f"{type(value).__name__}.{name}: expected dtype {expected}, found {array.dtype.name}")
     if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
         expected = ", ".join("any" if n is None else str(n) for n in shape)
-        raise ValueError(f"{what}: expected shape ({expected}), found {array.shape}")
+        raise ValueError(f"{type(value).__name__}.{name}: expected shape ({expected}), found {array.shape}")
     array.flags.writeable = False
     object.__setattr__(value, name, array)
 
@@ -51,8 +52,8 @@ def _set(value: object, name: str, found: ArrayLike, dtype: DTypeLike, *shape: i
 def _set_unit(value: object, name: str, found: ArrayLike) -> None:
     """Store a direction as a read-only unit vector (3,); a zero or unknown direction is an error."""
     vector = np.asarray(found, dtype=np.float64)
-    length = float(np.linalg.norm(vector))
-    if not np.isfinite(length) or length == 0.0:
+    length = math.hypot(*vector.flat)
+    if not math.isfinite(length) or length == 0.0:
         raise ValueError(f"{type(value).__name__}.{name}: expected a direction, found {vector}")
     _set(value, name, vector / length, np.float64, 3)
 

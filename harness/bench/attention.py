@@ -29,7 +29,7 @@ class AttentionTiming:
         return self.plain_ms / self.vectorised_ms
 
 
-def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, rounds: int = 5) -> AttentionTiming:
+def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, rounds: int = 15) -> AttentionTiming:
     """Time both ways on one seeded frame, for cones of 40 surface rays a cue. A frame is all of its subjects."""
     settings = AttentionSettings(cones_cm=cones_cm, n_rays=40, axis_ray=False)
     rng = np.random.default_rng(0)
@@ -44,8 +44,8 @@ def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, ro
         rays_per_subject=2 * 40 * len(cones_cm),
         boxes=boxes,
         subjects=subjects,
-        vectorised_ms=best_ms(pay_attention, frames=20),
-        plain_ms=best_ms(plain_attention, frames=2),
+        vectorised_ms=best_ms(pay_attention, frames=5),
+        plain_ms=best_ms(plain_attention, frames=1),
     )
 
 
