@@ -16,7 +16,7 @@ from pydantic import Field
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Float, Image
-from vfoa.weights import locate
+from vfoa.weights import is_lfs_pointer, locate
 
 Provider = Literal["cpu", "cuda", "tensorrt", "openvino", "coreml"]
 Shape = tuple[int | None, ...]
@@ -28,7 +28,6 @@ _PROVIDERS: dict[Provider, str] = {
     "openvino": "OpenVINOExecutionProvider",
     "coreml": "CoreMLExecutionProvider",
 }
-_LFS_POINTER = b"version https://git-lfs"
 _FATAL = 4
 
 # ONNX Runtime's errors have no base of their own
@@ -94,9 +93,19 @@ class Model:
         return type(self), (self._weights, self._signature, self._settings)
 
     def run(self, **inputs: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
-        """Run the network once: inputs and outputs by the names of the signature."""
+        """Run the network once: inputs and outputs by the names of the signature.
+
+        Raises
+        ------
+        VfoaError
+            If it cannot be opened (see :meth:`check`), or fails on these inputs.
+        """
         session, graph_inputs, graph_outputs = self._open()
-        found = session.run(list(graph_outputs.values()), {graph_inputs[name]: inputs[name] for name in inputs})
+        try:
+            found = session.run(list(graph_outputs.values()), {graph_inputs[name]: inputs[name] for name in inputs})
+        except _RUNTIME_ERRORS as error:
+            given = ", ".join(f"{name} {_text(array.shape)}" for name, array in inputs.items())
+            raise VfoaError(f"{self.path}: fails on {given}: {' '.join(str(error).split())}") from error
         return dict(zip(graph_outputs, found, strict=True))
 
     def input_shape(self, name: str) -> Shape:
@@ -153,9 +162,8 @@ def _session(path: Path, settings: RuntimeSettings) -> Any:
         raise VfoaError(
             f"provider: {settings.provider!r} is not in this build of ONNX Runtime; expected one of: {names}"
         )
-    with path.open("rb") as file:
-        if file.read(len(_LFS_POINTER)) == _LFS_POINTER:
-            raise VfoaError(f"{path}: a Git LFS pointer; expected the model it stands for (fetch it with git lfs pull)")
+    if is_lfs_pointer(path):
+        raise VfoaError(f"{path}: a Git LFS pointer; expected the model it stands for (fetch it with git lfs pull)")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = settings.threads
     options.inter_op_num_threads = 1

@@ -9,12 +9,18 @@ import platformdirs
 
 from vfoa.errors import VfoaError
 
+_LFS_POINTER = b"version https://git-lfs"
+
+
+def cache_directory() -> Path:
+    """Where fetched weights are kept: in the cache directory of the platform."""
+    return Path(platformdirs.user_cache_dir("vfoa")) / "models"
+
 
 def directories() -> list[Path]:
     """The folders searched for weights, in order: ``$VFOA_MODELS``, then the cache directory of the platform."""
     named = os.environ.get("VFOA_MODELS")
-    cache = Path(platformdirs.user_cache_dir("vfoa")) / "models"
-    return [Path(named), cache] if named else [cache]
+    return [Path(named), cache_directory()] if named else [cache_directory()]
 
 
 def locate(weights: str) -> Path:
@@ -31,3 +37,9 @@ def locate(weights: str) -> Path:
             return path
     folders = ", ".join(str(folder) for folder in directories())
     raise VfoaError(f"{weights}: no such model file; expected a path, or a name in one of: {folders} (VFOA_MODELS)")
+
+
+def is_lfs_pointer(path: Path) -> bool:
+    """Whether a file is what Git LFS leaves in the place of a large one that was not fetched."""
+    with path.open("rb") as file:
+        return file.read(len(_LFS_POINTER)) == _LFS_POINTER

@@ -1,0 +1,143 @@
+"""``vfoa models``: what models there are, bringing them here, and whether they work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from enum import StrEnum
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from harness.model_check import ModelCheck
+    from harness.models import CatalogueEntry, Progress
+
+app = typer.Typer(help="List the models, fetch them, and check that they work.", no_args_is_help=True)
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
+
+
+class ProviderName(StrEnum):
+    """What a network runs on."""
+
+    cpu = "cpu"
+    cuda = "cuda"
+    tensorrt = "tensorrt"
+    openvino = "openvino"
+    coreml = "coreml"
+
+
+@app.command(name="list")
+def list_models(as_json: Json = False) -> None:
+    """List every model of the catalogue: what takes it, its licence, its size, and whether it is here."""
+    from harness.models import catalogue
+
+    models = catalogue()
+    if as_json:
+        _print_json([{"name": name, **entry.model_dump(), "path": _path(entry)} for name, entry in models.items()])
+        return
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=SIMPLE_HEAD, pad_edge=False)
+    for header in ("model", "stage", "size", "licence", "here"):
+        table.add_column(header, no_wrap=header != "licence")
+    for name, entry in models.items():
+        table.add_row(name, entry.stage or "-", _size(entry), entry.licence, "yes" if entry.find() else "-")
+    Console().print(table)
+
+
+@app.command(name="fetch")
+def fetch(
+    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Names of the catalogue.")],
+    accept_licence: Annotated[
+        bool, typer.Option("--accept-licence", help="Accept terms that allow no commercial use.")
+    ] = False,
+) -> None:
+    """Fetch models from their own homes into the cache directory; a fetch that was cut goes on where it stopped."""
+    from harness.models import fetch_model, find_model
+
+    for name, entry in [(name, find_model(name)) for name in names]:
+        typer.echo(f"{name}: licence: {entry.licence}; {entry.home}")
+        with _bytes_bar(name) as progress:
+            path = fetch_model(name, entry, accept_licence=accept_licence, progress=progress)
+        typer.echo(f"{name}: {path}")
+
+
+@app.command(name="check")
+def check(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Names of the catalogue; all that are here if none.")
+    ] = None,
+    provider: Annotated[ProviderName, typer.Option(help="What to run them on.")] = ProviderName.cpu,
+    threads: Annotated[int, typer.Option(min=1, help="Threads of one inference.")] = 1,
+    as_json: Json = False,
+) -> None:
+    """Load models, check their signatures, run each once and print provider and ms; exit 2 if one fails."""
+    from harness.model_check import check_model
+    from harness.models import catalogue, find_model
+    from vfoa.onnx import RuntimeSettings
+
+    settings = RuntimeSettings(provider=provider.value, threads=threads)
+    chosen = {name: find_model(name) for name in names} if names else catalogue()
+    checks = []
+    for name, entry in chosen.items():
+        checks.append(check_model(name, entry, settings))
+        if not as_json:
+            typer.echo(_line(checks[-1]))
+    if as_json:
+        from dataclasses import asdict
+
+        _print_json([asdict(each) for each in checks])
+    wrong = ("fails", "absent") if names else ("fails",)
+    if any(each.verdict in wrong for each in checks):
+        raise typer.Exit(2)
+
+
+def _line(found: ModelCheck) -> str:
+    if found.verdict != "ok":
+        return f"{found.name}: {found.verdict}: {found.message}"
+    checksum = "checksum right" if found.checksum_known else "checksum not known"
+    run = "" if found.inference_ms is None else f"{found.provider}, {found.inference_ms:.1f} ms, "
+    return f"{found.name}: ok: {run}{checksum}" + (f"; {found.message}" if found.message else "")
+
+
+def _path(entry: CatalogueEntry) -> str | None:
+    path = entry.find()
+    return None if path is None else str(path)
+
+
+def _size(entry: CatalogueEntry) -> str:
+    megabytes = entry.bytes / 1e6 if entry.bytes else entry.megabytes
+    return "-" if megabytes is None else f"{megabytes:.1f} MB"
+
+
+def _print_json(rows: list[dict[str, object]]) -> None:
+    import json
+
+    typer.echo(json.dumps(rows, indent=2, ensure_ascii=False))
+
+
+@contextmanager
+def _bytes_bar(what: str) -> Iterator[Progress]:
+    """A bar of bytes on stderr; nothing where stderr is not a terminal."""
+    import sys
+
+    if not sys.stderr.isatty():
+        yield lambda done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        DownloadColumn(),
+        TransferSpeedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
