@@ -36,7 +36,10 @@ def locate(weights: str) -> Path:
         if path.is_file():
             return path
     folders = ", ".join(str(folder) for folder in directories())
-    raise VfoaError(f"{weights}: no such model file; expected a path, or a name in one of: {folders} (VFOA_MODELS)")
+    raise VfoaError(
+        f"{weights}: no such model file; expected a path, or a name in one of: {folders} "
+        "(VFOA_MODELS, and what `vfoa models fetch` fills)"
+    )
 
 
 def is_lfs_pointer(path: Path) -> bool:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from onnx import helper
 
 from tests import graphs
 from vfoa.errors import VfoaError
@@ -77,6 +78,25 @@ def test_another_models_signature_is_one_clear_line(
     assert "\n" not in message
     assert expected in said
     assert found in was
+
+
+def test_integers_are_taken_where_the_signature_has_them(tmp_path: Path) -> None:
+    weights = graphs.constant(tmp_path / "labels.onnx", {"image": (1,)}, {"labels": [1, 47]}, integers={"labels"})
+    floats = Signature(inputs={"image": (1,)}, outputs={"labels": (2,)})
+    integers = Signature(inputs={"image": (1,)}, outputs={"labels": (2,)}, integers=frozenset({"labels"}))
+    assert open_model(weights, integers).run(image=np.zeros(1, np.float32))["labels"].tolist() == [1, 47]
+    with pytest.raises(VfoaError, match=r"expected labels \[2\] tensor\(float\), found labels \[2\] tensor\(int64\)"):
+        open_model(weights, floats)
+
+
+def test_a_network_that_fails_is_one_clear_line(tmp_path: Path) -> None:
+    nodes = [graphs.constant_node("two", np.ones((2, 2))), helper.make_node("MatMul", ["image", "two"], ["angles"])]
+    weights = graphs.write(tmp_path / "model.onnx", nodes, {"image": (1, "n")}, {"angles": (1, 2)})
+    model = open_model(weights, Signature(inputs={"image": (1, None)}, outputs={"angles": (1, 2)}))
+    with pytest.raises(VfoaError, match=r"model\.onnx: fails on image \[1, 3\]: ") as caught:
+        model.run(image=np.ones((1, 3), np.float32))
+    assert "\n" not in str(caught.value)
+    assert model.provider() == "cpu"
 
 
 def test_a_missing_file_is_said_when_the_stage_is_built(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ class L2cs:
     class Settings(OnnxSettings):
         """``margin``: what the crop adds to the face's box on each side, as a share of its width or height."""
 
+        weights: str = "resnet34_gaze.onnx"
         margin: float = Field(default=0.0, ge=0)
 
     def __init__(self, settings: Settings) -> None:

@@ -32,6 +32,7 @@ class RfDetrSeg:
         the graph leaves its size open.
         """
 
+        weights: str = "rfdetr-seg-medium.onnx"
         score_threshold: float = Field(default=0.5, gt=0, lt=1)
         max_hidden: float = Field(default=0.5, ge=0, le=1)
         labels: tuple[str, ...] = ()
