@@ -39,7 +39,11 @@ from vfoa.reconstruction import ReconstructionSettings
 from vfoa.settings import Settings
 from vfoa.tracking import TrackingSettings
 
-_ATTEND = {"tracking": TrackingSettings, "gaze_filter": GazeFilterSettings, "attention": AttentionSettings}
+_ATTEND: dict[str, type[Settings]] = {
+    "tracking": TrackingSettings,
+    "gaze_filter": GazeFilterSettings,
+    "attention": AttentionSettings,
+}
 _TABLES = (*SLOTS, "reconstruction", *_ATTEND)
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]*")
 
@@ -221,7 +225,9 @@ def _all_used(defaults: dict[str, dict[str, Any]], used: set[tuple[str, str]], w
 
 def _configuration(name: str, tables: dict[str, Any], where: str) -> Configuration:
     choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in SLOTS.values()}
-    settings = {key: parse(model, tables.get(key, {}), f"{where}: {key}") for key, model in _ATTEND.items()}
+    settings: dict[str, Any] = {
+        key: parse(model, tables.get(key, {}), f"{where}: {key}") for key, model in _ATTEND.items()
+    }
     return Configuration(
         name=name,
         choices=choices,

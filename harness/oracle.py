@@ -7,6 +7,7 @@ is an error, never an empty answer.
 from __future__ import annotations
 
 from typing import TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -25,12 +26,15 @@ class OracleSettings(Settings):
     """The truth has nothing to set."""
 
 
+_last_truths: WeakKeyDictionary[Clip, tuple[int, Truth]] = WeakKeyDictionary()
+"""Each clip's last frame: several stages ask for it, some of them once for every head."""
+
+
 class KnownTruth:
-    """A clip's truth as one stage needs it. The last frame's is kept, since a stage asks once for every head."""
+    """A clip's truth as one stage needs it."""
 
     def __init__(self, clip: Clip, needed_by: str) -> None:
         self._clip, self._needed_by = clip, needed_by
-        self._last: tuple[int, Truth] | None = None
 
     def disparity(self, frame: int) -> Disparity:
         """The true disparity map."""
@@ -61,9 +65,10 @@ class KnownTruth:
         return self._known(frame, person.gaze_direction, f"gaze direction of {person.name!r}")
 
     def _truth(self, frame: int) -> Truth:
-        if self._last is None or self._last[0] != frame:
-            self._last = frame, self._clip.truth(frame)
-        return self._last[1]
+        last = _last_truths.get(self._clip)
+        if last is None or last[0] != frame:
+            last = _last_truths[self._clip] = frame, self._clip.truth(frame)
+        return last[1]
 
     def _known(self, frame: int, value: T | None, what: str) -> T:
         if value is None:

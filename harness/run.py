@@ -19,11 +19,11 @@ from harness.recording import FrameObserver, NullRecorder, Size
 from harness.records import to_record
 from harness.results import FrameRecord, to_line
 from harness.run_directory import Pair, RunDirectory
-from harness.sharing import Bill, SharedPipeline
+from harness.sharing import Bill, SharedPipeline, timed
 from harness.verdicts import Verdict, judge
 from vfoa.errors import VfoaError
 from vfoa.pipeline import Memory, attend
-from vfoa.types import FrameResult, Scene
+from vfoa.types import FrameResult, Percepts, Scene, StereoFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,13 +62,13 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
         with ExitStack() as stack:
             lanes = [_open_lane(job, configuration, clip.rate_hz, stack) for configuration in job.configurations]
             for number in job.frames:
-                frame = clip.frame(number)
+                decoding: Bill = {}
+                with timed(decoding, "decode"):
+                    frame = clip.frame(number)
                 pipeline.start_frame()
                 for lane in lanes:
                     percepts, scene, bill = pipeline.run(lane.configuration, frame)
-                    result = lane.attend(scene)
-                    record = lane.keep(result, bill)
-                    lane.observer.log(frame, percepts, result, record, lane.judge(record))
+                    lane.step(frame, percepts, scene, {**decoding, **bill})
                 progress(job.manifest.name)
     except VfoaError as error:
         return ClipOutcome(clip=job.manifest.name, error=str(error))
@@ -87,20 +87,22 @@ class _Lane:
     memory: Memory = field(default_factory=Memory)
     names: SubjectNames = field(default_factory=SubjectNames)
 
-    def attend(self, scene: Scene) -> FrameResult:
-        """Compute attention, and remember."""
-        result, self.memory = attend(scene, self.memory, self.configuration.attend)
-        return result
-
-    def keep(self, result: FrameResult, bill: Bill) -> FrameRecord:
-        """Name what was found and write it down, with what the stages cost."""
-        manifest = self.job.manifest
-        names, self.names = name_frame(result, manifest.subjects, manifest.targets, self.names)
-        record = to_record(manifest.name, self.configuration.name, result, names)
+    def step(self, frame: StereoFrame, percepts: Percepts, scene: Scene, bill: Bill) -> None:
+        """Take one frame from the scene to the files; ``bill`` is what it has cost so far."""
+        with timed(bill, "attention"):
+            result, self.memory = attend(scene, self.memory, self.configuration.attend)
+        record = self.name(result)
+        with timed(bill, "recording"):
+            self.observer.log(frame, percepts, result, record, self.judge(record))
         self.results.write(to_line(record))
         for stage, seconds in bill.items():
             self.timings.write(f"{record.clip},{record.configuration},{record.frame},{stage},{1e3 * seconds:.3f}\n")
-        return record
+
+    def name(self, result: FrameResult) -> FrameRecord:
+        """The result with the manifest's names."""
+        manifest = self.job.manifest
+        names, self.names = name_frame(result, manifest.subjects, manifest.targets, self.names)
+        return to_record(manifest.name, self.configuration.name, result, names)
 
     def judge(self, record: FrameRecord) -> tuple[Verdict, ...]:
         """The verdict on every subject of the manifest."""

@@ -8,7 +8,8 @@ without a word about which stage reads what.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -22,6 +23,14 @@ from vfoa.types import Percepts, Scene, StereoFrame
 T = TypeVar("T")
 Bill = dict[str, float]
 """Seconds per stage."""
+
+
+@contextmanager
+def timed(bill: Bill, stage: str) -> Iterator[None]:
+    """Bill the seconds of a ``with`` block."""
+    started = time.perf_counter()
+    yield
+    bill[stage] = bill.get(stage, 0.0) + time.perf_counter() - started
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,12 @@ import sys
 
 import typer
 
-from harness.cli import bench, clips, demo, run, score, view
+from harness.cli import clips, models
+from harness.cli.bench import bench
+from harness.cli.demo import demo
+from harness.cli.run import run
+from harness.cli.score import score
+from harness.cli.view import view
 from vfoa.errors import VfoaError
 
 app = typer.Typer(
@@ -19,12 +24,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-app.command()(demo.demo)
-app.command()(run.run)
-app.command()(score.score)
-app.command()(view.view)
-app.command()(bench.bench)
+app.command()(demo)
+app.command()(run)
+app.command()(score)
+app.command()(view)
+app.command()(bench)
 app.add_typer(clips.app, name="clips")
+app.add_typer(models.app, name="models")
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,9 +11,24 @@ import typer
 
 if TYPE_CHECKING:
     from harness.experiment import Experiment
+    from harness.recording import Size
 
 OUT_HELP = "The run's directory; runs/<experiment> if not given."
 WORKERS_HELP = "Processes, one clip each at a time; 0 means one a core."
+
+
+class Recording(StrEnum):
+    """How much a recording holds."""
+
+    light = "light"
+    full = "full"
+    none = "none"
+
+    @property
+    def size(self) -> Size | None:
+        """The size as the harness has it: None for no recording."""
+        sizes: dict[Recording, Size] = {Recording.light: "light", Recording.full: "full"}
+        return sizes.get(self)
 
 
 def run(
@@ -28,23 +44,21 @@ def run(
     out: Annotated[Path | None, typer.Option(help=OUT_HELP)] = None,
     workers: Annotated[int, typer.Option(min=0, help=WORKERS_HELP)] = 0,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first frames of each clip.")] = None,
-    recording: Annotated[str, typer.Option(help="Size of the Rerun recordings: light, full or none.")] = "light",
+    recording: Annotated[Recording, typer.Option(help="Size of the Rerun recordings.")] = Recording.light,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.progress import frames_bar
+    from harness.cli.scores import print_scores
     from harness.conduct import conduct, prepare
-    from harness.report import print_scores, write_reports
-    from vfoa.errors import VfoaError
+    from harness.rescore import rescore
 
-    if recording not in ("light", "full", "none"):
-        raise VfoaError(f"--recording {recording}: expected light, full or none")
     experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()))
-    plan = prepare(experiment, limit=limit, recording=None if recording == "none" else recording)
+    plan = prepare(experiment, limit=limit, recording=recording.size)
     with frames_bar(plan.frames, experiment.name) as progress:
         directory = conduct(
             plan, out or Path("runs") / experiment.name, workers=workers or os.cpu_count() or 1, progress=progress
         )
-    print_scores(write_reports(directory))
+    print_scores(rescore(directory))
     typer.echo(f"\nRun: {directory.path}  (scrub a failure: vfoa view {directory.path})")
 
 

@@ -12,7 +12,8 @@ def score(
     run: Annotated[Path, typer.Argument(help="A run's directory.")],
 ) -> None:
     """Score a run again, from its results and the present annotations alone: no images, no models."""
-    from harness.report import print_scores, write_reports
+    from harness.cli.scores import print_scores
+    from harness.rescore import rescore
     from harness.run_directory import RunDirectory
 
-    print_scores(write_reports(RunDirectory(run)))
+    print_scores(rescore(RunDirectory(run)))

@@ -16,14 +16,15 @@ Pattern = Literal["plain", "stripes", "checks", "wood", "dots", "blotches", "pan
 
 _GRAIN_CELLS = 96
 _GRAIN_CELL_M = 0.0035
+_GRAIN_DEPTH = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Material:
     """Paint: a pattern of sRGB colours in [0, 1] that repeats every ``scale_m``, roughened by ``grain``.
 
-    ``grain`` is the depth of a fine random texture: 0 is as smooth as a painted wall, where no matcher finds
-    anything to hold on to.
+    ``grain`` is the depth of a fine random texture: at 0.1, as smooth as glazed pottery; at 0, as a painted wall,
+    where no matcher finds anything to hold on to.
     """
 
     colours: tuple[Colour, ...]
@@ -36,7 +37,7 @@ class Material:
         palette = np.asarray(self.colours, dtype=np.float32) ** np.float32(2.2)
         albedo = palette[np.minimum(_PATTERNS[self.pattern](points, self.scale_m), len(palette) - 1)]
         if self.grain:
-            albedo = albedo * (1 + np.float32(self.grain) * grain(points))[:, None]
+            albedo = albedo * (1 + np.float32(_GRAIN_DEPTH * self.grain) * grain(points))[:, None]
         return albedo
 
 

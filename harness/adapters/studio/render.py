@@ -20,8 +20,8 @@ from harness.adapters.studio.stage import RIG, Stage
 from vfoa.types import Image, Map
 
 VIEWS = (0, 1)
-_GAIN = (1.0, 0.955)
-_NOISE_LEVELS = 2.4
+_GAIN = (1.0, 0.92)
+_NOISE_LEVELS = 3.0
 _LENS_SIGMA_PX = 0.55
 _NOISE_MARGIN_PX = 97
 

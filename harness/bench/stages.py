@@ -1,0 +1,101 @@
+"""What each stage of each configuration costs on a clip: a real run, in one process with one thread."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harness.executors import work_through
+from harness.experiment import Configuration
+from harness.manifest import ClipManifest
+from harness.recording import Size
+from harness.run import ClipJob, run_clip
+from harness.run_directory import RunDirectory
+from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+STAGES = (
+    "decode",
+    "stereo",
+    "segmentation",
+    "heads",
+    "head_pose",
+    "gaze",
+    "reconstruction",
+    "attention",
+    "recording",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageCosts:
+    """One configuration's milliseconds a frame, as if it ran alone: per stage (median, 95th percentile), and in all.
+
+    ``frames_per_second`` is from the medians of whole frames. ``recording_bytes`` is the recording's size a frame.
+    """
+
+    configuration: str
+    frames: int
+    stages_ms: dict[str, tuple[float, float]]
+    frame_ms: tuple[float, float]
+    recording_bytes: float | None
+
+    @property
+    def frames_per_second(self) -> float:
+        """Frames a second at the median."""
+        return 1e3 / self.frame_ms[0]
+
+
+def measure_stages(
+    manifest: ClipManifest, configurations: Sequence[Configuration], frames: Sequence[int], recording: Size | None
+) -> list[StageCosts]:
+    """Run the frames under the configurations and read the costs from the run's timings.
+
+    The first frame, in which networks are warmed up and tables are built, is left out.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        directory = RunDirectory(Path(folder))
+        job = ClipJob(
+            manifest=manifest,
+            frames=tuple(frames),
+            labels=None,
+            configurations=tuple(configurations),
+            directory=directory,
+            recording=recording,
+        )
+        for outcome in work_through(run_clip, [job], 1, lambda clip: None):
+            if outcome.error:
+                raise VfoaError(outcome.error)
+        directory.join(job.pairs)
+        return _costs(directory, job)
+
+
+def _costs(directory: RunDirectory, job: ClipJob) -> list[StageCosts]:
+    import pandas as pd
+
+    table = pd.read_csv(directory.timings)
+    table = table[table["frame"] != job.frames[0]] if len(job.frames) > 1 else table
+    costs = []
+    for clip, configuration in job.pairs:
+        own = table[table["configuration"] == configuration]
+        by_stage = {stage: _typical(rows["ms"]) for stage, rows in own.groupby("stage")}
+        file = directory.recording((clip, configuration))
+        costs.append(
+            StageCosts(
+                configuration=configuration,
+                frames=len(job.frames),
+                stages_ms={stage: by_stage[stage] for stage in STAGES if stage in by_stage},
+                frame_ms=_typical(own.groupby("frame")["ms"].sum()),
+                recording_bytes=file.stat().st_size / len(job.frames) if file.exists() else None,
+            )
+        )
+    return costs
+
+
+def _typical(ms: pd.Series[float]) -> tuple[float, float]:
+    return float(ms.median()), float(ms.quantile(0.95))

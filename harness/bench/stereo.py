@@ -1,0 +1,66 @@
+"""How well a matcher finds the true disparity of a clip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.adapters import Clip
+from harness.experiment import Configuration
+from harness.stages import SLOTS
+from vfoa.types import Disparity
+
+OFF_PX = 2.0
+"""A disparity is off if it is wrong by more than this."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoQuality:
+    """One configuration's disparities against the truth, over all pixels whose truth is known.
+
+    ``known_share`` is the share of those pixels that got a disparity; the errors are over the pixels that did.
+    """
+
+    configuration: str
+    frames: int
+    known_share: float
+    median_error_px: float
+    off_share: float
+
+
+def measure_stereo(clip: Clip, configurations: Sequence[Configuration], frames: Sequence[int]) -> list[StereoQuality]:
+    """Match the frames with each distinct matcher of the configurations; a matcher's first configuration names it.
+
+    Raises
+    ------
+    VfoaError
+        If the clip has no true disparity.
+    """
+    rows, seen = [], set()
+    for configuration in configurations:
+        choice = configuration.choices["stereo"]
+        if choice is None or choice.name == "truth" or str(choice.plain()) in seen:
+            continue
+        seen.add(str(choice.plain()))
+        matcher = SLOTS["stereo"].build(choice, clip)
+        pairs = [(matcher.match(clip.frame(number)), clip.truth(number).disparity) for number in frames]
+        known = [(found, truth) for found, truth in pairs if truth is not None]
+        if known:
+            rows.append(_quality(configuration.name, known))
+    return rows
+
+
+def _quality(name: str, pairs: Sequence[tuple[Disparity, Disparity]]) -> StereoQuality:
+    errors = np.concatenate(
+        [np.abs(found.disparity_px - truth.disparity_px)[np.isfinite(truth.disparity_px)] for found, truth in pairs]
+    )
+    known = errors[np.isfinite(errors)]
+    return StereoQuality(
+        configuration=name,
+        frames=len(pairs),
+        known_share=len(known) / max(len(errors), 1),
+        median_error_px=float(np.median(known)) if len(known) else float("nan"),
+        off_share=float((known > OFF_PX).mean()) if len(known) else float("nan"),
+    )

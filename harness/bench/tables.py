@@ -1,0 +1,77 @@
+"""The benchmark's rows as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from harness.bench.attention import AttentionTiming
+from harness.bench.stages import STAGES, StageCosts
+from harness.bench.stereo import OFF_PX, StereoQuality
+from harness.report.formats import UNKNOWN, Table
+
+
+def stages_table(clip: str, rows: Sequence[StageCosts]) -> Table:
+    """Milliseconds per stage, median and 95th percentile, frames per second and bytes per frame."""
+    present = [stage for stage in STAGES if any(stage in row.stages_ms for row in rows)]
+    return Table(
+        title=f"Milliseconds a frame on {clip}",
+        columns=("configuration", *present, "whole frame", "frames/s", "kB a frame"),
+        rows=tuple(
+            (
+                row.configuration,
+                *(_ms(row.stages_ms.get(stage)) for stage in present),
+                _ms(row.frame_ms),
+                f"{row.frames_per_second:.1f}",
+                UNKNOWN if row.recording_bytes is None else f"{row.recording_bytes / 1e3:.0f}",
+            )
+            for row in rows
+        ),
+        words=1,
+        notes=(
+            "Median / 95th percentile of a real run in one process with one thread, each configuration as if alone.",
+        ),
+    )
+
+
+def stereo_table(clip: str, rows: Sequence[StereoQuality]) -> Table:
+    """Disparity against the truth."""
+    return Table(
+        title=f"Disparity against the truth on {clip}",
+        columns=("matcher of", "frames", "known", "median error px", f"off by > {OFF_PX:g} px"),
+        rows=tuple(
+            (
+                row.configuration,
+                str(row.frames),
+                f"{row.known_share:.1%}",
+                f"{row.median_error_px:.2f}",
+                f"{row.off_share:.1%}",
+            )
+            for row in rows
+        ),
+        words=1,
+        notes=("Known: share of the pixels with a true disparity that got one. Errors are over the known pixels.",),
+    )
+
+
+def attention_table(rows: Sequence[AttentionTiming]) -> Table:
+    """Vectorised attention against the plain loop."""
+    return Table(
+        title="Attention, milliseconds a frame",
+        columns=("rays per subject", "boxes", "subjects", "vectorised", "plain loop", "times faster"),
+        rows=tuple(
+            (
+                str(row.rays_per_subject),
+                str(row.boxes),
+                str(row.subjects),
+                f"{row.vectorised_ms:.2f}",
+                f"{row.plain_ms:.1f}",
+                f"{row.times_faster:.0f}",
+            )
+            for row in rows
+        ),
+        words=0,
+    )
+
+
+def _ms(pair: tuple[float, float] | None) -> str:
+    return UNKNOWN if pair is None else f"{pair[0]:.1f} / {pair[1]:.1f}"
