@@ -32,6 +32,7 @@ from harness.config_errors import parse, read_toml
 from harness.locate import find, names
 from harness.stages import SLOTS, StageChoice
 from vfoa.attention import AttentionSettings
+from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.pipeline import AttendSettings
@@ -225,8 +226,10 @@ def _all_used(defaults: dict[str, dict[str, Any]], used: set[tuple[str, str]], w
 
 def _configuration(name: str, tables: dict[str, Any], where: str) -> Configuration:
     choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in SLOTS.values()}
+    bayes = tables.get("attention", {}).get("method") == "bayes"
+    models: dict[str, type[Settings]] = {**_ATTEND, **({"attention": BayesSettings} if bayes else {})}
     settings: dict[str, Any] = {
-        key: parse(model, tables.get(key, {}), f"{where}: {key}") for key, model in _ATTEND.items()
+        key: parse(model, tables.get(key, {}), f"{where}: {key}") for key, model in models.items()
     }
     return Configuration(
         name=name,

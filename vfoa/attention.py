@@ -56,6 +56,8 @@ class AttentionSettings(Settings):
     of 1.10 m (``cones_cm``). One of the two, never both; without either it is one cone of 10 cm. Each cone has
     ``n_rays`` rays evenly on its surface and, with ``axis_ray``, one along its axis.
 
+    ``method`` tells these settings from those of :class:`vfoa.bayes.BayesSettings`.
+
     ``weighting``: ``adaptive`` is the paper's. The others are ablations; ``gaze`` and ``head`` rest on that cue
     alone, so that a subject without it has no direction.
 
@@ -63,6 +65,7 @@ class AttentionSettings(Settings):
     the one it enters first.
     """
 
+    method: Literal["cones"] = "cones"
     cones_deg: tuple[Annotated[float, Field(gt=0, lt=180)], ...] | None = Field(default=None, min_length=1)
     cones_cm: tuple[Annotated[float, Field(gt=0)], ...] | None = Field(default=None, min_length=1)
     n_rays: PositiveInt = 40

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from vfoa.attention import AttentionSettings, pay_attention
+from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
 from vfoa.gaze import GazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
@@ -61,7 +62,7 @@ class AttendSettings(Settings):
 
     tracking: TrackingSettings = TrackingSettings()
     gaze_filter: GazeFilterSettings = GazeFilterSettings()
-    attention: AttentionSettings = AttentionSettings()
+    attention: AttentionSettings | BayesSettings = AttentionSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,11 +71,17 @@ class Memory:
 
     tracker: TrackerState = field(default_factory=TrackerState)
     gaze_filter: GazeFilterState = field(default_factory=GazeFilterState)
+    beliefs: BeliefState = field(default_factory=BeliefState)
 
 
 def attend(scene: Scene, memory: Memory, settings: AttendSettings) -> tuple[FrameResult, Memory]:
     """Follow the people of one frame and compute what each looks at."""
     tracked, tracker = track_people(scene.people, memory.tracker, settings.tracking)
     subjects, gaze_filter = filter_cues(tracked, memory.gaze_filter, settings.gaze_filter)
-    attentions = tuple(pay_attention(subject, scene.targets, settings.attention) for subject in subjects)
-    return FrameResult(scene=scene, attentions=attentions), Memory(tracker=tracker, gaze_filter=gaze_filter)
+    beliefs = memory.beliefs
+    if isinstance(settings.attention, BayesSettings):
+        attentions, beliefs = infer_attentions(subjects, scene.targets, beliefs, settings.attention)
+    else:
+        attentions = tuple(pay_attention(subject, scene.targets, settings.attention) for subject in subjects)
+    memory = Memory(tracker=tracker, gaze_filter=gaze_filter, beliefs=beliefs)
+    return FrameResult(scene=scene, attentions=attentions), memory

@@ -106,3 +106,11 @@ def test_a_mistake_is_one_line_with_file_and_key(tmp_path: Path, text: str, mess
 def test_an_unknown_experiment_proposes_the_nearest() -> None:
     with pytest.raises(VfoaError, match=r"experiment: no 'demmo'; did you mean 'demo'\?"):
         load_experiment("demmo")
+
+
+def test_the_method_of_attention_decides_which_settings_are_known():
+    experiment = load_experiment("bayes")
+    methods = {each.name: each.attend.attention.method for each in experiment.configurations}
+    assert methods == {"one_cone": "cones", "two_cones": "cones", "bayes": "bayes", "bayes_smoothed": "bayes"}
+    with pytest.raises(VfoaError, match=r"attention.*p_nowhere"):
+        load_experiment("demo", overrides=("attention.p_nowhere=0.2",))
