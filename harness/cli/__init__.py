@@ -11,6 +11,7 @@ import typer
 
 from harness.cli import clips, models
 from harness.cli.bench import bench
+from harness.cli.calibrate import calibrate
 from harness.cli.demo import demo
 from harness.cli.run import run
 from harness.cli.score import score
@@ -29,6 +30,7 @@ app.command()(run)
 app.command()(score)
 app.command()(view)
 app.command()(bench)
+app.command()(calibrate)
 app.add_typer(clips.app, name="clips")
 app.add_typer(models.app, name="models")
 

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from harness.adapters.calibration import read_calibration
+from harness.calibration.corners import Board, View, find_views
+from harness.calibration.files import write_calibration
+from harness.calibration.pictures import picture_pairs
+from harness.calibration.solve import rectified_rows_px, solve
+from vfoa.errors import VfoaError
+
+BOARD = Board(columns=9, rows=6, square_m=0.025)
+SIZE = (640, 480)
+K = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
+RIGHT_FROM_LEFT, T = np.array([0.01, 0.02, -0.01]), np.array([-0.12, 0.002, 0.001])
+
+
+def _views(count: int = 8) -> list[View]:
+    """A board in known poses before two known cameras, seen without noise."""
+    random = np.random.default_rng(3)
+    rotation = cv2.Rodrigues(RIGHT_FROM_LEFT)[0]
+    views = []
+    for number in range(count):
+        tilt = cv2.Rodrigues(random.uniform(-0.5, 0.5, 3))[0]
+        left = (BOARD.points_m() - [0.1, 0.06, 0]) @ tilt.T + [0.05, 0, random.uniform(0.5, 0.9)]
+        pixels = [points[:, :2] / points[:, 2:] * 600 + K[:2, 2] for points in (left, left @ rotation.T + T)]
+        views.append(View(number=number, left_px=pixels[0], right_px=pixels[1]))
+    return views
+
+
+def test_known_cameras_are_found_and_the_file_brings_them_back(tmp_path: Path) -> None:
+    found = solve(_views(), BOARD, SIZE)
+    assert np.allclose(found.K1, K, rtol=1e-2)
+    assert np.allclose(found.T.ravel(), T, atol=1e-3)
+    write_calibration(tmp_path / "stereo.yml", found)
+    calibration = read_calibration(tmp_path / "stereo.yml", rectified=True)
+    assert calibration.baseline_m == pytest.approx(np.linalg.norm(T), rel=1e-2)
+    assert calibration.size_px == SIZE
+
+
+def test_a_view_that_does_not_fit_is_dropped_and_named() -> None:
+    views = _views(10)
+    views[4] = dataclasses.replace(views[4], right_px=views[4].right_px + np.array([0.0, 25.0]))
+    found = solve(views, BOARD, SIZE)
+    assert [each.number for each in found.dropped] == [4]
+    assert "epipolar error" in found.dropped[0].reason
+
+
+def test_pictures_without_a_board_are_named_and_too_few_are_one_line() -> None:
+    blank = np.zeros((48, 64, 3), np.uint8)
+    views, dropped = find_views([(7, blank, blank)], BOARD)
+    assert (views, [each.number for each in dropped]) == ([], [7])
+    with pytest.raises(VfoaError, match="0 usable views of the board; expected at least 3"):
+        solve(views, BOARD, SIZE)
+
+
+def test_real_cameras_are_calibrated(shared_data: Path) -> None:
+    pairs, size_px = picture_pairs(shared_data / "chessboard", "left*.jpg", "right*.jpg")
+    views, dropped = find_views(pairs, BOARD)
+    found = solve(views, BOARD, size_px)
+    assert (len(found.epipolar_px), dropped, found.dropped) == (13, [], ())
+    assert found.rms_px <= 0.5
+    assert np.mean([*found.epipolar_px.values()]) <= 0.25
+    assert np.median(np.abs(np.concatenate([rectified_rows_px(found, view) for view in views]))) <= 0.15
