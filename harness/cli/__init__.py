@@ -13,6 +13,7 @@ from harness.cli import clips, models
 from harness.cli.bench import bench
 from harness.cli.calibrate import calibrate
 from harness.cli.demo import demo
+from harness.cli.export_failure import export_failure
 from harness.cli.run import run
 from harness.cli.score import score
 from harness.cli.view import view
@@ -29,6 +30,7 @@ app.command()(demo)
 app.command()(run)
 app.command()(score)
 app.command()(view)
+app.command()(export_failure)
 app.command()(bench)
 app.command()(calibrate)
 app.add_typer(clips.app, name="clips")
