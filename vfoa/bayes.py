@@ -8,7 +8,8 @@ A measured direction is the true one plus an error (von Mises-Fisher, kappa = 1 
 
 The head only follows the gaze, so its spread about the target holds ``head_lag_deg`` besides the model's error.
 With ``smoothing = "forward"`` the prior is what a hidden Markov model predicts from the frame before: a subject
-stays on a target for ``dwell_frames`` frames on average.
+stays on a target for ``dwell_frames`` frames on average. That takes the errors of successive frames as independent: a
+model whose error lasts for a second is counted once a frame, and then smoothing makes the answer worse, not better.
 """
 
 from __future__ import annotations
