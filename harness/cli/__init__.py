@@ -12,6 +12,7 @@ import typer
 from harness.cli import clips, models
 from harness.cli.bench import bench
 from harness.cli.calibrate import calibrate
+from harness.cli.compare import compare
 from harness.cli.demo import demo
 from harness.cli.export_failure import export_failure
 from harness.cli.run import run
@@ -31,6 +32,7 @@ app.command()(run)
 app.command()(score)
 app.command()(view)
 app.command()(export_failure)
+app.command()(compare)
 app.command()(bench)
 app.command()(calibrate)
 app.add_typer(clips.app, name="clips")

@@ -1,0 +1,45 @@
+"""``vfoa compare``."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class FailOn(StrEnum):
+    """What makes the command exit with 1."""
+
+    significant_drop = "significant-drop"
+
+
+def compare(
+    runs: Annotated[list[Path], typer.Argument(help="Directories of finished runs.", metavar="RUN...")],
+    baseline: Annotated[
+        Path | None, typer.Option(metavar="RUN", help="Compare each configuration with this run's of the same name.")
+    ] = None,
+    fail_on: Annotated[FailOn | None, typer.Option(help="Exit with 1 if this happened; needs --baseline.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the comparisons as JSON.")] = False,
+) -> None:
+    """Compare configurations on the same frames, by exact McNemar tests with Holm's correction."""
+    import json
+    from dataclasses import asdict
+
+    from rich.console import Console
+
+    from harness.report.compared import comparison_table
+    from harness.report.formats import to_rich
+    from harness.run_comparison import compare_runs, compare_with_baseline
+    from vfoa.errors import VfoaError
+
+    if fail_on is not None and baseline is None:
+        raise VfoaError("compare: --fail-on needs --baseline RUN, found none")
+    found = compare_runs(runs) if baseline is None else compare_with_baseline(runs, baseline)
+    if as_json:
+        typer.echo(json.dumps([{**asdict(each), "sentence": each.sentence} for each in found], indent=2))
+    else:
+        Console().print(to_rich(comparison_table(found)))
+    if fail_on is FailOn.significant_drop and any(each.is_significant_drop for each in found):
+        raise typer.Exit(1)

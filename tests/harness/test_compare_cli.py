@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli import app
+from harness.results import to_line
+from tests.records import answers
+from vfoa.errors import VfoaError
+
+FRAMES = 20
+
+
+@pytest.fixture(autouse=True)
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A working directory with one clip, whose labels say ``cup`` in every frame."""
+    for name in ("datasets", "annotations"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "datasets" / "tabletop.toml").write_text(
+        'name = "tabletop"\nadapter = "studio"\nlicence = "MIT"\n'
+        '[subjects.girl]\ncategory = "person"\n[targets.cup]\ncategory = "cup"\n'
+    )
+    (tmp_path / "annotations" / "tabletop.csv").write_text(
+        f"# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,{FRAMES},girl,cup,\n"
+    )
+    monkeypatch.chdir(tmp_path)
+
+
+def _run(folder: Path, correct: int, configuration: str = "one") -> str:
+    """A finished run that is right in so many frames."""
+    folder.mkdir()
+    said = ["cup"] * correct + ["none"] * (FRAMES - correct)
+    records = answers(said, clip="tabletop", configuration=configuration)
+    (folder / "results.jsonl").write_text("".join(map(to_line, records)))
+    entry = {"name": "tabletop", "manifest": "", "notes": [], "frames": [each.frame for each in records]}
+    (folder / "manifest.json").write_text(json.dumps({"notes": [], "clips": [entry], "finished": "now"}))
+    return str(folder)
+
+
+def test_a_significant_drop_fails_and_a_small_one_does_not(tmp_path: Path) -> None:
+    before, worse = _run(tmp_path / "before", 20), _run(tmp_path / "worse", 8)
+    little = _run(tmp_path / "little", 18)
+    guard = ["--baseline", before, "--fail-on", "significant-drop"]
+    assert CliRunner().invoke(app, ["compare", worse, *guard]).exit_code == 1
+    assert CliRunner().invoke(app, ["compare", worse, "--baseline", before]).exit_code == 0
+    assert CliRunner().invoke(app, ["compare", little, *guard]).exit_code == 0
+
+
+def test_a_significant_gain_does_not_fail(tmp_path: Path) -> None:
+    before, better = _run(tmp_path / "before", 8), _run(tmp_path / "better", 20)
+    said = CliRunner().invoke(app, ["compare", better, "--baseline", before, "--fail-on", "significant-drop", "--json"])
+    assert said.exit_code == 0
+    (one,) = json.loads(said.stdout)
+    assert (one["n"], one["better"], one["worse"]) == (FRAMES, 12, 0)
+    assert one["p"] == pytest.approx(2 / 2**12)
+    assert "significantly better" in one["sentence"]
+
+
+def test_runs_side_by_side_are_told_apart_by_their_directory(tmp_path: Path) -> None:
+    first, second = _run(tmp_path / "a", 8), _run(tmp_path / "b", 9)
+    (one,) = json.loads(CliRunner().invoke(app, ["compare", first, second, "--json"]).stdout)
+    assert (one["reference"], one["configuration"]) == (f"{first}/one", f"{second}/one")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["a", "--fail-on", "significant-drop"], "needs --baseline"),
+        (["a", "a"], "given twice"),
+        (["a", "--baseline", "b"], "has no configuration 'one'"),
+    ],
+)
+def test_what_cannot_be_compared_is_said(tmp_path: Path, arguments: list[str], said: str) -> None:
+    _run(tmp_path / "a", 8)
+    _run(tmp_path / "b", 8, configuration="two")
+    places = [str(tmp_path / each) if each in ("a", "b") else each for each in arguments]
+    error = CliRunner().invoke(app, ["compare", *places]).exception
+    assert isinstance(error, VfoaError)
+    assert said in str(error)
