@@ -45,6 +45,9 @@ def run(
     workers: Annotated[int, typer.Option(min=0, help=WORKERS_HELP)] = 0,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first frames of each clip.")] = None,
     recording: Annotated[Recording, typer.Option(help="Size of the Rerun recordings.")] = Recording.light,
+    oracle: Annotated[
+        bool, typer.Option("--oracle", help="Also replace one stage after another by truth: what does each cost?")
+    ] = False,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.progress import frames_bar
@@ -53,6 +56,10 @@ def run(
     from harness.rescore import rescore
 
     experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()))
+    if oracle:
+        from harness.ladder import with_ladder
+
+        experiment = with_ladder(experiment)
     plan = prepare(experiment, limit=limit, recording=recording.size)
     with frames_bar(plan.frames, experiment.name) as progress:
         directory = conduct(
