@@ -18,12 +18,18 @@ _TIMEOUT_S = 30.0
 
 
 def download(
-    url: str, target: Path, *, sha256: str | None, progress: Callable[[int, int | None], None] | None = None
+    url: str,
+    target: Path,
+    *,
+    sha256: str | None,
+    resume: bool = False,
+    progress: Callable[[int, int | None], None] | None = None,
 ) -> None:
     """Download a file to ``target``. What arrives is kept beside it as ``<name>.partial`` until it is whole.
 
     A download that was cut goes on where it stopped, if the checksum is known: without one, nothing would show that
-    the two parts belong together. ``progress`` is told the bytes that are there, and those of the whole file.
+    the two parts belong together. ``resume``: go on without one, as the caller checks the content. ``progress`` is
+    told the bytes that are there, and those of the whole file.
 
     Raises
     ------
@@ -33,7 +39,7 @@ def download(
     partial = target.with_name(f"{target.name}.partial")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        if sha256 is None:
+        if sha256 is None and not resume:
             partial.unlink(missing_ok=True)
         _receive(url, partial, progress or (lambda done, total: None))
         _verify(url, partial, sha256)

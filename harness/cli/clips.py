@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -43,6 +44,23 @@ def check_clips(
         _print_checks(checks)
     if any(check.problems for check in checks):
         raise typer.Exit(2)
+
+
+@app.command(name="fetch")
+def fetch_clips(
+    source: Annotated[str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel.")],
+    into: Annotated[Path | None, typer.Option(help="The folder; $VFOA_DATA/sintel if not given.")] = None,
+) -> None:
+    """Download MPI Sintel's official archives and unpack them; a fetch that was cut goes on where it stopped."""
+    from harness.locate import expand
+    from harness.sintel_archives import fetch_sintel
+    from vfoa.errors import VfoaError
+
+    if source != "sintel":
+        raise VfoaError(f"clips fetch: found {source!r}; expected 'sintel'")
+    root = into or expand("${VFOA_DATA}/sintel", Path.cwd(), "clips fetch")
+    fetch_sintel(root)
+    typer.echo(f"sintel: {root}")
 
 
 def _print_json(values: list[ClipRow] | list[ClipCheck]) -> None:
