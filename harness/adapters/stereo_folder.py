@@ -1,8 +1,9 @@
-"""Two folders (or patterns) of rectified images and one calibration."""
+"""Two folders (or patterns) of images and one calibration; unrectified pairs are rectified."""
 
 from __future__ import annotations
 
 import hashlib
+from functools import cached_property
 from pathlib import Path
 from typing import Self
 
@@ -10,7 +11,9 @@ from pydantic import Field, model_validator
 
 from harness.adapters import Truth
 from harness.adapters.calibration import Calibration, read_calibration
-from harness.files import digest_files
+from harness.adapters.opencv_pair import read_opencv_pair
+from harness.adapters.rectification import RawCalibration, Rectifier
+from harness.files import digest_files, read_bytes
 from harness.frame_files import find_frames
 from harness.images import read_rgb
 from vfoa.errors import VfoaError
@@ -70,6 +73,7 @@ class StereoFolderClip:
       left/000007.png     any image OpenCV reads; left and right are joined by number
       right/000007.png    the same size
       calib.txt           KITTI's P2 and P3, or OpenCV's P1 and P2 in .yml
+      stereo.yml          or what vfoa calibrate writes: pairs as the cameras saw them are rectified by it
     """
 
     Settings = StereoFolderSettings
@@ -88,7 +92,9 @@ class StereoFolderClip:
                 else ("left", self._right[number], settings.left)
             )
             raise VfoaError(f"{file}: frame {number} has no {side} image; expected one in {folder / pattern}")
-        self._calibration = self._read_calibration(folder)
+        self._raw_digest = ""
+        self._raw = self._read_raw(folder)
+        self._calibration = self._read_calibration(folder) if self._raw is None else self._raw.rectified()
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -110,6 +116,8 @@ class StereoFolderClip:
         if number not in self._left:
             raise VfoaError(f"no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
         left, right = read_pair(self._left[number], self._right[number])
+        if self._rectifier is not None:
+            left, right = self._rectify(self._rectifier, number, left, right)
         return StereoFrame(
             index=number,
             time_ns=round(number * 1e9 / (self.rate_hz or 1.0)),
@@ -129,7 +137,25 @@ class StereoFolderClip:
             for number in self.frames
             for side, files in (("left", self._left), ("right", self._right))
         )
-        return hashlib.sha256(f"{images} {self._calibration} {self.rate_hz}".encode()).hexdigest()
+        return hashlib.sha256(f"{images} {self._calibration} {self.rate_hz}{self._raw_digest}".encode()).hexdigest()
+
+    @cached_property
+    def _rectifier(self) -> Rectifier | None:
+        return None if self._raw is None else Rectifier(self._raw)
+
+    def _rectify(self, rectifier: Rectifier, number: int, left: Image, right: Image) -> tuple[Image, Image]:
+        try:
+            return rectifier.rectify(left, right)
+        except VfoaError as error:
+            raise VfoaError(f"{self._left[number]}: {error}") from None
+
+    def _read_raw(self, folder: Path) -> RawCalibration | None:
+        file = self._settings.calibration
+        if file is None or self._settings.rectified or Path(file).suffix.lower() not in (".yml", ".yaml", ".xml"):
+            return None
+        raw = read_opencv_pair(folder / file)
+        self._raw_digest = "" if raw is None else hashlib.sha256(read_bytes(folder / file)).hexdigest()
+        return raw
 
     def _read_calibration(self, folder: Path) -> Calibration:
         if self._settings.camera is not None:

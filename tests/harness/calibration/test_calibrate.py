@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from harness.adapters.calibration import read_calibration
+from harness.adapters.stereo_folder import StereoFolderClip, StereoFolderSettings
 from harness.calibration.corners import Board, View, find_views
 from harness.calibration.files import write_calibration
 from harness.calibration.pictures import picture_pairs
@@ -67,3 +68,18 @@ def test_real_cameras_are_calibrated(shared_data: Path) -> None:
     assert found.rms_px <= 0.5
     assert np.mean([*found.epipolar_px.values()]) <= 0.25
     assert np.median(np.abs(np.concatenate([rectified_rows_px(found, view) for view in views]))) <= 0.15
+
+
+def test_the_result_drives_a_clip_whose_corners_lie_on_the_same_rows(shared_data: Path, tmp_path: Path) -> None:
+    (tmp_path / "pictures").symlink_to(shared_data / "chessboard")
+    pairs, size_px = picture_pairs(shared_data / "chessboard", "left*.jpg", "right*.jpg")
+    write_calibration(tmp_path / "stereo.yml", solve(find_views(pairs, BOARD)[0], BOARD, size_px))
+    settings = {"left": "pictures/left*.jpg", "right": "pictures/right*.jpg", "calibration": "stereo.yml"}
+    clip = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
+    frames = [clip.frame(number) for number in clip.frames]
+    views, _ = find_views(((frame.index, frame.left, frame.right) for frame in frames), BOARD)
+    assert len(views) >= 10  # rectification may cut a corner off
+    rows_apart = np.abs(np.concatenate([view.left_px[:, 1] - view.right_px[:, 1] for view in views]))
+    assert np.median(rows_apart) <= 0.15
+    assert frames[0].rig.baseline_m > 0
+    assert clip.digest() != StereoFolderClip(clip.Settings(**settings, rectified=True), tmp_path).digest()
