@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness.report.formats import UNKNOWN, Table
 from vfoa.gaze_filter import CueFilter, GazeFilterSettings, follow
 from vfoa.geometry import angle_between, perturb
 from vfoa.types import Float
@@ -44,6 +45,30 @@ def measure_gaze_filter(
     """Filter seeded signals of 1000 frames, and 20 saccades of 30 degrees per seed, with one setting for all noises."""
     settings = settings or GazeFilterSettings(cues="gaze")
     return [_measure(noise_deg, settings, seeds) for noise_deg in noises_deg]
+
+
+def gaze_filter_table(rows: Sequence[FilterQuality]) -> Table:
+    """Errors with and without the filter, and how soon it follows a saccade."""
+    return Table(
+        title="Gaze filter on fixations, pursuits and saccades",
+        columns=("noise deg", "raw RMSE deg", "filtered", "ratio", "3 frames after", "frames to near"),
+        rows=tuple(
+            (
+                f"{row.noise_deg:g}",
+                f"{row.raw_rmse_deg:.1f}",
+                f"{row.filtered_rmse_deg:.1f}",
+                f"{row.ratio:.2f}",
+                f"{row.after_3_deg:.1f}",
+                UNKNOWN if row.frames_to_near is None else str(row.frames_to_near),
+            )
+            for row in rows
+        ),
+        words=0,
+        notes=(
+            f"Noise is per axis. After a saccade of {SACCADE_DEG:g} deg: median error in the third frame, deg, "
+            f"and the first frame in which it is {NEAR_DEG:g} deg or less.",
+        ),
+    )
 
 
 def steps_and_pursuits(rng: np.random.Generator, frames: int = FRAMES) -> Float:

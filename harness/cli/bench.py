@@ -14,11 +14,12 @@ def bench(
     limit: Annotated[int, typer.Option(min=2, help="Frames to measure.")] = 20,
     out: Annotated[Path | None, typer.Option(help="Write the tables to this Markdown file too.")] = None,
 ) -> None:
-    """Measure ms per stage, frames per second, disparity errors, and attention against a plain loop."""
+    """Measure ms per stage, frames a second, disparity errors, attention against a plain loop, the gaze filter."""
     from rich.console import Console
 
     from harness import provenance
     from harness.bench.attention import time_attention
+    from harness.bench.gaze_filter import gaze_filter_table, measure_gaze_filter
     from harness.bench.stages import measure_stages
     from harness.bench.stereo import measure_stereo
     from harness.bench.tables import attention_table, stages_table, stereo_table
@@ -43,6 +44,7 @@ def bench(
             ]
         )
     )
+    tables.append(gaze_filter_table(measure_gaze_filter()))
     for table in tables:
         Console().print(to_rich(table))
     if out:
