@@ -8,6 +8,7 @@ import cv2
 
 from harness.calibration.solve import StereoCalibration
 from harness.files import atomic_write
+from vfoa.types import Image
 
 _MATRICES = ("K1", "D1", "K2", "D2", "R", "T", "R1", "R2", "P1", "P2")
 
@@ -20,3 +21,9 @@ def write_calibration(path: Path, calibration: StereoCalibration) -> None:
     for name in _MATRICES:
         storage.write(name, getattr(calibration, name))
     atomic_write(path, storage.releaseAndGetString())
+
+
+def write_preview(path: Path, picture: Image) -> None:
+    """Write an RGB picture as PNG."""
+    _, data = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    atomic_write(path, data.tobytes())

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from harness.adapters.calibration import read_calibration
 from harness.adapters.stereo_folder import StereoFolderClip, StereoFolderSettings
@@ -13,6 +14,8 @@ from harness.calibration.corners import Board, View, find_views
 from harness.calibration.files import write_calibration
 from harness.calibration.pictures import picture_pairs
 from harness.calibration.solve import rectified_rows_px, solve
+from harness.cli import app
+from harness.images import read_rgb
 from vfoa.errors import VfoaError
 
 BOARD = Board(columns=9, rows=6, square_m=0.025)
@@ -83,3 +86,14 @@ def test_the_result_drives_a_clip_whose_corners_lie_on_the_same_rows(shared_data
     assert np.median(rows_apart) <= 0.15
     assert frames[0].rig.baseline_m > 0
     assert clip.digest() != StereoFolderClip(clip.Settings(**settings, rectified=True), tmp_path).digest()
+
+
+def test_the_verb_writes_the_file_and_a_picture(shared_data: Path, tmp_path: Path) -> None:
+    board = ["--columns", "9", "--rows", "6", "--square-mm", "25"]
+    sides = ["--left", "left*.jpg", "--right", "right*.jpg"]
+    out = tmp_path / "stereo.yml"
+    result = CliRunner().invoke(app, ["calibrate", str(shared_data / "chessboard"), *board, *sides, "--out", str(out)])
+    assert result.exit_code == 0, result.output
+    assert "13 pairs, RMS" in result.output
+    assert read_calibration(out, rectified=True).baseline_m > 0
+    assert read_rgb(tmp_path / "stereo.png").shape == (480, 1280, 3)
