@@ -15,6 +15,7 @@ from harness.cli.calibrate import calibrate
 from harness.cli.compare import compare
 from harness.cli.demo import demo
 from harness.cli.export_failure import export_failure
+from harness.cli.init import init
 from harness.cli.run import run
 from harness.cli.score import score
 from harness.cli.view import view
@@ -35,6 +36,7 @@ app.command()(export_failure)
 app.command()(compare)
 app.command()(bench)
 app.command()(calibrate)
+app.command()(init)
 app.add_typer(clips.app, name="clips")
 app.add_typer(models.app, name="models")
 

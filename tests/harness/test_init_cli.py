@@ -1,0 +1,27 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli import app
+from harness.locate import names
+from vfoa.errors import VfoaError
+
+
+def test_a_working_directory_has_the_folders_that_are_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for _ in range(2):  # a second time changes nothing
+        assert CliRunner().invoke(app, ["init", str(tmp_path / "mine")]).exit_code == 0
+    monkeypatch.chdir(tmp_path / "mine")
+    for kind in ("datasets", "annotations", "experiments"):
+        assert (Path.cwd() / kind).is_dir()
+    (Path("experiments") / "mine.toml").touch()
+    assert "mine" in names("experiments")
+
+
+def test_a_file_in_the_way_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "datasets").touch()
+    result = CliRunner().invoke(app, ["init", str(tmp_path)])
+    assert isinstance(result.exception, VfoaError)
+    assert "datasets: a file is in the way" in str(result.exception)
