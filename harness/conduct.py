@@ -100,7 +100,7 @@ def conduct(plan: Plan, out: Path, *, workers: int, progress: Progress) -> RunDi
         others = f" (and {len(failures) - 1} more clips failed)" if len(failures) > 1 else ""
         raise VfoaError(f"{failures[0]}{others}")
     directory.join(plan.pairs)
-    directory.write_manifest({**identity, "started": started, "finished": _now()})
+    directory.write_manifest({**identity, **_circumstances(started)})
     return directory
 
 
@@ -114,8 +114,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "configurations": {one.name: one.plain() for one in plan.experiment.configurations},
         "weights_sha256": provenance.weights_digests(plan.experiment),
         "versions": provenance.versions(),
-        "commit": provenance.source_commit(),
-        "host": provenance.host(),
+        "source_sha256": provenance.source_digest(),
     }
 
 
@@ -138,15 +137,23 @@ def _is_finished(directory: RunDirectory, identity: dict[str, Any]) -> bool:
     if not directory.path.exists() or not any(directory.path.iterdir()):
         return False
     found = directory.read_manifest()
-    finished = found.pop("finished", None)
-    found.pop("started", None)
     differing = [key for key in identity if found.get(key) != identity[key]]
     if differing:
         raise VfoaError(
             f"{directory.path}: holds another run (its {', '.join(differing)} differ from this one's); "
             "expected an empty directory, or the same run to go on with: choose another --out"
         )
-    return finished is not None
+    return "finished" in found
+
+
+def _circumstances(started: str) -> dict[str, Any]:
+    """What is worth knowing of a finished run, but does not make it another one."""
+    return {
+        "commit": provenance.source_commit(),
+        "host": provenance.host(),
+        "started": started,
+        "finished": _now(),
+    }
 
 
 def _job(plan: Plan, one: PreparedClip, directory: RunDirectory) -> ClipJob:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.experiment import Experiment
+from harness.files import digest_files
 from harness.stages import StageChoice
 from vfoa.weights import locate
 
@@ -53,6 +54,15 @@ def versions() -> dict[str, str]:
         except PackageNotFoundError:
             continue
     return found
+
+
+def source_digest() -> str:
+    """Sha256 of all source that can change a result: an edited program does not go on with an older one's run."""
+    root = Path(__file__).parent.parent
+    files = [path.relative_to(root) for package in ("vfoa", "harness") for path in (root / package).rglob("*.py")]
+    after_the_results = (Path("harness/cli"), Path("harness/report"))
+    relevant = sorted(path for path in files if not any(path.is_relative_to(folder) for folder in after_the_results))
+    return digest_files((path.as_posix(), root / path) for path in relevant)
 
 
 def source_commit() -> str | None:

@@ -35,12 +35,29 @@ def _inputs(directory: RunDirectory) -> dict[str, Any]:
     if "finished" not in run:
         raise VfoaError(f"{directory.path}: this run is not finished; the same `vfoa run` again goes on with it")
     manifests = {clip["name"]: _manifest(clip) for clip in run["clips"]}
-    labels = {name: manifest.labels(None) for name, manifest in manifests.items()}
+    found = {name: manifest.labels(None) for name, manifest in manifests.items()}
+    labels = {name: each for name, each in found.items() if each is not None}
+    of_clips = [f"{clip['name']}: {note}" for clip in run["clips"] for note in clip["notes"]]
+    unlabelled = [name for name in manifests if name not in labels]
     return {
-        "labels_by_clip": {name: found for name, found in labels.items() if found is not None},
-        "notes": [*run["notes"], *(f"{clip['name']}: {note}" for clip in run["clips"] for note in clip["notes"])],
+        "labels_by_clip": labels,
+        "notes": [*run["notes"], *of_clips, *_said_of_unlabelled(directory, unlabelled)],
         "frames_by_clip": {clip["name"]: clip["frames"] for clip in run["clips"]},
     }
+
+
+def _said_of_unlabelled(directory: RunDirectory, clips: list[str]) -> list[str]:
+    """One sentence for each clip without labels: that it is not scored, and whom the run found in it."""
+    if not clips:
+        return []
+    people = dict.fromkeys(clips, 0)
+    for record in read_results(directory.results):
+        if record.clip in people:
+            people[record.clip] = max(people[record.clip], len(record.subjects))
+    return [
+        f"{clip}: no annotations, not scored; {f'up to {most} people' if most else 'nobody'} found in its frames."
+        for clip, most in people.items()
+    ]
 
 
 def _manifest(clip: dict[str, Any]) -> ClipManifest:

@@ -20,7 +20,9 @@ OFF_PX = 2.0
 class StereoQuality:
     """One configuration's disparities against the truth, over all pixels whose truth is known.
 
-    ``known_share`` is the share of those pixels that got a disparity; the errors are over the pixels that did.
+    ``known_share`` is the share of those pixels that got a disparity; the errors are over the pixels that did, so that
+    a matcher which answers only where it is easy looks good by them. ``right_share`` counts the known pixels that are
+    not off, over all pixels: no matcher gains by saying nothing.
     """
 
     configuration: str
@@ -28,6 +30,7 @@ class StereoQuality:
     known_share: float
     median_error_px: float
     off_share: float
+    right_share: float
 
 
 def measure_stereo(clip: Clip, configurations: Sequence[Configuration], frames: Sequence[int]) -> list[StereoQuality]:
@@ -63,4 +66,5 @@ def _quality(name: str, pairs: Sequence[tuple[Disparity, Disparity]]) -> StereoQ
         known_share=len(known) / max(len(errors), 1),
         median_error_px=float(np.median(known)) if len(known) else float("nan"),
         off_share=float((known > OFF_PX).mean()) if len(known) else float("nan"),
+        right_share=float((known <= OFF_PX).sum()) / max(len(errors), 1),
     )

@@ -11,20 +11,16 @@ from harness.report.formats import UNKNOWN, Table
 
 
 def stages_table(clip: str, rows: Sequence[StageCosts]) -> Table:
-    """Milliseconds per stage, median and 95th percentile, frames per second and bytes per frame."""
+    """Milliseconds per stage, median and 95th percentile, frames per second and bytes per frame: a column each."""
     present = [stage for stage in STAGES if any(stage in row.stages_ms for row in rows)]
     return Table(
         title=f"Milliseconds a frame on {clip}",
-        columns=("configuration", *present, "whole frame", "frames/s", "kB a frame"),
-        rows=tuple(
-            (
-                row.configuration,
-                *(_ms(row.stages_ms.get(stage)) for stage in present),
-                _ms(row.frame_ms),
-                f"{row.frames_per_second:.1f}",
-                UNKNOWN if row.recording_bytes is None else f"{row.recording_bytes / 1e3:.0f}",
-            )
-            for row in rows
+        columns=("stage", *(row.configuration for row in rows)),
+        rows=(
+            *((stage, *(_ms(row.stages_ms.get(stage)) for row in rows)) for stage in present),
+            ("whole frame", *(_ms(row.frame_ms) for row in rows)),
+            ("frames/s", *(f"{row.frames_per_second:.1f}" for row in rows)),
+            ("recording, kB a frame", *(_kilobytes(row.recording_bytes) for row in rows)),
         ),
         words=1,
         notes=(
@@ -37,7 +33,7 @@ def stereo_table(clip: str, rows: Sequence[StereoQuality]) -> Table:
     """Disparity against the truth."""
     return Table(
         title=f"Disparity against the truth on {clip}",
-        columns=("matcher of", "frames", "known", "median error px", f"off by > {OFF_PX:g} px"),
+        columns=("matcher of", "frames", "known", "median error px", f"off by > {OFF_PX:g} px", "known and right"),
         rows=tuple(
             (
                 row.configuration,
@@ -45,11 +41,15 @@ def stereo_table(clip: str, rows: Sequence[StereoQuality]) -> Table:
                 f"{row.known_share:.1%}",
                 f"{row.median_error_px:.2f}",
                 f"{row.off_share:.1%}",
+                f"{row.right_share:.1%}",
             )
             for row in rows
         ),
         words=1,
-        notes=("Known: share of the pixels with a true disparity that got one. Errors are over the known pixels.",),
+        notes=(
+            "Known: share of the pixels with a true disparity that got one. Errors are over the known pixels, "
+            "known and right is over all.",
+        ),
     )
 
 
@@ -75,3 +75,7 @@ def attention_table(rows: Sequence[AttentionTiming]) -> Table:
 
 def _ms(pair: tuple[float, float] | None) -> str:
     return UNKNOWN if pair is None else f"{pair[0]:.1f} / {pair[1]:.1f}"
+
+
+def _kilobytes(size: float | None) -> str:
+    return UNKNOWN if size is None else f"{size / 1e3:.0f}"

@@ -1,0 +1,131 @@
+"""The command line as its user meets it: help, and one line for each usual mistake."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from harness.cli import main
+from tests.disk import picture, sintel_scene, stereo_pair_folder, write_image, write_text
+
+HEAVY = ("cv2", "open3d", "onnxruntime", "rerun", "pandas", "scipy", "filterpy", "matplotlib")
+
+CLIP = 'name = "mine"\nadapter = "{adapter}"\nroot = "{root}"\n[source]\n{source}\n'
+SINTEL = 'scene = "alley"'
+FOLDER = 'left = "left"\nright = "right"\n[source.camera]\nfx_px = 50.0\ncx_px = 31.5\ncy_px = 23.5\nbaseline_m = 0.1'
+PEOPLE = '[subjects.girl]\ncategory = "person"\n[targets.bird]\ncategory = "bird"\n'
+LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+
+
+def _vfoa(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    monkeypatch.setattr(sys, "argv", ["vfoa", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0), capsys.readouterr().err
+
+
+def _clip(folder: Path, adapter: str, root: Path, source: str) -> None:
+    write_text(folder / "datasets" / "mine.toml", CLIP.format(adapter=adapter, root=root.as_posix(), source=source))
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = (
+        "import sys; from harness.cli import main; sys.argv = ['vfoa', '--help']\n"
+        "try: main()\nexcept SystemExit: pass\n"
+        f"loaded = [name for name in {HEAVY!r} if name in sys.modules]; assert not loaded, loaded"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "demo" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (("run", "demmo"), "no clip 'demmo'"),
+        (("run", "demo", "--clip", "studio_tabel"), "no clip 'studio_tabel'; did you mean 'studio_table'?"),
+        (("run", "demo", "--set", "stereo.matcher=sgmb"), "no 'sgmb'; did you mean 'sgbm'?"),
+        (("run", "demo", "--set", "attention"), "--set attention: expected KEY=VALUE"),
+        (("run", "nowhere/mine.toml"), "nowhere/mine.toml: cannot be read"),
+        (("score", "nowhere"), "nowhere: expected a run's directory"),
+        (("view", "nowhere"), "nowhere"),
+    ],
+)
+def test_a_wrong_word_is_one_line_and_exit_code_2(
+    arguments: tuple[str, ...],
+    line: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, said = _vfoa(monkeypatch, capsys, *arguments)
+    assert code == 2
+    assert line in said
+    assert said.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def _wrong_path(folder: Path) -> None:
+    _clip(folder, "sintel", folder / "nowhere", SINTEL)
+
+
+def _missing_right(folder: Path) -> None:
+    root = sintel_scene(folder / "data")
+    (root / "training" / "clean_right" / "alley" / "frame_0002.png").unlink()
+    _clip(folder, "sintel", root, SINTEL)
+
+
+def _sizes_differ(folder: Path) -> None:
+    root = stereo_pair_folder(folder / "data")
+    write_image(root / "right" / "000001.png", picture(1, 60, 48))
+    _clip(folder, "stereo_folder", root, FOLDER)
+
+
+def _unknown_key(folder: Path) -> None:
+    _clip(folder, "sintel", sintel_scene(folder / "data"), SINTEL + '\nscnee = "alley"')
+
+
+def _unknown_target(folder: Path) -> None:
+    root = sintel_scene(folder / "data")
+    _clip(folder, "sintel", root, SINTEL + "\n" + PEOPLE)
+    write_text(folder / "annotations" / "mine.csv", LABELS + "1,3,girl,brid,\n")
+
+
+def _truncated(folder: Path) -> None:
+    root = sintel_scene(folder / "data")
+    path = root / "training" / "clean_left" / "alley" / "frame_0001.png"
+    path.write_bytes(path.read_bytes()[:-30])
+    _clip(folder, "sintel", root, SINTEL)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "line"),
+    [
+        (_wrong_path, "nowhere"),
+        (_missing_right, "frame_0002.png"),
+        (_sizes_differ, "60"),
+        (_unknown_key, "unknown key 'source.scnee'; did you mean 'scene'?"),
+        (_unknown_target, "mine.csv:3: unknown target 'brid'; did you mean 'bird'?"),
+        (_truncated, "frame_0001.png: truncated PNG"),
+    ],
+)
+def test_a_spoilt_clip_is_one_line_and_no_table(
+    spoil: object, line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    spoil(tmp_path)  # type: ignore[operator]
+    stages = (
+        'stereo = { matcher = "bm", min_depth_m = 1.0 }\nsegmentation.model = "truth"\n'
+        'heads.detector = "person_mask"\nhead_pose.model = "none"\ngaze.model = "none"\n'
+    )
+    write_text(tmp_path / "e.toml", f'clips = ["mine"]\n[[configuration]]\nname = "only"\n{stages}')
+    monkeypatch.chdir(tmp_path)
+    code, said = _vfoa(monkeypatch, capsys, "run", "e.toml", "--out", "out", "--workers", "1", "--recording", "none")
+    assert code == 2
+    assert line in said, said
+    assert said.count("\n") == 1, said
+    written = {path.name for path in (tmp_path / "out").glob("*")}
+    assert written <= {"manifest.json", "parts"}
