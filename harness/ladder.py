@@ -47,7 +47,7 @@ def with_ladder(experiment: Experiment) -> Experiment:
     """Add to every configuration its rungs, called ``sgbm-one+disparity+instances``.
 
     A rung is left out where the stage is off or the truth already, and where a clip's first frame does not know the
-    truth; the notes say so.
+    truth; of the latter the notes say so.
 
     Raises
     ------

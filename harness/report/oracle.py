@@ -24,5 +24,8 @@ def ladder_table(scores: Scores) -> Table:
             )
             for step in steps(scores)
         ),
-        notes=("Each row replaces one stage more; Points: FRR gained by it, so what the stage's errors cost.",),
+        notes=(
+            "Each row replaces one stage more by the truth. Points: FRR gained by that, given the rows above: errors "
+            "interact, and a stage's error can hide another's (boxes that are too large forgive a gaze that is off).",
+        ),
     )
