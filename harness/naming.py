@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from vfoa.geometry import box_iou
 from vfoa.settings import Settings
 from vfoa.types import Float, FrameResult
 
@@ -197,7 +198,7 @@ def _match(rule: NameRule, candidate: _Candidate, place: int) -> tuple[float, ..
     if rule.at_px is not None:
         return (2, *_distances_px(candidate, rule.at_px))
     if rule.box_px is not None:
-        overlap = _iou(candidate.box_px, np.array(rule.box_px))
+        overlap = box_iou(candidate.box_px, np.array(rule.box_px))
         return (2, 1 - overlap) if overlap > 0 else None
     return (3,)
 
@@ -207,10 +208,3 @@ def _distances_px(candidate: _Candidate, point_px: PointPx) -> tuple[float, floa
     point, low, high = np.array(point_px), candidate.box_px[:2], candidate.box_px[2:]
     to_box = np.maximum(np.maximum(low - point, point - high), 0)
     return float(np.linalg.norm(to_box)), float(np.linalg.norm(point - candidate.center_px))
-
-
-def _iou(a: Float, b: Float) -> float:
-    size = np.maximum(np.minimum(a[2:], b[2:]) - np.maximum(a[:2], b[:2]), 0)
-    shared = float(size.prod())
-    union = float((a[2:] - a[:2]).prod() + (b[2:] - b[:2]).prod()) - shared
-    return shared / union if union > 0 else 0.0

@@ -9,11 +9,10 @@ from __future__ import annotations
 from typing import TypeVar
 from weakref import WeakKeyDictionary
 
-import numpy as np
-
 from harness.adapters import Clip, PersonTruth, Truth
 from harness.annotations import IGNORED, Label, LabelRange, Labels
 from vfoa.errors import VfoaError
+from vfoa.geometry import box_iou
 from vfoa.settings import Settings
 from vfoa.types import Disparity, Float, Gaze, Head, HeadPose, Instances, StereoFrame
 
@@ -53,8 +52,8 @@ class KnownTruth:
         people = self.people(frame)
         if head.instance_id is not None:
             return next((person for person in people if person.instance_id == head.instance_id), None)
-        best = max(people, key=lambda person: box_overlap(person.head_box_px, head.box_px), default=None)
-        return best if best and box_overlap(best.head_box_px, head.box_px) >= _LEAST_OVERLAP else None
+        best = max(people, key=lambda person: box_iou(person.head_box_px, head.box_px), default=None)
+        return best if best and box_iou(best.head_box_px, head.box_px) >= _LEAST_OVERLAP else None
 
     def head_direction(self, frame: int, person: PersonTruth) -> Float:
         """Where the person's head truly points, a unit vector (3,) in the camera frame."""
@@ -150,13 +149,6 @@ class TruthGaze:
         """The true gaze of one head."""
         person = self._truth.person(frame.index, head)
         return None if person is None else Gaze(direction=self._truth.gaze_direction(frame.index, person))
-
-
-def box_overlap(a_px: Float, b_px: Float) -> float:
-    """Intersection over union of two image boxes (u0, v0, u1, v1)."""
-    sides = np.minimum(a_px[2:], b_px[2:]) - np.maximum(a_px[:2], b_px[:2])
-    common = float(np.prod(np.maximum(sides, 0)))
-    return common / float(np.prod(a_px[2:] - a_px[:2]) + np.prod(b_px[2:] - b_px[:2]) - common)
 
 
 def true_labels(clip: Clip) -> Labels:

@@ -66,7 +66,7 @@ def disparity_from_depth(depth_m: ArrayLike, rig: StereoRig) -> Float:
 
 def back_project(u_px: ArrayLike, v_px: ArrayLike, depth_m: ArrayLike, rig: StereoRig) -> Float:
     """Points (..., 3) in the camera frame, metres, seen at pixels (u, v) at depths z."""
-    u, v, z = (np.asarray(value, dtype=np.float64) for value in (u_px, v_px, depth_m))
+    u, v, z = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in (u_px, v_px, depth_m)))
     return np.stack([(u - rig.cx_px) * z / rig.fx_px, (v - rig.cy_px) * z / rig.fy_px, z], axis=-1)
 
 

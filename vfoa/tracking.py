@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 from pydantic import Field, NonNegativeInt, PositiveInt
 
+from vfoa.geometry import box_iou
 from vfoa.settings import Settings
 from vfoa.types import Float, Head, Person
 
@@ -104,10 +105,3 @@ def final_tracks(
         for track_id, person in tracked:
             members.setdefault(track_id, []).append((position, person))
     return {track_id: tuple(found) for track_id, found in members.items() if last[track_id].confirmed(settings)}
-
-
-def box_iou(a_px: Float, b_px: Float) -> float:
-    """Intersection over union of two boxes (u0, v0, u1, v1), in [0, 1]."""
-    (a0, b0, a1, b1), (c0, d0, c1, d1) = a_px.tolist(), b_px.tolist()
-    common = max(0.0, min(a1, c1) - max(a0, c0)) * max(0.0, min(b1, d1) - max(b0, d0))
-    return common / ((a1 - a0) * (b1 - b0) + (c1 - c0) * (d1 - d0) - common)

@@ -16,7 +16,6 @@ from harness.oracle import (
     TruthHeads,
     TruthMatcher,
     TruthSegmenter,
-    box_overlap,
     true_labels,
 )
 from harness.simulated import (
@@ -175,14 +174,6 @@ class TestTruthStages:
             call(clip, clip.frame(1))
         assert str(error.value).startswith("FakeClip, frame 1: the clip has ")
         assert message in str(error.value)
-
-
-@given(st.lists(st.floats(0, 100), min_size=4, max_size=4), st.lists(st.floats(0, 100), min_size=4, max_size=4))
-def test_box_overlap_is_a_share_and_symmetric(a: list[float], b: list[float]) -> None:
-    one, other = (np.array([u, v, u + width + 1, v + height + 1]) for u, v, width, height in (a, b))
-    assert 0 <= box_overlap(one, other) <= 1
-    assert box_overlap(one, other) == pytest.approx(box_overlap(other, one))
-    assert box_overlap(one, one) == pytest.approx(1)
 
 
 class TestTrueLabels:

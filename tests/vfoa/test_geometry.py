@@ -16,6 +16,7 @@ from vfoa.geometry import (
     angle_between,
     back_project,
     box_corners,
+    box_iou,
     depth_from_disparity,
     direction_from_crop,
     direction_to_crop,
@@ -241,3 +242,24 @@ def test_zero_components_and_origins_on_planes_of_faces_are_decided(origin, dire
     box = make_box((0, 0, 0), (0.5, 0.25, 0.5))
     found = entry_distance(origin, np.array([direction]), (box,))
     np.testing.assert_array_equal(found, [[first_face(np.array(origin), np.array(direction), box)]])
+
+
+@given(st.lists(st.floats(0, 100), min_size=4, max_size=4), st.lists(st.floats(0, 100), min_size=4, max_size=4))
+def test_box_iou_is_a_share_and_symmetric(a: list[float], b: list[float]) -> None:
+    one, other = (np.array([u, v, u + width + 1, v + height + 1]) for u, v, width, height in (a, b))
+    assert 0 <= box_iou(one, other) <= 1
+    assert box_iou(one, other) == pytest.approx(box_iou(other, one))
+    assert box_iou(one, one) == pytest.approx(1)
+
+
+def test_box_iou_of_known_boxes() -> None:
+    square = np.array([0.0, 0, 1, 1])
+    assert box_iou(square, np.array([0.5, 0, 1.5, 1])) == pytest.approx(1 / 3)
+    assert box_iou(square, np.array([0.0, 0, 2, 2])) == pytest.approx(1 / 4)
+    assert box_iou(square, square + 1) == box_iou(square, square + 5) == 0
+    assert box_iou(square * 0, square * 0) == 0
+
+
+def test_one_depth_serves_many_pixels() -> None:
+    u, v = np.array([10.0, 20, 30]), np.array([1.0, 2, 3])
+    assert np.array_equal(back_project(u, v, 2.0, RIG), back_project(u, v, np.full(3, 2.0), RIG))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import make_person
 
-from vfoa.tracking import TrackerState, TrackingSettings, box_iou, final_tracks, track_people
+from vfoa.geometry import box_iou
+from vfoa.tracking import TrackerState, TrackingSettings, final_tracks, track_people
 from vfoa.types import Person
 
 PUBLISHED = TrackingSettings(ttl=0)
@@ -132,11 +132,3 @@ def published(frames, *, sigma_l, sigma_h, sigma_iou, t_min):
         for track in finished + active
         if len(track) >= t_min and max(person.view.head.score for person in track) >= sigma_h
     ]
-
-
-def test_overlap_of_boxes():
-    unit = np.array([0.0, 0, 1, 1])
-    assert box_iou(unit, unit) == 1
-    assert box_iou(unit, np.array([0.5, 0, 1.5, 1])) == pytest.approx(1 / 3)
-    assert box_iou(unit, np.array([0.0, 0, 2, 2])) == pytest.approx(1 / 4)
-    assert box_iou(unit, unit + 1) == box_iou(unit, unit + 5) == 0
