@@ -18,7 +18,8 @@ from vfoa.types import Disparity, Float, Gaze, Head, HeadPose, Instances, Stereo
 
 T = TypeVar("T")
 
-_LEAST_OVERLAP = 0.3
+LEAST_OVERLAP = 0.3
+"""Boxes that overlap less (intersection over union) are not of the same head."""
 
 
 class OracleSettings(Settings):
@@ -53,7 +54,7 @@ class KnownTruth:
         if head.instance_id is not None:
             return next((person for person in people if person.instance_id == head.instance_id), None)
         best = max(people, key=lambda person: box_iou(person.head_box_px, head.box_px), default=None)
-        return best if best and box_iou(best.head_box_px, head.box_px) >= _LEAST_OVERLAP else None
+        return best if best and box_iou(best.head_box_px, head.box_px) >= LEAST_OVERLAP else None
 
     def head_direction(self, frame: int, person: PersonTruth) -> Float:
         """Where the person's head truly points, a unit vector (3,) in the camera frame."""

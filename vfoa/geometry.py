@@ -167,6 +167,14 @@ _PARALLEL = 1e-200
 """A smaller component of a direction counts as zero: its inverse, times a distance, would overflow."""
 
 
+def box_iou(a_px: Float, b_px: Float) -> float:
+    """Intersection over union, in [0, 1], of two image boxes (u0, v0, u1, v1); 0 where both are empty."""
+    (a0, b0, a1, b1), (c0, d0, c1, d1) = a_px.tolist(), b_px.tolist()
+    common = max(0.0, min(a1, c1) - max(a0, c0)) * max(0.0, min(b1, d1) - max(b0, d0))
+    union = (a1 - a0) * (b1 - b0) + (c1 - c0) * (d1 - d0) - common
+    return common / union if union > 0 else 0.0
+
+
 def box_corners(box: Box3D) -> Float:
     """The eight corners (8, 3) of a box, camera frame, metres."""
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij")).reshape(3, 8).T
