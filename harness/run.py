@@ -15,7 +15,7 @@ from harness.executors import Progress
 from harness.experiment import Configuration
 from harness.manifest import ClipManifest
 from harness.naming import SubjectNames, name_frame
-from harness.recording import FrameObserver, NullRecorder, Size
+from harness.recording import FrameObserver, Observers, Size
 from harness.records import to_record
 from harness.results import FrameRecord, to_line
 from harness.run_directory import Pair, RunDirectory
@@ -30,7 +30,7 @@ from vfoa.types import FrameResult, Percepts, Scene, StereoFrame
 class ClipJob:
     """All that a process needs to run one clip: settings and paths only, since it travels to another process.
 
-    ``recording`` is how much the recordings hold, None for none.
+    ``recording`` is how much the recordings hold, None for none. ``save_signals``: also save what every stage found.
     """
 
     manifest: ClipManifest
@@ -39,6 +39,7 @@ class ClipJob:
     configurations: tuple[Configuration, ...]
     directory: RunDirectory
     recording: Size | None
+    save_signals: bool = False
 
     @property
     def pairs(self) -> list[Pair]:
@@ -61,14 +62,10 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
         pipeline = SharedPipeline(job.configurations, clip)
         with ExitStack() as stack:
             lanes = [_open_lane(job, configuration, clip.rate_hz, stack) for configuration in job.configurations]
-            for number in job.frames:
-                decoding: Bill = {}
-                with timed(decoding, "decode"):
-                    frame = clip.frame(number)
-                pipeline.start_frame()
+            for shared in pipeline.frames(job.frames):
                 for lane in lanes:
-                    percepts, scene, bill = pipeline.run(lane.configuration, frame)
-                    lane.step(frame, percepts, scene, {**decoding, **bill})
+                    percepts, scene, bill = shared.by_configuration[lane.configuration.name]
+                    lane.step(shared.frame, percepts, scene, bill)
                 progress(job.manifest.name)
     except VfoaError as error:
         return ClipOutcome(clip=job.manifest.name, error=str(error))
@@ -114,16 +111,17 @@ class _Lane:
 def _open_lane(job: ClipJob, configuration: Configuration, rate_hz: float | None, stack: ExitStack) -> _Lane:
     pair = (job.manifest.name, configuration.name)
     results, timings = stack.enter_context(job.directory.part(pair))
-    observer = stack.enter_context(_observer(job, pair, rate_hz))
+    observers = [*_recorder(job, pair, rate_hz), *_signal_writer(job, configuration)]
+    observer = stack.enter_context(Observers(*observers))
     return _Lane(job=job, configuration=configuration, results=results, timings=timings, observer=observer)
 
 
-def _observer(job: ClipJob, pair: Pair, rate_hz: float | None) -> FrameObserver:
+def _recorder(job: ClipJob, pair: Pair, rate_hz: float | None) -> list[FrameObserver]:
     if job.recording is None:
-        return NullRecorder()
+        return []
     from harness.recording.recorder import Recorder
 
-    return Recorder(
+    recorder = Recorder(
         job.directory.recording(pair),
         clip=pair[0],
         configuration=pair[1],
@@ -132,3 +130,15 @@ def _observer(job: ClipJob, pair: Pair, rate_hz: float | None) -> FrameObserver:
         subjects=tuple(job.manifest.subjects),
         targets=tuple(job.manifest.targets),
     )
+    return [recorder]
+
+
+def _signal_writer(job: ClipJob, configuration: Configuration) -> list[FrameObserver]:
+    if not job.save_signals:
+        return []
+    from harness.signals.saved import owned_slots
+    from harness.signals.writer import SignalWriter
+
+    slots = owned_slots(configuration, job.configurations)
+    root = job.directory.signals / job.manifest.name / configuration.name
+    return [SignalWriter(root, slots)] if slots else []

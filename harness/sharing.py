@@ -3,12 +3,16 @@
 Configurations that agree on a stage share its output. An output is known by the stage and the identity of its
 inputs: a stage that shares its inputs hands on the very same object, so agreement upstream carries downstream
 without a word about which stage reads what.
+
+A frame leaves when all that its gaze is estimated from has been read: at once, unless a configuration has a temporal
+gaze model. Until then it waits with its outputs.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -16,8 +20,11 @@ from typing import Any, TypeVar
 from harness.adapters import Clip
 from harness.experiment import Configuration
 from harness.stages import SLOTS
+from vfoa.gaze import TemporalGazeModel
+from vfoa.gaze.temporal import HeadWindow, with_gazes
 from vfoa.pipeline import Stages, perceive, reconstruct
 from vfoa.settings import Settings
+from vfoa.tracking import TrackingSettings
 from vfoa.types import Percepts, Scene, StereoFrame
 
 T = TypeVar("T")
@@ -89,6 +96,34 @@ class _Shared:
     def estimate(self, *inputs: object) -> Any:
         return self.ledger.call(self.slot, self.stage.estimate, *inputs)
 
+    def crop(self, *inputs: object) -> Any:
+        return self.ledger.call(self.slot, self.stage.crop, *inputs)
+
+    # what a window asks its model; the window's own answer goes through the ledger
+
+    def stride(self, rate_hz: float | None) -> int:
+        return int(self.stage.stride(rate_hz))
+
+    def estimate_sequence(self, *inputs: Any) -> Any:
+        return self.stage.estimate_sequence(*inputs)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SharedFrame:
+    """One frame with what each configuration, by name, made of it: percepts, scene, and the seconds per stage."""
+
+    frame: StereoFrame
+    by_configuration: Mapping[str, tuple[Percepts, Scene, Bill]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Waiting:
+    """A frame whose gazes are not known yet, the outputs of its stages, and what it has cost to read."""
+
+    frame: StereoFrame
+    outputs: dict[tuple[object, ...], _Output]
+    decoding: Bill
+
 
 class SharedPipeline:
     """``perceive`` and ``reconstruct`` for every configuration of one clip.
@@ -97,10 +132,13 @@ class SharedPipeline:
     """
 
     def __init__(self, configurations: Sequence[Configuration], clip: Clip) -> None:
+        self._configurations, self._clip = configurations, clip
         self._ledger = Ledger()
         built: dict[str, _Shared] = {}
         same: dict[tuple[str, ...], Stages] = {}
         self._stages: dict[str, Stages] = {}
+        self._windows: dict[str, HeadWindow] = {}
+        windows: dict[tuple[str | TrackingSettings, ...], HeadWindow] = {}
         for configuration in configurations:
             keys = {
                 slot: f"{slot} {choice.plain() if choice else None}" for slot, choice in configuration.choices.items()
@@ -109,17 +147,55 @@ class SharedPipeline:
                 if choice and keys[slot] not in built:
                     built[keys[slot]] = _Shared(slot, SLOTS[slot].build(choice, clip), self._ledger)
             chosen = {slot: built.get(key) for slot, key in keys.items()}
-            self._stages[configuration.name] = same.setdefault(tuple(keys.values()), _stages(chosen))
+            stages = same.setdefault(tuple(keys.values()), _stages(chosen))
+            self._stages[configuration.name] = stages
+            if stages.temporal_gaze:
+                tracking = configuration.attend.tracking
+                # heads and crops depend on no more than this, so whoever agrees on it has the same gazes
+                seen = (keys["segmentation"], keys["heads"], keys["gaze"], tracking)
+                if seen not in windows:
+                    windows[seen] = HeadWindow(stages.temporal_gaze, clip.rate_hz, tracking)
+                self._windows[configuration.name] = windows[seen]
+        self._look_ahead = max((window.look_ahead for window in windows.values()), default=0)
 
-    def start_frame(self) -> None:
-        """Forget the outputs of the frame before."""
-        self._ledger.outputs.clear()
+    def frames(self, numbers: Iterable[int]) -> Iterator[SharedFrame]:
+        """Read frames, in ascending order, and run every configuration on each; they come in the same order."""
+        waiting: deque[_Waiting] = deque()
+        for number in numbers:
+            waiting.append(self._perceive(number))
+            while waiting and waiting[0].frame.index + self._look_ahead <= number:
+                yield self._finish(waiting.popleft())
+        while waiting:
+            yield self._finish(waiting.popleft())
 
-    def run(self, configuration: Configuration, frame: StereoFrame) -> tuple[Percepts, Scene, Bill]:
-        """Perceive and reconstruct one frame; the third value is the seconds per stage."""
-        self._ledger.bill = {}
-        percepts = self._ledger.call("perceive", perceive, frame, self._stages[configuration.name])
-        scene = self._ledger.call("reconstruction", reconstruct, percepts, configuration.reconstruction)
+    def _perceive(self, number: int) -> _Waiting:
+        decoding: Bill = {}
+        with timed(decoding, "decode"):
+            frame = self._clip.frame(number)
+        self._ledger.outputs, self._ledger.bill = {}, {}
+        fed: set[HeadWindow] = set()
+        for name, stages in self._stages.items():
+            percepts = self._ledger.call("perceive", perceive, frame, stages)
+            window = self._windows.get(name)
+            if window and window not in fed:
+                window.add(percepts)
+                fed.add(window)
+        return _Waiting(frame=frame, outputs=self._ledger.outputs, decoding=decoding)
+
+    def _finish(self, waiting: _Waiting) -> SharedFrame:
+        self._ledger.outputs = waiting.outputs
+        return SharedFrame(
+            frame=waiting.frame,
+            by_configuration={each.name: self._run(each, waiting) for each in self._configurations},
+        )
+
+    def _run(self, configuration: Configuration, waiting: _Waiting) -> tuple[Percepts, Scene, Bill]:
+        call, frame = self._ledger.call, waiting.frame
+        self._ledger.bill = dict(waiting.decoding)
+        percepts = call("perceive", perceive, frame, self._stages[configuration.name])
+        if window := self._windows.get(configuration.name):
+            percepts = call("gaze", with_gazes, percepts, call("gaze", window.gazes, frame.index))
+        scene = call("reconstruction", reconstruct, percepts, configuration.reconstruction)
         return percepts, scene, self._ledger.bill
 
 
@@ -127,4 +203,13 @@ def _stages(chosen: Mapping[str, _Shared | None]) -> Stages:
     matcher, segmenter, heads = chosen["stereo"], chosen["segmentation"], chosen["heads"]
     if matcher is None or segmenter is None or heads is None:
         raise AssertionError("only head pose and gaze can be switched off")
-    return Stages(matcher=matcher, segmenter=segmenter, heads=heads, head_pose=chosen["head_pose"], gaze=chosen["gaze"])
+    gaze = chosen["gaze"]
+    temporal = gaze is not None and isinstance(gaze.stage, TemporalGazeModel)
+    return Stages(
+        matcher=matcher,
+        segmenter=segmenter,
+        heads=heads,
+        head_pose=chosen["head_pose"],
+        gaze=None if temporal else gaze,
+        temporal_gaze=gaze if temporal else None,
+    )

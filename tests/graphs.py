@@ -54,6 +54,30 @@ def yolo_seg(path: Path, output0: ArrayLike, size: int = 320) -> str:
     return write(path, nodes, {"images": (1, 3, size, size)}, shapes)
 
 
+def seven_levels(path: Path) -> str:
+    """A Gaze360 graph whose angles spell the crops it was shown, one hexadecimal digit each.
+
+    A digit is the mean red of a crop, 0 to 15, by ImageNet's statistics: theta 16^4 has those of crops 0 to 3 and phi
+    16^4 those of crops 4 to 6, the earliest first. Sigma is always 0.1.
+    """
+    places = np.zeros((7, 2), np.float32)
+    places[:4, 0], places[4:, 1] = (16.0**-1, 16.0**-2, 16.0**-3, 16.0**-4), (16.0**-2, 16.0**-3, 16.0**-4)
+    nodes = [
+        constant_node("red", np.array(0)),
+        helper.make_node("Gather", ["images", "red"], ["reds"], axis=2),
+        helper.make_node("ReduceMean", ["reds"], ["means"], axes=[2, 3], keepdims=0),
+        constant_node("deviation", np.float32(58.395)),
+        helper.make_node("Mul", ["means", "deviation"], ["scaled"]),
+        constant_node("mean", np.float32(123.675)),
+        helper.make_node("Add", ["scaled", "mean"], ["levels"]),
+        helper.make_node("Round", ["levels"], ["digits"]),
+        constant_node("places", places),
+        helper.make_node("MatMul", ["digits", "places"], ["gaze"]),
+        constant_node("sigma", np.array([[0.1]])),
+    ]
+    return write(path, nodes, {"images": (1, 7, 3, 224, 224)}, {"gaze": (1, 2), "sigma": (1, 1)})
+
+
 def write(
     path: Path,
     nodes: list[NodeProto],

@@ -4,7 +4,8 @@
     reconstruct  percepts -> scene: clouds, boxes and eye origins in metres. Stateless.
     attend       scene, memory -> result, memory: tracks, filtered cues, cones, attention. Ordered and cheap.
 
-The first two run out of order and in parallel; a sweep over cones repeats only the third.
+The first two run out of order and in parallel; a sweep over cones repeats only the third. A temporal gaze model needs
+the frames around: perceive keeps its crops, and a :class:`vfoa.gaze.temporal.HeadWindow` fills in the gazes, in order.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from dataclasses import dataclass, field
 
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
-from vfoa.gaze import GazeModel
+from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
 from vfoa.heads import HeadDetector
@@ -29,24 +30,29 @@ __all__ = ["AttendSettings", "Memory", "Stages", "attend", "perceive", "reconstr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stages:
-    """The models and matchers of one configuration. None: that cue is not measured."""
+    """The models and matchers of one configuration. None: that cue is not measured.
+
+    Gaze is estimated from one frame or from several: at most one of the two models is there.
+    """
 
     matcher: StereoMatcher
     segmenter: Segmenter
     heads: HeadDetector
     head_pose: HeadPoseModel | None
     gaze: GazeModel | None
+    temporal_gaze: TemporalGazeModel | None = None
 
 
 def perceive(frame: StereoFrame, stages: Stages) -> Percepts:
-    """Run every model on one frame."""
+    """Run every model on one frame. Where gaze is temporal, the views have its crops and no gaze yet."""
     disparity = stages.matcher.match(frame)
     instances = stages.segmenter.segment(frame)
     views = []
     for head in stages.heads.detect(frame, instances):
         head_pose = stages.head_pose.estimate(frame, head) if stages.head_pose else None
         gaze = stages.gaze.estimate(frame, head, head_pose) if stages.gaze else None
-        views.append(HeadView(head=head, head_pose=head_pose, gaze=gaze))
+        crop = stages.temporal_gaze.crop(frame, head) if stages.temporal_gaze else None
+        views.append(HeadView(head=head, head_pose=head_pose, gaze=gaze, crop=crop))
     return Percepts(
         index=frame.index,
         time_ns=frame.time_ns,
