@@ -30,7 +30,12 @@ def read_rgb(path: Path) -> Image:
     VfoaError
         If the file is not there, not an image, or damaged.
     """
-    image = _decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    return decode_rgb(read_bytes(path), str(path))
+
+
+def decode_rgb(data: bytes, where: str) -> Image:
+    """As :func:`read_rgb`, from a file's bytes that stand at ``where``, which names them in messages."""
+    image = _decode(data, where, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
@@ -42,21 +47,20 @@ def read_raw(path: Path) -> NDArray[Any]:
     VfoaError
         As :func:`read_rgb`.
     """
-    image = _decode(path, cv2.IMREAD_UNCHANGED)
+    image = _decode(read_bytes(path), str(path), cv2.IMREAD_UNCHANGED)
     return image if image.ndim == 2 else np.ascontiguousarray(image[..., 2::-1])
 
 
-def _decode(path: Path, flags: int) -> NDArray[Any]:
-    data = read_bytes(path)
+def _decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
     # OpenCV 4 fills the missing part of a cut file with black or gray and says nothing.
     if problem := _damage(data):
-        raise VfoaError(f"{path}: {problem}")
+        raise VfoaError(f"{where}: {problem}")
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
-        raise VfoaError(f"{path}: not a readable image: {error.err}") from None
+        raise VfoaError(f"{where}: not a readable image: {error.err}") from None
     if image is None:
-        raise VfoaError(f"{path}: not a readable image ({len(data)} bytes); expected PNG, JPEG or another of OpenCV's")
+        raise VfoaError(f"{where}: not a readable image ({len(data)} bytes); expected PNG, JPEG or another of OpenCV's")
     return image
 
 

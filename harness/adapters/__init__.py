@@ -83,6 +83,7 @@ class Clip(Protocol):
 ADAPTERS = Registry(
     kind="adapter",
     builtin={
+        "mcap": "harness.adapters.mcap.clip:McapClip",
         "sintel": "harness.adapters.sintel:SintelClip",
         "stereo_folder": "harness.adapters.stereo_folder:StereoFolderClip",
         "studio": "harness.adapters.studio:StudioClip",

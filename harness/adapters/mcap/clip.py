@@ -1,0 +1,142 @@
+"""A stereo clip from an MCAP recording: one file, or a folder of the files into which it was split."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from harness.adapters import Truth
+from harness.adapters.mcap.cameras import Cameras, FileCameras, RecordedCameras
+from harness.adapters.mcap.index import Index, index_recording, recording_files
+from harness.adapters.mcap.messages import picture
+from harness.adapters.mcap.pairing import join
+from harness.adapters.mcap.pixels import rgb
+from harness.adapters.mcap.recording import read_message
+from harness.adapters.mcap.topics import Place, Topic, find_camera, find_pair
+from harness.files import digest_files
+from harness.images import decode_rgb
+from vfoa.errors import VfoaError
+from vfoa.settings import Settings
+from vfoa.types import Image, StereoFrame
+
+
+class McapSettings(Settings):
+    """Which recording under the manifest's root, and what its topics and types do not tell.
+
+    ``left`` and ``right`` are image topics, ``left_info`` and ``right_info`` those of their calibrations, or
+    ``calibration`` is a file under the root. Stamps of a pair are at most ``tolerance_ms`` apart. ``rectified``
+    says whether the images are rectified already; unsaid, topics with ``image_rect`` in their names are.
+    """
+
+    recording: str = "."
+    left: str | None = None
+    right: str | None = None
+    left_info: str | None = None
+    right_info: str | None = None
+    calibration: str | None = None
+    rectified: bool | None = None
+    tolerance_ms: float = Field(default=2.0, ge=0)
+
+
+class McapClip:
+    """A recorded stereo pair; frames are numbered from 1 in the order of their stamps.
+
+    root/recording.mcap      or root/recording_0.mcap, recording_1.mcap ...
+      /stereo/left/image_raw       sensor_msgs/msg/Image, CompressedImage; foxglove.RawImage, CompressedImage
+      /stereo/left/camera_info     sensor_msgs/msg/CameraInfo; foxglove.CameraCalibration; P_right[0, 3] = -fx B
+      /stereo/right/...            likewise
+
+    What is not readable (a cut file, a wrong checksum) is left out and told in :attr:`notes`.
+    """
+
+    Settings = McapSettings
+
+    def __init__(self, settings: McapSettings, root: Path | None) -> None:
+        self._settings = settings
+        self._folder = root if root is not None else Path.cwd()
+        self._where = str(self._folder / settings.recording)
+        index = index_recording(recording_files(self._folder / settings.recording))
+        self._files, self._losses = index.files, index.losses
+        topics = index.topics.values()
+        self._topics = find_pair(topics, settings.left, settings.right, self._where)
+        left, right = self._topics
+        self._pairs = join(left.places, right.places, round(settings.tolerance_ms * 1e6))
+        if not self._pairs:
+            raise VfoaError(
+                f"{self._where}: no two stamps of {left} and {right} are within {settings.tolerance_ms:g} ms"
+            )
+        self._cameras = self._find_cameras(index)
+
+    @property
+    def frames(self) -> range:
+        """From 1; a frame that was dropped has no number."""
+        return range(1, len(self._pairs) + 1)
+
+    @cached_property
+    def rate_hz(self) -> float | None:
+        """From the median distance of the stamps, to 0.001 Hz."""
+        steps = np.diff([left.stamp_ns for left, _ in self._pairs])
+        return round(1e9 / float(np.median(steps)), 3) if steps.size and np.median(steps) > 0 else None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was lost, and how many images have no partner."""
+        alone = [
+            f"{topic.name}: {count} of {len(topic.places)} images have no partner within "
+            f"{self._settings.tolerance_ms:g} ms"
+            for topic in self._topics
+            if (count := len(topic.places) - len(self._pairs))
+        ]
+        return (*self._losses, *alone)
+
+    def frame(self, number: int) -> StereoFrame:
+        """Read one pair from its chunks, rectified."""
+        if number not in self.frames:
+            raise VfoaError(f"{self._where}: no frame {number}; expected 1 to {len(self._pairs)}")
+        places = self._pairs[number - 1]
+        left, right = (self._image(topic, place) for topic, place in zip(self._topics, places, strict=True))
+        if left.shape != right.shape:
+            raise VfoaError(f"{self._where}: frame {number}: left is {left.shape[:2]}, right {right.shape[:2]} pixels")
+        try:
+            optics = self._cameras.at(places[0].stamp_ns, places[1].stamp_ns)
+            left, right = optics.rectify(left, right)
+            rig = optics.calibration.rig(left.shape[1], left.shape[0])
+        except VfoaError as error:
+            raise VfoaError(f"{self._where}: frame {number}: {error}") from None
+        return StereoFrame(index=number, time_ns=places[0].stamp_ns, left=left, right=right, rig=rig)
+
+    def truth(self, number: int) -> Truth:
+        """Nothing is known."""
+        return Truth()
+
+    def digest(self) -> str:
+        """Of the files' bytes and the settings."""
+        paths = [(f"recording {number}", path) for number, path in enumerate(self._files)]
+        if self._settings.calibration is not None:
+            paths.append(("calibration", self._folder / self._settings.calibration))
+        return hashlib.sha256(f"{digest_files(paths)} {self._settings!r}".encode()).hexdigest()
+
+    def _image(self, topic: Topic, place: Place) -> Image:
+        path = self._files[place.file]
+        where = f"{path}: {topic.name}"
+        message = read_message(path, place.offset, place.place)
+        content = picture(topic.type, message.data, where)
+        return decode_rgb(content, where) if isinstance(content, bytes) else rgb(content, where)
+
+    def _find_cameras(self, index: Index) -> Cameras:
+        settings, (left, right) = self._settings, self._topics
+        rectified = settings.rectified
+        if rectified is None:
+            rectified = "image_rect" in left.name and "image_rect" in right.name
+        if settings.calibration is not None:
+            return FileCameras(self._folder / settings.calibration, rectified)
+        topics = index.topics.values()
+        cameras = (
+            find_camera(topics, left, settings.left_info, self._where),
+            find_camera(topics, right, settings.right_info, self._where),
+        )
+        return RecordedCameras(index.files, cameras, rectified)
