@@ -91,7 +91,7 @@ class Recorder:
     """Writes camera messages of one family; every stamp is also the log time."""
 
     def __init__(self, family: Family, writer: Any) -> None:
-        self._family, self._writer = family, writer
+        self._family, self.writer = family, writer
         self._ids: dict[str, Any] = {}
 
     def picture(self, topic: str, stamp_ns: int, image: NDArray[np.uint8], pixels: Pixels = "raw") -> None:
@@ -134,20 +134,20 @@ class Recorder:
         sec, nanosec = divmod(stamp_ns, 10**9)
         if self._family == "ros2":
             if name not in self._ids:
-                self._ids[name] = self._writer.register_msgdef(f"sensor_msgs/msg/{name}", ROS2[name] + _HEADER)
+                self._ids[name] = self.writer.register_msgdef(f"sensor_msgs/msg/{name}", ROS2[name] + _HEADER)
             header = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "camera"}
-            self._writer.write_message(topic, self._ids[name], {"header": header, **fields}, log_time=stamp_ns)
+            self.writer.write_message(topic, self._ids[name], {"header": header, **fields}, log_time=stamp_ns)
         elif self._family == "protobuf":
             message = protobuf(timestamp=Timestamp(seconds=sec, nanos=nanosec), **fields)
-            self._writer.write_message(topic, message, log_time=stamp_ns, publish_time=stamp_ns)
+            self.writer.write_message(topic, message, log_time=stamp_ns, publish_time=stamp_ns)
         else:
             if topic not in self._ids:
-                schema = self._writer.register_schema(f"foxglove.{name}", "jsonschema", b'{"type": "object"}')
-                self._ids[topic] = self._writer.register_channel(topic, "json", schema)
+                schema = self.writer.register_schema(f"foxglove.{name}", "jsonschema", b'{"type": "object"}')
+                self._ids[topic] = self.writer.register_channel(topic, "json", schema)
             if "data" in fields:
                 fields = fields | {"data": base64.b64encode(fields["data"]).decode()}
             text = json.dumps({"timestamp": {"sec": sec, "nsec": nanosec}, **fields})
-            self._writer.add_message(self._ids[topic], stamp_ns, text.encode(), stamp_ns)
+            self.writer.add_message(self._ids[topic], stamp_ns, text.encode(), stamp_ns)
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -7,10 +8,12 @@ import cv2
 import numpy as np
 import pytest
 from disk import HEIGHT, WIDTH, picture
+from mcap.writer import CompressionType, IndexType
 from numpy.typing import NDArray
-from recordings import Camera, Family, Pixels, rectified_camera, write_pairs
+from recordings import Camera, Family, Pixels, recorder, rectified_camera, write_pairs
 
 from harness.adapters.mcap.clip import McapClip, McapSettings
+from vfoa.errors import VfoaError
 
 LEFT = rectified_camera(WIDTH, HEIGHT, fx=100.0, cx=31.5, cy=23.5)
 RIGHT = rectified_camera(WIDTH, HEIGHT, fx=100.0, cx=30.0, cy=23.5, baseline_m=0.12)
@@ -56,3 +59,198 @@ def test_jpeg_is_close(tmp_path: Path) -> None:
         write_pairs(tmp_path / "a.mcap", [(stamp(1), smooth, smooth, LEFT, RIGHT)], pixels="jpeg"),
     )
     assert np.abs(clip.frame(1).left.astype(int) - smooth).mean() < 2
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
+def test_every_compression_is_read(tmp_path: Path, compression: CompressionType) -> None:
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs(), compression=compression))
+    assert np.array_equal(clip.frame(5).right, picture(1005))
+
+
+@pytest.mark.parametrize("options", [{"index_types": IndexType.NONE, "use_statistics": False}, {"use_chunking": False}])
+def test_neither_index_nor_chunks_are_needed(tmp_path: Path, options: dict[str, object]) -> None:
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs(), "json", **options))
+    assert (len(clip.frames), clip.notes) == (5, ())
+    assert np.array_equal(clip.frame(2).left, picture(2))
+
+
+@pytest.mark.parametrize("family", ["ros2", "protobuf", "json"])
+def test_a_cut_file_gives_the_frames_before_the_cut_and_says_so(tmp_path: Path, family: Family) -> None:
+    whole = write_pairs(tmp_path / "a.mcap", pairs(range(1, 31)), family, chunk_size=4 * WIDTH * HEIGHT)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: int(whole.stat().st_size * 0.6)])
+    clip = open_clip(cut)
+    assert 15 <= len(clip.frames) <= 18
+    for n in clip.frames:
+        assert np.array_equal(clip.frame(n).left, picture(n))
+    assert f"cut at byte {cut.stat().st_size}" in clip.notes[0]
+    assert "lost" in clip.notes[0]
+
+
+def test_a_flipped_bit_is_found_by_checksum_and_costs_its_chunk_alone(tmp_path: Path) -> None:
+    path = write_pairs(
+        tmp_path / "a.mcap", pairs(range(1, 11)), chunk_size=4 * WIDTH * HEIGHT, compression=CompressionType.NONE
+    )
+    data = bytearray(path.read_bytes())
+    data[data.index(picture(4).tobytes()) + 1000] ^= 1
+    path.write_bytes(data)
+    clip = open_clip(path)
+    assert 7 <= len(clip.frames) <= 9
+    kept = {clip.frame(n).time_ns for n in clip.frames}
+    assert stamp(4) not in kept
+    assert {stamp(1), stamp(10)} < kept
+    assert "damaged (crc validation failed" in clip.notes[0]
+    assert "of 40 messages of the file are lost" in clip.notes[0]
+
+
+def test_a_damaged_compressed_chunk_is_told(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs(range(1, 11)), chunk_size=4 * WIDTH * HEIGHT)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 255
+    path.write_bytes(data)
+    clip = open_clip(path)
+    assert 7 <= len(clip.frames) <= 9
+    assert "damaged" in clip.notes[0]
+
+
+def test_an_attachment_and_metadata_change_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        for n in (1, 2):
+            record.writer.add_attachment(stamp(n), stamp(n), "log.txt", "text/plain", b"x" * 100_000)
+            record.writer.add_metadata("weather", {"sun": "yes"})
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{side}/camera_info", stamp(n), camera)
+                record.picture(f"/{side}/image", stamp(n), picture(n))
+    clip = open_clip(path)
+    assert (list(clip.frames), clip.notes) == ([1, 2], ())
+
+
+def test_a_folder_of_files_is_one_recording(tmp_path: Path) -> None:
+    for part, numbers in ((0, range(1, 4)), (2, range(4, 6)), (10, range(6, 9))):
+        write_pairs(tmp_path / "split" / f"day_{part}.mcap", pairs(numbers))
+    clip = McapClip(McapSettings(), tmp_path / "split")
+    assert list(clip.frames) == list(range(1, 9))
+    assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in range(1, 9)]
+    assert np.array_equal(clip.frame(7).left, picture(7))
+
+
+def test_images_without_a_partner_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        record.camera("/left/camera_info", stamp(1), LEFT)
+        record.camera("/right/camera_info", stamp(1), RIGHT)
+        for n in range(1, 11):
+            record.picture("/left/image", stamp(n), picture(n))
+            if n not in (3, 7):
+                late_ns = 30_000_000 if n == 9 else 500_000
+                record.picture("/right/image", stamp(n) + late_ns, picture(1000 + n))
+    clip = open_clip(path, tolerance_ms=1)
+    assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in (1, 2, 4, 5, 6, 8, 10)]
+    assert np.array_equal(clip.frame(7).right, picture(1010))
+    assert clip.notes == (
+        "/left/image: 3 of 10 images have no partner within 1 ms",
+        "/right/image: 1 of 8 images have no partner within 1 ms",
+    )
+    with pytest.raises(VfoaError, match=r"no two stamps of /left/image .* are within 0\.1 ms"):
+        open_clip(path, tolerance_ms=0.1)
+
+
+def test_a_clip_travels_to_another_process(tmp_path: Path) -> None:
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs()))
+    clip.frame(1)
+    again = pickle.loads(pickle.dumps(clip))
+    assert np.array_equal(again.frame(3).left, picture(3))
+    assert again.digest() == clip.digest()
+
+
+def test_the_digest_is_of_content_not_of_place(tmp_path: Path) -> None:
+    one, other = (write_pairs(tmp_path / name / "a.mcap", pairs()) for name in ("x", "y"))
+    assert open_clip(one).digest() == open_clip(other).digest()
+    assert open_clip(one).digest() != open_clip(one, tolerance_ms=1).digest()
+    changed = write_pairs(tmp_path / "z" / "a.mcap", pairs(range(2, 7)))
+    assert open_clip(one).digest() != open_clip(changed).digest()
+
+
+def test_a_camera_that_changes_is_followed(tmp_path: Path) -> None:
+    def zooming() -> Iterator[tuple[int, NDArray[np.uint8], NDArray[np.uint8], Camera, Camera]]:
+        for n in range(1, 4):
+            left, right = (rectified_camera(WIDTH, HEIGHT, 100.0 + n, 31.5, 23.5, b) for b in (0.0, 0.1))
+            yield stamp(n), picture(n), picture(n), left, right
+
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", zooming()))
+    assert [clip.frame(n).rig.fx_px for n in (3, 1, 2)] == [103.0, 101.0, 102.0]
+    assert clip.frame(2).rig.baseline_m == pytest.approx(0.1)
+
+
+def test_images_with_distortion_are_rectified_unless_they_are_already(tmp_path: Path) -> None:
+    bent = {"d": (-0.2, 0.05, 0.001, 0.001, 0.0)}
+    left, right = (Camera(width=WIDTH, height=HEIGHT, k=c.k, p=c.p, **bent) for c in (LEFT, RIGHT))
+    path = write_pairs(tmp_path / "a.mcap", [(stamp(1), picture(1), picture(2), left, right)])
+    k = np.array(left.k).reshape(3, 3)
+    expected = cv2.undistort(picture(1), k, np.array(bent["d"]))
+    found = open_clip(path).frame(1).left
+    assert np.abs(found.astype(int) - expected).mean() < 1
+    assert not np.array_equal(found, picture(1))
+    assert np.array_equal(open_clip(path, rectified=True).frame(1).left, picture(1))
+
+
+def test_the_calibration_may_be_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        record.picture("/left/image", stamp(1), picture(1))
+        record.picture("/right/image", stamp(1), picture(2))
+    rows = {"P2": "100 0 31.5 0 0 100 23.5 0 0 0 1 0", "P3": "100 0 31.5 -25 0 100 23.5 0 0 0 1 0"}
+    (tmp_path / "calib.txt").write_text("".join(f"{key}: {row}\n" for key, row in rows.items()))
+    assert open_clip(path, calibration="calib.txt").frame(1).rig.baseline_m == pytest.approx(0.25)
+    with pytest.raises(VfoaError, match="no single calibration topic belongs to /left/image"):
+        open_clip(path)
+
+
+def test_many_cameras_are_listed_with_type_count_and_rate(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        for n in range(1, 4):
+            for camera in ("front", "rear"):
+                for side, calibration in (("left", LEFT), ("right", RIGHT)):
+                    record.picture(f"/{camera}/{side}/image", stamp(n), picture(n))
+                    record.camera(f"/{camera}/{side}/camera_info", stamp(n), calibration)
+    with pytest.raises(VfoaError, match=r"2 pairs.*/rear/left/image \(sensor_msgs/msg/Image, 3 messages, 25\.0 Hz\)"):
+        open_clip(path)
+    assert len(open_clip(path, left="/rear/left/image").frames) == 3
+    with pytest.raises(VfoaError, match="no right topic '/rear/image'; found /front/left/image"):
+        open_clip(path, left="/rear/left/image", right="/rear/image")
+
+
+def test_a_recording_without_cameras_names_what_it_has(shared_data: Path) -> None:
+    with pytest.raises(VfoaError) as caught:
+        open_clip(shared_data / "mcap" / "no_image_topics.mcap")
+    message = str(caught.value)
+    assert "no image topics" in message
+    assert "\n" not in message
+    for topic, count in (("/odom", 2639), ("/tf", 5422), ("/tf_static", 1), ("/amcl_pose", 135)):
+        assert f"{topic} (" in message
+        assert f"{count} messages" in message
+
+
+@pytest.mark.parametrize(("content", "said"), [(b"", "not MCAP"), (b"PK\x03\x04 and so on", "not MCAP")])
+def test_another_file_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
+    (tmp_path / "a.mcap").write_bytes(content)
+    with pytest.raises(VfoaError, match=said):
+        open_clip(tmp_path / "a.mcap")
+    with pytest.raises(VfoaError, match="no such file or folder"):
+        open_clip(tmp_path / "b.mcap")
+
+
+def test_an_image_without_a_stamp_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match="without time stamp"):
+        open_clip(write_pairs(tmp_path / "a.mcap", [(0, picture(1), picture(2), LEFT, RIGHT)]))
+
+
+def test_a_binned_calibration_is_refused(tmp_path: Path) -> None:
+    with recorder(tmp_path / "a.mcap") as record:
+        for side, camera in (("left", LEFT), ("right", RIGHT)):
+            record.camera(f"/{side}/camera_info", stamp(1), camera, binning=2)
+            record.picture(f"/{side}/image", stamp(1), picture(1))
+    with pytest.raises(VfoaError, match=r"/left/camera_info: binning \(2, 2\)"):
+        open_clip(tmp_path / "a.mcap").frame(1)
