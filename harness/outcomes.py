@@ -160,7 +160,7 @@ def _outcomes(
         positions=positions,
         correct=correct,
         truth=_coded(truths, codes),
-        predicted=_coded([_answer(verdict) for verdict, _ in scored], codes),
+        predicted=_coded([answer(verdict) for verdict, _ in scored], codes),
         baselines=np.array([(truth == always, *hits) for truth, (_, hits) in zip(truths, scored, strict=True)]),
         causes=tuple(verdict.cause for verdict, _ in scored if verdict.cause is not None),
         resampled=resampled_sums(correct, _block(positions, rate), key=f"{clip}/{subject}"),
@@ -173,7 +173,8 @@ def _block(positions: Codes, rate: float | None) -> int:
     return block_length(len(positions), rate / stride if rate else None)
 
 
-def _answer(verdict: Verdict) -> str | None:
+def answer(verdict: Verdict) -> str | None:
+    """The predicted name, marked where it is the truth's but another instance was meant; None without prediction."""
     if verdict.outcome == "wrong" and verdict.predicted is not None and verdict.predicted == verdict.truth:
         return f"{verdict.predicted} {ANOTHER}"
     return verdict.predicted

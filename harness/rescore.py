@@ -1,4 +1,4 @@
-"""A run's scores and tables, from its directory and the present annotations: no images, no models."""
+"""A run's scores, tables and page, from its directory and the present annotations: no images, no models."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.manifest import ClipManifest, load_manifest
-from harness.report.tables import score_run
+from harness.report.write import score_run
 from harness.results import read_results
 from harness.run_directory import RunDirectory
 from harness.score import Scores, score
@@ -14,14 +14,14 @@ from vfoa.errors import VfoaError
 
 
 def rescore(directory: RunDirectory) -> Scores:
-    """Score a finished run and write its tables.
+    """Score a finished run and write its tables and its page.
 
     Raises
     ------
     VfoaError
         If the run is not finished, or a clip's manifest or labels cannot be read.
     """
-    return score_run(directory.results, **_inputs(directory))
+    return score_run(directory.results, **_inputs(directory), manifest=directory.read_manifest())
 
 
 def read_scores(directory: RunDirectory) -> Scores:

@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
-from harness.annotations import Labels
 from harness.baselines import RULES
 from harness.comparison import compare
-from harness.files import atomic_write
 from harness.report.all_scores import ALL, scores_table
 from harness.report.compared import comparison_table, comparisons_csv
 from harness.report.formats import UNKNOWN, Table, to_csv, to_latex, to_markdown
-from harness.report.frames import FrameRows
 from harness.report.oracle import ladder_table
-from harness.results import read_results
-from harness.score import CAUSES, ScoreRow, Scores, score
+from harness.score import CAUSES, ScoreRow, Scores
 from harness.statistics import LEVEL, REPLICATES, Interval
 
 FRR_NOTES = (
@@ -28,35 +22,6 @@ FRR_NOTES = (
     "Coverage: share of pairs with a prediction. FRR given a prediction: correct / pairs with one.",
     f"{ALL}: the pairs of all clips together, so that longer clips weigh more.",
 )
-
-
-def score_run(
-    results: Path,
-    labels_by_clip: Mapping[str, Labels],
-    *,
-    notes: Sequence[str] = (),
-    frames_by_clip: Mapping[str, Iterable[int]] | None = None,
-) -> Scores:
-    """Score a ``results.jsonl`` and write the tables beside it, each whole or not at all.
-
-    ``frr.csv .md .tex``, ``frames.csv``, ``compared.csv .md``. Nothing is written unless all of them could be made.
-
-    Parameters
-    ----------
-    labels_by_clip, frames_by_clip, notes
-        As for :func:`harness.score.score`.
-
-    Raises
-    ------
-    VfoaError
-        If the results cannot be read.
-    """
-    frames = FrameRows()
-    scores = score(frames.watch(read_results(results)), labels_by_clip, frames_by_clip=frames_by_clip, notes=notes)
-    texts = {**render_tables(scores), "frames.csv": frames.to_csv(scores.verdicts)}
-    for name, text in texts.items():
-        atomic_write(results.parent / name, text)
-    return scores
 
 
 def render_tables(scores: Scores) -> dict[str, str]:

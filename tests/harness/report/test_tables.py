@@ -11,7 +11,8 @@ from rich.console import Console
 from harness.annotations import Labels
 from harness.report.formats import to_rich
 from harness.report.frames import FrameRows
-from harness.report.tables import frr_table, paper_table, render_tables, score_run, terminal_table
+from harness.report.tables import frr_table, paper_table, render_tables, terminal_table
+from harness.report.write import score_run
 from harness.results import FrameRecord, to_line
 from harness.score import score
 from harness.verdicts import CAUSES
@@ -59,10 +60,10 @@ def test_the_papers_table_comes_out_as_printed_there() -> None:
     assert wilson == ["42–69", "56–81", "48–74", "63–86"]
 
 
-def test_a_run_gets_all_its_tables_and_nothing_else(results: Path) -> None:
+def test_a_run_gets_all_its_tables_and_its_page_and_nothing_else(results: Path) -> None:
     score_run(results, PAPER_LABELS, notes=NOTES)
     assert {path.name for path in results.parent.iterdir()} == {
-        *("results.jsonl", "frr.csv", "frr.md", "frr.tex", "frames.csv", "compared.csv", "compared.md")
+        *("results.jsonl", "frr.csv", "frr.md", "frr.tex", "frames.csv", "compared.csv", "compared.md", "report.html")
     }
 
 

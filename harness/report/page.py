@@ -1,0 +1,97 @@
+"""``report.html``: a whole run on one page that opens from disk and asks the network for nothing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+
+from harness.comparison import compare
+from harness.report.formats import Table
+from harness.report.oracle import ladder_table
+from harness.report.page_data import AttentionLog, confusions, differing_settings, page_data
+from harness.report.tables import baselines_table, causes_table, frr_table, measures_table, subjects_table
+from harness.score import Scores
+
+LETTERS = {
+    "correct": "",
+    "unscored": "·",
+    "no_subject": "S",
+    "no_eyes_3d": "E",
+    "no_direction": "D",
+    "target_not_segmented": "T",
+    "target_without_box": "B",
+    "false_attention": "F",
+    "wrong_subject": "W",
+    "missed": "M",
+    "outscored": "O",
+}
+"""What stands in a cell, so that outcomes can be told apart without colour."""
+
+
+def render_page(scores: Scores, attention: AttentionLog, manifest: Mapping[str, Any] | None = None) -> str:
+    """The page as text, the same for the same arguments.
+
+    Parameters
+    ----------
+    attention
+        Has watched the records that were scored.
+    manifest
+        The run's, as :meth:`harness.run_directory.RunDirectory.read_manifest` gives it; None leaves out what was run.
+    """
+    frr = frr_table(scores)
+    return _template().render(
+        title=f"Run {manifest['experiment']}" if manifest else "Run",
+        clips=_clips(manifest["clips"]) if manifest else None,
+        differing=differing_settings(manifest["configurations"]) if manifest else None,
+        versions=manifest["versions"] if manifest else None,
+        manifest=_printed(manifest) if manifest else None,
+        frr=frr,
+        bars=[_bar(row.frr, row.wilson.low, row.wilson.high) for row in scores.by_clip()],
+        sentences=[
+            each.sentence for each in compare({name: scores.verdicts_of(name) for name in scores.configurations})
+        ],
+        ladder=ladder_table(scores),
+        causes=causes_table(scores),
+        more=[subjects_table(scores), measures_table(scores), baselines_table(scores)],
+        confusions=confusions(scores.verdicts),
+        letters=LETTERS,
+        data={**page_data(scores.verdicts, attention), "letters": LETTERS},
+    )
+
+
+def _clips(clips: Sequence[Mapping[str, Any]]) -> Table:
+    return Table(
+        title="Clips",
+        columns=("Clip", "Licence", "Frames", "Hz"),
+        words=2,
+        rows=tuple((each["name"], each["licence"], str(len(each["frames"])), str(each["rate_hz"])) for each in clips),
+    )
+
+
+def _bar(frr: float, low: float, high: float) -> dict[str, float]:
+    """Percentages, cut to what a screen can show."""
+    return {"frr": round(100 * frr, 1), "low": round(100 * low, 1), "high": round(100 * high, 1)}
+
+
+def _printed(manifest: Mapping[str, Any]) -> str:
+    """The manifest for reading: a clip's frames on one line."""
+    clips = [{**clip, "frames": " ".join(map(str, clip["frames"]))} for clip in manifest["clips"]]
+    return json.dumps({**manifest, "clips": clips}, indent=2, ensure_ascii=False)
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(
+        loader=FileSystemLoader(Path(__file__).parent),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
+    return environment.get_template("page.html.jinja")

@@ -1,0 +1,54 @@
+"""Score a run and write its tables and its page."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from harness.annotations import Labels
+from harness.files import atomic_write
+from harness.report.frames import FrameRows
+from harness.report.page import render_page
+from harness.report.page_data import AttentionLog
+from harness.report.tables import render_tables
+from harness.results import read_results
+from harness.score import Scores, score
+
+
+def score_run(
+    results: Path,
+    labels_by_clip: Mapping[str, Labels],
+    *,
+    notes: Sequence[str] = (),
+    frames_by_clip: Mapping[str, Iterable[int]] | None = None,
+    manifest: Mapping[str, Any] | None = None,
+) -> Scores:
+    """Score a ``results.jsonl`` and write the tables and the page beside it, each whole or not at all.
+
+    ``frr.csv .md .tex``, ``frames.csv``, ``compared.csv .md``, ``report.html``. Nothing is written unless all of them
+    could be made.
+
+    Parameters
+    ----------
+    labels_by_clip, frames_by_clip, notes
+        As for :func:`harness.score.score`.
+    manifest
+        As for :func:`harness.report.page.render_page`.
+
+    Raises
+    ------
+    VfoaError
+        If the results cannot be read.
+    """
+    frames, attention = FrameRows(), AttentionLog()
+    records = attention.watch(frames.watch(read_results(results)))
+    scores = score(records, labels_by_clip, frames_by_clip=frames_by_clip, notes=notes)
+    texts = {
+        **render_tables(scores),
+        "frames.csv": frames.to_csv(scores.verdicts),
+        "report.html": render_page(scores, attention, manifest),
+    }
+    for name, text in texts.items():
+        atomic_write(results.parent / name, text)
+    return scores

@@ -1,0 +1,119 @@
+"""The report page where it is read: in a browser, from disk."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from harness.report.write import score_run
+from harness.results import to_line
+from tests.browser import chromium, requested, set_width
+from tests.records import answers, labels
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
+    from selenium.webdriver.remote.webelement import WebElement
+
+TRUTH = ("cup", "cup", "dragon", "none", "ignore", "cup")
+GIVEN = {
+    "one": ("cup", "dragon", "dragon", "cup", "cup", None),
+    "it's two": ("cup", "cup", "dragon", "none", "cup", "cup"),
+}
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    run = tmp_path_factory.mktemp("a run")
+    records = [each for name, given in GIVEN.items() for each in answers(given, configuration=name)]
+    (run / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
+    score_run(run / "results.jsonl", {"clip": labels(*TRUTH)})
+    return run / "report.html"
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    with chromium(tmp_path_factory.mktemp("profile")) as browser:
+        yield browser
+
+
+@pytest.fixture(params=[1280, 390], ids=["wide", "phone"])
+def browser(session: Chrome, page: Path, request: pytest.FixtureRequest) -> Chrome:
+    """The page, freshly opened."""
+    requested(session)
+    set_width(session, request.param)
+    session.get(page.as_uri())
+    return session
+
+
+def _cell(browser: Chrome, config: str, frame: int) -> WebElement:
+    return browser.find_element("css selector", f'[data-clip="clip"][data-config="{config}"][data-frame="{frame}"]')
+
+
+def _box(browser: Chrome) -> WebElement:
+    return browser.find_element("id", "frame")
+
+
+def test_it_asks_nobody_for_anything_and_complains_of_nothing(browser: Chrome, page: Path) -> None:
+    assert requested(browser) == [page.as_uri()]
+    assert browser.get_log("browser") == []
+
+
+def test_it_is_no_wider_than_the_screen(browser: Chrome) -> None:
+    assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_every_frame_of_every_configuration_has_a_cell_that_says_its_outcome_in_words(browser: Chrome) -> None:
+    cells = browser.find_elements("css selector", "#strips .cell")
+    assert [(each.get_attribute("data-config"), each.get_attribute("data-frame")) for each in cells] == [
+        (name, str(frame)) for name in GIVEN for frame in range(1, 7)
+    ]
+    said = [str(each.get_attribute("aria-label")) for each in cells[:6]]
+    assert [each.split(", ")[1] for each in said] == [
+        *("correct", "wrong: missed", "correct", "wrong: false attention", "unscored", "wrong: no subject")
+    ]
+    assert [each.text for each in cells[:6]] == ["", "M", "", "F", "·", "S"]
+
+
+def test_the_keyboard_goes_from_failure_to_failure_and_shows_each(browser: Chrome, page: Path) -> None:
+    from selenium.webdriver.common.keys import Keys
+
+    assert not _box(browser).is_displayed()
+    browser.execute_script("arguments[0].focus()", _cell(browser, "one", 1))
+    for frame, truth, predicted in ((2, "cup", "dragon"), (4, "none", "cup"), (6, "cup", "no prediction")):
+        browser.switch_to.active_element.send_keys("n")
+        assert browser.switch_to.active_element.get_attribute("data-frame") == str(frame)
+        text = _box(browser).text
+        assert f"Frame {frame} – wrong" in text
+        assert f"Truth: {truth}. Predicted: {predicted}." in text
+    browser.switch_to.active_element.send_keys(Keys.ARROW_DOWN)
+    assert "Frame 6 – correct" in _box(browser).text
+    command = _box(browser).find_element("tag name", "code").text
+    assert command == f"""vfoa view '{page.parent}' --clip clip --config 'it'"'"'s two' --frame 6"""
+    browser.switch_to.active_element.send_keys(Keys.ESCAPE)
+    assert not _box(browser).is_displayed()
+
+
+def test_pointing_at_a_cell_shows_the_attention_of_its_frame(browser: Chrome) -> None:
+    from selenium.webdriver import ActionChains
+
+    cell = _cell(browser, "one", 2)
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", cell)
+    ActionChains(browser).move_to_element(cell).perform()
+    rows = _box(browser).find_elements("css selector", "tr")
+    assert [row.text for row in rows] == ["Attention total gaze head", "dragon (predicted) 0.500 0.500 –"]
+
+
+def test_a_strip_is_one_stop_of_the_tab_key(browser: Chrome) -> None:
+    stops = browser.find_elements("css selector", '#strips .cell[tabindex="0"]')
+    assert [each.get_attribute("data-config") for each in stops] == list(GIVEN)
+
+
+def test_curves_are_drawn_over_the_true_targets(browser: Chrome) -> None:
+    plots = browser.find_elements("css selector", ".plot")
+    assert len(plots) == len(GIVEN)
+    bands = [each.get_attribute("title") for each in plots[0].find_elements("tag name", "i")]
+    assert bands == ["cup", "dragon", "none", "ignore", "cup"]
+    assert all(plot.find_elements("tag name", "polyline") for plot in plots)
