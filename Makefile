@@ -3,14 +3,22 @@ PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
 READY  := $(VENV)/.ready
+# What `vfoa models export` needs beside the lock, which leaves it out for its size.
+TORCH  := torch==2.13.0
 
-.PHONY: demo test check lint types format lock clean
+.PHONY: demo test test-export export-extra check lint types format lock clean
 
 demo: $(READY)
 	$(BIN)/vfoa demo
 
 test: $(READY)
 	$(BIN)/python -m pytest
+
+test-export: export-extra
+	$(BIN)/python -m pytest tests/harness/export
+
+export-extra: $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check "$(TORCH)"
 
 check: lint types test
 
