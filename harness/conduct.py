@@ -17,6 +17,7 @@ from harness.manifest import ClipManifest, load_manifest
 from harness.recording import Size
 from harness.run import ClipJob, run_clip
 from harness.run_directory import Pair, RunDirectory
+from harness.signals.saved import write_experiment
 from vfoa.errors import VfoaError
 
 
@@ -37,6 +38,7 @@ class Plan:
     experiment: Experiment
     clips: tuple[PreparedClip, ...]
     recording: Size | None
+    save_signals: bool = False
 
     @property
     def pairs(self) -> list[Pair]:
@@ -49,7 +51,13 @@ class Plan:
         return sum(len(one.frames) for one in self.clips)
 
 
-def prepare(experiment: Experiment, *, limit: int | None = None, recording: Size | None = "light") -> Plan:
+def prepare(
+    experiment: Experiment,
+    *,
+    limit: int | None = None,
+    recording: Size | None = "light",
+    save_signals: bool = False,
+) -> Plan:
     """Open every clip, read every label file and find every weights file of an experiment.
 
     Parameters
@@ -58,6 +66,8 @@ def prepare(experiment: Experiment, *, limit: int | None = None, recording: Size
         Take only the first frames of each clip.
     recording
         How much the recordings hold; None for none.
+    save_signals
+        Also save what every stage found, with an experiment that runs from it.
 
     Raises
     ------
@@ -65,7 +75,7 @@ def prepare(experiment: Experiment, *, limit: int | None = None, recording: Size
         For the first thing that is missing or wrong.
     """
     clips = tuple(_prepare_clip(name, limit) for name in experiment.clips)
-    return Plan(experiment=experiment, clips=clips, recording=recording)
+    return Plan(experiment=experiment, clips=clips, recording=recording, save_signals=save_signals)
 
 
 def _prepare_clip(name: str, limit: int | None) -> PreparedClip:
@@ -99,6 +109,9 @@ def conduct(plan: Plan, out: Path, *, workers: int, progress: Progress) -> RunDi
     if failures:
         others = f" (and {len(failures) - 1} more clips failed)" if len(failures) > 1 else ""
         raise VfoaError(f"{failures[0]}{others}")
+    if plan.save_signals:
+        partial = any(len(one.frames) < len(one.clip.frames) for one in plan.clips)
+        write_experiment(directory.signals, plan.experiment, partial=partial)
     directory.join(plan.pairs)
     directory.write_manifest({**identity, **_circumstances(started)})
     return directory
@@ -110,6 +123,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "experiment": plan.experiment.name,
         "notes": list(plan.experiment.notes),
         "recording": plan.recording,
+        "signals": plan.save_signals,
         "clips": [_describe_clip(one) for one in plan.clips],
         "configurations": {one.name: one.plain() for one in plan.experiment.configurations},
         "weights_sha256": provenance.weights_digests(plan.experiment),
@@ -161,9 +175,10 @@ def _job(plan: Plan, one: PreparedClip, directory: RunDirectory) -> ClipJob:
         manifest=one.manifest,
         frames=one.frames,
         labels=one.labels,
-        configurations=plan.experiment.configurations,
+        configurations=tuple(each.for_clip(one.manifest.name) for each in plan.experiment.configurations),
         directory=directory,
         recording=plan.recording,
+        save_signals=plan.save_signals,
     )
 
 

@@ -22,7 +22,7 @@ import itertools
 import re
 import tomllib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +57,11 @@ class Configuration:
     choices: Mapping[str, StageChoice | None]
     reconstruction: ReconstructionSettings
     attend: AttendSettings
+
+    def for_clip(self, clip: str) -> Configuration:
+        """The configuration with the clip's name filled in where a stage's ``root`` asks for it."""
+        choices = {slot: choice.for_clip(clip) if choice else None for slot, choice in self.choices.items()}
+        return replace(self, choices=choices)
 
     def plain(self) -> dict[str, Any]:
         """The configuration as JSON values, every default written out: what a run's manifest records."""

@@ -43,6 +43,11 @@ class RunDirectory:
         """What was run, with which versions, on which data."""
         return self.path / "manifest.json"
 
+    @property
+    def signals(self) -> Path:
+        """What the stages found, where it was asked to be saved (:mod:`harness.signals.saved`)."""
+        return self.path / "signals"
+
     def recording(self, pair: Pair) -> Path:
         """The Rerun recording of one clip under one configuration."""
         return self.path / f"{_stem(pair)}.rrd"

@@ -7,7 +7,7 @@ that belongs to the clip (its truth, files made elsewhere) and is built as ``Cla
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import vfoa.gaze
@@ -79,6 +79,10 @@ class Slot:
         return (registry or self.library).load(name)
 
 
+CLIP_VARIABLE = "${CLIP}"
+"""Stands for the clip's name in a stage's ``root``, so that one configuration finds the files of every clip."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageChoice:
     """A stage by name with its checked settings."""
@@ -86,6 +90,13 @@ class StageChoice:
     slot: str
     name: str
     settings: Settings
+
+    def for_clip(self, clip: str) -> StageChoice:
+        """The choice with the clip's name filled in where its ``root`` asks for it."""
+        root = getattr(self.settings, "root", None)
+        if not isinstance(root, str) or CLIP_VARIABLE not in root:
+            return self
+        return replace(self, settings=self.settings.model_copy(update={"root": root.replace(CLIP_VARIABLE, clip)}))
 
     def plain(self) -> dict[str, Any]:
         """The choice as JSON values, every default written out."""
@@ -114,7 +125,7 @@ SLOTS: dict[str, Slot] = {
             name="heads",
             key="detector",
             library=vfoa.heads.DETECTORS,
-            of_clip={"truth": "harness.oracle:TruthHeads"},
+            of_clip={"truth": "harness.oracle:TruthHeads", "files": "harness.signals.heads:FileHeads"},
         ),
         Slot(
             name="head_pose",
@@ -123,6 +134,7 @@ SLOTS: dict[str, Slot] = {
             of_clip={
                 "truth": "harness.oracle:TruthHeadPose",
                 "simulated": "harness.simulated:SimulatedHeadPose",
+                "files": "harness.signals.directions:FileHeadPose",
             },
             optional=True,
         ),
@@ -130,7 +142,11 @@ SLOTS: dict[str, Slot] = {
             name="gaze",
             key="model",
             library=vfoa.gaze.MODELS,
-            of_clip={"truth": "harness.oracle:TruthGaze", "simulated": "harness.simulated:SimulatedGaze"},
+            of_clip={
+                "truth": "harness.oracle:TruthGaze",
+                "simulated": "harness.simulated:SimulatedGaze",
+                "files": "harness.signals.directions:FileGaze",
+            },
             optional=True,
         ),
     )

@@ -31,6 +31,9 @@ Mask = NDArray[np.bool_]
 Cue = Literal["gaze", "head"]
 CUES: tuple[Cue, ...] = ("gaze", "head")
 
+_UNIT_ROUNDING = 4 * float(np.finfo(np.float64).eps)
+"""How far from 1 the length of a vector may be that was divided by its length."""
+
 
 def _set(value: object, name: str, found: ArrayLike, dtype: DTypeLike, *shape: int | None) -> None:
     """Store ``found`` on a frozen value as a read-only array of the given dtype and shape (None: any length).
@@ -50,12 +53,15 @@ def _set(value: object, name: str, found: ArrayLike, dtype: DTypeLike, *shape: i
 
 
 def _set_unit(value: object, name: str, found: ArrayLike) -> None:
-    """Store a direction as a read-only unit vector (3,); a zero or unknown direction is an error."""
-    vector = np.asarray(found, dtype=np.float64)
+    """Store a direction as a read-only unit vector (3,); a zero or unknown direction is an error.
+
+    A vector that is one already is kept to the last bit, so that a direction survives being written and read.
+    """
+    vector = np.array(found, dtype=np.float64)
     length = math.hypot(*vector.flat)
     if not math.isfinite(length) or length == 0.0:
         raise ValueError(f"{type(value).__name__}.{name}: expected a direction, found {vector}")
-    _set(value, name, vector / length, np.float64, 3)
+    _set(value, name, vector if abs(length - 1) <= _UNIT_ROUNDING else vector / length, np.float64, 3)
 
 
 def _finite(value: object, *names: str) -> None:

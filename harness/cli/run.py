@@ -48,6 +48,9 @@ def run(
     oracle: Annotated[
         bool, typer.Option("--oracle", help="Also replace one stage after another by truth: what does each cost?")
     ] = False,
+    save_signals: Annotated[
+        bool, typer.Option("--save-signals", help="Also save what every stage found, to run from without models.")
+    ] = False,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.progress import frames_bar
@@ -60,12 +63,14 @@ def run(
         from harness.ladder import with_ladder
 
         experiment = with_ladder(experiment)
-    plan = prepare(experiment, limit=limit, recording=recording.size)
+    plan = prepare(experiment, limit=limit, recording=recording.size, save_signals=save_signals)
     with frames_bar(plan.frames, experiment.name) as progress:
         directory = conduct(
             plan, out or Path("runs") / experiment.name, workers=workers or os.cpu_count() or 1, progress=progress
         )
     print_scores(rescore(directory))
+    if save_signals:
+        typer.echo(f"\nSignals: {directory.signals}  (run from them: its {experiment.name}.toml says how)")
     typer.echo(f"\nRun: {directory.path}  (scrub a failure: vfoa view {directory.path})")
 
 

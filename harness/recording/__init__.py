@@ -7,6 +7,7 @@ does not import Rerun, so that a run without recordings does not pay for it.
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Protocol, Self
@@ -43,16 +44,24 @@ class FrameObserver(Protocol):
         ...
 
 
-class NullRecorder:
-    """An observer that looks away: for runs without recordings."""
+class Observers:
+    """Any number of observers as one: each is shown every frame, in order. None of them: a run that nobody watches."""
+
+    def __init__(self, *observers: FrameObserver) -> None:
+        self._observers = observers
+        self._stack = ExitStack()
 
     def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            for observer in self._observers:
+                stack.enter_context(observer)
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        return None
+        self._stack.__exit__(kind, error, trace)
 
     def log(
         self,
@@ -62,7 +71,9 @@ class NullRecorder:
         record: FrameRecord,
         verdicts: tuple[Verdict, ...],
     ) -> None:
-        """Do nothing."""
+        """Show the frame to each."""
+        for observer in self._observers:
+            observer.log(frame, percepts, result, record, verdicts)
 
 
 def find_recordings(run: Path, clip: str | None, configuration: str | None) -> list[Path]:

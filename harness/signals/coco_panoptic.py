@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, Field
@@ -22,12 +22,17 @@ from vfoa.types import Instance, Instances, StereoFrame
 
 
 class CocoPanopticSettings(Settings):
-    """Where the masks are: a JSON file and a folder of PNG under ``root``. Stuff is kept only where it is named."""
+    """Where the masks are: a JSON file and a folder of PNG under ``root``.
+
+    Stuff is kept only where it is named, or all of it. With ``partial``, a frame without masks is an error only when
+    it is read: enough for a run of the clip's first frames.
+    """
 
     root: str
     annotations: str = "panoptic.json"
     masks: str = "png"
-    stuff: tuple[str, ...] = ()
+    stuff: Literal["all"] | tuple[str, ...] = ()
+    partial: bool = False
 
 
 class CocoPanoptic:
@@ -54,7 +59,8 @@ class CocoPanoptic:
         self._annotations = {number: by_name[name] for number, name in numbers.items()}
         every_id = (segment.id for annotation in file.annotations for segment in annotation.segments_info)
         self._small = small_ids(every_id, str(self._json))
-        if missing := [number for number in clip.frames if number not in self._annotations]:
+        missing = [number for number in clip.frames if number not in self._annotations]
+        if missing and not settings.partial:
             raise VfoaError(f"{self._json}: no annotation for frame {missing[0]} ({len(missing)} frames are missing)")
 
     def segment(self, frame: StereoFrame) -> Instances:
@@ -141,8 +147,10 @@ def _read(path: Path) -> _PanopticFile:
     return parse(_PanopticFile, data, str(path))
 
 
-def _named_stuff(stuff: tuple[str, ...], file: _PanopticFile, path: Path) -> frozenset[str]:
+def _named_stuff(stuff: Literal["all"] | tuple[str, ...], file: _PanopticFile, path: Path) -> frozenset[str]:
     names = [category.name for category in file.categories if not category.isthing]
+    if stuff == "all":
+        return frozenset(names)
     if unknown := next((name for name in stuff if name not in names), None):
         raise VfoaError(f"{path}: no stuff category {unknown!r}; {did_you_mean(unknown, names)}")
     return frozenset(stuff)

@@ -16,31 +16,48 @@ from vfoa.types import Instances, Mask
 
 
 def write_coco_panoptic(root: Path, frames: Iterable[tuple[int, Instances]]) -> None:
-    """Write ``root/panoptic.json`` and ``root/png/frame_<number>.png``, one a frame: id = R + 256 G + 65536 B.
-
-    ``frames`` are frame numbers with their instances; one is held at a time. Each segment has its ``score`` beside
-    what COCO asks for. Instances without a pixel are left out. The JSON comes last, so that what it names is there.
-
-    Raises
-    ------
-    VfoaError
-        If a frame comes twice, or one category's number has two meanings.
-    """
-    annotations: dict[int, dict[str, Any]] = {}
-    images: dict[int, dict[str, Any]] = {}
-    categories: dict[int, dict[str, Any]] = {}
+    """Write frame numbers with their instances; one frame is held at a time. See :class:`CocoPanopticWriter`."""
+    writer = CocoPanopticWriter(root)
     for number, instances in frames:
-        if number in annotations:
-            raise VfoaError(f"{root}: frame {number} comes twice; expected each frame once")
+        writer.add(number, instances)
+    writer.finish()
+
+
+class CocoPanopticWriter:
+    """Writes ``root/panoptic.json`` and ``root/png/frame_<number>.png``, one a frame: id = R + 256 G + 65536 B.
+
+    Each segment has its ``score`` beside what COCO asks for. Instances without a pixel are left out. The JSON comes
+    last, so that what it names is there.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._images: dict[int, dict[str, Any]] = {}
+        self._annotations: dict[int, dict[str, Any]] = {}
+        self._categories: dict[int, dict[str, Any]] = {}
+
+    def add(self, number: int, instances: Instances) -> None:
+        """Write one frame's PNG.
+
+        Raises
+        ------
+        VfoaError
+            If the frame comes twice, or one category's number has two meanings.
+        """
+        if number in self._annotations:
+            raise VfoaError(f"{self._root}: frame {number} comes twice; expected each frame once")
         name = f"frame_{number:04d}.png"
-        atomic_write(root / "png" / name, _png(instances))
+        atomic_write(self._root / "png" / name, _png(instances))
         height, width = instances.ids.shape
-        images[number] = {"id": number, "file_name": name, "width": width, "height": height}
-        annotations[number] = {"image_id": number, "file_name": name, "segments_info": _segments(instances)}
-        _gather(categories, instances, root)
-    tables = {"images": images, "annotations": annotations, "categories": categories}
-    content = {name: [table[key] for key in sorted(table)] for name, table in tables.items()}
-    atomic_write(root / "panoptic.json", json.dumps(content, ensure_ascii=False) + "\n")
+        self._images[number] = {"id": number, "file_name": name, "width": width, "height": height}
+        self._annotations[number] = {"image_id": number, "file_name": name, "segments_info": _segments(instances)}
+        _gather(self._categories, instances, self._root)
+
+    def finish(self) -> None:
+        """Write the JSON."""
+        tables = {"images": self._images, "annotations": self._annotations, "categories": self._categories}
+        content = {name: [table[key] for key in sorted(table)] for name, table in tables.items()}
+        atomic_write(self._root / "panoptic.json", json.dumps(content, ensure_ascii=False) + "\n")
 
 
 def _png(instances: Instances) -> bytes:

@@ -19,12 +19,14 @@ from vfoa.types import Disparity, StereoFrame
 class FileMatcherSettings(Settings):
     """Where the maps are: ``pattern`` (one printf field for the frame number) under ``root``.
 
-    ``counts_per_px`` is the scale of 16-bit PNG files: 256 is KITTI's.
+    ``counts_per_px`` is the scale of 16-bit PNG files: 256 is KITTI's. With ``partial``, a frame without a map is an
+    error only when it is read: enough for a run of the clip's first frames.
     """
 
     root: str
     pattern: str = "frame_%04d.png"
     counts_per_px: float = Field(default=256.0, gt=0)
+    partial: bool = False
 
 
 class FileMatcher:
@@ -37,7 +39,8 @@ class FileMatcher:
         self._settings = settings
         check_printf(settings.pattern, "stereo.pattern")
         self._frames = tuple(clip.frames)
-        if missing := [number for number in self._frames if not self._path(number).is_file()]:
+        missing = [number for number in self._frames if not self._path(number).is_file()]
+        if missing and not settings.partial:
             raise VfoaError(
                 f"{self._path(missing[0])}: no such file; expected the disparity of frame {missing[0]} "
                 f"({len(missing)} of {len(self._frames)} frames are missing)"
@@ -62,7 +65,8 @@ class FileMatcher:
 
     def digest(self) -> str:
         """Hexadecimal sha256 of every map."""
-        return digest_files((str(number), self._path(number)) for number in self._frames)
+        present = (number for number in self._frames if not self._settings.partial or self._path(number).is_file())
+        return digest_files((str(number), self._path(number)) for number in present)
 
     def _path(self, number: int) -> Path:
         return self._root / printf_name(self._settings.pattern, number)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from harness.recording import NullRecorder, entities
+from harness.recording import Observers, entities
 from harness.recording.recorder import Recorder, recording_id
 from harness.recording.viewer import viewer_binary
 
@@ -197,6 +197,40 @@ def test_recordings_of_different_runs_can_be_open_together(tmp_path):
     assert len({same, *others}) == 4
 
 
-def test_the_null_recorder_takes_the_same_calls(frames):
-    with NullRecorder() as recorder:
-        recorder.log(*frames[0].arguments)
+class Witness:
+    """An observer that writes down what happens to it."""
+
+    def __init__(self, said, name):
+        self.said, self.name = said, name
+
+    def __enter__(self):
+        self.said.append((self.name, "enter"))
+        return self
+
+    def __exit__(self, kind, error, trace):
+        self.said.append((self.name, kind))
+
+    def log(self, frame, *others):
+        self.said.append((self.name, frame.index))
+
+
+def test_every_observer_of_several_sees_every_frame_and_how_the_run_ended(frames):
+    said = []
+    both = Observers(Witness(said, "a"), Witness(said, "b"))
+    both.__enter__()
+    both.log(*frames[0].arguments)
+    both.__exit__(KeyError, KeyError(), None)
+    number = frames[0].arguments[0].index
+    assert said == [
+        ("a", "enter"),
+        ("b", "enter"),
+        ("a", number),
+        ("b", number),
+        ("b", KeyError),
+        ("a", KeyError),
+    ]
+
+
+def test_no_observer_is_fine(frames):
+    with Observers() as nobody:
+        nobody.log(*frames[0].arguments)

@@ -1,0 +1,93 @@
+"""The observer that saves what every stage found, as the stages called ``files`` read it."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from harness.files import atomic_write
+from harness.frame_files import printf_name
+from harness.results import FrameRecord
+from harness.signals.coco_panoptic_writer import CocoPanopticWriter
+from harness.signals.directions import write_gazes, write_head_poses
+from harness.signals.heads import write_heads
+from harness.signals.saved import DISPARITY
+from harness.verdicts import Verdict
+from vfoa.errors import VfoaError
+from vfoa.geometry import depth_from_disparity
+from vfoa.types import FrameResult, Gaze, Head, HeadPose, Percepts, StereoFrame
+
+
+class SignalWriter:
+    """Saves the output of ``slots`` under ``root``; :mod:`harness.signals.saved` shows the files.
+
+    Maps and masks are written frame by frame, the tables at the end. The heads of a frame are called 1, 2, ... in
+    their order. Every number is read back to the last bit; a matcher's confidence and instances without a pixel,
+    which nothing after them uses, are not kept.
+    """
+
+    def __init__(self, root: Path, slots: frozenset[str]) -> None:
+        self._root, self._slots = root, slots
+        self._masks = CocoPanopticWriter(root)
+        self._heads: list[tuple[int, str, Head]] = []
+        self._head_poses: list[tuple[int, str, HeadPose]] = []
+        self._gazes: list[tuple[int, str, Gaze]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self._finish()
+
+    def log(
+        self,
+        frame: StereoFrame,
+        percepts: Percepts,
+        result: FrameResult,
+        record: FrameRecord,
+        verdicts: tuple[Verdict, ...],
+    ) -> None:
+        """Save one frame's percepts.
+
+        Raises
+        ------
+        VfoaError
+            If a disparity cannot be told from an unknown one in a file, or a category's number has two meanings.
+        """
+        if "stereo" in self._slots:
+            self._save_disparity(percepts)
+        if "segmentation" in self._slots:
+            self._masks.add(percepts.index, percepts.instances)
+        for place, view in enumerate(percepts.views, start=1):
+            key = percepts.index, str(place)
+            self._heads.append((*key, view.head))
+            if view.head_pose is not None:
+                self._head_poses.append((*key, view.head_pose))
+            if view.gaze is not None:
+                self._gazes.append((*key, view.gaze))
+
+    def _save_disparity(self, percepts: Percepts) -> None:
+        path = self._root / printf_name(DISPARITY, percepts.index)
+        disparity = percepts.disparity.disparity_px
+        if (np.isfinite(depth_from_disparity(disparity, percepts.rig)) & (disparity <= 0)).any():
+            raise VfoaError(f"{path}: the map has disparities of 0 or less with a depth; expected positive ones")
+        content = io.BytesIO()
+        np.save(content, disparity)
+        atomic_write(path, content.getvalue())
+
+    def _finish(self) -> None:
+        if "segmentation" in self._slots:
+            self._masks.finish()
+        if "heads" in self._slots:
+            write_heads(self._root / "heads.csv", self._heads)
+        if "head_pose" in self._slots:
+            write_head_poses(self._root / "head_pose.csv", self._head_poses)
+        if "gaze" in self._slots:
+            write_gazes(self._root / "gaze.csv", self._gazes)
