@@ -85,6 +85,31 @@ def test_a_cut_file_gives_the_frames_before_the_cut_and_says_so(tmp_path: Path, 
         assert np.array_equal(clip.frame(n).left, picture(n))
     assert f"cut at byte {cut.stat().st_size}" in clip.notes[0]
     assert "lost" in clip.notes[0]
+    assert f"({stamp(len(clip.frames) + 1) / 1e9:.3f} to" in clip.notes[1]
+
+
+def test_what_a_lost_first_chunk_declared_is_found_in_the_summary(tmp_path: Path) -> None:
+    path = write_pairs(
+        tmp_path / "a.mcap", pairs(range(1, 11)), chunk_size=4 * WIDTH * HEIGHT, compression=CompressionType.NONE
+    )
+    data = bytearray(path.read_bytes())
+    data[data.index(picture(1).tobytes()) + 1000] ^= 1
+    path.write_bytes(data)
+    clip = open_clip(path)
+    assert 7 <= len(clip.frames) <= 9
+    assert np.array_equal(clip.frame(len(clip.frames)).left, picture(10))
+
+
+def test_zeros_after_a_crash_are_a_cut(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs(range(1, 11)), chunk_size=4 * WIDTH * HEIGHT)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2] + bytes(len(whole)))
+    clip = open_clip(path)
+    assert 1 <= len(clip.frames) < 10
+    assert [word for note in clip.notes for word in ("chunk at byte", "what follows is lost") if word in note] == [
+        "chunk at byte",
+        "what follows is lost",
+    ]
 
 
 def test_a_flipped_bit_is_found_by_checksum_and_costs_its_chunk_alone(tmp_path: Path) -> None:

@@ -60,7 +60,7 @@ class McapClip:
         self._folder = root if root is not None else Path.cwd()
         self._where = str(self._folder / settings.recording)
         index = index_recording(recording_files(self._folder / settings.recording))
-        self._files, self._losses = index.files, index.losses
+        self._files, self._losses, self._cut_spans_ns = index.files, index.losses, index.cut_spans_ns
         topics = index.topics.values()
         self._topics = find_pair(topics, settings.left, settings.right, self._where)
         left, right = self._topics
@@ -91,7 +91,7 @@ class McapClip:
             for topic in self._topics
             if (count := len(topic.places) - len(self._pairs))
         ]
-        return (*self._losses, *alone)
+        return (*self._losses, *self._cut_chunks(), *alone)
 
     def frame(self, number: int) -> StereoFrame:
         """Read one pair from its chunks, rectified."""
@@ -119,6 +119,16 @@ class McapClip:
         if self._settings.calibration is not None:
             paths.append(("calibration", self._folder / self._settings.calibration))
         return hashlib.sha256(f"{digest_files(paths)} {self._settings!r}".encode()).hexdigest()
+
+    def _cut_chunks(self) -> list[str]:
+        """A cut file does not say how long it was, but its last chunk's head says what that one held."""
+        if self.rate_hz is None:
+            return []
+        return [
+            f"the cut chunk alone held about {1 + round((last - first) / 1e9 * self.rate_hz)} of the lost frames "
+            f"({first / 1e9:.3f} to {last / 1e9:.3f} s); how many followed, a cut file does not say"
+            for first, last in self._cut_spans_ns
+        ]
 
     def _image(self, topic: Topic, place: Place) -> Image:
         path = self._files[place.file]

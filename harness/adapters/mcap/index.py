@@ -15,11 +15,12 @@ from vfoa.errors import VfoaError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Index:
-    """All topics by name, and one sentence for each loss."""
+    """All topics by name, one sentence for each loss, and the log times between which a cut chunk's messages were."""
 
     files: tuple[Path, ...]
     topics: dict[str, Topic]
     losses: tuple[str, ...]
+    cut_spans_ns: tuple[tuple[int, int], ...]
 
 
 def recording_files(path: Path) -> tuple[Path, ...]:
@@ -50,6 +51,7 @@ def index_recording(files: tuple[Path, ...]) -> Index:
     """
     topics: dict[str, Topic] = {}
     losses: list[str] = []
+    cut_spans_ns: list[tuple[int, int]] = []
     for number, path in enumerate(files):
         walk = Walk()
         read: Counter[int] = Counter()
@@ -67,9 +69,11 @@ def index_recording(files: tuple[Path, ...]) -> Index:
                 stamp = stamp_ns(topic.type, message.data, f"{path}: {topic.name}")
                 topic.places.append(Place(stamp, number, offset, place))
         losses += [f"{path.name}: {loss}{_counted(walk, read)}" for loss in walk.losses]
+        if walk.cut_span_ns is not None:
+            cut_spans_ns.append(walk.cut_span_ns)
     for topic in topics.values():
         topic.places.sort()
-    return Index(files=files, topics=topics, losses=tuple(losses))
+    return Index(files=files, topics=topics, losses=tuple(losses), cut_spans_ns=tuple(cut_spans_ns))
 
 
 def _counted(walk: Walk, read: Counter[int]) -> str:

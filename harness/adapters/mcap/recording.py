@@ -18,6 +18,8 @@ from vfoa.errors import VfoaError
 
 _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # opcode and length of every record
+_FOOTER = struct.Struct("<QQI")  # summary's offset, its offset section's, checksum
+_SPAN = struct.Struct("<QQ")  # first and last log time, the first fields of a chunk
 _PARSED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.STATISTICS}
 
 
@@ -26,13 +28,14 @@ class Walk:
     """What one pass through a file found besides its messages.
 
     ``losses`` are what could not be read, in words; ``message_counts`` by channel id, what the file's own statistics
-    say was recorded (None: the file has none).
+    say was recorded (None: the file has none); ``cut_span_ns`` the first and last log time of a chunk that is cut.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     losses: list[str] = field(default_factory=list)
     message_counts: dict[int, int] | None = None
+    cut_span_ns: tuple[int, int] | None = None
 
 
 def walk_messages(path: Path, walk: Walk) -> Iterator[tuple[int, int, Message]]:
@@ -46,6 +49,7 @@ def walk_messages(path: Path, walk: Walk) -> Iterator[tuple[int, int, Message]]:
     VfoaError
         If the file cannot be opened or is not MCAP.
     """
+    _recall_channels(path, walk)
     for offset, record in _records(path, walk):
         if isinstance(record, Statistics):
             walk.message_counts = dict(record.channel_message_counts)
@@ -84,7 +88,16 @@ def read_message(path: Path, offset: int, place: int) -> Message:
         raise VfoaError(f"{path}: the record at byte {offset} is not readable any more: {_first_line(error)}") from None
 
 
-def _records(path: Path, walk: Walk) -> Iterator[tuple[int, McapRecord]]:
+def _recall_channels(path: Path, walk: Walk) -> None:
+    """Schemas and channels from the summary at the end, if there is one: the chunk with the first ones may be lost."""
+    for _, record in _records(path, Walk(), from_summary=True):
+        if isinstance(record, Schema):
+            walk.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            walk.channels[record.id] = record
+
+
+def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[tuple[int, McapRecord]]:
     try:
         size = path.stat().st_size
         file = path.open("rb")
@@ -93,13 +106,19 @@ def _records(path: Path, walk: Walk) -> Iterator[tuple[int, McapRecord]]:
     with file:
         if (magic := file.read(len(_MAGIC))) != _MAGIC:
             raise VfoaError(f"{path}: not MCAP: it starts with {magic!r}; expected {_MAGIC!r}")
+        if from_summary:
+            file.seek(_summary_start(file, size))
         while (head := file.read(_HEAD.size)) and len(head) == _HEAD.size:
             opcode, length = _HEAD.unpack(head)
             offset = file.tell() - _HEAD.size
             if opcode == Opcode.FOOTER:
                 return
             if file.tell() + length > size:
-                walk.losses.append(_cut(opcode, offset, size, file))
+                walk.losses.append(f"cut at byte {size}: the record at byte {offset} and all that followed are lost")
+                walk.cut_span_ns = _chunk_span(opcode, file)
+                return
+            if opcode == 0:  # no such record: a file system's zeros
+                walk.losses.append(f"damaged at byte {offset}: what follows is lost")
                 return
             if opcode not in _PARSED:
                 file.seek(length, 1)
@@ -110,7 +129,7 @@ def _records(path: Path, walk: Walk) -> Iterator[tuple[int, McapRecord]]:
                 walk.losses.append(f"the record at byte {offset} is damaged ({_first_line(error)})")
                 continue
             yield offset, record
-        walk.losses.append(f"cut at byte {size}: the file has no end, what came after is lost")
+        walk.losses.append(f"cut at byte {size}: all that followed is lost")
 
 
 def _parse(opcode: int, length: int, data: bytes) -> McapRecord:
@@ -133,14 +152,24 @@ def _parts(record: McapRecord) -> list[McapRecord]:
     return breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
 
 
-def _cut(opcode: int, offset: int, size: int, file: BinaryIO) -> str:
-    """What is known of the record that the end of the file cuts, or whose length is damaged."""
-    text = f"cut at byte {size} inside the record that starts at byte {offset}"
-    head = file.read(16)
-    if opcode == Opcode.CHUNK and len(head) == 16:
-        first_ns, last_ns = struct.unpack("<QQ", head)
-        text += f" and covers {first_ns / 1e9:.3f} to {last_ns / 1e9:.3f} s"
-    return f"{text}: it and all that followed are lost"
+def _summary_start(file: BinaryIO, size: int) -> int:
+    """The summary's offset as the footer has it; the end of the file where there is neither."""
+    file.seek(max(size - _HEAD.size - _FOOTER.size - len(_MAGIC), 0))
+    opcode, _ = _HEAD.unpack(file.read(_HEAD.size).ljust(_HEAD.size, b"\0"))
+    tail = file.read()
+    if opcode != Opcode.FOOTER or len(tail) != _FOOTER.size + len(_MAGIC) or not tail.endswith(_MAGIC):
+        return size
+    summary_start = int(_FOOTER.unpack_from(tail)[0])
+    return summary_start if 0 < summary_start < size else size
+
+
+def _chunk_span(opcode: int, file: BinaryIO) -> tuple[int, int] | None:
+    """First and last log time in the head of the chunk at which the file stands; None where there is too little."""
+    head = file.read(_SPAN.size) if opcode == Opcode.CHUNK else b""
+    if len(head) < _SPAN.size:
+        return None
+    first_ns, last_ns = _SPAN.unpack(head)
+    return first_ns, last_ns
 
 
 def _first_line(error: Exception) -> str:
