@@ -33,7 +33,13 @@ LETTERS = {
 """What stands in a cell, so that outcomes can be told apart without colour."""
 
 
-def render_page(scores: Scores, attention: AttentionLog, manifest: Mapping[str, Any] | None = None) -> str:
+def render_page(
+    scores: Scores,
+    attention: AttentionLog,
+    *,
+    manifest: Mapping[str, Any] | None = None,
+    tables: Sequence[Table] = (),
+) -> str:
     """The page as text, the same for the same arguments.
 
     Parameters
@@ -42,6 +48,8 @@ def render_page(scores: Scores, attention: AttentionLog, manifest: Mapping[str, 
         Has watched the records that were scored.
     manifest
         The run's, as :meth:`harness.run_directory.RunDirectory.read_manifest` gives it; None leaves out what was run.
+    tables
+        What else stands under "More measures"; those without rows are left out.
     """
     frr = frr_table(scores)
     return _template().render(
@@ -57,7 +65,7 @@ def render_page(scores: Scores, attention: AttentionLog, manifest: Mapping[str, 
         ],
         ladder=ladder_table(scores),
         causes=causes_table(scores),
-        more=[subjects_table(scores), measures_table(scores), baselines_table(scores)],
+        more=[subjects_table(scores), measures_table(scores), baselines_table(scores), *tables],
         confusions=confusions(scores.verdicts),
         letters=LETTERS,
         data={**page_data(scores.verdicts, attention), "letters": LETTERS},

@@ -11,6 +11,7 @@ from harness.files import atomic_write
 from harness.report.frames import FrameRows
 from harness.report.page import render_page
 from harness.report.page_data import AttentionLog
+from harness.report.stage_times import stage_times_table
 from harness.report.tables import render_tables
 from harness.results import read_results
 from harness.score import Scores, score
@@ -39,15 +40,16 @@ def score_run(
     Raises
     ------
     VfoaError
-        If the results cannot be read.
+        If the results, or the ``timings.csv`` that a run has beside them, cannot be read.
     """
     frames, attention = FrameRows(), AttentionLog()
     records = attention.watch(frames.watch(read_results(results)))
     scores = score(records, labels_by_clip, frames_by_clip=frames_by_clip, notes=notes)
+    stage_times = stage_times_table(results.parent / "timings.csv")
     texts = {
         **render_tables(scores),
         "frames.csv": frames.to_csv(scores.verdicts),
-        "report.html": render_page(scores, attention, manifest),
+        "report.html": render_page(scores, attention, manifest=manifest, tables=[stage_times]),
     }
     for name, text in texts.items():
         atomic_write(results.parent / name, text)
