@@ -14,7 +14,7 @@ ROOT = Path(__file__).parent.parent
 DOORS = {
     "rerun": ("harness/recording/",),
     "rerun_cli": ("harness/recording/",),
-    "mcap": ("harness/adapters/mcap/",),
+    "mcap": ("harness/adapters/mcap/", "harness/bench/mcap_memory.py"),
     "mcap_ros2": ("harness/adapters/mcap/",),
     "mcap_protobuf": ("harness/adapters/mcap/",),
     "onnxruntime": ("vfoa/onnx.py",),
