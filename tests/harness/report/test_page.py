@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from html.parser import HTMLParser
 from typing import Any
 
-from harness.annotations import Labels
+from harness.annotations import Label, LabelRange, Labels
 from harness.report.page import LETTERS, render_page
 from harness.report.page_data import STATES, AttentionLog, confusions, differing_settings
 from harness.results import FrameRecord
@@ -119,8 +119,6 @@ def test_confusions_count_every_scored_frame_once() -> None:
 
 
 def test_another_instance_of_the_true_name_is_no_agreement() -> None:
-    from harness.annotations import Label, LabelRange
-
     cups = [target_record(1, "cup", box_px=(0, 0, 9, 9)), target_record(2, "cup", box_px=(50, 50, 60, 60))]
     record = frame_record(cups, [subject_record("girl", totals={1: 0.1, 2: 0.5}, focus=2)])
     label = Label(target="cup", point_px=(5.0, 5.0))
