@@ -7,7 +7,7 @@ import socket
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -42,6 +42,29 @@ def show(recordings: Sequence[Path], frame: int | None) -> None:
     with _viewer([]) as (process, client):
         _open(client, recordings, frame)
         process.wait()
+
+
+@contextmanager
+def opened(options: Sequence[str] = ()) -> Iterator[Callable[[Path, int], None]]:
+    """A viewer that shows what it is told: call what this gives with a recording and a frame, as often as wanted.
+
+    ``options`` are the viewer's own, ``--headless`` for one without a window. It is stopped at the end.
+
+    Raises
+    ------
+    VfoaError
+        If the viewer cannot be started, a recording is missing, or the window was closed.
+    """
+    with _viewer(options) as (process, client):
+
+        def go_to(recording: Path, frame: int) -> None:
+            if process.poll() is not None:
+                raise VfoaError("the Rerun viewer: expected it to be open, found that its window was closed")
+            if not recording.is_file():
+                raise VfoaError(f"{recording}: found no such recording; was the run made without it?")
+            _open(client, [recording], frame)
+
+        yield go_to
 
 
 def serve_web(recordings: Sequence[Path]) -> None:

@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from harness.recording import find_recordings
+from harness.recording import find_recordings, viewer
 from harness.recording.blueprint import eye_controls
+from harness.recording.excerpt import write_excerpt
 from harness.recording.viewer import screenshot
 from vfoa.errors import VfoaError
 from vfoa.geometry import box_corners
@@ -24,10 +25,13 @@ def test_the_eye_looks_at_the_scene_from_outside(frames):
     assert np.isfinite(eye_controls(None)).all()
 
 
-@pytest.mark.skipif(
+needs_vulkan = pytest.mark.skipif(
     ctypes.util.find_library("vulkan") is None or not any(Path("/usr/share/vulkan/icd.d").glob("*.json")),
     reason="needs a Vulkan driver (Debian: mesa-vulkan-drivers libvulkan1)",
 )
+
+
+@needs_vulkan
 def test_the_real_viewer_draws_the_frame_it_is_asked_for(frames, record_run, tmp_path):
     path = record_run(frames)
     pictures = []
@@ -40,6 +44,30 @@ def test_the_real_viewer_draws_the_frame_it_is_asked_for(frames, record_run, tmp
     # noise images in the left view: drawn, and another one in each frame
     assert left[0].std() > 20
     assert (left[0] != left[1]).mean() > 0.2
+
+
+@needs_vulkan
+def test_the_real_viewer_goes_from_recording_to_recording_and_back(frames, record_run, tmp_path, monkeypatch):
+    one, two = record_run(frames), tmp_path / "excerpt.rrd"
+    write_excerpt(one, 13, 1, two)
+    clients, open_at = [], viewer._open
+
+    def overheard(client, *what):
+        clients.append(client)
+        open_at(client, *what)
+
+    monkeypatch.setattr(viewer, "_open", overheard)
+    in_front = []
+    with viewer.opened(["--headless", "--window-size", "640x480"]) as go_to:
+        for recording, frame in ((one, 14), (two, 13), (one, 10)):
+            go_to(recording, frame)
+            state = clients[0].get_state()
+            shown = {each.store_id: each for each in state.recordings}[state.active_recording]
+            assert (shown.current_timeline, shown.current_time) == ("frame", frame)
+            in_front.append(state.active_recording)
+        with pytest.raises(VfoaError, match=r"clip__gone\.rrd"):
+            go_to(one.with_name("clip__gone.rrd"), 10)
+    assert in_front[0] == in_front[2] != in_front[1]
 
 
 def test_recordings_are_found_by_clip_and_configuration(tmp_path):
