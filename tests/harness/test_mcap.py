@@ -190,7 +190,7 @@ def test_a_clip_travels_to_another_process(tmp_path: Path) -> None:
 
 
 def test_the_digest_is_of_content_not_of_place(tmp_path: Path) -> None:
-    one, other = (write_pairs(tmp_path / name / "a.mcap", pairs()) for name in ("x", "y"))
+    one, other = (write_pairs(tmp_path / name, pairs()) for name in ("x/a.mcap", "y/b.mcap"))
     assert open_clip(one).digest() == open_clip(other).digest()
     assert open_clip(one).digest() != open_clip(one, tolerance_ms=1).digest()
     changed = write_pairs(tmp_path / "z" / "a.mcap", pairs(range(2, 7)))

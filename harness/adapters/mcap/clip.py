@@ -114,11 +114,12 @@ class McapClip:
         return Truth()
 
     def digest(self) -> str:
-        """Of the files' bytes and the settings."""
+        """Of the files' bytes and the settings, not of the files' names."""
         paths = [(f"recording {number}", path) for number, path in enumerate(self._files)]
         if self._settings.calibration is not None:
             paths.append(("calibration", self._folder / self._settings.calibration))
-        return hashlib.sha256(f"{digest_files(paths)} {self._settings!r}".encode()).hexdigest()
+        settings = self._settings.model_dump_json(exclude={"recording", "calibration"})
+        return hashlib.sha256(f"{digest_files(paths)} {settings}".encode()).hexdigest()
 
     def _cut_chunks(self) -> list[str]:
         """A cut file does not say how long it was, but its last chunk's head says what that one held."""
