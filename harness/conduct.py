@@ -124,7 +124,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         "notes": list(plan.experiment.notes),
         "recording": plan.recording,
         "signals": plan.save_signals,
-        "clips": [_describe_clip(one) for one in plan.clips],
+        "clips": [_describe_clip(one, plan.experiment) for one in plan.clips],
         "configurations": {one.name: one.plain() for one in plan.experiment.configurations},
         "weights_sha256": provenance.weights_digests(plan.experiment),
         "versions": provenance.versions(),
@@ -132,7 +132,7 @@ def describe(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _describe_clip(one: PreparedClip) -> dict[str, Any]:
+def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
     labels = one.manifest.annotations_path
     return {
         "name": one.manifest.name,
@@ -143,6 +143,7 @@ def _describe_clip(one: PreparedClip) -> dict[str, Any]:
         "frames": list(one.frames),
         "sha256": one.clip.digest(),
         "labels_sha256": digest_files([("labels", labels)]) if labels else None,
+        "signals_sha256": provenance.signals_digests(experiment, one.manifest.name, one.clip),
     }
 
 

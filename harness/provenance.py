@@ -11,9 +11,10 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from harness.adapters import Clip
 from harness.experiment import Experiment
 from harness.files import digest_files
-from harness.stages import StageChoice
+from harness.stages import SLOTS, StageChoice
 from vfoa.weights import locate
 
 _PACKAGES = (
@@ -43,6 +44,14 @@ def weights_digests(experiment: Experiment) -> dict[str, str]:
     return {
         name: file_digest(locate(name)) for name in sorted({name for choice in choices for name in _weights(choice)})
     }
+
+
+def signals_digests(experiment: Experiment, name: str, clip: Clip) -> list[str]:
+    """The sha256 of what each distinct stage reads from files for the clip called ``name``, as the stages stand."""
+    choices = [choice for one in experiment.configurations for choice in one.for_clip(name).choices.values() if choice]
+    distinct = {f"{choice.slot} {choice.plain()}": choice for choice in choices}
+    digests = (SLOTS[choice.slot].files_digest(choice, clip) for choice in distinct.values())
+    return [digest for digest in digests if digest is not None]
 
 
 def versions() -> dict[str, str]:

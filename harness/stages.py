@@ -70,6 +70,13 @@ class Slot:
         cls = self._class(choice.name)
         return cls(choice.settings, clip) if choice.name in self.of_clip else cls(choice.settings)
 
+    def files_digest(self, choice: StageChoice, clip: Clip) -> str | None:
+        """Hexadecimal sha256 of the files that the stage reads for a clip; None for a stage that reads none."""
+        if choice.name not in self.of_clip or not hasattr(self._class(choice.name), "digest"):
+            return None
+        digest: str = self.build(choice, clip).digest()
+        return digest
+
     def names(self) -> list[str]:
         """Every name this slot takes, sorted."""
         return sorted({*self.library.names(), *self.of_clip, *([OFF] if self.optional else [])})

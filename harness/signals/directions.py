@@ -24,6 +24,7 @@ import numpy as np
 from pydantic import Field
 
 from harness.adapters import Clip
+from harness.files import digest_files
 from harness.locate import expand
 from harness.oracle import LEAST_OVERLAP
 from harness.signals.heads import read_heads
@@ -79,6 +80,10 @@ class FileHeadPose:
             direction = _from_crop(head_direction_crop(yaw, pitch), boxes, frame)
         return HeadPose(direction=direction, yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll, sigma_rad=_sigma(row))
 
+    def digest(self) -> str:
+        """Hexadecimal sha256 of both tables."""
+        return self._rows.digest()
+
 
 class FileGaze:
     """``gaze.model = "files"``: where the eyes look."""
@@ -100,6 +105,10 @@ class FileGaze:
             theta, phi = _required(_angles(row, GAZE_ANGLES), row, GAZE_ANGLES)
             direction = _from_crop(gaze_direction_crop(theta, phi), boxes, frame)
         return Gaze(direction=direction, sigma_rad=_sigma(row))
+
+    def digest(self) -> str:
+        """Hexadecimal sha256 of both tables."""
+        return self._rows.digest()
 
 
 def write_head_poses(path: Path, rows: Sequence[tuple[int, str, HeadPose]]) -> None:
@@ -129,6 +138,7 @@ class _JoinedRows:
         self, path: Path, heads: Path, angles: Sequence[str], clip: Clip, *, angles_beside: bool = False
     ) -> None:
         columns = (*DIRECTION, *(f"{name}{unit}" for name in (*angles, "sigma") for unit in _UNITS))
+        self._paths = [("directions", path), ("heads", heads)]
         self._heads = read_heads(heads, clip)
         self._rows: dict[tuple[int, str], Row] = {}
         for row in read_table(path, columns, clip.frames):
@@ -141,6 +151,10 @@ class _JoinedRows:
                 raise VfoaError(f"{row.where}: found x, y, z and {', '.join(angles)}; expected one of them")
             _sigma(row)
             self._rows[row.frame, row.subject] = row
+
+    def digest(self) -> str:
+        """Hexadecimal sha256 of both tables."""
+        return digest_files(self._paths)
 
     def find(self, frame: int, head: Head) -> tuple[Row, Head] | None:
         """The row of a head and that subject's own boxes; None for a head that is no subject's."""

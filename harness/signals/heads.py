@@ -16,6 +16,7 @@ from pathlib import Path
 from pydantic import Field
 
 from harness.adapters import Clip
+from harness.files import digest_files
 from harness.locate import expand
 from harness.signals.tables import Row, read_table, write_table
 from vfoa.errors import VfoaError
@@ -44,11 +45,16 @@ class FileHeads:
 
     def __init__(self, settings: FileHeadsSettings, clip: Clip) -> None:
         root = expand(settings.root, Path.cwd(), "heads.root")
-        self._heads = read_heads(root / settings.file, clip)
+        self._path = root / settings.file
+        self._heads = read_heads(self._path, clip)
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
         """The heads of one frame."""
         return tuple(self._heads.get(frame.index, {}).values())
+
+    def digest(self) -> str:
+        """Hexadecimal sha256 of the table."""
+        return digest_files([("heads", self._path)])
 
 
 def read_heads(path: Path, clip: Clip) -> dict[int, dict[str, Head]]:

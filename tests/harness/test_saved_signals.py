@@ -308,6 +308,22 @@ def test_a_frame_that_was_not_saved_is_said_when_it_is_read(tmp_path: Path, monk
         _run(load_experiment(str(first.signals / "studio.toml")), tmp_path / "second", 2)
 
 
+def test_a_finished_run_is_not_taken_over_when_a_file_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_text(tmp_path / "studio.toml", STUDIO)
+    first = _run(load_experiment(str(tmp_path / "studio.toml")), tmp_path / "first", 1, save=True)
+    monkeypatch.setenv("VFOA_SIGNALS", str(first.signals))
+    saved = load_experiment(str(first.signals / "studio.toml"))
+    second = _run(saved, tmp_path / "second", 1)
+    finished = second.read_manifest()["finished"]
+    assert _run(saved, tmp_path / "second", 1).read_manifest()["finished"] == finished
+    table = first.signals / "studio_table" / "eyes" / "gaze.csv"
+    table.write_text("".join(table.read_text().splitlines(keepends=True)[:-1]))
+    with pytest.raises(VfoaError, match=r"holds another run \(its clips"):
+        _run(saved, tmp_path / "second", 1)
+
+
 def _heads(root: Path) -> None:
     """Ben at the right and Anna at the left, in two frames."""
     boxes = {"ben": RIGHT, "anna": LEFT}
