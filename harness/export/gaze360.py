@@ -22,21 +22,16 @@ from torch import nn
 from harness.export.resnet import ResNet18
 from harness.files import atomic_write, read_bytes
 from vfoa.errors import VfoaError
-from vfoa.onnx import Model, RuntimeSettings, Signature
+from vfoa.gaze.gaze360 import SIDE_PX, SIGNATURE
+from vfoa.onnx import Model, RuntimeSettings
 from vfoa.weights import is_lfs_pointer
 
 FRAMES = 7
-SIDE_PX = 224
 FEATURES = 256
 OPSET = 17
 TOLERANCE_RAD = 1e-4
 PROOF_BATCHES = (1, 2, 3, 4, 5, 5)
 """Sizes of the batches on which ONNX and PyTorch are compared: 20 inputs, and the batch's length is really open."""
-
-SIGNATURE = Signature(
-    inputs={"images": (None, FRAMES, 3, SIDE_PX, SIDE_PX)},
-    outputs={"gaze": (None, 2), "sigma": (None, 1)},
-)
 
 _PREFIX = "module."  # from the DataParallel it was trained in
 _COUNTER = ".num_batches_tracked"  # counts training steps; PyTorch before 0.4.1 wrote none
