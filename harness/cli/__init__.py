@@ -18,6 +18,7 @@ from harness.cli.export_failure import export_failure
 from harness.cli.init import init
 from harness.cli.run import run
 from harness.cli.score import score
+from harness.cli.simulate import simulate
 from harness.cli.view import view
 from vfoa.errors import VfoaError
 
@@ -36,6 +37,7 @@ app.command()(export_failure)
 app.command()(compare)
 app.command()(bench)
 app.command()(calibrate)
+app.command()(simulate)
 app.command()(init)
 app.add_typer(clips.app, name="clips")
 app.add_typer(models.app, name="models")

@@ -1,0 +1,27 @@
+"""``vfoa simulate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def simulate(
+    out: Annotated[Path | None, typer.Option(help="Write the CSV, the page and the figures to this directory.")] = None,
+) -> None:
+    """Check the paper's five synthetic cases over rays and field of view, and print which statements hold."""
+    from rich.console import Console
+
+    from harness.report.formats import to_rich
+    from harness.simulation_report import statements_table, write_simulation
+    from vfoa import simulation
+
+    rows = simulation.simulate()
+    found = simulation.statements(rows)
+    Console().print(to_rich(statements_table(found)))
+    n_rays, radius_cm = simulation.best_setting(rows)
+    Console().print(f"Best over all cases: {n_rays} rays, radius {radius_cm:g} cm")
+    if out is not None:
+        write_simulation(out, rows, found)

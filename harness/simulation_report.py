@@ -1,0 +1,103 @@
+"""The simulation's pages and figures: equal rows give equal bytes."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from harness.files import atomic_write
+from harness.report.formats import Table, to_csv, to_markdown
+from vfoa.simulation import CASES, Row, Statement, best_setting, setting_sums, tuning_sums
+
+_MOST_RAYS = 40
+_CUES = ("gaze", "head", "total")
+
+
+def statements_table(found: Sequence[Statement]) -> Table:
+    """What the paper says of its cases, what was found, and whether it holds."""
+    return Table(
+        title="What the synthetic cases must show",
+        columns=("statement", "expected", "found", "holds"),
+        rows=tuple((each.claim, each.expected, each.found, "yes" if each.holds else "no") for each in found),
+        words=4,
+    )
+
+
+def write_simulation(out: Path, rows: Sequence[Row], found: Sequence[Statement]) -> None:
+    """Write ``attention.csv``, ``simulation.md`` and the figures ``curves``, ``tuning``, ``settings`` (SVG, PNG)."""
+    figures = {"curves": _curves(rows), "tuning": _tuning(rows), "settings": _settings(rows)}
+    for name, figure in figures.items():
+        for kind in ("svg", "png"):
+            atomic_write(out / f"{name}.{kind}", _drawn(figure, kind))
+    atomic_write(out / "attention.csv", to_csv(_rows_table(rows)))
+    n_rays, radius_cm = best_setting(rows)
+    best = f"Greatest sum of attention over all cases: {n_rays} rays, radius {radius_cm:g} cm at 1.10 m.\n"
+    pictures = "".join(f"\n![{name}]({name}.svg)\n" for name in figures)
+    atomic_write(out / "simulation.md", f"{to_markdown(statements_table(found))}\n{best}{pictures}")
+
+
+def _rows_table(rows: Sequence[Row]) -> Table:
+    return Table(
+        title="Attention in the synthetic cases",
+        columns=("case", "object", "n_rays", "radius_cm", *_CUES),
+        rows=tuple(
+            (r.case, r.object, str(r.n_rays), f"{r.radius_cm:g}", f"{r.gaze:.6f}", f"{r.head:.6f}", f"{r.total:.6f}")
+            for r in rows
+        ),
+        words=2,
+    )
+
+
+def _curves(rows: Sequence[Row]) -> Figure:
+    """Gaze, head and total against the radius, one panel for each object of each case."""
+    shown = [(case.name, cube.name) for case in CASES for cube in case.objects]
+    figure = Figure(figsize=(12, 8), layout="constrained")
+    for axes, (case, thing) in zip(figure.subplots(3, 3, sharex=True, sharey=True).flat, shown, strict=True):
+        of = [row for row in rows if (row.case, row.object, row.n_rays) == (case, thing, _MOST_RAYS)]
+        for cue in _CUES:
+            axes.plot([row.radius_cm for row in of], [getattr(row, cue) for row in of], label=cue)
+        _name(axes, f"{case}: {thing}", "radius at 1.10 m (cm)", "attention")
+    figure.axes[0].legend()
+    return figure
+
+
+def _tuning(rows: Sequence[Row]) -> Figure:
+    """Sums over all cases against the number of rays, and against the radius."""
+    figure = Figure(figsize=(10, 4), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    by_rays, by_radius = tuning_sums(rows, "n_rays"), tuning_sums(rows, "radius_cm")
+    left.plot(list(by_rays), list(by_rays.values()))
+    _name(left, "Over all cases and radii", "rays", "sum of attention")
+    right.plot(list(by_radius), list(by_radius.values()))
+    _name(right, "Over all cases and rays", "radius at 1.10 m (cm)", "sum of attention")
+    return figure
+
+
+def _settings(rows: Sequence[Row]) -> Figure:
+    """Heat map of the sum over all cases: rays across, radius up."""
+    sums = setting_sums(rows)
+    n_rays, radii = sorted({n for n, _ in sums}), sorted({radius for _, radius in sums})
+    figure = Figure(figsize=(7, 5), layout="constrained")
+    axes = figure.subplots()
+    grid = np.array([[sums[n, radius] for n in n_rays] for radius in radii])
+    figure.colorbar(axes.pcolormesh(n_rays, radii, grid, shading="nearest", rasterized=True), label="sum of attention")
+    _name(axes, "Over all cases", "rays", "radius at 1.10 m (cm)")
+    return figure
+
+
+def _name(axes: Axes, title: str, across: str, up: str) -> None:
+    axes.set(title=title, xlabel=across, ylabel=up)
+
+
+def _drawn(figure: Figure, kind: str) -> bytes:
+    """One figure as a file. A ``Figure`` without pyplot draws off screen, whatever the back end."""
+    content = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "vfoa"}):  # else the ids in an SVG are random
+        figure.savefig(content, format=kind, metadata={"Date": None} if kind == "svg" else None)
+    return content.getvalue()
