@@ -17,6 +17,10 @@ def view(
     failures: Annotated[
         bool, typer.Option("--failures", help="Go from wrong frame to wrong frame, by keys in this terminal.")
     ] = False,
+    compare: Annotated[
+        tuple[str, str] | None,
+        typer.Option(metavar="K1 K2", help="Write two configurations of --clip side by side into one, and open that."),
+    ] = None,
     screenshot: Annotated[
         Path | None,
         typer.Option(metavar="PNG", help="Draw the first recording into a file; needs no display."),
@@ -28,16 +32,33 @@ def view(
     from vfoa.errors import VfoaError
 
     if failures:
-        if web or frame is not None or screenshot is not None:
-            raise VfoaError("view: --failures chooses the frames itself: leave out --web, --frame and --screenshot")
+        if web or frame is not None or screenshot is not None or compare is not None:
+            raise VfoaError(
+                "view: --failures chooses the frames itself: leave out --web, --frame, --compare and --screenshot"
+            )
         step_through(run, clip, config)
         return
-    recordings = find_recordings(run, clip, config)
     if web and (frame is not None or screenshot is not None):
         raise VfoaError("view: --web cannot open at a frame or draw a file: leave out --frame and --screenshot")
+    recordings = find_recordings(run, clip, config) if compare is None else [_side_by_side(run, clip, config, compare)]
     if screenshot is not None:
         viewer.screenshot(recordings[0], frame, screenshot)
     elif web:
         viewer.serve_web(recordings)
     else:
         viewer.show(recordings, frame)
+
+
+def _side_by_side(run: Path, clip: str | None, config: str | None, compare: tuple[str, str]) -> Path:
+    """Write the recording of both configurations into the run's directory."""
+    from harness.recording import VERSUS, find_recordings
+    from harness.recording.side_by_side import write_side_by_side
+    from vfoa.errors import VfoaError
+
+    if clip is None or config is not None or compare[0] == compare[1] or run.is_file():
+        raise VfoaError("view --compare: expected a run's directory, --clip, no --config, and two configurations")
+    found = {configuration: find_recordings(run, clip, configuration)[0] for configuration in compare}
+    path = run / f"{clip}__{VERSUS.join(compare)}.rrd"
+    write_side_by_side(clip, found, path)
+    typer.echo(f"wrote {path}")
+    return path

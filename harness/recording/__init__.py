@@ -23,6 +23,10 @@ Size = Literal["light", "full"]
 """How much a recording holds: ``light`` is enough to understand a failure, ``full`` is everything at full size."""
 
 
+VERSUS = "__vs__"
+"""Between two configurations in the name of a recording that shows both, made of a run's own and none of them."""
+
+
 class FrameObserver(Protocol):
     """What the run loop shows each finished frame to. Frames come in order; nothing shown may be changed."""
 
@@ -79,6 +83,8 @@ class Observers:
 def find_recordings(run: Path, clip: str | None, configuration: str | None) -> list[Path]:
     """The recordings of a run's directory in the order of their names, or ``run`` itself where it is a recording.
 
+    Those that show two configurations side by side are left out.
+
     Raises
     ------
     VfoaError
@@ -86,7 +92,7 @@ def find_recordings(run: Path, clip: str | None, configuration: str | None) -> l
     """
     if run.is_file() and run.suffix == ".rrd":
         return [run]
-    recordings = sorted(run.glob("*__*.rrd"))
+    recordings = sorted(path for path in run.glob("*__*.rrd") if VERSUS not in path.stem)
     if not recordings:
         raise VfoaError(f"{run}: expected a run's directory with recordings (*.rrd), found none")
     if clip is not None:

@@ -75,7 +75,8 @@ def test_a_failure_is_one_line_that_says_what_was_wrong():
 
 
 @pytest.mark.parametrize(
-    ("more", "said"), [((), "expected a terminal"), (("--frame", "3"), "leave out --web, --frame and --screenshot")]
+    ("more", "said"),
+    [((), "expected a terminal"), (("--frame", "3"), "leave out --web, --frame, --compare and --screenshot")],
 )
 def test_without_a_terminal_or_with_a_frame_it_is_one_line(more, said, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["vfoa", "view", str(tmp_path), "--failures", *more])
