@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from matplotlib.figure import Figure
 
 from harness.files import atomic_write
 from harness.report.formats import Table, to_csv, to_markdown
+from vfoa.geometry import fov_from_radius
 from vfoa.simulation import CASES, Row, Statement, best_setting, setting_sums, tuning_sums
 
 _MOST_RAYS = 40
@@ -37,7 +39,10 @@ def write_simulation(out: Path, rows: Sequence[Row], found: Sequence[Statement])
             atomic_write(out / f"{name}.{kind}", _drawn(figure, kind))
     atomic_write(out / "attention.csv", to_csv(_rows_table(rows)))
     n_rays, radius_cm = best_setting(rows)
-    best = f"Greatest sum of attention over all cases: {n_rays} rays, radius {radius_cm:g} cm at 1.10 m.\n"
+    best = (
+        f"Greatest sum of attention over all cases: {n_rays} rays, {_fov_deg(radius_cm):.1f}° "
+        f"(radius {radius_cm:g} cm at 1.10 m). With few rays the sum hangs on where each one falls.\n"
+    )
     pictures = "".join(f"\n![{name}]({name}.svg)\n" for name in figures)
     atomic_write(out / "simulation.md", f"{to_markdown(statements_table(found))}\n{best}{pictures}")
 
@@ -55,40 +60,48 @@ def _rows_table(rows: Sequence[Row]) -> Table:
 
 
 def _curves(rows: Sequence[Row]) -> Figure:
-    """Gaze, head and total against the radius, one panel for each object of each case."""
+    """Gaze, head and total against the field of view, one panel for each object of each case."""
     shown = [(case.name, cube.name) for case in CASES for cube in case.objects]
     figure = Figure(figsize=(12, 8), layout="constrained")
     for axes, (case, thing) in zip(figure.subplots(3, 3, sharex=True, sharey=True).flat, shown, strict=True):
         of = [row for row in rows if (row.case, row.object, row.n_rays) == (case, thing, _MOST_RAYS)]
         for cue in _CUES:
-            axes.plot([row.radius_cm for row in of], [getattr(row, cue) for row in of], label=cue)
-        _name(axes, f"{case}: {thing}", "radius at 1.10 m (cm)", "attention")
+            axes.plot([_fov_deg(row.radius_cm) for row in of], [getattr(row, cue) for row in of], label=cue)
+        _name(axes, f"{case}: {thing}", "field of view (°)", "attention")
     figure.axes[0].legend()
+    figure.suptitle(f"{_MOST_RAYS} rays")
     return figure
 
 
 def _tuning(rows: Sequence[Row]) -> Figure:
-    """Sums over all cases against the number of rays, and against the radius."""
+    """Sums over all cases against the number of rays, and against the field of view."""
     figure = Figure(figsize=(10, 4), layout="constrained")
     left, right = figure.subplots(1, 2)
     by_rays, by_radius = tuning_sums(rows, "n_rays"), tuning_sums(rows, "radius_cm")
     left.plot(list(by_rays), list(by_rays.values()))
-    _name(left, "Over all cases and radii", "rays", "sum of attention")
-    right.plot(list(by_radius), list(by_radius.values()))
-    _name(right, "Over all cases and rays", "radius at 1.10 m (cm)", "sum of attention")
+    _name(left, "Over all cases and fields of view", "rays", "sum of attention")
+    right.plot([_fov_deg(radius) for radius in by_radius], list(by_radius.values()))
+    _name(right, "Over all cases and rays", "field of view (°)", "sum of attention")
     return figure
 
 
 def _settings(rows: Sequence[Row]) -> Figure:
-    """Heat map of the sum over all cases: rays across, radius up."""
+    """Heat map of the sum over all cases: rays across, field of view up."""
     sums = setting_sums(rows)
     n_rays, radii = sorted({n for n, _ in sums}), sorted({radius for _, radius in sums})
     figure = Figure(figsize=(7, 5), layout="constrained")
     axes = figure.subplots()
     grid = np.array([[sums[n, radius] for n in n_rays] for radius in radii])
-    figure.colorbar(axes.pcolormesh(n_rays, radii, grid, shading="nearest", rasterized=True), label="sum of attention")
-    _name(axes, "Over all cases", "rays", "radius at 1.10 m (cm)")
+    figure.colorbar(
+        axes.pcolormesh(n_rays, [_fov_deg(radius) for radius in radii], grid, shading="nearest", rasterized=True),
+        label="sum of attention",
+    )
+    _name(axes, "Over all cases", "rays", "field of view (°)")
     return figure
+
+
+def _fov_deg(radius_cm: float) -> float:
+    return math.degrees(fov_from_radius(radius_cm / 100))
 
 
 def _name(axes: Axes, title: str, across: str, up: str) -> None:
