@@ -3,11 +3,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from disk import write_bytes, write_text
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from harness.annotations import Label, LabelRange, Labels, read_annotations, write_annotations
+from tests.disk import write_bytes, write_text
 from vfoa.errors import VfoaError
 
 HEAD = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"

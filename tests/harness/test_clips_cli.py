@@ -6,11 +6,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from disk import write_bytes, write_image, write_text
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
 from harness.clip_check import row_differences_px
+from tests.disk import write_bytes, write_image, write_text
 
 WIDTH, HEIGHT, DISPARITY = 320, 240, 12
 CAMERA = "fx_px = 300.0\ncx_px = 159.5\ncy_px = 119.5\nbaseline_m = 0.1\n"

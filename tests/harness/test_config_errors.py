@@ -3,10 +3,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from disk import write_bytes, write_text
 from pydantic import Field
 
 from harness.config_errors import parse, read_toml
+from tests.disk import write_bytes, write_text
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 

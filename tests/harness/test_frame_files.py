@@ -3,9 +3,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from disk import write_text
 
 from harness.frame_files import find_frames, number_names, printf_name
+from tests.disk import write_text
 from vfoa.errors import VfoaError
 
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from disk import picture, write_bytes, write_image
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from harness.images import read_raw, read_rgb
+from tests.disk import picture, write_bytes, write_image
 from vfoa.errors import VfoaError
 
 

@@ -4,10 +4,10 @@ import pickle
 from pathlib import Path
 
 import pytest
-from disk import sintel_scene, write_text
 
 from harness.locate import names
 from harness.manifest import load_manifest
+from tests.disk import sintel_scene, write_text
 from vfoa.errors import VfoaError
 
 GOOD = """

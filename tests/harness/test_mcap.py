@@ -7,12 +7,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from disk import HEIGHT, WIDTH, picture
 from mcap.writer import CompressionType, IndexType
 from numpy.typing import NDArray
-from recordings import Camera, Family, Pixels, recorder, rectified_camera, write_pairs
 
 from harness.adapters.mcap.clip import McapClip, McapSettings
+from tests.disk import HEIGHT, WIDTH, picture
+from tests.recordings import Camera, Family, Pixels, recorder, rectified_camera, write_pairs
 from vfoa.errors import VfoaError
 
 LEFT = rectified_camera(WIDTH, HEIGHT, fx=100.0, cx=31.5, cy=23.5)

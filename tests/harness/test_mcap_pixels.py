@@ -2,13 +2,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from disk import HEIGHT, WIDTH, picture
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from harness.adapters.mcap.messages import RawPicture
 from harness.adapters.mcap.pixels import rgb
+from tests.disk import HEIGHT, WIDTH, picture
 from vfoa.errors import VfoaError
 
 COLOURS = picture(5)

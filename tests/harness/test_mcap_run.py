@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from disk import write_text
 from numpy.typing import NDArray
-from recordings import Camera, Family, Pixels, rectified_camera, write_pairs
 
 from harness.adapters.mcap.clip import McapClip, McapSettings
 from harness.adapters.sintel import SintelClip, SintelSettings
 from harness.conduct import conduct, prepare
 from harness.experiment import load_experiment
 from harness.rescore import rescore
+from tests.disk import write_text
+from tests.recordings import Camera, Family, Pixels, rectified_camera, write_pairs
 
 NUMBERS = range(1, 4)
 

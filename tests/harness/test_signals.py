@@ -7,7 +7,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from disk import HEIGHT, WIDTH, sintel_disparity, sintel_scene, stereo_pair_folder, write_bytes, write_image, write_text
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -17,6 +16,16 @@ from harness.disparity_files import read_disparity, read_pfm
 from harness.segment_ids import relabel, small_ids
 from harness.signals.coco_panoptic import CocoPanoptic, CocoPanopticSettings
 from harness.signals.disparity import FileMatcher, FileMatcherSettings
+from tests.disk import (
+    HEIGHT,
+    WIDTH,
+    sintel_disparity,
+    sintel_scene,
+    stereo_pair_folder,
+    write_bytes,
+    write_image,
+    write_text,
+)
 from vfoa.errors import VfoaError
 
 CATEGORIES = [

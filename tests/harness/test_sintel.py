@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from disk import HEIGHT, WIDTH, picture, sintel_disparity, sintel_scene, write_bytes, write_image
 
 from harness.adapters.sintel import SintelClip, SintelSettings
+from tests.disk import HEIGHT, WIDTH, picture, sintel_disparity, sintel_scene, write_bytes, write_image
 from vfoa.errors import VfoaError
 from vfoa.geometry import depth_from_disparity
 

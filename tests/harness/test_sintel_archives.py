@@ -7,13 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from disk import picture, sintel_scene
-from web import Site, serve
 
 from harness import sintel_archives
 from harness.adapters.sintel import SintelClip, SintelSettings
 from harness.manifest import load_manifest
 from harness.sintel_archives import ARCHIVES, fetch_sintel, sintel_manifest, unpack
+from tests.disk import picture, sintel_scene
+from tests.web import Site, serve
 from vfoa.errors import VfoaError
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from disk import HEIGHT, WIDTH, picture, stereo_pair_folder, write_image, write_text
 
 from harness.adapters.calibration import read_calibration
 from harness.adapters.stereo_folder import StereoFolderClip, StereoFolderSettings
+from tests.disk import HEIGHT, WIDTH, picture, stereo_pair_folder, write_image, write_text
 from vfoa.errors import VfoaError
 
 CAMERA = {"fx_px": 50.0, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.1}

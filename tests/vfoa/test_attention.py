@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from scenes import make_box, make_subject, make_target, random_room
 from scipy.spatial.transform import Rotation
 
 from harness.bench.plain import plain_attention
+from tests.scenes import make_box, make_subject, make_target, random_room
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.types import Attention, Box3D, NoAttention, Subject, Target
 

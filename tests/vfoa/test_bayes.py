@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from scenes import make_box, make_subject, make_target, random_room
 
+from tests.scenes import make_box, make_subject, make_target, random_room
 from vfoa.bayes import BayesSettings, BeliefState, infer_attention, infer_attentions
 from vfoa.pipeline import AttendSettings, Memory, attend
 from vfoa.types import NoAttention, Scene

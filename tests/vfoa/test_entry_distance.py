@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import make_box
 from scipy.spatial.transform import Rotation
 
+from tests.scenes import make_box
 from vfoa.geometry import entry_distance
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import make_person
 from scipy.spatial.transform import Rotation
 
 from harness.bench.gaze_filter import filtered, measure_gaze_filter, noisy, saccade, steps_and_pursuits
+from tests.scenes import make_person
 from vfoa.gaze_filter import CueFilter, GazeFilterSettings, GazeFilterState, filter_cues, follow
 from vfoa.geometry import angle_between, perturb
 from vfoa.types import Float

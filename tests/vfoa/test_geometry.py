@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import make_box, make_rig
 from scipy.spatial.transform import Rotation
 
+from tests.scenes import make_box, make_rig
 from vfoa.geometry import (
     angle_between,
     back_project,

@@ -6,8 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from scenes import make_box, make_rig, rendered_boxes
 
+from tests.scenes import make_box, make_rig, rendered_boxes
 from vfoa.attention import AttentionSettings
 from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.geometry import project, unit

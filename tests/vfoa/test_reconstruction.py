@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenes import make_box, make_rig, rendered_boxes
 from scipy.spatial.transform import Rotation
 
+from tests.scenes import make_box, make_rig, rendered_boxes
 from vfoa.boxes import axis_aligned_box, oriented_box
 from vfoa.geometry import back_project, box_corners, depth_from_disparity, project
 from vfoa.reconstruction import ReconstructionSettings, reconstruct

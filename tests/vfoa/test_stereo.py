@@ -10,8 +10,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
-from scenes import make_rig, stereo_planes
 
+from tests.scenes import make_rig, stereo_planes
 from vfoa.errors import VfoaError
 from vfoa.geometry import disparity_from_depth
 from vfoa.stereo import MATCHERS

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import make_rig, rendered_boxes
 
+from tests.scenes import make_rig, rendered_boxes
 from vfoa.gaze.temporal import HeadWindow, with_gazes
 from vfoa.tracking import TrackingSettings
 from vfoa.types import Gaze, Head, HeadView, Image, Percepts, StereoFrame, StereoRig

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import make_person
 
+from tests.scenes import make_person
 from vfoa.geometry import box_iou
 from vfoa.tracking import TrackerState, TrackingSettings, final_tracks, track_people
 from vfoa.types import Person

@@ -7,8 +7,8 @@ import pickle
 
 import numpy as np
 import pytest
-from scenes import make_box, make_person, make_rig, make_subject, make_target, rendered_boxes
 
+from tests.scenes import make_box, make_person, make_rig, make_subject, make_target, rendered_boxes
 from vfoa.types import (
     Box3D,
     Cone,
