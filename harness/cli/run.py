@@ -71,7 +71,7 @@ def run(
     print_scores(rescore(directory))
     if save_signals:
         typer.echo(f"\nSignals: {directory.signals}  (run from them: its {experiment.name}.toml says how)")
-    typer.echo(f"\nRun: {directory.path}  (scrub a failure: vfoa view {directory.path})")
+    typer.echo(f"\nPage: {directory.path / 'report.html'}\nScrub a failure: vfoa view {directory.path} --failures")
 
 
 def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...]) -> Experiment:
