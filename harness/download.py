@@ -9,7 +9,7 @@ from pathlib import Path
 
 import httpx
 
-from harness.provenance import file_digest
+from harness.files import file_digest
 from vfoa.errors import VfoaError
 from vfoa.weights import is_lfs_pointer
 

@@ -42,12 +42,17 @@ def atomic_write(path: Path, content: str | bytes) -> None:
         raise
 
 
+def file_digest(path: Path) -> str:
+    """Hexadecimal sha256 of a file's content."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
     """Hexadecimal sha256 of (role, file) pairs in order: of the roles and the contents, not of the paths."""
     total = hashlib.sha256()
     for role, path in parts:
-        with path.open("rb") as file:
-            total.update(f"{role}\0{hashlib.file_digest(file, 'sha256').hexdigest()}\n".encode())
+        total.update(f"{role}\0{file_digest(path)}\n".encode())
     return total.hexdigest()
 
 

@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
+from harness.files import file_digest
 from harness.models import CatalogueEntry
-from harness.provenance import file_digest
 from vfoa.errors import VfoaError
 from vfoa.onnx import Model, RuntimeSettings, Signature
 from vfoa.weights import is_lfs_pointer

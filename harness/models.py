@@ -10,7 +10,7 @@ from pathlib import Path
 from pydantic import Field
 
 from harness.config_errors import parse, read_toml
-from harness.provenance import file_digest
+from harness.files import file_digest
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.weights import cache_directory, locate

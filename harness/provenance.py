@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import platform
 import subprocess
@@ -13,7 +12,7 @@ from typing import Any
 
 from harness.adapters import Clip
 from harness.experiment import Experiment
-from harness.files import digest_files
+from harness.files import digest_files, file_digest
 from harness.stages import SLOTS, StageChoice
 from vfoa.weights import locate
 
@@ -30,12 +29,6 @@ _PACKAGES = (
     "rerun-sdk",
     "scipy",
 )
-
-
-def file_digest(path: Path) -> str:
-    """Hexadecimal sha256 of a file's content."""
-    with open(path, "rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def weights_digests(experiment: Experiment) -> dict[str, str]:
