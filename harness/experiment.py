@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,6 +30,7 @@ from pydantic import Field
 from harness.config_errors import parse, read_toml
 from harness.locate import find, names
 from harness.stages import SLOTS, StageChoice
+from harness.toml_text import parse_assignment
 from vfoa.attention import AttentionSettings
 from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError, did_you_mean
@@ -110,7 +110,7 @@ def load_experiment(name_or_path: str, *, clips: tuple[str, ...] = (), overrides
     chosen = clips or file.clips
     if not chosen:
         raise VfoaError(f"{where}: clips: expected at least one clip, found none")
-    changes = [_override(text) for text in overrides]
+    changes = [parse_assignment(text, "stereo.matcher=sgbm") for text in overrides]
     configurations = []
     used: set[tuple[str, str]] = set()
     for name, differences in _variants(file, where):
@@ -177,16 +177,6 @@ def _checked(name: str, where: str) -> str:
     if not _NAME.fullmatch(name):
         raise VfoaError(f"{where}: configuration {name!r}: expected a name of letters, digits and . + _ - alone")
     return name
-
-
-def _override(text: str) -> tuple[str, Any]:
-    key, equals, value = text.partition("=")
-    if not equals:
-        raise VfoaError(f"--set {text}: expected KEY=VALUE, such as stereo.matcher=sgbm")
-    try:
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
-        return key.strip(), value.strip()
 
 
 def _flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -112,7 +112,18 @@ def load_manifest(name_or_path: str | os.PathLike[str]) -> ClipManifest:
     """
     text = os.fspath(name_or_path)
     path = Path(text) if text.endswith(".toml") else _find(text)
-    manifest = parse(ClipManifest, read_toml(path), str(path))
+    return make_manifest(read_toml(path), path)
+
+
+def make_manifest(data: dict[str, Any], path: Path) -> ClipManifest:
+    """The manifest in a file's content, which need not have been written yet.
+
+    Raises
+    ------
+    VfoaError
+        As :func:`load_manifest`.
+    """
+    manifest = parse(ClipManifest, data, str(path))
     if manifest.name != path.stem:
         raise VfoaError(f"{path}: name: found {manifest.name!r}; expected {path.stem!r}, as the file is called")
     manifest._path = path.absolute()

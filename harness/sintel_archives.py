@@ -7,7 +7,6 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
-from typing import Literal
 
 from harness.download import download
 from vfoa.errors import VfoaError
@@ -68,15 +67,6 @@ def unpack(archive: Path, root: Path) -> None:
         raise VfoaError(f"{archive}: damaged, thrown away: {error}; expected a whole zip (try again)") from None
     except OSError as error:
         raise VfoaError(f"{archive}: cannot be unpacked: {error.strerror or error}") from None
-
-
-def sintel_manifest(scene: str, render_pass: Literal["clean", "final"] = "clean") -> str:
-    """The text of a manifest ``datasets/sintel_SCENE.toml`` for any scene."""
-    return (
-        f'name = "sintel_{scene}"\nadapter = "sintel"\nroot = "${{VFOA_DATA}}/sintel"\n'
-        'licence = "CC-BY 3.0, (c) Blender Foundation"\n'
-        f'\n[source]\nscene = "{scene}"\npass = "{render_pass}"\n'
-    )
 
 
 def _check_name(archive: Path, member: zipfile.ZipInfo) -> None:

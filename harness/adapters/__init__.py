@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
 
 from vfoa.registry import Registry
 from vfoa.types import Box3D, Disparity, Float, Instances, StereoFrame
@@ -77,6 +78,41 @@ class Clip(Protocol):
 
     def digest(self) -> str:
         """Hexadecimal sha256 of all that :meth:`frame` depends on: files' content or settings, not their paths."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recognised:
+    """One way to read a path as a clip: what ``vfoa clips add`` writes into a manifest.
+
+    ``root`` and ``source`` are the manifest's, ``layout`` says in words what was found, ``name`` is what to call the
+    clip. ``calibration`` says where the calibration is from; None: there is none, and the user has to give one.
+    """
+
+    root: Path
+    source: Mapping[str, Any]
+    layout: str
+    name: str
+    calibration: str | None
+    licence: str | None = None
+
+
+@runtime_checkable
+class Recogniser(Protocol):
+    """What an adapter's class may have besides: it is asked whether it can read a path.
+
+    Every registered adapter is asked, those of other packages too. A calibration that the user gives arrives as the
+    setting ``calibration`` (a file) or ``camera`` (``fx_px``, ``cx_px``, ``cy_px``, ``baseline_m``), where the
+    adapter's ``Settings`` have it.
+    """
+
+    @classmethod
+    def recognise(cls, path: Path) -> Sequence[Recognised]:
+        """Every way to read an absolute path that exists, none where it is not of this kind.
+
+        Several ways differ in their ``source``: the user chooses by the setting in which they do. Only names and the
+        heads of files are looked at, and nothing is guessed: what cannot be seen is left out.
+        """
         ...
 
 

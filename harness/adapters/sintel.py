@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from harness.adapters import Truth
+from harness.adapters import Recognised, Truth
 from harness.adapters.stereo_folder import read_pair
 from harness.disparity_files import read_depth, read_sintel_disparity
 from harness.files import digest_files, read_bytes
@@ -26,6 +26,10 @@ BASELINE_M = 0.10
 
 RATE_HZ = 24.0
 """Of the film."""
+
+PASSES = ("clean", "final")
+
+LICENCE = "CC-BY 3.0, (c) Blender Foundation"
 
 _NAME = re.compile(r"frame_(\d+)\.png")
 _CAMERA_TAG = np.float32(202021.25)
@@ -65,6 +69,27 @@ class SintelClip:
             raise VfoaError(f"{folder}: no images; expected frame_0001.png and so on")
         for kind, suffix in ((f"{self._pass}_right", "png"), ("camdata_left", "cam")):
             self._check_complete(kind, suffix)
+
+    @classmethod
+    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+        """Each scene and pass at or below a path inside the set; a scene's folder is that scene and pass alone."""
+        training = next((each for each in (path / "training", path, *path.parents) if _is_training(each)), None)
+        if training is None:
+            return ()
+        kind, scene = (*path.relative_to(training).parts[:2], "", "")[:2] if path.is_relative_to(training) else ("", "")
+        return tuple(
+            Recognised(
+                root=training.parent,
+                source={"scene": folder.name, "pass": render_pass},
+                layout=f"MPI Sintel, scene {folder.name}, {render_pass} pass",
+                name=f"sintel_{folder.name}" + ("" if render_pass == "clean" else f"_{render_pass}"),
+                calibration="camdata_left, read for every frame",
+                licence=LICENCE,
+            )
+            for render_pass in ([kind.partition("_")[0]] if kind.partition("_")[0] in PASSES else PASSES)
+            for folder in sorted((training / f"{render_pass}_left").glob("*"))
+            if folder.is_dir() and scene in ("", folder.name)
+        )
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -188,6 +213,10 @@ def read_camera(path: Path) -> Float:
     if not (np.isfinite(matrix).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
         raise VfoaError(f"{path}: expected finite intrinsics with positive focal lengths, found {matrix.tolist()}")
     return matrix
+
+
+def _is_training(folder: Path) -> bool:
+    return folder.name == "training" and any((folder / f"{each}_left").is_dir() for each in PASSES)
 
 
 def _read_segments(path: Path) -> NDArray[np.uint32]:

@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from harness.cli.clip_add import add_clip
+
 if TYPE_CHECKING:
     from harness.clip_check import ClipCheck, ClipRow
 
-app = typer.Typer(help="List the clips, and check that they can be used.", no_args_is_help=True)
+app = typer.Typer(help="Add clips, list them, and check that they can be used.", no_args_is_help=True)
+app.command(name="add")(add_clip)
 
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 

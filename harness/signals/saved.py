@@ -21,6 +21,7 @@ from typing import Any
 from harness.experiment import Configuration, Experiment
 from harness.files import atomic_write
 from harness.stages import CLIP_VARIABLE, OFF, SLOTS
+from harness.toml_text import toml_value
 
 VARIABLE = "VFOA_SIGNALS"
 DISPARITY = "disparity/frame_%04d.npy"
@@ -55,11 +56,11 @@ def write_experiment(folder: Path, experiment: Experiment, *, partial: bool) -> 
     limit = " --limit N" if partial else ""
     lines = [
         f"# {VARIABLE}=<this folder> vfoa run <this file>{limit}",
-        f"clips = {_toml(list(experiment.clips))}",
-        f"notes = {_toml(list(experiment.notes))}",
+        f"clips = {toml_value(list(experiment.clips))}",
+        f"notes = {toml_value(list(experiment.notes))}",
     ]
     for configuration in experiment.configurations:
-        lines += ["", "[[configuration]]", f"name = {_toml(configuration.name)}"]
+        lines += ["", "[[configuration]]", f"name = {toml_value(configuration.name)}"]
         lines += _tables(configuration, experiment.configurations, partial)
     atomic_write(folder / f"{experiment.name}.toml", "\n".join(lines) + "\n")
 
@@ -72,9 +73,9 @@ def _key(slot: str, configuration: Configuration) -> str:
 def _tables(configuration: Configuration, configurations: Sequence[Configuration], partial: bool) -> Iterator[str]:
     for table, settings in configuration.plain().items():
         if table in SLOTS:
-            yield f"{table} = {_toml(_source(table, configuration, configurations, partial))}"
+            yield f"{table} = {toml_value(_source(table, configuration, configurations, partial))}"
         else:
-            yield f"{table} = {_toml(settings)}"
+            yield f"{table} = {toml_value(settings)}"
 
 
 def _source(
@@ -97,12 +98,3 @@ def _source(
     if slot in ("stereo", "segmentation") and partial:
         source["partial"] = True
     return source
-
-
-def _toml(value: Any) -> str:
-    """A JSON value as TOML; a null in a table is left out, which is how TOML says it."""
-    if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(each)}" for key, each in value.items() if each is not None) + " }"
-    if isinstance(value, list):
-        return "[" + ", ".join(map(_toml, value)) + "]"
-    return json.dumps(value, ensure_ascii=False)

@@ -10,8 +10,7 @@ import pytest
 
 from harness import sintel_archives
 from harness.adapters.sintel import SintelClip, SintelSettings
-from harness.manifest import load_manifest
-from harness.sintel_archives import ARCHIVES, fetch_sintel, sintel_manifest, unpack
+from harness.sintel_archives import ARCHIVES, fetch_sintel, unpack
 from tests.disk import picture, sintel_scene
 from tests.web import Site, serve
 from vfoa.errors import VfoaError
@@ -79,11 +78,3 @@ def test_a_damaged_archive_is_thrown_away(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match="damaged"):
         unpack(archive, tmp_path)
     assert not archive.exists()
-
-
-def test_any_scene_has_a_manifest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    sintel_scene(tmp_path / "sintel")
-    monkeypatch.setenv("VFOA_DATA", str(tmp_path))
-    path = tmp_path / "sintel_alley.toml"
-    path.write_text(sintel_manifest("alley"))
-    assert list(load_manifest(path).open().frames) == [1, 2, 3]

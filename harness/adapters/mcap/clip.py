@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from harness.adapters import Truth
+from harness.adapters import Recognised, Truth
 from harness.adapters.mcap.cameras import Cameras, FileCameras, RecordedCameras
 from harness.adapters.mcap.index import Index, index_recording, recording_files
 from harness.adapters.mcap.messages import picture
 from harness.adapters.mcap.pairing import join
 from harness.adapters.mcap.pixels import rgb
-from harness.adapters.mcap.recording import read_message
+from harness.adapters.mcap.recording import is_mcap, read_message
 from harness.adapters.mcap.topics import Place, Topic, find_camera, find_pair
 from harness.files import digest_files
 from harness.images import decode_rgb
@@ -70,6 +70,17 @@ class McapClip:
                 f"{self._where}: no two stamps of {left} and {right} are within {settings.tolerance_ms:g} ms"
             )
         self._cameras = self._find_cameras(index)
+
+    @classmethod
+    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+        """A file in MCAP, whatever its name ends in, or a folder of ``.mcap``: one recording that was split."""
+        if is_mcap(path):
+            root, source, layout, name = path.parent, {"recording": path.name}, "an MCAP recording", path.stem
+        elif files := list(path.glob("*.mcap")):
+            root, source, layout, name = path, {}, f"an MCAP recording in {len(files)} files", path.name
+        else:
+            return ()
+        return (Recognised(root=root, source=source, layout=layout, name=name, calibration="the recording's topics"),)
 
     @property
     def frames(self) -> range:

@@ -38,6 +38,15 @@ class Walk:
     cut_span_ns: tuple[int, int] | None = None
 
 
+def is_mcap(path: Path) -> bool:
+    """Whether a path is a file that starts as MCAP does; False for one that cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_MAGIC)) == _MAGIC
+    except OSError:
+        return False
+
+
 def walk_messages(path: Path, walk: Walk) -> Iterator[tuple[int, int, Message]]:
     """Every readable message as (record's offset in the file, place in that record, message); ``walk`` is filled.
 

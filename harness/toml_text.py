@@ -1,0 +1,44 @@
+"""Values as TOML text, and back from the command line."""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from typing import Any
+
+from vfoa.errors import VfoaError
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def toml_key(key: str) -> str:
+    """One part of a key, in quotes where it needs them."""
+    return key if _BARE_KEY.fullmatch(key) else json.dumps(key, ensure_ascii=False)
+
+
+def toml_value(value: Any) -> str:
+    """A JSON value as TOML; a null in a table is left out, which is how TOML says it."""
+    if isinstance(value, dict):
+        pairs = (f"{toml_key(key)} = {toml_value(each)}" for key, each in value.items() if each is not None)
+        return "{ " + ", ".join(pairs) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def parse_assignment(text: str, example: str) -> tuple[str, Any]:
+    """``KEY=VALUE`` of a ``--set``: the value is TOML where it can be read so, else a string.
+
+    Raises
+    ------
+    VfoaError
+        If there is no equals sign; the message shows the example.
+    """
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise VfoaError(f"--set {text}: expected KEY=VALUE, such as {example}")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value.strip()

@@ -1,0 +1,278 @@
+"""`vfoa clips add` on every kind of source: what it writes, `vfoa clips check` passes as it is."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli.clips import app
+from tests.disk import HEIGHT, WIDTH, picture, sintel_scene, write_text
+from tests.recordings import recorder, rectified_camera, write_pairs
+from vfoa.errors import VfoaError
+
+NUMBERS = ("--fx", "100", "--cx", "31.5", "--cy", "23.5", "--baseline", "0.12")
+LEFT = rectified_camera(WIDTH, HEIGHT, fx=100.0, cx=31.5, cy=23.5)
+RIGHT = rectified_camera(WIDTH, HEIGHT, fx=100.0, cx=31.5, cy=23.5, baseline_m=0.12)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """A source on disk: how it is made (the path to add), the options it needs, and what is to be found there."""
+
+    make: Callable[[Path], Path]
+    options: tuple[str, ...] = ()
+    adapter: str
+    frames: int = 3
+    baseline_m: float = 0.12
+
+
+def scene_folder(root: Path) -> Path:
+    return sintel_scene(root) / "training" / "clean_left" / "alley"
+
+
+def final_scene(root: Path) -> Path:
+    training = sintel_scene(root) / "training"
+    for side in ("left", "right"):
+        shutil.copytree(training / f"clean_{side}", training / f"final_{side}")
+    return root
+
+
+def recording(path: Path, numbers: range = range(1, 4)) -> Path:
+    pairs = ((n * 40_000_000, picture(n), picture(1000 + n), LEFT, RIGHT) for n in numbers)
+    return write_pairs(path, pairs)
+
+
+def split_recording(root: Path) -> Path:
+    recording(root / "day_0.mcap")
+    recording(root / "day_1.mcap", range(4, 6))
+    return root
+
+
+KINDS = {
+    "sintel-scene": Kind(make=scene_folder, adapter="sintel", baseline_m=0.1),
+    "sintel-set": Kind(make=sintel_scene, adapter="sintel", baseline_m=0.1),
+    "sintel-final": Kind(make=final_scene, options=("--set", "pass=final"), adapter="sintel", baseline_m=0.1),
+    "mcap": Kind(make=lambda root: recording(root / "table.mcap"), adapter="mcap"),
+    "mcap-split": Kind(make=split_recording, adapter="mcap", frames=5),
+}
+
+
+@pytest.fixture(autouse=True)
+def _work_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    monkeypatch.delenv("VFOA_DATA", raising=False)
+
+
+def vfoa(*arguments: str | Path) -> Any:
+    """What a verb of `vfoa clips` prints as JSON."""
+    found = CliRunner().invoke(app, [*map(str, arguments), "--json"], catch_exceptions=False)
+    assert found.exit_code == 0, found.output
+    return json.loads(found.stdout)
+
+
+def refused(*arguments: str | Path) -> str:
+    """The one line with which `vfoa clips add` refuses; nothing is written then."""
+    with pytest.raises(VfoaError) as error:
+        CliRunner().invoke(app, ["add", *map(str, arguments)], catch_exceptions=False)
+    assert not list(Path.cwd().rglob("*.toml"))
+    assert not list(Path.cwd().rglob("*.csv"))
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_what_is_added_passes_the_check(tmp_path: Path, kind: Kind) -> None:
+    path = kind.make(tmp_path / "data")
+    added = vfoa("add", path, *kind.options, "--name", "mine", "--subject", "ann", "--target", "mug=cup")
+    assert (added["adapter"], added["frames"]) == (kind.adapter, kind.frames)
+    (checked,) = vfoa("check", "mine")
+    assert checked["problems"] == []
+    assert (checked["frames"], checked["size_px"]) == (kind.frames, [WIDTH, HEIGHT])
+    assert checked["baseline_m"] == pytest.approx(kind.baseline_m)
+    assert checked["labels"] == kind.frames
+    (listed,) = [row for row in vfoa("list") if row["name"] == "mine"]
+    assert (listed["subjects"], listed["targets"]) == (["ann"], ["mug"])
+
+
+def test_what_was_found_is_said_and_the_next_commands_work(tmp_path: Path) -> None:
+    found = CliRunner().invoke(app, ["add", str(scene_folder(tmp_path))], catch_exceptions=False)
+    lines = found.stdout.splitlines()
+    assert lines[0] == "sintel: MPI Sintel, scene alley, clean pass"
+    assert "  frames       3, 1 to 3" in lines
+    assert "  size         64x48" in lines
+    assert "  rate         24 Hz" in lines
+    assert "  calibration  camdata_left, read for every frame: fx 101 px, baseline 0.1 m" in lines
+    (verb,) = [line.removeprefix("next: vfoa clips ") for line in lines if line.startswith("next")]
+    assert CliRunner().invoke(app, verb.split()).exit_code == 0
+
+
+def test_a_manifest_is_never_overwritten(tmp_path: Path) -> None:
+    path = scene_folder(tmp_path)
+    vfoa("add", path)
+    before = {each: each.read_bytes() for each in Path.cwd().rglob("*.*")}
+    with pytest.raises(VfoaError, match=r"sintel_alley\.toml: there is a clip of this name; .* --name NAME"):
+        vfoa("add", path)
+    assert {each: each.read_bytes() for each in Path.cwd().rglob("*.*")} == before
+
+
+def test_labels_without_a_manifest_are_not_overwritten_either(tmp_path: Path) -> None:
+    write_text(Path.cwd() / "annotations" / "sintel_alley.csv", "mine")
+    with pytest.raises(VfoaError, match=r"sintel_alley\.csv: there is a clip"):
+        vfoa("add", scene_folder(tmp_path))
+    assert (Path.cwd() / "annotations" / "sintel_alley.csv").read_text() == "mine"
+    assert not (Path.cwd() / "datasets").exists()
+
+
+def test_several_scenes_and_passes_are_listed_with_the_options_that_decide(tmp_path: Path) -> None:
+    final_scene(tmp_path)
+    sintel_scene(tmp_path, "market")
+    message = refused(tmp_path)
+    assert message == (
+        f"{tmp_path}: 3 clips are there; expected --set scene=(alley | market) and --set pass=(clean | final)"
+    )
+    assert "--set scene=(alley | market)" in refused(tmp_path, "--set", "scene=aley")
+    vfoa("add", tmp_path, "--set", "scene=market")
+
+
+def test_several_pairs_of_topics_are_listed(tmp_path: Path) -> None:
+    path = tmp_path / "two.mcap"
+    with recorder(path) as record:
+        for rig in ("front", "rear"):
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{rig}/{side}/camera_info", 10**9, camera)
+                record.picture(f"/{rig}/{side}/image", 10**9, picture(1))
+    message = refused(path)
+    assert "2 pairs of image topics" in message
+    assert "/front/left/image (sensor_msgs/msg/Image, 1 messages)" in message
+    assert message.endswith("(here as --set KEY=VALUE)")
+    vfoa("add", path, "--set", "left=/rear/left/image", "--set", "right=/rear/right/image")
+
+
+def test_a_recording_without_calibration_takes_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "bare.mcap"
+    with recorder(path) as record:
+        for side in ("left", "right"):
+            record.picture(f"/{side}/image_rect", 10**9, picture(1))
+    assert "no single calibration topic" in refused(path)
+    matrix = "100 0 31.5 {} 0 100 23.5 0 0 0 1 0"
+    write_text(tmp_path / "calib.txt", f"P2: {matrix.format(0)}\nP3: {matrix.format(-12)}\n")
+    added = vfoa("add", path, "--calibration", tmp_path / "calib.txt")
+    assert added["calibration"] == "as given"
+    assert added["rig"]["baseline_m"] == pytest.approx(0.12)
+    assert 'calibration = "calib.txt"' in (Path.cwd() / "datasets" / "bare.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--fx", "100"), "--cx: missing; expected all of --fx --cx --cy --baseline"),
+        ((*NUMBERS, "--calibration", "c.yml"), "found both; expected one of them"),
+        (NUMBERS, "unknown key 'source.camera'"),
+        (("--set", "pass"), "--set pass: expected KEY=VALUE, such as pass=final"),
+        (("--set", "pss=clean"), "unknown key 'source.pss'; did you mean 'pass'"),
+        (("--adapter", "sintl"), "no 'sintl'; did you mean 'sintel'"),
+        (("--adapter", "mcap"), "not recognised by mcap"),
+        (("--name", "a/b"), "name: "),
+        (("--subject", "none"), "expected a word other than none and ignore"),
+        (("--subject", "ann", "--target", "ann"), "a subject has this name"),
+    ],
+)
+def test_a_wrong_option_is_one_line(tmp_path: Path, options: tuple[str, ...], message: str) -> None:
+    assert message in refused(scene_folder(tmp_path), *options)
+
+
+def test_what_is_not_a_clip_is_refused(tmp_path: Path) -> None:
+    assert refused(tmp_path / "nowhere").endswith("nowhere: no such file or folder")
+    write_text(tmp_path / "notes" / "a.txt", "hello")
+    assert "not recognised by mcap, sintel, stereo_folder, studio" in refused(tmp_path / "notes")
+
+
+def test_an_unreadable_first_frame_writes_nothing(tmp_path: Path) -> None:
+    path = scene_folder(tmp_path)
+    (path / "frame_0001.png").write_bytes(b"")
+    assert "frame_0001.png: the file is empty" in refused(path)
+
+
+def test_the_root_follows_vfoa_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = scene_folder(tmp_path / "all" / "sintel")
+    monkeypatch.setenv("VFOA_DATA", str(tmp_path / "all"))
+    vfoa("add", path)
+    assert 'root = "${VFOA_DATA}/sintel"' in (Path.cwd() / "datasets" / "sintel_alley.toml").read_text()
+    (tmp_path / "all").rename(tmp_path / "moved")
+    monkeypatch.setenv("VFOA_DATA", str(tmp_path / "moved"))
+    assert vfoa("check", "sintel_alley")[0]["problems"] == []
+
+
+def test_odd_names_survive(tmp_path: Path) -> None:
+    path = recording(tmp_path / 'a "b" \\ ü' / "my table (1).mcap")
+    added = vfoa("add", path, "--subject", 'Ann "A"', "--target", "red mug=cup", "--target", "blue mug=cup")
+    assert added["name"] == "my_table_1"
+    (checked,) = vfoa("check", "my_table_1")
+    assert (checked["problems"], checked["labels"]) == ([], 3)
+
+
+PLUGIN = """
+from pathlib import Path
+import numpy as np
+from harness.adapters import Recognised, Truth
+from vfoa.settings import Settings
+from vfoa.types import StereoFrame, StereoRig
+
+class Slides:
+    class Settings(Settings):
+        file: str
+
+    def __init__(self, settings, root):
+        self.frames, self.rate_hz, self.notes = (1,), None, ()
+
+    @classmethod
+    def recognise(cls, path):
+        if path.suffix not in (".slides", ".mcap"):
+            return ()
+        return [Recognised(root=path.parent, source={"file": path.name}, layout="slides", name="s", calibration="own")]
+
+    def frame(self, number):
+        rig = StereoRig(width_px=4, height_px=3, fx_px=9, fy_px=9, cx_px=1, cy_px=1, baseline_m=0.1, cx_right_px=1)
+        black = np.zeros((3, 4, 3), np.uint8)
+        return StereoFrame(index=1, time_ns=0, left=black, right=black, rig=rig)
+
+    def truth(self, number):
+        return Truth()
+
+    def digest(self):
+        return "0" * 64
+"""
+
+
+def test_an_adapter_of_another_package_takes_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    info = tmp_path / "site" / "slides-1.0.dist-info"
+    write_text(tmp_path / "site" / "slides_clip.py", PLUGIN)
+    write_text(info / "METADATA", "Metadata-Version: 2.1\nName: slides\nVersion: 1.0\n")
+    write_text(info / "entry_points.txt", "[vfoa.adapters]\nslides = slides_clip:Slides\n")
+    monkeypatch.syspath_prepend(str(tmp_path / "site"))
+    write_text(tmp_path / "a.slides", "")
+    assert vfoa("add", tmp_path / "a.slides", "--name", "mine")["adapter"] == "slides"
+    shutil.rmtree(Path.cwd() / "datasets")
+    shutil.rmtree(Path.cwd() / "annotations")
+    both = recording(tmp_path / "b.mcap")
+    assert "several adapters can read it; expected one of: --adapter mcap (an MCAP recording), --adapter slides" in (
+        refused(both)
+    )
+    assert vfoa("add", both, "--adapter", "slides")["adapter"] == "slides"
+
+
+def test_the_real_set_is_added(shared_data: Path) -> None:
+    added = vfoa("add", shared_data / "sintel", "--name", "again")
+    assert (added["frames"], added["rate_hz"], added["rig"]["fx_px"]) == (50, 24.0, 896.0)
+    (checked,) = vfoa("check", "again")
+    assert checked["problems"] == []
+    assert np.isfinite(checked["vertical_error_px"])
