@@ -1,0 +1,52 @@
+"""What a person does on the page, as new marks: from here until the next change, a range, suggestions, notes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from harness.annotate.marks import Mark, Stretch, Track, stretch_at, stretches
+
+PointPx = tuple[float, float]
+
+
+def look(track: Sequence[Mark | None], at: int, target: str, point_px: PointPx | None = None) -> list[Stretch]:
+    """The subject looks at a target from a position on, until the mark changes; what lies ahead is carried."""
+    _, last = stretch_at(track, at, same_target=True)
+    here = Mark(target=target, point_px=point_px)
+    ahead = [Stretch(first=at + 1, last=last, mark=replace(here, carried=True))] if last > at else []
+    return [Stretch(first=at, last=at, mark=here), *ahead]
+
+
+def mark_range(first: int, last: int, target: str | None) -> list[Stretch]:
+    """The subject looks at a target from one position to another; None takes the labels away."""
+    return [Stretch(first=first, last=last, mark=None if target is None else Mark(target=target))]
+
+
+def accept(track: Sequence[Mark | None], suggested: Sequence[str | None]) -> list[Stretch]:
+    """Fill what is unlabelled with suggestions, one a frame or None; they stay suggestions."""
+    filled: Track = [
+        Mark(target=target, suggested=True) if mark is None and target is not None else mark
+        for mark, target in zip(track, suggested, strict=True)
+    ]
+    return _differing(track, filled)
+
+
+def confirm(track: Sequence[Mark | None], at: int) -> list[Stretch]:
+    """A person agrees with the suggestion at a position, for as long as it is the same."""
+    first, last = stretch_at(track, at, same_target=True)
+    mark = track[at]
+    return [] if mark is None or not mark.suggested else mark_range(first, last, mark.target)
+
+
+def annotate(track: Sequence[Mark | None], at: int, note: str) -> list[Stretch]:
+    """Put a note on the label at a position, for as long as it is the same."""
+    first, last = stretch_at(track, at, same_target=True)
+    new = [mark and replace(mark, note=note) for mark in track]
+    return list(stretches(new, first, last)) if track[at] is not None else []
+
+
+def _differing(old: Sequence[Mark | None], new: Sequence[Mark | None]) -> list[Stretch]:
+    """The new marks from the first to the last position in which two tracks differ."""
+    where = [at for at in range(len(old)) if old[at] != new[at]]
+    return list(stretches(new, where[0], where[-1])) if where else []

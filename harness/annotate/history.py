@@ -1,0 +1,118 @@
+"""The state of a clip's labels as the sum of journal entries: a pure machine, the same after a restart.
+
+An entry is one of
+
+    {"base": {subject: stretches}, "frames": n, "revision": r}    begin anew, from a CSV
+    {"change": {subject, before, after}}                          marks between two positions
+    {"undo": true}    {"redo": true}
+    {"seen": [subject, position]}                                 alone, or beside a change
+
+Each but a lone ``seen`` is a revision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from harness.annotate.marks import Stretch, Track, counts, stretches, to_labels
+from harness.labels import Labels
+
+Entry = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """A subject's marks between two positions, before and after."""
+
+    subject: str
+    before: tuple[Stretch, ...]
+    after: tuple[Stretch, ...]
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON."""
+        before, after = ([each.plain() for each in part] for part in (self.before, self.after))
+        return {"subject": self.subject, "before": before, "after": after}
+
+    @classmethod
+    def parse(cls, plain: dict[str, Any]) -> Change:
+        """What :meth:`plain` gave."""
+        before, after = (tuple(map(Stretch.parse, plain[name])) for name in ("before", "after"))
+        return cls(subject=plain["subject"], before=before, after=after)
+
+
+class History:
+    """Tracks by subject, how far each was seen, what can be undone and redone, and the number of the revision."""
+
+    def __init__(self, subjects: Sequence[str], frames: Sequence[int]) -> None:
+        self._frames = tuple(frames)
+        self.subjects = tuple(subjects)
+        self.revision = 0
+        self._clear()
+
+    def _clear(self) -> None:
+        self.tracks: dict[str, Track] = {name: [None] * len(self._frames) for name in self.subjects}
+        self.seen = dict.fromkeys(self.subjects, -1)
+        self.done: list[Change] = []
+        self.undone: list[Change] = []
+
+    def apply(self, entry: Entry) -> None:
+        """Go one entry on."""
+        if "base" in entry:
+            self._begin(entry)
+        if "seen" in entry:
+            subject, at = entry["seen"]
+            self.seen[subject] = max(self.seen[subject], at)
+        if "change" in entry:
+            change = Change.parse(entry["change"])
+            self._place(change.subject, change.after)
+            self.done.append(change)
+            self.undone.clear()
+        elif "undo" in entry:
+            self.undone.append(change := self.done.pop())
+            self._place(change.subject, change.before)
+        elif "redo" in entry:
+            self.done.append(change := self.undone.pop())
+            self._place(change.subject, change.after)
+        elif "base" not in entry:
+            return
+        self.revision += 1
+
+    def change_to(self, subject: str, new: Sequence[Stretch]) -> Change:
+        """The change that puts these stretches, which follow each other without a gap."""
+        before = stretches(self.tracks[subject], new[0].first, new[-1].last)
+        return Change(subject=subject, before=before, after=tuple(new))
+
+    def base_of(self, tracks: dict[str, Track]) -> Entry:
+        """The entry that begins anew with these tracks."""
+        last = len(self._frames) - 1
+        plain = {name: [each.plain() for each in stretches(track, 0, last)] for name, track in tracks.items()}
+        return {"base": plain, "frames": len(self._frames), "revision": self.revision}
+
+    def fits(self, base: Entry) -> bool:
+        """Whether a base is of a clip with these frames and subjects."""
+        return base["frames"] == len(self._frames) and set(base["base"]) == set(self.subjects)
+
+    def labels(self) -> Labels:
+        """What stands in the CSV."""
+        return to_labels(self.tracks, self.seen, self._frames)
+
+    def labelled(self) -> int:
+        """How many (frame, subject) pairs a person has labelled."""
+        return sum(
+            counts(mark, at, self.seen[subject]) and not mark.suggested
+            for subject in self.subjects
+            for at, mark in enumerate(self.tracks[subject])
+            if mark is not None
+        )
+
+    def _begin(self, entry: Entry) -> None:
+        self._clear()
+        self.revision = max(self.revision, entry["revision"])
+        for subject, plain in entry["base"].items():
+            self._place(subject, [Stretch.parse(each) for each in plain])
+
+    def _place(self, subject: str, part: Sequence[Stretch]) -> None:
+        for each in part:
+            self.tracks[subject][each.first : each.last + 1] = [each.mark] * (each.last - each.first + 1)

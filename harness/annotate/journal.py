@@ -1,0 +1,59 @@
+"""The journal of a clip's labelling: one JSON line a change, on disk before the change is answered."""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from vfoa.errors import VfoaError
+
+
+class Journal:
+    """An append-only file, held by one process at a time.
+
+    A last line without its end is what a power cut left of a change that was never answered: it is cut off.
+
+    Raises
+    ------
+    VfoaError
+        If another process holds it, or a line is not JSON.
+    """
+
+    def __init__(self, path: Path, *, of: str) -> None:
+        """``of`` is what the journal is about, for messages."""
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._path = path
+        self._file = path.open("a+b")
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._file.close()
+            raise VfoaError(f"{of} is being labelled by another vfoa annotate; close that one first") from None
+        self.entries = self._read()
+
+    def append(self, entry: dict[str, Any]) -> None:
+        """Add an entry; it is on the disk when this returns."""
+        self._file.write(json.dumps(entry, ensure_ascii=False, separators=(",", ":")).encode() + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """Let go of the file."""
+        self._file.close()
+
+    def _read(self) -> list[dict[str, Any]]:
+        self._file.seek(0)
+        content = self._file.read()
+        whole = content[: content.rfind(b"\n") + 1]
+        if len(whole) < len(content):
+            self._file.truncate(len(whole))
+        entries = []
+        for number, line in enumerate(whole.splitlines(), start=1):
+            try:
+                entries.append(json.loads(line))
+            except ValueError as error:
+                raise VfoaError(f"{self._path}:{number}: not JSON: {error}; move the journal away to go on") from None
+        return entries

@@ -1,0 +1,233 @@
+"""The labels of one clip while they are being made: checked, never lost, never half-written, never overwritten unseen.
+
+Every change goes to the journal first, then the CSV is written anew. A change names the revision it was made on; one
+that was made on an older state is refused. The journal knows more than the CSV (what to undo, how far labels are
+carried), and is believed at the start if the CSV is what it led to; a CSV that was changed elsewhere wins.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from harness.annotate.history import Entry, History
+from harness.annotate.journal import Journal
+from harness.annotate.marks import Mark, Stretch, from_labels, stretches
+from harness.annotations import read_annotations, write_annotations
+from harness.files import file_digest
+from harness.labels import RESERVED, Labels
+from vfoa.errors import VfoaError, did_you_mean
+
+LONGEST_PAUSE_S = 30.0
+"""A longer silence between two changes is a break, not work: the rest does not count for the time that is left."""
+
+
+class StaleRevisionError(Exception):
+    """The change was made on an older state than the present one."""
+
+
+class LabelStore:
+    """One clip's labels by one annotator. Not for several threads at once.
+
+    Parameters
+    ----------
+    path, journal
+        The CSV and the journal; neither needs to exist.
+    frames, subjects, targets
+        The clip's frame numbers and the manifest's names. A subject may be a target, too.
+
+    Raises
+    ------
+    VfoaError
+        If the CSV is wrong, or another process labels the same clip.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        journal: Path,
+        *,
+        frames: Sequence[int],
+        subjects: Sequence[str],
+        targets: Iterable[str],
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        self.path, self._frames, self._targets, self._clock = path, tuple(frames), list(targets), clock
+        self._history = History(subjects, frames)
+        self._journal = Journal(journal, of=str(path))
+        try:
+            self._start()
+        except BaseException:
+            self.close()
+            raise
+        self._labelled_at_start = self._history.labelled()
+        self._active_s, self._last_s = 0.0, clock()
+
+    @property
+    def revision(self) -> int:
+        """Counts the changes; goes on after a restart."""
+        return self._history.revision
+
+    @property
+    def subjects(self) -> tuple[str, ...]:
+        """Who is labelled."""
+        return self._history.subjects
+
+    def names(self) -> tuple[str, ...]:
+        """Every name that can be looked at, ``none`` and ``ignore`` last."""
+        return (*self._targets, *self.subjects, *RESERVED)
+
+    def track(self, subject: str) -> Sequence[Mark | None]:
+        """A subject's marks, one a frame."""
+        self._check_subject(subject)
+        return self._history.tracks[subject]
+
+    def state(self) -> dict[str, Any]:
+        """All that the page shows, as JSON."""
+        history, last = self._history, len(self._frames) - 1
+        labelled, total = history.labelled(), len(self._frames) * len(self.subjects)
+        gained = labelled - self._labelled_at_start
+        return {
+            "revision": history.revision,
+            "tracks": {name: [s.plain() for s in stretches(history.tracks[name], 0, last)] for name in self.subjects},
+            "seen": dict(history.seen),
+            "labelled": labelled,
+            "total": total,
+            "seconds_left": self._active_s * (total - labelled) / gained if gained > 0 else None,
+            "can_undo": bool(history.done),
+            "can_redo": bool(history.undone),
+        }
+
+    def put(self, revision: int, subject: str, new: Sequence[Stretch], *, seen: int | None = None) -> None:
+        """Mark stretches of a subject's frames, which must follow each other without a gap.
+
+        Parameters
+        ----------
+        revision
+            The state on which the change was made.
+        seen
+            The position of the last frame that the person has seen for this.
+
+        Raises
+        ------
+        StaleRevisionError
+            If the labels have changed since, in another tab or in the file.
+        VfoaError
+            If a name or a position is not the clip's.
+        """
+        self.check_revision(revision)
+        self._check_subject(subject)
+        for each in new:
+            self._check_stretch(subject, each)
+        entry: Entry = {"change": self._history.change_to(subject, new).plain()}
+        self._commit(entry if seen is None else {**entry, "seen": [subject, seen]})
+
+    def undo(self, revision: int) -> None:
+        """Take the last change back."""
+        self.check_revision(revision)
+        if self._history.done:
+            self._commit({"undo": True})
+
+    def redo(self, revision: int) -> None:
+        """Make the change that was taken back last again."""
+        self.check_revision(revision)
+        if self._history.undone:
+            self._commit({"redo": True})
+
+    def see(self, subject: str, at: int) -> None:
+        """Note that the person has seen a subject's frames up to a position: no revision, so it disturbs no tab."""
+        self._check_subject(subject)
+        self._check_position(at)
+        self.refresh()
+        if at > self._history.seen[subject]:
+            self._commit({"seen": [subject, at]})
+
+    def check_revision(self, revision: int) -> None:
+        """Refuse what was made on an older state (:class:`StaleRevisionError`)."""
+        self.refresh()
+        if revision != self.revision:
+            raise StaleRevisionError
+
+    def refresh(self) -> None:
+        """Begin anew from the CSV if it was changed by something else."""
+        if self._file_digest() != self._digest:
+            self._take_over(self._read())
+
+    def add_target(self, name: str) -> None:
+        """Allow another name."""
+        self._targets.append(name)
+
+    def close(self) -> None:
+        """Let go of the journal."""
+        self._journal.close()
+
+    def _check_subject(self, subject: str) -> None:
+        if subject not in self.subjects:
+            raise VfoaError(f"unknown subject {subject!r}; {did_you_mean(subject, self.subjects)}")
+
+    def _check_position(self, at: int) -> None:
+        if not 0 <= at < len(self._frames):
+            raise VfoaError(f"position {at} is outside the clip; expected 0 to {len(self._frames) - 1}")
+
+    def _check_stretch(self, subject: str, stretch: Stretch) -> None:
+        for at in (stretch.first, stretch.last):
+            self._check_position(at)
+        mark = stretch.mark
+        if stretch.first > stretch.last:
+            raise VfoaError(f"position {stretch.first} comes after position {stretch.last}")
+        if mark is None:
+            return
+        if mark.target not in self.names():
+            raise VfoaError(f"unknown target {mark.target!r}; {did_you_mean(mark.target, self.names())}")
+        if mark.target == subject:
+            raise VfoaError(f"{subject!r} looks at {subject!r}; expected another target, or none")
+        if not mark.note.isprintable():
+            raise VfoaError(f"the note {mark.note!r} holds a control character; expected one line of text")
+
+    def _commit(self, entry: Entry) -> None:
+        now = self._clock()
+        self._active_s += min(max(now - self._last_s, 0.0), LONGEST_PAUSE_S)
+        self._last_s = now
+        self._journal.append({**entry, "time_s": round(now, 3)})
+        self._history.apply(entry)
+        self._write()
+
+    def _start(self) -> None:
+        stored, entries = self._read(), self._journal.entries
+        bases = [number for number, entry in enumerate(entries) if "base" in entry]
+        if not bases or not self._history.fits(entries[bases[-1]]):
+            self._take_over(stored)
+            return
+        for entry in entries[bases[-1] :]:
+            before = self._history.labels() if entry is entries[-1] and "base" not in entry else None
+            self._history.apply(entry)
+        # A kill between the journal and the CSV leaves the CSV one entry behind.
+        if stored in (before, self._history.labels()):
+            self._written = stored
+            self._write()
+        else:
+            self._take_over(stored)
+
+    def _take_over(self, labels: Labels) -> None:
+        """Begin anew with the CSV's labels."""
+        tracks = {name: from_labels(labels, name, self._frames, set(self.names())) for name in self.subjects}
+        entry = self._history.base_of(tracks)
+        self._journal.append({**entry, "time_s": round(self._clock(), 3)})
+        self._history.apply(entry)
+        self._written, self._digest = labels, self._file_digest()
+
+    def _read(self) -> Labels:
+        if not self.path.is_file():
+            return Labels(())
+        return read_annotations(self.path, frames=self._frames, subjects=self.subjects, targets=self._targets)
+
+    def _write(self) -> None:
+        labels = self._history.labels()
+        if labels != self._written:
+            write_annotations(self.path, labels)
+        self._written, self._digest = labels, self._file_digest()
+
+    def _file_digest(self) -> str | None:
+        return file_digest(self.path) if self.path.is_file() else None

@@ -1,0 +1,280 @@
+"""The labels while they are made: nothing is lost by a kill, a restart, an undo or another tab."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from harness.annotate import edits
+from harness.annotate.store import LabelStore, StaleRevisionError
+from harness.annotations import read_annotations
+from harness.labels import Label, Labels
+from vfoa.errors import VfoaError
+
+FRAMES = (1, 2, 3, 4, 5, 8, 9, 10)  # two are missing
+SUBJECTS = ("ann", "ben")
+TARGETS = ("cup", "book")
+LAST = len(FRAMES) - 1
+
+
+_opened: list[LabelStore] = []
+
+
+@pytest.fixture(autouse=True)
+def _closed() -> Iterator[None]:
+    yield
+    while _opened:
+        _opened.pop().close()
+
+
+def _open(
+    folder: Path, frames: tuple[int, ...] = FRAMES, subjects: tuple[str, ...] = SUBJECTS, **more: object
+) -> LabelStore:
+    path, journal = folder / "annotations" / "clip.csv", folder / "journal.jsonl"
+    store = LabelStore(path, journal, frames=frames, subjects=subjects, targets=TARGETS, **more)  # type: ignore[arg-type]
+    _opened.append(store)
+    return store
+
+
+def _file(folder: Path) -> Labels:
+    return read_annotations(folder / "annotations" / "clip.csv", frames=FRAMES, subjects=SUBJECTS, targets=TARGETS)
+
+
+def _look(store: LabelStore, at: int, target: str, subject: str = "ann") -> None:
+    store.put(store.revision, subject, edits.look(store.track(subject), at, target), seen=at)
+
+
+def _targets(labels: Labels, subject: str = "ann") -> list[str | None]:
+    found = [labels.at(frame, subject) for frame in FRAMES]
+    return [each and each.target for each in found]
+
+
+def test_a_label_holds_until_the_next_change_and_counts_where_it_was_seen(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    _look(store, 0, "cup")
+    assert _targets(_file(tmp_path)) == ["cup"] + [None] * LAST
+    store.see("ann", 3)
+    assert _targets(_file(tmp_path)) == ["cup"] * 4 + [None] * 4
+    _look(store, 2, "none")
+    store.see("ann", LAST)
+    assert _targets(_file(tmp_path)) == ["cup"] * 2 + ["none"] * 6
+    _look(store, 1, "book")
+    assert _targets(_file(tmp_path)) == ["cup", "book"] + ["none"] * 6
+    assert store.state()["labelled"] == 8
+    assert store.state()["total"] == 16
+
+
+def test_what_lies_between_labels_and_was_never_said_is_not_scored_and_is_unlabelled_again_when_opened(
+    tmp_path: Path,
+) -> None:
+    store = _open(tmp_path)
+    store.put(0 + store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    store.put(store.revision, "ann", edits.mark_range(5, 6, "book"))
+    assert _targets(_file(tmp_path)) == ["cup", "cup", "ignore", "ignore", "ignore", "book", "book", None]
+    store.close()
+    (tmp_path / "journal.jsonl").unlink()
+    again = _open(tmp_path)
+    assert [mark and mark.target for mark in again.track("ann")] == ["cup"] * 2 + [None] * 3 + ["book"] * 2 + [None]
+
+
+def test_a_suggestion_is_not_scored_until_a_person_confirms_it(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    suggested = ["cup", "cup", "book", "book", None, None, None, "cup"]
+    store.put(store.revision, "ann", edits.accept(store.track("ann"), suggested))
+    assert _file(tmp_path).at(1, "ann") == Label(target="ignore", note="suggested: cup")
+    assert set(_targets(_file(tmp_path))) == {"ignore"}
+    assert store.state()["labelled"] == 0
+    store.put(store.revision, "ann", edits.confirm(store.track("ann"), 3))
+    assert _targets(_file(tmp_path)) == ["ignore", "ignore", "book", "book", *["ignore"] * 4]
+    store.close()
+    (tmp_path / "journal.jsonl").unlink()
+    opened = _open(tmp_path)
+    assert [mark and (mark.target, mark.suggested) for mark in opened.track("ann")] == [
+        *[("cup", True)] * 2,
+        *[("book", False)] * 2,
+        *[None] * 3,
+        ("cup", True),
+    ]
+
+
+def test_suggestions_fill_only_what_is_unlabelled(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    store.put(store.revision, "ann", edits.mark_range(1, 2, "none"))
+    store.put(store.revision, "ann", edits.accept(store.track("ann"), ["cup"] * 8))
+    marks = [mark and (mark.target, mark.suggested) for mark in store.track("ann")]
+    assert marks == [("cup", True), *[("none", False)] * 2, *[("cup", True)] * 5]
+
+
+def test_a_note_stays_with_its_label(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    store.put(store.revision, "ann", edits.mark_range(0, LAST, "cup"))
+    store.put(store.revision, "ann", edits.mark_range(3, 4, "ignore"))
+    store.put(store.revision, "ann", edits.annotate(store.track("ann"), 4, "eyes shut, blinks"))
+    assert _file(tmp_path).at(4, "ann") == Label(target="ignore", note="eyes shut, blinks")
+    assert _file(tmp_path).at(5, "ann") == Label(target="ignore", note="eyes shut, blinks")
+    assert _file(tmp_path).at(3, "ann") == Label(target="cup")
+
+
+def test_a_change_made_on_an_older_state_is_refused(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    old = store.revision
+    _look(store, 0, "cup")
+    before = (tmp_path / "annotations" / "clip.csv").read_bytes()
+    for stale in (
+        lambda: store.put(old, "ann", edits.mark_range(0, LAST, "book")),
+        lambda: store.undo(old),
+        lambda: store.redo(old),
+    ):
+        with pytest.raises(StaleRevisionError):
+            stale()
+    assert (tmp_path / "annotations" / "clip.csv").read_bytes() == before
+
+
+def test_seeing_frames_makes_no_other_tab_stale(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    _look(store, 0, "cup")
+    revision = store.revision
+    store.see("ann", 4)
+    store.put(revision, "ben", edits.mark_range(0, 1, "cup"))
+
+
+@pytest.mark.parametrize("opened", [True, False], ids=["while open", "between"])
+def test_a_csv_that_was_changed_elsewhere_wins_and_is_not_overwritten(tmp_path: Path, opened: bool) -> None:
+    store = _open(tmp_path)
+    _look(store, 0, "cup")
+    revision = store.revision
+    if not opened:
+        store.close()
+    text = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,10,ben,book,by hand\n"
+    (tmp_path / "annotations" / "clip.csv").write_text(text)
+    if not opened:
+        store = _open(tmp_path)
+    else:
+        with pytest.raises(StaleRevisionError):
+            store.put(revision, "ann", edits.mark_range(0, 0, "book"))
+    assert store.revision > revision
+    assert [mark and mark.note for mark in store.track("ben")] == ["by hand"] * 8
+    assert (tmp_path / "annotations" / "clip.csv").read_text() == text
+
+
+def test_a_deleted_csv_is_a_fresh_start(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    _look(store, 0, "cup")
+    _look(store, 1, "book")
+    store.close()
+    (tmp_path / "annotations" / "clip.csv").unlink()
+    assert _open(tmp_path).track("ann") == [None] * 8
+
+
+def test_two_servers_on_one_clip_are_refused(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    with pytest.raises(VfoaError, match=r"clip\.csv is being labelled by another vfoa annotate"):
+        _open(tmp_path)
+    store.close()
+    _open(tmp_path)
+
+
+def test_wrong_names_and_positions_are_refused_in_one_line(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    for subject, first, last, target, found in (
+        ("anna", 0, 0, "cup", "unknown subject 'anna'; did you mean 'ann'"),
+        ("ann", 0, 0, "cupp", "unknown target 'cupp'; did you mean 'cup'"),
+        ("ann", 0, 0, "ann", "'ann' looks at 'ann'"),
+        ("ann", -1, 0, "cup", "position -1 is outside the clip"),
+        ("ann", 0, 8, "cup", "position 8 is outside the clip; expected 0 to 7"),
+        ("ann", 3, 2, "cup", "position 3 comes after position 2"),
+    ):
+        with pytest.raises(VfoaError, match=found):
+            store.put(store.revision, subject, edits.mark_range(first, last, target))
+    assert not (tmp_path / "annotations").exists()
+
+
+def test_a_journal_of_a_clip_that_has_other_frames_or_people_by_now_is_not_believed(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    store.close()
+    longer = _open(tmp_path, (*FRAMES, 11), ("ann",))
+    assert [mark and mark.target for mark in longer.track("ann")] == ["cup"] * 2 + [None] * 7
+
+
+def test_the_time_that_is_left_follows_from_the_pace_without_the_breaks(tmp_path: Path) -> None:
+    now = iter([0.0, 0.0, 10.0, 1000.0])
+    store = _open(tmp_path, clock=lambda: next(now))
+    assert store.state()["seconds_left"] is None
+    store.put(store.revision, "ann", edits.mark_range(0, 3, "cup"))
+    assert store.state()["seconds_left"] == pytest.approx(10 / 4 * 12)
+    store.put(store.revision, "ann", edits.mark_range(4, 7, "cup"))
+    assert store.state()["seconds_left"] == pytest.approx((10 + 30) / 8 * 8)
+
+
+_STEP = st.one_of(
+    st.tuples(st.just("look"), st.sampled_from(SUBJECTS), st.integers(0, LAST), st.sampled_from(TARGETS)),
+    st.tuples(st.just("see"), st.sampled_from(SUBJECTS), st.integers(0, LAST)),
+    st.tuples(
+        st.just("accept"), st.sampled_from(SUBJECTS), st.lists(st.sampled_from(["cup", None]), min_size=8, max_size=8)
+    ),
+    st.tuples(st.just("undo")),
+    st.tuples(st.just("redo")),
+)
+
+
+def _take(store: LabelStore, step: tuple[object, ...]) -> None:
+    match step:
+        case ("look", str(subject), int(at), str(target)):
+            _look(store, at, target, subject)
+        case ("see", str(subject), int(at)):
+            store.see(subject, at)
+        case ("accept", str(subject), list(suggested)):
+            if new := edits.accept(store.track(subject), suggested):
+                store.put(store.revision, subject, new)
+        case ("undo",):
+            store.undo(store.revision)
+        case ("redo",):
+            store.redo(store.revision)
+
+
+def _known(store: LabelStore) -> dict[str, object]:
+    return {key: value for key, value in store.state().items() if key != "seconds_left"}
+
+
+@settings(max_examples=40, deadline=None)
+@given(steps=st.lists(_STEP, max_size=12))
+def test_a_restart_finds_everything_again_and_can_go_on_undoing(
+    tmp_path_factory: pytest.TempPathFactory, steps: list[tuple[object, ...]]
+) -> None:
+    folder = tmp_path_factory.mktemp("clip")
+    store = _open(folder)
+    for step in steps:
+        _take(store, step)
+    before = _known(store)
+    store.close()
+    again = _open(folder)
+    assert _known(again) == before
+    for _ in steps:
+        again.undo(again.revision)
+    assert {tuple(again.track(name)) for name in SUBJECTS} == {(None,) * 8}
+    again.close()
+
+
+def test_a_kill_at_any_byte_of_a_change_leaves_the_state_before_or_after_it(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    _look(store, 0, "cup")
+    csv, journal = store.path.read_bytes(), (tmp_path / "journal.jsonl").read_bytes()
+    before = _known(store)
+    _look(store, 0, "book")
+    after = _known(store)
+    grown = (tmp_path / "journal.jsonl").read_bytes()
+    store.close()
+    for length in range(len(journal), len(grown) + 1):
+        folder = tmp_path / str(length)
+        (folder / "annotations").mkdir(parents=True)
+        (folder / "journal.jsonl").write_bytes(grown[:length])
+        (folder / "annotations" / "clip.csv").write_bytes(csv)
+        opened = _open(folder)
+        assert _known(opened) == (after if length == len(grown) else before)
+        assert _targets(_file(folder))[0] == ("book" if length == len(grown) else "cup")
+        opened.close()
