@@ -63,3 +63,24 @@ def stereo_pair_folder(root: Path, frames: tuple[int, ...] = (1, 2, 3)) -> Path:
         write_image(root / "left" / f"{n:06d}.png", picture(n))
         write_image(root / "right" / f"{n:06d}.png", picture(1000 + n))
     return root
+
+
+def moving_picture(number: int, width: int = WIDTH, height: int = HEIGHT) -> NDArray[np.uint8]:
+    """A smooth image (H, W, 3) RGB that differs for every number, so that lossy codecs keep numbers apart."""
+    columns, rows = np.meshgrid(np.arange(width), np.arange(height))
+    red = 128 + 100 * np.sin((columns + 7 * number) / 9)
+    return np.stack([red, 128 + 100 * np.cos((rows - 5 * number) / 11), (13 * number) % 256 + 0 * red], -1).astype(
+        "uint8"
+    )
+
+
+def write_video(path: Path, images: list[NDArray[np.uint8]], fourcc: str = "FFV1", rate_hz: float = 25.0) -> Path:
+    """Write RGB images as a video; FFV1 (in .mkv, .avi) keeps them nearly as they are, mp4v (in .mp4) predicts."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    height, width = images[0].shape[:2]
+    writer = cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, cv2.VideoWriter_fourcc(*fourcc), rate_hz, (width, height))
+    assert writer.isOpened()
+    for image in images:
+        writer.write(np.ascontiguousarray(image[..., ::-1]))
+    writer.release()
+    return path

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from harness.adapters import Recognised, Truth
-from harness.adapters.stereo_folder import read_pair
+from harness.adapters.stereo_views import read_pair
 from harness.disparity_files import read_depth, read_sintel_disparity
 from harness.files import digest_files, read_bytes
 from harness.images import read_raw

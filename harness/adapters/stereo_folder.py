@@ -1,11 +1,11 @@
-"""Two folders (or patterns) of images and one calibration; unrectified pairs are rectified."""
+"""Pairs of images or videos in files, and one calibration; unrectified pairs are rectified."""
 
 from __future__ import annotations
 
 import hashlib
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -13,12 +13,16 @@ from harness.adapters import Truth
 from harness.adapters.calibration import Calibration, read_calibration
 from harness.adapters.opencv_pair import read_opencv_pair
 from harness.adapters.rectification import RawCalibration, Rectifier
-from harness.files import digest_files, read_bytes
+from harness.adapters.stereo_views import ImagePairs, PackedImages, PackedVideo, Packing, VideoPair, Views
+from harness.files import read_bytes
 from harness.frame_files import find_frames
-from harness.images import read_rgb
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Image, StereoFrame, StereoRig
+
+Layout = Literal[
+    "images", "images_side_by_side", "images_top_bottom", "videos", "video_side_by_side", "video_top_bottom"
+]
 
 
 class CameraNumbers(Settings):
@@ -46,17 +50,31 @@ class CameraNumbers(Settings):
 class StereoFolderSettings(Settings):
     """Where the views are, under the manifest's root, and how they were calibrated: a file or four numbers.
 
-    ``left`` and ``right`` are a folder, a glob (``left*.png``) or a pattern (``left/%06d.png``). Without ``rate_hz``
-    the frames are a second apart.
+    ``left`` and ``right`` are a folder, a glob (``left*.png``) or a pattern (``left/%06d.png``), or two videos.
+    ``both`` is the same for files that hold both views. ``rate_hz`` is the videos' own where it is not given; images
+    without it are a second apart.
     """
 
-    left: str
-    right: str
+    layout: Layout = "images"
+    left: str | None = None
+    right: str | None = None
+    both: str | None = None
     calibration: str | None = None
     camera: CameraNumbers | None = None
     kitti_cameras: tuple[int, int] = (2, 3)
     rectified: bool = False
     rate_hz: float | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _files_of_the_layout(self) -> Self:
+        keys = {"left", "right"} if self.layout in ("images", "videos") else {"both"}
+        found = {key for key in ("left", "right", "both") if getattr(self, key) is not None}
+        if found != keys:
+            raise ValueError(
+                f"found {' and '.join(sorted(found)) or 'no files'}; "
+                f"expected {' and '.join(sorted(keys))} for the layout {self.layout!r}"
+            )
+        return self
 
     @model_validator(mode="after")
     def _one_calibration(self) -> Self:
@@ -65,9 +83,29 @@ class StereoFolderSettings(Settings):
             raise ValueError(f"found {found}; expected either calibration (a file) or camera (four numbers)")
         return self
 
+    def views(self, folder: Path) -> Views:
+        """The views' files under a folder.
+
+        Raises
+        ------
+        VfoaError
+            If nothing is found, it cannot be numbered, or (videos) not read.
+        """
+        left, right, both = (str(name) for name in (self.left, self.right, self.both))
+        packing: Packing = "top_bottom" if self.layout.endswith("top_bottom") else "side_by_side"
+        match self.layout:
+            case "images":
+                return ImagePairs(find_frames(folder, left, "source.left"), find_frames(folder, right, "source.right"))
+            case "videos":
+                return VideoPair(folder / left, folder / right)
+            case "images_side_by_side" | "images_top_bottom":
+                return PackedImages(find_frames(folder, both, "source.both"), packing)
+            case "video_side_by_side" | "video_top_bottom":
+                return PackedVideo(folder / both, packing)
+
 
 class StereoFolderClip:
-    """A clip from numbered files. A frame's number is the digits in its name; gaps stay gaps.
+    """A clip from numbered images (a frame's number is the digits in its name; gaps stay gaps) or from videos.
 
     root/
       left/000007.png     any image OpenCV reads; left and right are joined by number
@@ -83,39 +121,31 @@ class StereoFolderClip:
         folder = root if root is not None else Path.cwd()
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
-        self._left = find_frames(folder, settings.left, "source.left")
-        self._right = find_frames(folder, settings.right, "source.right")
-        for number in sorted(self._left.keys() ^ self._right.keys()):
-            side, file, pattern = (
-                ("right", self._left[number], settings.right)
-                if number in self._left
-                else ("left", self._right[number], settings.left)
-            )
-            raise VfoaError(f"{file}: frame {number} has no {side} image; expected one in {folder / pattern}")
+        self._views = settings.views(folder)
         self._raw_digest = ""
         self._raw = self._read_raw(folder)
         self._calibration = self._read_calibration(folder) if self._raw is None else self._raw.rectified()
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """The numbers in the files' names, ascending."""
-        return tuple(self._left)
+        """The numbers in the files' names, or places in the video from 0; ascending."""
+        return self._views.frames
 
     @property
     def rate_hz(self) -> float | None:
-        """As the manifest says."""
-        return self._settings.rate_hz
+        """As the manifest says, else as the video does."""
+        return self._settings.rate_hz or self._views.rate_hz
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """None: the folder knows nothing of its images."""
-        return ()
+        """What was left out."""
+        return self._views.notes
 
     def frame(self, number: int) -> StereoFrame:
         """Read one pair."""
-        if number not in self._left:
+        if number not in self._numbers:
             raise VfoaError(f"no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
-        left, right = read_pair(self._left[number], self._right[number])
+        left, right = self._views.read(number)
         if self._rectifier is not None:
             left, right = self._rectify(self._rectifier, number, left, right)
         return StereoFrame(
@@ -123,7 +153,7 @@ class StereoFolderClip:
             time_ns=round(number * 1e9 / (self.rate_hz or 1.0)),
             left=left,
             right=right,
-            rig=self._rig(self._left[number], left),
+            rig=self._rig(number, left),
         )
 
     def truth(self, number: int) -> Truth:
@@ -131,13 +161,13 @@ class StereoFolderClip:
         return Truth()
 
     def digest(self) -> str:
-        """Of the images' bytes, their numbers, the calibration and the rate."""
-        images = digest_files(
-            (f"{number} {side}", files[number])
-            for number in self.frames
-            for side, files in (("left", self._left), ("right", self._right))
-        )
-        return hashlib.sha256(f"{images} {self._calibration} {self.rate_hz}{self._raw_digest}".encode()).hexdigest()
+        """Of the files' bytes, the frames' numbers, the calibration and the rate."""
+        parts = f"{self._views.digest()} {self._calibration} {self.rate_hz}{self._raw_digest}"
+        return hashlib.sha256(parts.encode()).hexdigest()
+
+    @cached_property
+    def _numbers(self) -> frozenset[int]:
+        return frozenset(self.frames)
 
     @cached_property
     def _rectifier(self) -> Rectifier | None:
@@ -147,7 +177,7 @@ class StereoFolderClip:
         try:
             return rectifier.rectify(left, right)
         except VfoaError as error:
-            raise VfoaError(f"{self._left[number]}: {error}") from None
+            raise VfoaError(f"{self._views.where(number)}: {error}") from None
 
     def _read_raw(self, folder: Path) -> RawCalibration | None:
         file = self._settings.calibration
@@ -166,25 +196,8 @@ class StereoFolderClip:
             rectified=self._settings.rectified,
         )
 
-    def _rig(self, path: Path, left: Image) -> StereoRig:
+    def _rig(self, number: int, left: Image) -> StereoRig:
         try:
             return self._calibration.rig(left.shape[1], left.shape[0])
         except VfoaError as error:
-            raise VfoaError(f"{path}: {error}") from None
-
-
-def read_pair(left_path: Path, right_path: Path) -> tuple[Image, Image]:
-    """Read two images (H, W, 3) uint8 RGB of the same size.
-
-    Raises
-    ------
-    VfoaError
-        If one cannot be read, or the sizes differ.
-    """
-    left, right = read_rgb(left_path), read_rgb(right_path)
-    if left.shape != right.shape:
-        raise VfoaError(
-            f"{right_path}: the right image is {right.shape[1]} x {right.shape[0]} pixels, "
-            f"the left one ({left_path.name}) {left.shape[1]} x {left.shape[0]}"
-        )
-    return left, right
+            raise VfoaError(f"{self._views.where(number)}: {error}") from None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from harness.adapters.stereo_folder import read_pair
+from harness.adapters.stereo_views import read_pair
 from harness.frame_files import find_frames
 from vfoa.errors import VfoaError
 from vfoa.types import Image

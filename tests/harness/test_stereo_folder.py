@@ -51,10 +51,20 @@ def test_the_rate_gives_the_times(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("side", "other"), [("left", "right"), ("right", "left")])
-def test_an_image_without_its_partner_is_one_line(tmp_path: Path, side: str, other: str) -> None:
+def test_images_without_a_partner_are_left_out_and_said(tmp_path: Path, side: str, other: str) -> None:
     stereo_pair_folder(tmp_path)
     (tmp_path / side / "000002.png").unlink()
-    with pytest.raises(VfoaError, match=rf"{other}/000002\.png: frame 2 has no {side} image"):
+    clip = StereoFolderClip(SETTINGS, tmp_path)
+    assert clip.frames == (1, 3)
+    assert clip.notes == (f"1 {other} images have no {side} one and are left out: frame 2",)
+    with pytest.raises(VfoaError, match="no frame 2; expected 1 to 3"):
+        clip.frame(2)
+
+
+def test_sides_without_a_common_number_are_one_line(tmp_path: Path) -> None:
+    write_image(tmp_path / "left" / "1.png", picture(1))
+    write_image(tmp_path / "right" / "2.png", picture(2))
+    with pytest.raises(VfoaError, match=r"no frame number is on both sides: left starts with .*1\.png, right with"):
         StereoFolderClip(SETTINGS, tmp_path)
 
 

@@ -1,0 +1,214 @@
+"""Where both views of a frame come from: two files or one, images or videos, by the frame's number."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from pathlib import Path
+from typing import Literal, Protocol
+
+import numpy as np
+
+from harness.files import digest_files, file_digest
+from harness.images import read_rgb
+from harness.video import Video
+from vfoa.errors import VfoaError
+from vfoa.types import Image
+
+Packing = Literal["side_by_side", "top_bottom"]
+
+_SHOWN = 8
+_RATES_DIFFER = 5e-4  # half of what lies between 30 and 29.97 frames per second
+
+
+class Views(Protocol):
+    """Pairs of images by number. Can be pickled, reads on demand and in any order."""
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The numbers of which both views are there, ascending."""
+        ...
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Frames per second, where the files tell."""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out."""
+        ...
+
+    def where(self, number: int) -> str:
+        """The file (and frame) that messages name."""
+        ...
+
+    def read(self, number: int) -> tuple[Image, Image]:
+        """Left and right (H, W, 3) uint8 RGB of the same size; VfoaError where that fails."""
+        ...
+
+    def digest(self) -> str:
+        """Hexadecimal sha256 of the files' contents and of how they are cut into views."""
+        ...
+
+
+class ImagePairs:
+    """Two image files a frame, joined by number.
+
+    Raises
+    ------
+    VfoaError
+        If no number is on both sides.
+    """
+
+    rate_hz: float | None = None
+
+    def __init__(self, left: dict[int, Path], right: dict[int, Path]) -> None:
+        self.frames = tuple(sorted(left.keys() & right.keys()))
+        if not self.frames:
+            side = next(iter(left.values())), next(iter(right.values()))
+            raise VfoaError(f"no frame number is on both sides: left starts with {side[0]}, right with {side[1]}")
+        self._left, self._right = left, right
+        alone = (("left", left, "right", right), ("right", right, "left", left))
+        self.notes = tuple(
+            _unpaired(side, other, sorted(files.keys() - others.keys()))
+            for side, files, other, others in alone
+            if files.keys() - others.keys()
+        )
+
+    def where(self, number: int) -> str:
+        """The left file."""
+        return str(self._left[number])
+
+    def read(self, number: int) -> tuple[Image, Image]:
+        """Both files."""
+        return read_pair(self._left[number], self._right[number])
+
+    def digest(self) -> str:
+        """Of the paired files."""
+        sides = (("left", self._left), ("right", self._right))
+        return digest_files((f"{number} {side}", files[number]) for number in self.frames for side, files in sides)
+
+
+class PackedImages:
+    """One image file a frame, which holds both views."""
+
+    rate_hz: float | None = None
+    notes: tuple[str, ...] = ()
+
+    def __init__(self, files: dict[int, Path], packing: Packing) -> None:
+        self.frames = tuple(files)
+        self._files, self._packing = files, packing
+
+    def where(self, number: int) -> str:
+        """The file."""
+        return str(self._files[number])
+
+    def read(self, number: int) -> tuple[Image, Image]:
+        """Both halves."""
+        return split(read_rgb(self._files[number]), self._packing, self.where(number))
+
+    def digest(self) -> str:
+        """Of the files and the packing."""
+        return digest_files((f"{number} {self._packing}", path) for number, path in self._files.items())
+
+
+class VideoPair:
+    """Two videos, joined by the frames' places from 0.
+
+    Raises
+    ------
+    VfoaError
+        If the rates differ.
+    """
+
+    def __init__(self, left: Path, right: Path) -> None:
+        self._left, self._right = Video(left), Video(right)
+        rates = self._left.index.rate_hz, self._right.index.rate_hz
+        if None not in rates and not math.isclose(*rates, rel_tol=_RATES_DIFFER):  # type: ignore[arg-type]
+            raise VfoaError(f"{right}: {rates[1]:g} frames per second, {left} has {rates[0]:g}; expected the same rate")
+        counts = len(self._left.index.stamps), len(self._right.index.stamps)
+        self.frames = tuple(range(min(counts)))
+        self.rate_hz = rates[0] or rates[1]
+        longer = (left, right)[counts[1] > counts[0]]
+        rest = (f"{longer.name}: {abs(counts[0] - counts[1])} frames after the other video's end are left out",)
+        self.notes = (*self._left.notes, *self._right.notes, *(rest if counts[0] != counts[1] else ()))
+
+    def where(self, number: int) -> str:
+        """The left file and the frame."""
+        return f"{self._left.path}: frame {number}"
+
+    def read(self, number: int) -> tuple[Image, Image]:
+        """The frame of each video."""
+        left, right = self._left.read(number), self._right.read(number)
+        _check_sizes(left, right, str(self._left.path), self._right.path)
+        return left, right
+
+    def digest(self) -> str:
+        """Of both files."""
+        return digest_files((("left", self._left.path), ("right", self._right.path)))
+
+
+class PackedVideo:
+    """One video whose frames hold both views, by their places from 0."""
+
+    def __init__(self, path: Path, packing: Packing) -> None:
+        self._video, self._packing = Video(path), packing
+        self.frames = tuple(range(len(self._video.index.stamps)))
+        self.rate_hz = self._video.index.rate_hz
+        self.notes = self._video.notes
+
+    def where(self, number: int) -> str:
+        """The file and the frame."""
+        return f"{self._video.path}: frame {number}"
+
+    def read(self, number: int) -> tuple[Image, Image]:
+        """Both halves of the frame."""
+        return split(self._video.read(number), self._packing, self.where(number))
+
+    def digest(self) -> str:
+        """Of the file and the packing."""
+        return hashlib.sha256(f"{self._packing} {file_digest(self._video.path)}".encode()).hexdigest()
+
+
+def read_pair(left_path: Path, right_path: Path) -> tuple[Image, Image]:
+    """Read two images (H, W, 3) uint8 RGB of the same size.
+
+    Raises
+    ------
+    VfoaError
+        If one cannot be read, or the sizes differ.
+    """
+    left, right = read_rgb(left_path), read_rgb(right_path)
+    _check_sizes(left, right, left_path.name, right_path)
+    return left, right
+
+
+def split(image: Image, packing: Packing, where: str) -> tuple[Image, Image]:
+    """Left and right view of an image (H, W, 3) that holds both: left is the left, or the upper half.
+
+    Raises
+    ------
+    VfoaError
+        If it cannot be halved.
+    """
+    axis = 1 if packing == "side_by_side" else 0
+    length = image.shape[axis]
+    if length % 2:
+        name = ("height", "width")[axis]
+        raise VfoaError(f"{where}: the {name} is {length} pixels; expected an even number, for two views {packing}")
+    first, second = np.split(image, 2, axis=axis)
+    return np.ascontiguousarray(first), np.ascontiguousarray(second)
+
+
+def _check_sizes(left: Image, right: Image, left_name: str, right_path: Path) -> None:
+    if left.shape != right.shape:
+        raise VfoaError(
+            f"{right_path}: the right image is {right.shape[1]} x {right.shape[0]} pixels, "
+            f"the left one ({left_name}) {left.shape[1]} x {left.shape[0]}"
+        )
+
+
+def _unpaired(side: str, other: str, numbers: list[int]) -> str:
+    shown = ", ".join(map(str, numbers[:_SHOWN])) + (" ..." if len(numbers) > _SHOWN else "")
+    return f"{len(numbers)} {side} images have no {other} one and are left out: frame {shown}"

@@ -1,0 +1,165 @@
+"""Frames of a video file, exact in any order: a frame is known by its time stamp, never by a seek that is trusted."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vfoa.errors import VfoaError
+from vfoa.types import Image
+
+# FFmpeg writes to the terminal by itself; what is wrong with a file is said in our own errors. Read at the first video.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+import cv2
+
+VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ts"})
+
+STEP = 32
+"""Frames ahead that are decoded one by one rather than sought."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VideoIndex:
+    """What a file really holds: the stamp of each frame in the order of display, in the file's own unit.
+
+    ``claimed`` is the number of frames that the container states, 0 where it states none; ``rate_hz`` likewise.
+    """
+
+    stamps: tuple[float, ...]
+    claimed: int
+    rate_hz: float | None
+    size_px: tuple[int, int]
+
+
+class Video:
+    """A video's frames by their place, from 0. Read in order they are decoded once; it can be pickled.
+
+    Raises
+    ------
+    VfoaError
+        If the file is not there, is no video, or holds no frame.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.index = index_video(path)
+        self._capture: Any = None
+        self._position = -1
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_capture": None}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the container says wrongly."""
+        found, claimed = len(self.index.stamps), self.index.claimed
+        if found == claimed or claimed <= 0:
+            return ()
+        return (f"{self.path.name}: the container says {claimed} frames, {found} can be read",)
+
+    def read(self, place: int) -> Image:
+        """The frame (H, W, 3) uint8 RGB at this place.
+
+        Raises
+        ------
+        VfoaError
+            If there is no such frame, or it cannot be decoded.
+        """
+        if not 0 <= place < len(self.index.stamps):
+            raise VfoaError(f"{self.path}: no frame {place}; expected 0 to {len(self.index.stamps) - 1}")
+        self._go(place)
+        found, image = self._capture.retrieve()
+        if not found:
+            raise self._undecodable(place)
+        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+    def _go(self, place: int) -> None:
+        """Make ``place`` the frame that was grabbed last."""
+        if self._capture is None or not 0 <= place - self._position <= STEP:
+            self._jump(place)
+        while self._position < place:
+            if not self._capture.grab():
+                self._capture = None
+                raise self._undecodable(place)
+            self._position += 1
+        if _stamp(self._capture) != self.index.stamps[place]:
+            self._capture = None
+            raise self._undecodable(place)
+
+    def _jump(self, place: int) -> None:
+        """Go to a frame at or before ``place``: by seeking where the stamp proves where that led, else to the start."""
+        if place > STEP:
+            self._capture = self._capture or _open(self.path)
+            self._capture.set(cv2.CAP_PROP_POS_FRAMES, place)
+            places = {stamp: each for each, stamp in enumerate(self.index.stamps)}
+            if len(places) == len(self.index.stamps) and self._capture.grab():
+                self._position = places.get(_stamp(self._capture), place + 1)
+                if self._position <= place:
+                    return
+        self._capture, self._position = _open(self.path), -1
+
+    def _undecodable(self, place: int) -> VfoaError:
+        return VfoaError(f"{self.path}: frame {place} cannot be decoded; the file is damaged there")
+
+
+def index_video(path: Path) -> VideoIndex:
+    """Count a video's frames by its packets, or by decoding it where the packets do not tell.
+
+    Raises
+    ------
+    VfoaError
+        As :class:`Video`.
+    """
+    capture = _open(path)
+    rate = float(capture.get(cv2.CAP_PROP_FPS))
+    stamps = tuple(sorted(_grabbed(_open(path, packets=True))))
+    if not _are_frames(path, stamps):
+        stamps = tuple(_grabbed(_open(path)))
+    if not stamps:
+        raise VfoaError(f"{path}: no frame can be read; expected a video")
+    return VideoIndex(
+        stamps=stamps,
+        claimed=int(capture.get(cv2.CAP_PROP_FRAME_COUNT)),
+        rate_hz=rate if np.isfinite(rate) and rate > 0 else None,
+        size_px=(int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))),
+    )
+
+
+def _are_frames(path: Path, stamps: tuple[float, ...]) -> bool:
+    """Whether decoding starts and ends with the first and the last packet: edit lists and cuts hide some of them."""
+    if not stamps or len(set(stamps)) != len(stamps):
+        return False
+    first, last = _open(path), _open(path)
+    if not first.grab() or _stamp(first) != stamps[0]:
+        return False
+    last.set(cv2.CAP_PROP_POS_FRAMES, len(stamps) - 1)
+    return bool(last.grab() and _stamp(last) == stamps[-1] and not last.grab())
+
+
+def _grabbed(capture: Any) -> Iterator[float]:
+    while capture.grab():
+        yield _stamp(capture)
+
+
+def _stamp(capture: Any) -> float:
+    return float(capture.get(cv2.CAP_PROP_PTS))
+
+
+def _open(path: Path, packets: bool = False) -> Any:
+    """A capture; ``packets``: it passes the packets on undecoded. A rotation noted in the file is not applied."""
+    if not path.is_file():
+        raise VfoaError(f"{path}: no such file")
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1] if packets else [])
+        capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+    if not capture.isOpened():
+        raise VfoaError(f"{path}: not a readable video; expected a file that FFmpeg opens")
+    return capture
