@@ -12,6 +12,7 @@ import numpy as np
 from harness.adapters import Clip
 from harness.locate import names
 from harness.manifest import ClipManifest, load_manifest
+from harness.timeline import timeline_of
 from vfoa.errors import VfoaError
 from vfoa.types import Image, StereoFrame
 
@@ -138,7 +139,7 @@ def _open(manifest: ClipManifest) -> tuple[Clip | None, str | None]:
 def _labels(manifest: ClipManifest, clip: Clip | None) -> tuple[int | None, tuple[str, ...]]:
     """Number of labelled (frame, subject) pairs (rows' own lengths where the clip cannot be opened), and problems."""
     try:
-        labels = manifest.labels(clip)
+        labels = manifest.labels(None if clip is None else timeline_of(clip))
     except VfoaError as error:
         return None, (str(error),)
     if labels is None:

@@ -18,6 +18,7 @@ from harness.recording import Size
 from harness.run import ClipJob, run_clip
 from harness.run_directory import Pair, RunDirectory
 from harness.signals.saved import write_experiment
+from harness.timeline import timeline_of
 from vfoa.errors import VfoaError
 
 
@@ -81,7 +82,8 @@ def prepare(
 def _prepare_clip(name: str, limit: int | None) -> PreparedClip:
     manifest = load_manifest(name)
     clip = manifest.open()
-    return PreparedClip(manifest=manifest, clip=clip, frames=tuple(clip.frames)[:limit], labels=manifest.labels(clip))
+    labels = manifest.labels(timeline_of(clip))
+    return PreparedClip(manifest=manifest, clip=clip, frames=tuple(clip.frames)[:limit], labels=labels)
 
 
 def conduct(plan: Plan, out: Path, *, workers: int, progress: Progress) -> RunDirectory:
@@ -133,7 +135,7 @@ def describe(plan: Plan) -> dict[str, Any]:
 
 
 def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
-    labels = one.manifest.annotations_path
+    labels = one.manifest.annotations.find()
     return {
         "name": one.manifest.name,
         "manifest": str(one.manifest.path),
@@ -141,6 +143,7 @@ def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
         "notes": [*one.manifest.notes, *one.clip.notes],
         "rate_hz": one.clip.rate_hz,
         "frames": list(one.frames),
+        "times_ns": [one.clip.time_ns(number) for number in one.frames],
         "sha256": one.clip.digest(),
         "labels_sha256": digest_files([("labels", labels)]) if labels else None,
         "signals_sha256": provenance.signals_digests(experiment, one.manifest.name, one.clip),

@@ -27,6 +27,11 @@ def folders(kind: Kind) -> list[Path]:
     return found
 
 
+def is_packaged(path: Path) -> bool:
+    """Whether a file came with an installed package, where nothing of the user's should be written."""
+    return path.resolve().is_relative_to(_PACKAGE.resolve() / "_data")
+
+
 def find(kind: Kind, name: str) -> Path | None:
     """The file of this kind called ``name`` (without its suffix), or None."""
     candidates = (folder / f"{name}{_SUFFIX[kind]}" for folder in folders(kind))

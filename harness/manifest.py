@@ -10,9 +10,11 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from harness.adapters import ADAPTERS, Clip
 from harness.annotations import RESERVED, Labels, read_annotations
+from harness.annotators import AnnotationFiles
 from harness.config_errors import parse, read_toml
 from harness.locate import expand, find, folders, names
 from harness.naming import NameRule
+from harness.timeline import Timeline
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 
@@ -65,10 +67,9 @@ class ClipManifest(Settings):
         return self._path
 
     @property
-    def annotations_path(self) -> Path | None:
-        """The clip's labels: in ``annotations`` beside the manifest's folder, else where data stands; None: none."""
-        beside = self._path.resolve().parent.parent / "annotations" / f"{self.name}.csv"
-        return beside if beside.is_file() else find("annotations", self.name)
+    def annotations(self) -> AnnotationFiles:
+        """The clip's annotation files, one for each annotator."""
+        return AnnotationFiles(clip=self.name, manifest=self._path)
 
     def resolve_root(self) -> Path | None:
         """The root with its variables filled in, relative to the manifest; it need not exist."""
@@ -93,13 +94,22 @@ class ClipManifest(Settings):
         except VfoaError as error:
             raise VfoaError(f"{self._path}: {error}") from None
 
-    def labels(self, clip: Clip | None) -> Labels | None:
-        """The clip's annotations, checked against its names and (where it could be opened) its frames; None: none."""
-        path = self.annotations_path
+    def labels(self, timeline: Timeline | None, annotator: str | None = None) -> Labels | None:
+        """The labels that count, checked against the clip's names and, where they are known, its frames.
+
+        Those of ``<clip>.csv`` (None where there is none), or those of one annotator. What is only suggested is
+        ``ignore``.
+
+        Raises
+        ------
+        VfoaError
+            If the file has a mistake, or the annotator has none.
+        """
+        path = self.annotations.find() if annotator is None else self.annotations.expect(annotator)
         if path is None:
             return None
-        frames = None if clip is None else clip.frames
-        return read_annotations(path, frames=frames, subjects=self.subjects, targets=self.targets)
+        found = read_annotations(path, timeline=timeline, subjects=self.subjects, targets=self.targets)
+        return found.confirmed()
 
 
 def load_manifest(name_or_path: str | os.PathLike[str]) -> ClipManifest:

@@ -10,6 +10,7 @@ from harness.report.write import score_run
 from harness.results import read_results
 from harness.run_directory import RunDirectory
 from harness.score import Scores, score
+from harness.timeline import Timeline
 from vfoa.errors import VfoaError
 
 
@@ -34,11 +35,10 @@ def _inputs(directory: RunDirectory) -> dict[str, Any]:
     run = directory.read_manifest()
     if "finished" not in run:
         raise VfoaError(f"{directory.path}: this run is not finished; the same `vfoa run` again goes on with it")
-    manifests = {clip["name"]: _manifest(clip) for clip in run["clips"]}
-    found = {name: manifest.labels(None) for name, manifest in manifests.items()}
+    found = {clip["name"]: _manifest(clip).labels(_timeline(clip)) for clip in run["clips"]}
     labels = {name: each for name, each in found.items() if each is not None}
     of_clips = [f"{clip['name']}: {note}" for clip in run["clips"] for note in clip["notes"]]
-    unlabelled = [name for name in manifests if name not in labels]
+    unlabelled = [name for name in found if name not in labels]
     return {
         "labels_by_clip": labels,
         "notes": [*run["notes"], *of_clips, *_said_of_unlabelled(directory, unlabelled)],
@@ -64,3 +64,10 @@ def _manifest(clip: dict[str, Any]) -> ClipManifest:
     """The clip's manifest where the run found it, or, if it has moved since, by name."""
     place = Path(clip["manifest"])
     return load_manifest(place if place.is_file() else clip["name"])
+
+
+def _timeline(clip: dict[str, Any]) -> Timeline | None:
+    """The frames that were run and their times; None where an older run does not tell the times."""
+    if "times_ns" not in clip:
+        return None
+    return Timeline(frames=clip["frames"], times_ns=clip["times_ns"], is_whole=False)

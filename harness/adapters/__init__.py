@@ -62,6 +62,10 @@ class Clip(Protocol):
         """What a reader of the table must know of this source (a view that was made, frames that were dropped)."""
         ...
 
+    def time_ns(self, number: int) -> int:
+        """When a frame was taken, ns on the source's own clock, as :meth:`frame` has it, without reading an image."""
+        ...
+
     def frame(self, number: int) -> StereoFrame:
         """Read one stereo pair.
 

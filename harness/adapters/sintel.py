@@ -106,6 +106,11 @@ class SintelClip:
         """None: the official data has no peculiarity that a table must tell."""
         return ()
 
+    def time_ns(self, number: int) -> int:
+        """In the film: its number over its rate."""
+        self._check_number(number)
+        return round(number * 1e9 / RATE_HZ)
+
     def frame(self, number: int) -> StereoFrame:
         """Read one pair and its camera."""
         self._check_number(number)
@@ -122,7 +127,7 @@ class SintelClip:
             baseline_m=BASELINE_M,
             cx_right_px=cx,
         )
-        return StereoFrame(index=number, time_ns=round(number * 1e9 / RATE_HZ), left=left, right=right, rig=rig)
+        return StereoFrame(index=number, time_ns=self.time_ns(number), left=left, right=right, rig=rig)
 
     def truth(self, number: int) -> Truth:
         """Disparity and instances, each where its folder is there."""

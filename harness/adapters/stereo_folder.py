@@ -141,16 +141,21 @@ class StereoFolderClip:
         """What was left out."""
         return self._views.notes
 
-    def frame(self, number: int) -> StereoFrame:
-        """Read one pair."""
+    def time_ns(self, number: int) -> int:
+        """Its number over the rate."""
         if number not in self._numbers:
             raise VfoaError(f"no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
+        return round(number * 1e9 / (self.rate_hz or 1.0))
+
+    def frame(self, number: int) -> StereoFrame:
+        """Read one pair."""
+        time_ns = self.time_ns(number)
         left, right = self._views.read(number)
         if self._rectifier is not None:
             left, right = self._rectify(self._rectifier, number, left, right)
         return StereoFrame(
             index=number,
-            time_ns=round(number * 1e9 / (self.rate_hz or 1.0)),
+            time_ns=time_ns,
             left=left,
             right=right,
             rig=self._rig(number, left),

@@ -7,6 +7,7 @@ import pytest
 
 from harness.locate import names
 from harness.manifest import load_manifest
+from harness.timeline import timeline_of
 from tests.disk import sintel_scene, write_text
 from vfoa.errors import VfoaError
 
@@ -134,8 +135,8 @@ def test_labels_stand_beside_the_manifest(folder: Path) -> None:
     text = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,2,girl,bird,\n"
     path = write_text(folder.parent / "annotations" / "clip.csv", text)
     manifest = load_manifest(_write(folder))
-    assert manifest.annotations_path == path
-    labels = manifest.labels(manifest.open())
+    assert manifest.annotations.find() == path
+    labels = manifest.labels(timeline_of(manifest.open()))
     assert labels is not None
     assert [frame for frame, _, _ in labels.labelled([1, 2, 3])] == [1, 2]
 

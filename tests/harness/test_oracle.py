@@ -65,6 +65,9 @@ class FakeClip:
         if truths:
             self.frames = range(1, len(truths) + 1)
 
+    def time_ns(self, number: int) -> int:
+        return 0
+
     def frame(self, number: int) -> StereoFrame:
         image = np.zeros((4, 8, 3), dtype=np.uint8)
         return StereoFrame(index=number, time_ns=0, left=image, right=image, rig=RIG)

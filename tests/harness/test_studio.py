@@ -14,6 +14,7 @@ from harness.adapters.studio.stage import RIG, Stage
 from harness.annotations import IGNORED
 from harness.manifest import load_manifest
 from harness.oracle import true_labels
+from harness.timeline import timeline_of
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, entry_distance, points_in_mask, project
 from vfoa.stereo.block_matching import BlockMatcher, SemiGlobalMatcher
@@ -294,7 +295,7 @@ class TestCommittedData:
     def test_annotations_are_the_truth_of_every_frame(self, name: ScenarioName) -> None:
         manifest = load_manifest(REPOSITORY / "datasets" / f"studio_{name}.toml")
         source = manifest.open()
-        labels = manifest.labels(source)
+        labels = manifest.labels(timeline_of(source))
         assert labels is not None
         assert labels == true_labels(source), "write_annotations(path, true_labels(clip)) brings them up to date"
         for number in (1, 13, 30, 60):

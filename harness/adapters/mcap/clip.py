@@ -104,11 +104,13 @@ class McapClip:
         ]
         return (*self._losses, *self._cut_chunks(), *alone)
 
+    def time_ns(self, number: int) -> int:
+        """The stamp of the left image."""
+        return self._places(number)[0].stamp_ns
+
     def frame(self, number: int) -> StereoFrame:
         """Read one pair from its chunks, rectified."""
-        if number not in self.frames:
-            raise VfoaError(f"{self._where}: no frame {number}; expected 1 to {len(self._pairs)}")
-        places = self._pairs[number - 1]
+        places = self._places(number)
         left, right = (self._image(topic, place) for topic, place in zip(self._topics, places, strict=True))
         if left.shape != right.shape:
             raise VfoaError(f"{self._where}: frame {number}: left is {left.shape[:2]}, right {right.shape[:2]} pixels")
@@ -131,6 +133,11 @@ class McapClip:
             paths.append(("calibration", self._folder / self._settings.calibration))
         settings = self._settings.model_dump_json(exclude={"recording", "calibration"})
         return hashlib.sha256(f"{digest_files(paths)} {settings}".encode()).hexdigest()
+
+    def _places(self, number: int) -> tuple[Place, Place]:
+        if number not in self.frames:
+            raise VfoaError(f"{self._where}: no frame {number}; expected 1 to {len(self._pairs)}")
+        return self._pairs[number - 1]
 
     def _cut_chunks(self) -> list[str]:
         """A cut file does not say how long it was, but its last chunk's head says what that one held."""

@@ -64,12 +64,14 @@ class StudioClip:
         """That nobody was filmed."""
         return ("Rendered scene: geometry, heads, gaze and labels are exact.",)
 
+    def time_ns(self, number: int) -> int:
+        """From the first frame on, at the scenario's rate."""
+        return round(self._index(number) * 1_000_000_000 / self.rate_hz)
+
     def frame(self, number: int) -> StereoFrame:
         """Render a pair, or read it from the cache."""
-        index = self._index(number)
-        left, right = self._pair(index)
-        time_ns = round(index * 1_000_000_000 / self.rate_hz)
-        return StereoFrame(index=number, time_ns=time_ns, left=left, right=right, rig=RIG)
+        left, right = self._pair(self._index(number))
+        return StereoFrame(index=number, time_ns=self.time_ns(number), left=left, right=right, rig=RIG)
 
     def truth(self, number: int) -> Truth:
         """Everything is known."""
