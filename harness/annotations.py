@@ -131,8 +131,8 @@ def _rows(
             if reader is None:
                 _check_header(cells, f"{path}:{line}")
                 reader = RowReader(cells, timeline, subjects, targets)
-                if reader.in_time and timeline is None:
-                    raise VfoaError(f"{path}:{line}: ranges of time need the clip's frame times: it cannot be opened")
+                if reader.in_time and not (timeline and timeline.times_ns):
+                    raise VfoaError(f"{path}:{line}: ranges of time need the clip's frame times, which are not known")
             elif cells and (row := reader.read(cells, path, line)) is not None:
                 yield line, row
     except csv.Error as error:

@@ -19,7 +19,8 @@ _NS = 1_000_000_000
 class Timeline:
     """A clip's frame numbers and their times in ns, both ascending.
 
-    ``is_whole`` is False where only some of the clip's frames are known, such as those of a run with a limit.
+    No times at all: they are not known. ``is_whole`` is False where only some of the clip's frames are known, such as
+    those of a run with a limit.
     """
 
     frames: Sequence[int]

@@ -18,6 +18,7 @@ from harness.annotate.marks import Mark, Stretch, from_labels, stretches
 from harness.annotations import read_annotations, write_annotations
 from harness.files import file_digest
 from harness.labels import RESERVED, Labels
+from harness.timeline import Timeline
 from vfoa.errors import VfoaError, did_you_mean
 
 LONGEST_PAUSE_S = 30.0
@@ -221,7 +222,8 @@ class LabelStore:
     def _read(self) -> Labels:
         if not self.path.is_file():
             return Labels(())
-        return read_annotations(self.path, frames=self._frames, subjects=self.subjects, targets=self._targets)
+        timeline = Timeline(frames=self._frames, times_ns=())
+        return read_annotations(self.path, timeline=timeline, subjects=self.subjects, targets=self._targets)
 
     def _write(self) -> None:
         labels = self._history.labels()

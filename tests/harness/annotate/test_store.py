@@ -13,6 +13,7 @@ from harness.annotate import edits
 from harness.annotate.store import LabelStore, StaleRevisionError
 from harness.annotations import read_annotations
 from harness.labels import Label, Labels
+from harness.timeline import Timeline
 from vfoa.errors import VfoaError
 
 FRAMES = (1, 2, 3, 4, 5, 8, 9, 10)  # two are missing
@@ -41,7 +42,8 @@ def _open(
 
 
 def _file(folder: Path) -> Labels:
-    return read_annotations(folder / "annotations" / "clip.csv", frames=FRAMES, subjects=SUBJECTS, targets=TARGETS)
+    timeline = Timeline(frames=FRAMES, times_ns=())
+    return read_annotations(folder / "annotations" / "clip.csv", timeline=timeline, subjects=SUBJECTS, targets=TARGETS)
 
 
 def _look(store: LabelStore, at: int, target: str, subject: str = "ann") -> None:
