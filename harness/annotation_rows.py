@@ -104,7 +104,7 @@ class RowReader:
 def check_text(cells: Iterable[str], where: str) -> None:
     """Refuse line breaks and other control characters: a row is one line of text."""
     for cell in cells:
-        if _CONTROL.search(cell):
+        if not cell.isprintable() and _CONTROL.search(cell):
             raise VfoaError(f"{where}: {cell!r} holds a control character; expected one line of text")
 
 

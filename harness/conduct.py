@@ -75,14 +75,14 @@ def prepare(
     VfoaError
         For the first thing that is missing or wrong.
     """
-    clips = tuple(_prepare_clip(name, limit) for name in experiment.clips)
+    clips = tuple(_prepare_clip(name, limit, experiment.annotator) for name in experiment.clips)
     return Plan(experiment=experiment, clips=clips, recording=recording, save_signals=save_signals)
 
 
-def _prepare_clip(name: str, limit: int | None) -> PreparedClip:
+def _prepare_clip(name: str, limit: int | None, annotator: str | None) -> PreparedClip:
     manifest = load_manifest(name)
     clip = manifest.open()
-    labels = manifest.labels(timeline_of(clip))
+    labels = manifest.labels(timeline_of(clip), annotator)
     return PreparedClip(manifest=manifest, clip=clip, frames=tuple(clip.frames)[:limit], labels=labels)
 
 
@@ -124,6 +124,7 @@ def describe(plan: Plan) -> dict[str, Any]:
     return {
         "experiment": plan.experiment.name,
         "notes": list(plan.experiment.notes),
+        "annotator": plan.experiment.annotator,
         "recording": plan.recording,
         "signals": plan.save_signals,
         "clips": [_describe_clip(one, plan.experiment) for one in plan.clips],
@@ -135,7 +136,7 @@ def describe(plan: Plan) -> dict[str, Any]:
 
 
 def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
-    labels = one.manifest.annotations.find()
+    labels = one.manifest.annotations.find(experiment.annotator)
     return {
         "name": one.manifest.name,
         "manifest": str(one.manifest.path),

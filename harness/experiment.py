@@ -4,6 +4,7 @@ An experiment is a TOML file::
 
     clips = ["studio_table", "studio_talk"]
     notes = ["Heads and masks are the truth; gaze and head pose are simulated."]
+    annotator = "anna"                      # if not <clip>.csv, but <clip>@anna.csv is what is scored
 
     [defaults.stereo]                       # one table per stage, see vfoa/*/ and harness/stages.py
     matcher = "sgbm"
@@ -72,17 +73,22 @@ class Configuration:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
-    """Clips x configurations. ``notes`` are printed with the table."""
+    """Clips x configurations. ``notes`` are printed with the table.
+
+    ``annotator`` is the one whose labels are scored; None for ``annotations/<clip>.csv``.
+    """
 
     name: str
     clips: tuple[str, ...]
     configurations: tuple[Configuration, ...]
     notes: tuple[str, ...] = ()
+    annotator: str | None = None
 
 
 class _File(Settings):
     clips: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    annotator: str | None = None
     defaults: dict[str, dict[str, Any]] = Field(default_factory=dict)
     grid: dict[str, Any] = Field(default_factory=dict)
     configuration: tuple[dict[str, Any], ...] = ()
@@ -120,7 +126,13 @@ def load_experiment(name_or_path: str, *, clips: tuple[str, ...] = (), overrides
         tables = {table: {**inherited.get(table, {}), **own.get(table, {})} for table in {*inherited, *own}}
         configurations.append(_configuration(name, tables, f"{where}: configuration {name!r}"))
     _all_used(file.defaults, used, where)
-    return Experiment(name=path.stem, clips=chosen, configurations=tuple(configurations), notes=file.notes)
+    return Experiment(
+        name=path.stem,
+        clips=chosen,
+        configurations=tuple(configurations),
+        notes=file.notes,
+        annotator=file.annotator,
+    )
 
 
 def is_experiment(name_or_path: str) -> bool:

@@ -14,34 +14,41 @@ from harness.timeline import Timeline
 from vfoa.errors import VfoaError
 
 
-def rescore(directory: RunDirectory) -> Scores:
+def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     """Score a finished run and write its tables and its page.
+
+    Parameters
+    ----------
+    annotator
+        Score against this annotator's labels; None for those that the run was made with.
 
     Raises
     ------
     VfoaError
         If the run is not finished, or a clip's manifest or labels cannot be read.
     """
-    return score_run(directory.results, **_inputs(directory), manifest=directory.read_manifest())
+    return score_run(directory.results, **_inputs(directory, annotator), manifest=directory.read_manifest())
 
 
 def read_scores(directory: RunDirectory) -> Scores:
     """Score a finished run and write nothing. Raises as :func:`rescore` does."""
-    return score(read_results(directory.results), **_inputs(directory))
+    return score(read_results(directory.results), **_inputs(directory, None))
 
 
-def _inputs(directory: RunDirectory) -> dict[str, Any]:
+def _inputs(directory: RunDirectory, annotator: str | None) -> dict[str, Any]:
     """What scoring takes beside the results."""
     run = directory.read_manifest()
     if "finished" not in run:
         raise VfoaError(f"{directory.path}: this run is not finished; the same `vfoa run` again goes on with it")
-    found = {clip["name"]: _manifest(clip).labels(_timeline(clip)) for clip in run["clips"]}
+    annotator = annotator or run.get("annotator")
+    found = {clip["name"]: _manifest(clip).labels(_timeline(clip), annotator) for clip in run["clips"]}
     labels = {name: each for name, each in found.items() if each is not None}
     of_clips = [f"{clip['name']}: {note}" for clip in run["clips"] for note in clip["notes"]]
+    by_one = [f"Scored against the labels of {annotator!r}."] if annotator else []
     unlabelled = [name for name in found if name not in labels]
     return {
         "labels_by_clip": labels,
-        "notes": [*run["notes"], *of_clips, *_said_of_unlabelled(directory, unlabelled)],
+        "notes": [*run["notes"], *by_one, *of_clips, *_said_of_unlabelled(directory, unlabelled)],
         "frames_by_clip": {clip["name"]: clip["frames"] for clip in run["clips"]},
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -51,6 +52,7 @@ def run(
     save_signals: Annotated[
         bool, typer.Option("--save-signals", help="Also save what every stage found, to run from without models.")
     ] = False,
+    annotator: Annotated[str | None, typer.Option(help="Score against CLIP@ANNOTATOR.csv, not CLIP.csv.")] = None,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.progress import frames_bar
@@ -59,6 +61,8 @@ def run(
     from harness.rescore import rescore
 
     experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()))
+    if annotator:
+        experiment = replace(experiment, annotator=annotator)
     if oracle:
         from harness.ladder import with_ladder
 

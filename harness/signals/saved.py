@@ -58,6 +58,7 @@ def write_experiment(folder: Path, experiment: Experiment, *, partial: bool) -> 
         f"# {VARIABLE}=<this folder> vfoa run <this file>{limit}",
         f"clips = {toml_value(list(experiment.clips))}",
         f"notes = {toml_value(list(experiment.notes))}",
+        *([f"annotator = {toml_value(experiment.annotator)}"] if experiment.annotator else []),
     ]
     for configuration in experiment.configurations:
         lines += ["", "[[configuration]]", f"name = {toml_value(configuration.name)}"]

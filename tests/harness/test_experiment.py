@@ -56,6 +56,11 @@ def test_a_default_holds_for_the_stages_that_have_it(tmp_path: Path) -> None:
     assert found["truth"]["stereo"] == {"matcher": "truth"}
 
 
+def test_an_experiment_may_name_whose_labels_are_scored(tmp_path: Path) -> None:
+    assert load_experiment(_write(tmp_path, HEAD)).annotator is None
+    assert load_experiment(_write(tmp_path, 'annotator = "anna"\n' + HEAD)).annotator == "anna"
+
+
 def test_an_override_holds_in_every_configuration(tmp_path: Path) -> None:
     path = _write(tmp_path, HEAD + '[grid]\n"attention.n_rays" = [4, 40]\n')
     overrides = ("stereo.matcher=bm", "attention.cones_deg=[60]", "stereo.min_depth_m=0.5")

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from harness.annotations import NOWHERE, Label, Labels, write_annotations
 from harness.conduct import conduct, prepare
 from harness.experiment import load_experiment
+from harness.manifest import load_manifest
 from harness.recording import Size
 from harness.rescore import rescore
 from harness.results import read_results
 from harness.run_directory import RunDirectory
 from harness.signals.coco_panoptic_writer import write_coco_panoptic
+from harness.timeline import timeline_of
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
 from vfoa.errors import VfoaError
 from vfoa.types import Instances
@@ -116,6 +120,35 @@ def test_scoring_again_needs_only_results_and_labels(finished: RunDirectory, tmp
     rescore(copy)
     for name in TABLES:
         assert (copy.path / name).read_bytes() == (finished.path / name).read_bytes(), name
+
+
+def test_a_run_is_scored_against_the_annotator_that_is_named(finished: RunDirectory, tmp_path: Path) -> None:
+    copy, run = RunDirectory(tmp_path / "copy"), json.loads(finished.manifest.read_text())
+    for clip in run["clips"]:
+        manifest = load_manifest(clip["name"])
+        labels, timeline = manifest.labels(None), timeline_of(manifest.open())
+        assert labels is not None
+        by_time = (replace(row, span_ns=timeline.span_ns(row.first_frame, row.last_frame)) for row in labels.ranges)
+        write_annotations(tmp_path / "annotations" / f"{clip['name']}@anna.csv", Labels(by_time))
+        nowhere = (replace(row, label=Label(target=NOWHERE)) for row in labels.ranges)
+        write_annotations(tmp_path / "annotations" / f"{clip['name']}@ben.csv", Labels(nowhere))
+        clip["manifest"] = str(tmp_path / "datasets" / f"{clip['name']}.toml")
+        write_text(Path(clip["manifest"]), manifest.path.read_text())
+    shutil.copytree(finished.path, copy.path)
+    copy.write_manifest(run)
+    rescore(copy, "anna")
+    assert (copy.path / "frr.csv").read_bytes() == (finished.path / "frr.csv").read_bytes()
+    assert "labels of 'anna'" in (copy.path / "frr.md").read_text()
+    scores = rescore(copy, "ben")
+    assert {verdict.truth for verdict in scores.verdicts} == {NOWHERE}
+    with pytest.raises(VfoaError, match="no annotations by 'bea'"):
+        rescore(copy, "bea")
+
+
+def test_a_run_for_an_annotator_without_labels_does_not_begin() -> None:
+    experiment = replace(load_experiment("demo", clips=("studio_table",)), annotator="nobody")
+    with pytest.raises(VfoaError, match=r"studio_table: no annotations by 'nobody' \(studio_table@nobody\.csv\)"):
+        prepare(experiment)
 
 
 def test_a_frame_that_cannot_be_read_leaves_no_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
