@@ -5,21 +5,21 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.adapters import ADAPTERS, Clip, Recognised, Recogniser
+from harness.adapters import Clip, Recognised
 from harness.annotations import IGNORED, Label, LabelRange, Labels, write_annotations
 from harness.files import atomic_write
 from harness.locate import find
 from harness.manifest import ClipManifest, make_manifest
+from harness.recognition import recognise
 from harness.toml_text import toml_key, toml_value
 from vfoa.errors import VfoaError
 from vfoa.types import StereoRig
 
-_CALIBRATIONS = ("calibration", "camera")
 _WHO = """
 # Who is there and what is looked at, in the segmentation's words (datasets/README.md):
 # [subjects.ann]
@@ -81,7 +81,7 @@ def add_clip(
         found or given, the first pair cannot be read, or a clip of this name is there. Nothing is written then.
     """
     path = path.expanduser().absolute()
-    chosen, found = _choose(path, _readings(path, adapter), source or {})
+    chosen, found = recognise(path, adapter, source or {})
     name = name or _as_name(found.name)
     manifest_path, annotations_path = _free_paths(name)
     text = _manifest_text(name, chosen, found, subjects or {}, targets or {})
@@ -107,71 +107,6 @@ def add_clip(
     except OSError as error:
         raise VfoaError(f"{error.filename}: cannot be written: {error.strerror or error}") from None
     return added
-
-
-def _readings(path: Path, adapter: str | None) -> list[tuple[str, Recognised]]:
-    """Every way in which an adapter can read the path."""
-    if not path.exists():
-        raise VfoaError(f"{path}: no such file or folder")
-    asked = {name: ADAPTERS.load(name) for name in ([adapter] if adapter else ADAPTERS.names())}
-    found = [(name, each) for name, cls in asked.items() if isinstance(cls, Recogniser) for each in cls.recognise(path)]
-    if not found:
-        raise VfoaError(
-            f"{path}: not recognised by {', '.join(asked)}; expected one of the sources in datasets/README.md"
-        )
-    return found
-
-
-def _choose(path: Path, readings: Sequence[tuple[str, Recognised]], given: Mapping[str, Any]) -> tuple[str, Recognised]:
-    """The one reading that agrees with what was given, with it filled in."""
-    fitting = [(adapter, each) for adapter, each in readings if len(readings) == 1 or _agrees(each, given)]
-    filled = [(adapter, _filled(each, given)) for adapter, each in fitting]
-    distinct = [pair for position, pair in enumerate(filled) if pair not in filled[:position]]
-    if len(distinct) != 1:
-        raise VfoaError(f"{path}: {_alternatives(fitting or readings)}")
-    adapter, found = distinct[0]
-    if found.calibration is None:
-        raise VfoaError(
-            f"{path}: {found.layout}, without a calibration; expected --calibration FILE (see datasets/README.md), or "
-            "--fx --cx --cy --baseline of a rectified pair (pixels and metres)"
-        )
-    return adapter, found
-
-
-def _agrees(found: Recognised, given: Mapping[str, Any]) -> bool:
-    return all(found.source.get(key, value) == value for key, value in given.items() if key not in _CALIBRATIONS)
-
-
-def _filled(found: Recognised, given: Mapping[str, Any]) -> Recognised:
-    calibrations = {key: _below(found.root, value) for key, value in given.items() if key in _CALIBRATIONS}
-    seen = {key: value for key, value in found.source.items() if not (calibrations and key in _CALIBRATIONS)}
-    return Recognised(
-        root=found.root,
-        source={**seen, **given, **calibrations},
-        layout=found.layout,
-        name=found.name,
-        calibration="as given" if calibrations else found.calibration,
-        licence=found.licence,
-    )
-
-
-def _below(root: Path, calibration: Any) -> Any:
-    """A file by its path under the clip's root, if it stands there, so that the two can be moved together."""
-    if isinstance(calibration, str) and Path(calibration).is_relative_to(root):
-        return str(Path(calibration).relative_to(root))
-    return calibration
-
-
-def _alternatives(readings: Sequence[tuple[str, Recognised]]) -> str:
-    """The settings in which readings differ, each with its values and the option that decides."""
-    adapters = sorted({adapter for adapter, _ in readings})
-    if len(adapters) > 1:
-        layouts = ", ".join(f"--adapter {adapter} ({found.layout})" for adapter, found in readings)
-        return f"several adapters can read it; expected one of: {layouts}"
-    keys = dict.fromkeys(key for _, found in readings for key in found.source)
-    values = {key: list(dict.fromkeys(str(found.source.get(key)) for _, found in readings)) for key in keys}
-    choices = [f"--set {key}=({' | '.join(each)})" for key, each in values.items() if len(each) > 1]
-    return f"{len(readings)} clips are there; expected {' and '.join(choices)}"
 
 
 def _as_name(text: str) -> str:

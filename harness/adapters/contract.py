@@ -96,7 +96,8 @@ def _check_outside(clip: Clip) -> None:
         message = _refusal(clip.frame, number)
         if message is None:
             raise AssertionError(f"frame {number}, which is not in frames: expected a VfoaError")
-        fine = re.search(rf"\bframe {number}\b", message) and "\n" not in message
+        # What stands before it has to say whose frame it is, or a run of many clips fails without a name.
+        fine = re.match(rf"\S.*: .*\bframe {number}\b", message) and "\n" not in message
         _expect(bool(fine), f"frame {number}: {message!r}; expected one line that names the clip and 'frame {number}'")
 
 

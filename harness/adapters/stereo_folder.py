@@ -9,7 +9,7 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
-from harness.adapters import Truth
+from harness.adapters import Recognised, Truth
 from harness.adapters.calibration import Calibration, read_calibration
 from harness.adapters.opencv_pair import read_opencv_pair
 from harness.adapters.rectification import RawCalibration, Rectifier
@@ -118,13 +118,20 @@ class StereoFolderClip:
 
     def __init__(self, settings: StereoFolderSettings, root: Path | None) -> None:
         self._settings = settings
-        folder = root if root is not None else Path.cwd()
+        self._folder = folder = root if root is not None else Path.cwd()
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         self._views = settings.views(folder)
         self._raw_digest = ""
         self._raw = self._read_raw(folder)
         self._calibration = self._read_calibration(folder) if self._raw is None else self._raw.rectified()
+
+    @classmethod
+    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+        """Every layout of images or videos at a path, with the calibration files beside them."""
+        from harness.adapters.stereo_recognition import recognise_stereo  # which knows this class
+
+        return recognise_stereo(path)
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -144,7 +151,8 @@ class StereoFolderClip:
     def time_ns(self, number: int) -> int:
         """Its number over the rate."""
         if number not in self._numbers:
-            raise VfoaError(f"no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
+            expected = f"{self.frames[0]} to {self.frames[-1]}"
+            raise VfoaError(f"{self._folder}: no frame {number}; expected {expected}")
         return round(number * 1e9 / (self.rate_hz or 1.0))
 
     def frame(self, number: int) -> StereoFrame:

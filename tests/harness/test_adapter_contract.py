@@ -164,7 +164,7 @@ class Endless(Good):
 class Nameless(Good):
     def frame(self, number: int) -> StereoFrame:
         if number not in (2, 5):
-            raise VfoaError(f"made up: number {number}")
+            raise VfoaError(f"no frame {number}")
         return super().frame(number)
 
 

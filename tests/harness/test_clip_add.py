@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
-from tests.disk import HEIGHT, WIDTH, picture, sintel_scene, write_text
+from tests.disk import HEIGHT, WIDTH, picture, sintel_scene, write_image, write_text, write_video
 from tests.recordings import recorder, rectified_camera, write_pairs
 from vfoa.errors import VfoaError
 
@@ -56,7 +58,70 @@ def split_recording(root: Path) -> Path:
     return root
 
 
+def views(number: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Two views of a smooth wall, eight pixels apart: halves of one picture that look alike."""
+    noise = np.random.default_rng(number).integers(0, 256, (HEIGHT, WIDTH + 8, 3), dtype=np.uint8)
+    wall = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 1), None, 0, 255, cv2.NORM_MINMAX)
+    return wall[:, :WIDTH], wall[:, 8:]
+
+
+def images(root: Path, left: str, right: str) -> Path:
+    for number in (1, 2, 3):
+        for name, image in zip((left, right), views(number), strict=True):
+            write_image(root / name.format(number), image)
+    return root
+
+
+def kitti(root: Path, left: str = "image_2/{:06d}.png", right: str = "image_3/{:06d}.png") -> Path:
+    """The odometry set's layout: one baseline for the gray cameras, another for the colour ones, as there."""
+    columns = {0: 0, 1: -12, 2: 4, 3: -8.5}
+    lines = [f"P{camera}: 100 0 31.5 {column} 0 100 23.5 0 0 0 1 0\n" for camera, column in columns.items()]
+    write_text(root / "calib.txt", "".join(lines))
+    return images(root, left, right)
+
+
+def packed(root: Path, axis: int) -> Path:
+    for number in (1, 2, 3):
+        write_image(root / f"{number:04d}.png", np.concatenate(views(number), axis=axis))
+    return root
+
+
+def video_pair(root: Path) -> Path:
+    for side, name in enumerate(("left.avi", "right.avi")):
+        write_video(root / name, [views(number)[side] for number in (1, 2, 3)])
+    return root
+
+
+def wide_video(path: Path) -> Path:
+    return write_video(path, [np.concatenate(views(number), axis=1) for number in (1, 2, 3)])
+
+
+def opencv_file(root: Path) -> Path:
+    """A folder of pairs with the file that ``stereoRectify``'s matrices were written to."""
+    images(root, "left/{}.png", "right/{}.png")
+    storage = cv2.FileStorage(str(root / "stereo.yml"), cv2.FILE_STORAGE_WRITE)
+    for name, column in (("P1", 0.0), ("P2", -12.0)):
+        storage.write(name, np.array([[100, 0, 31.5, column], [0, 100, 23.5, 0], [0, 0, 1, 0]]))
+    storage.release()
+    return root
+
+
 KINDS = {
+    "two-folders": Kind(
+        make=lambda root: images(root, "left/{}.png", "right/{}.png"), options=NUMBERS, adapter="stereo_folder"
+    ),
+    "one-folder": Kind(
+        make=lambda root: images(root, "l_{}.png", "r_{}.png"), options=NUMBERS, adapter="stereo_folder"
+    ),
+    "side-by-side": Kind(make=lambda root: packed(root, axis=1), options=NUMBERS, adapter="stereo_folder"),
+    "top-bottom": Kind(make=lambda root: packed(root, axis=0), options=NUMBERS, adapter="stereo_folder"),
+    "two-videos": Kind(make=video_pair, options=NUMBERS, adapter="stereo_folder"),
+    "wide-video": Kind(make=lambda root: wide_video(root / "a.avi"), options=NUMBERS, adapter="stereo_folder"),
+    "opencv": Kind(make=opencv_file, adapter="stereo_folder"),
+    "kitti-colour": Kind(make=kitti, adapter="stereo_folder", baseline_m=0.125),
+    "kitti-gray": Kind(
+        make=lambda root: kitti(root, "image_0/{:06d}.png", "image_1/{:06d}.png"), adapter="stereo_folder"
+    ),
     "sintel-scene": Kind(make=scene_folder, adapter="sintel", baseline_m=0.1),
     "sintel-set": Kind(make=sintel_scene, adapter="sintel", baseline_m=0.1),
     "sintel-final": Kind(make=final_scene, options=("--set", "pass=final"), adapter="sintel", baseline_m=0.1),
@@ -169,6 +234,56 @@ def test_a_recording_without_calibration_takes_a_file(tmp_path: Path) -> None:
     assert added["calibration"] == "as given"
     assert added["rig"]["baseline_m"] == pytest.approx(0.12)
     assert 'calibration = "calib.txt"' in (Path.cwd() / "datasets" / "bare.toml").read_text()
+
+
+def test_a_calibration_is_never_guessed(tmp_path: Path) -> None:
+    message = refused(images(tmp_path, "left/{}.png", "right/{}.png"))
+    assert "no calibration was found; expected --calibration FILE" in message
+    assert "or --fx --cx --cy --baseline of a rectified pair, in pixels and metres" in message
+
+
+def test_both_pairs_of_kitti_are_listed(tmp_path: Path) -> None:
+    kitti(kitti(tmp_path), "image_0/{:06d}.png", "image_1/{:06d}.png")
+    assert refused(tmp_path).endswith("2 clips are there; expected --set left=(image_0 | image_2)")
+    vfoa("add", tmp_path, "--set", "left=image_2", "--name", "colour")
+    assert vfoa("check", "colour")[0]["baseline_m"] == pytest.approx(0.125)
+
+
+def test_halves_that_are_alike_both_ways_are_asked_for(tmp_path: Path) -> None:
+    for number in (1, 2):
+        tile = views(number)[0]
+        write_image(tmp_path / f"{number}.png", np.tile(tile, (2, 2, 1)))
+    assert "2 clips are there; expected --set layout=(" in refused(tmp_path, *NUMBERS)
+    vfoa("add", tmp_path, *NUMBERS, "--set", "layout=images_top_bottom", "--name", "mine")
+    assert vfoa("check", "mine")[0]["size_px"] == [2 * WIDTH, HEIGHT]
+
+
+def test_several_calibrations_are_listed(tmp_path: Path) -> None:
+    opencv_file(tmp_path)
+    shutil.copy(tmp_path / "stereo.yml", tmp_path / "left" / "older.yml")
+    assert refused(tmp_path).endswith("2 clips are there; expected --calibration (stereo.yml | left/older.yml)")
+    added = vfoa("add", tmp_path, "--calibration", tmp_path / "stereo.yml", "--name", "mine")
+    assert added["calibration"] == "as given"
+
+
+def test_kitti_s_raw_recordings_keep_their_calibration_above(tmp_path: Path) -> None:
+    drive = images(tmp_path / "day" / "drive_1", "image_02/data/{:010d}.png", "image_03/data/{:010d}.png")
+    lines = [
+        f"P_rect_{camera}: 100 0 31.5 {column} 0 100 23.5 0 0 0 1 0\n" for camera, column in (("02", 0), ("03", -12))
+    ]
+    write_text(tmp_path / "day" / "calib_cam_to_cam.txt", "".join(lines))
+    assert vfoa("add", drive)["calibration"] == "../calib_cam_to_cam.txt"
+    assert vfoa("check", "drive_1")[0]["baseline_m"] == pytest.approx(0.12)
+
+
+def test_a_large_file_that_is_no_picture_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.bag").write_bytes(b"x")
+
+    def fail(path: Path) -> bytes:
+        raise AssertionError(path)
+
+    monkeypatch.setattr(Path, "read_bytes", fail)
+    assert "not recognised" in refused(tmp_path / "a.bag")
 
 
 @pytest.mark.parametrize(

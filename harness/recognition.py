@@ -1,0 +1,105 @@
+"""Which adapter reads a path, and how: the one way that fits, or one line that lists the ways and what decides."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from harness.adapters import ADAPTERS, Recognised, Recogniser
+from vfoa.errors import VfoaError
+
+_CALIBRATIONS = ("calibration", "camera")
+
+
+class Reading(NamedTuple):
+    """A way to read a path, and the adapter that does."""
+
+    adapter: str
+    found: Recognised
+
+
+def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Reading:
+    """The one way to read a path that agrees with the given settings, filled in with them.
+
+    Ways without a calibration count only where no other has one.
+
+    Raises
+    ------
+    VfoaError
+        If no way or several remain, or the calibration is missing.
+    """
+    readings = _readings(path, adapter)
+    complete = [each for each in readings if each.found.calibration] or readings
+    fitting = [each for each in complete if len(complete) == 1 or _agrees(each.found, given)]
+    filled = [Reading(each.adapter, _filled(each.found, given)) for each in fitting]
+    distinct = [each for place, each in enumerate(filled) if each not in filled[:place]]
+    if len(distinct) != 1:
+        raise VfoaError(f"{path}: {_alternatives(fitting or complete)}")
+    if distinct[0].found.calibration is None:
+        raise VfoaError(
+            f"{path}: {distinct[0].found.layout}; no calibration was found; expected --calibration FILE (formats: "
+            "datasets/README.md), or --fx --cx --cy --baseline of a rectified pair, in pixels and metres"
+        )
+    return distinct[0]
+
+
+def _readings(path: Path, adapter: str | None) -> list[Reading]:
+    """Every way in which an adapter can read the path."""
+    if not path.exists():
+        raise VfoaError(f"{path}: no such file or folder")
+    names = [adapter] if adapter else ADAPTERS.names()
+    found: list[Reading] = []
+    failures: list[VfoaError] = []
+    for name in names:
+        cls = ADAPTERS.load(name)
+        if isinstance(cls, Recogniser):
+            try:
+                found += [Reading(name, each) for each in cls.recognise(path)]
+            except VfoaError as error:
+                failures.append(error)
+    if found:
+        return found
+    if failures:
+        raise failures[0]
+    raise VfoaError(f"{path}: not recognised by {', '.join(names)}; expected one of the sources in datasets/README.md")
+
+
+def _agrees(found: Recognised, given: Mapping[str, Any]) -> bool:
+    return all(found.source.get(key, value) == value for key, value in given.items() if key not in _CALIBRATIONS)
+
+
+def _filled(found: Recognised, given: Mapping[str, Any]) -> Recognised:
+    calibrations = {key: _below(found.root, value) for key, value in given.items() if key in _CALIBRATIONS}
+    if not calibrations:
+        return replace(found, source={**found.source, **given})
+    seen = {key: value for key, value in found.source.items() if key not in _CALIBRATIONS}
+    return replace(found, source={**seen, **given, **calibrations}, calibration="as given")
+
+
+def _below(root: Path, calibration: Any) -> Any:
+    """A file by its path under the clip's root, if it stands there, so that the two can be moved together."""
+    if isinstance(calibration, str) and Path(calibration).is_relative_to(root):
+        return str(Path(calibration).relative_to(root))
+    return calibration
+
+
+def _alternatives(readings: Sequence[Reading]) -> str:
+    """The settings in which readings differ, each with its values and the option that decides."""
+    if len({each.adapter for each in readings}) > 1:
+        layouts = ", ".join(f"--adapter {adapter} ({found.layout})" for adapter, found in readings)
+        return f"several adapters can read it; expected one of: {layouts}"
+    keys = dict.fromkeys(key for each in readings for key in each.found.source)
+    values = {key: [str(each.found.source.get(key)) for each in readings] for key in keys}
+    # One key that tells all of them apart is enough: the left folder says which is the right one.
+    deciding = [key for key in keys if len(set(values[key])) == len(readings)][:1]
+    choices = [
+        f"{_option(key)}({' | '.join(dict.fromkeys(values[key]))})"
+        for key in deciding or [key for key in keys if len(set(values[key])) > 1]
+    ]
+    return f"{len(readings)} clips are there; expected {' and '.join(choices)}"
+
+
+def _option(key: str) -> str:
+    return "--calibration " if key == "calibration" else f"--set {key}="
