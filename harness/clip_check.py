@@ -14,7 +14,7 @@ from harness.locate import names
 from harness.manifest import ClipManifest, load_manifest
 from harness.timeline import timeline_of
 from vfoa.errors import VfoaError
-from vfoa.types import Image, StereoFrame
+from vfoa.types import Float, Image, StereoFrame
 
 MAX_VERTICAL_ERROR_PX = 1.5
 """Median row difference of matched points above which block matching along rows stops working."""
@@ -45,7 +45,8 @@ class ClipCheck:
     """What was found in one clip; it can be used if there are no ``problems``.
 
     ``labels`` counts labelled (frame, subject) pairs, None without an annotation file. ``vertical_error_px`` is the
-    median row difference of matched points, None where too few were found.
+    median row difference of matched points, None where too few were found. ``notes`` are what is to be known: what
+    the source lost, what could not be measured.
     """
 
     name: str
@@ -56,6 +57,7 @@ class ClipCheck:
     vertical_error_px: float | None = None
     matches: int | None = None
     labels: int | None = None
+    notes: tuple[str, ...] = ()
     problems: tuple[str, ...] = ()
 
 
@@ -74,8 +76,9 @@ def check_clip(name_or_path: str) -> ClipCheck:
     except VfoaError as error:
         return ClipCheck(name=name, problems=(str(error),))
     labels, label_problems = _labels(manifest, clip)
-    distances = np.concatenate([row_differences_px(frame.left, frame.right) for frame in frames])
-    error_px = float(np.median(distances)) if len(distances) >= MIN_MATCHES else None
+    offsets = [matched_offsets_px(frame.left, frame.right) for frame in frames]
+    matches = sum(map(len, offsets))
+    error_px = float(np.median(np.abs(np.concatenate(offsets)[:, 1]))) if matches >= MIN_MATCHES else None
     rig = frames[0].rig
     return ClipCheck(
         name=manifest.name,
@@ -84,22 +87,29 @@ def check_clip(name_or_path: str) -> ClipCheck:
         fx_px=rig.fx_px,
         baseline_m=rig.baseline_m,
         vertical_error_px=error_px,
-        matches=len(distances),
+        matches=matches,
         labels=labels,
-        problems=(*_calibration_problems(frames), *_rectification_problems(error_px), *label_problems),
+        notes=(*clip.notes, *_unmeasured(matches)),
+        problems=(
+            *_calibration_problems(frames),
+            *_rectification_problems(error_px),
+            *(_order_problems(frames, offsets) if error_px is not None else ()),
+            *label_problems,
+        ),
     )
 
 
-def row_differences_px(left: Image, right: Image) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Row differences (N,), pixels, of points found in both images: 0 in a perfectly rectified pair.
+def matched_offsets_px(left: Image, right: Image) -> Float:
+    """How far apart points found in both images are, (N, 2): columns (their disparity) and rows, left minus right.
 
-    SIFT features; a match must be mutual and clearly better than the second best (Lowe's ratio).
+    The rows are 0 in a perfectly rectified pair. SIFT features; a match must be mutual and clearly better than the
+    second best (Lowe's ratio).
     """
     detector = cv2.SIFT.create(nfeatures=2000)
     grays = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
     (points_left, found_left), (points_right, found_right) = (detector.detectAndCompute(gray, None) for gray in grays)
     if found_left is None or found_right is None or len(found_left) < 2 or len(found_right) < 2:
-        return np.empty(0)
+        return np.empty((0, 2))
     matcher = cv2.BFMatcher(cv2.NORM_L2)
     back = {match.queryIdx: match.trainIdx for (match,) in matcher.knnMatch(found_right, found_left, k=1)}
     pairs = [
@@ -107,7 +117,8 @@ def row_differences_px(left: Image, right: Image) -> np.ndarray[tuple[int], np.d
         for best, second in matcher.knnMatch(found_left, found_right, k=2)
         if best.distance < 0.7 * second.distance and back[best.trainIdx] == best.queryIdx
     ]
-    return np.array([abs(at_left[1] - at_right[1]) for at_left, at_right in pairs])
+    points = np.array(pairs, dtype=np.float64).reshape(-1, 2, 2)
+    return points[:, 0] - points[:, 1]
 
 
 def _row(name: str, path: Path) -> ClipRow:
@@ -182,3 +193,24 @@ def _rectification_problems(error_px: float | None) -> list[str]:
         f"matched points lie {error_px:.1f} rows apart (median); "
         f"expected at most {MAX_VERTICAL_ERROR_PX} in a rectified pair"
     ]
+
+
+def _order_problems(frames: Sequence[StereoFrame], offsets: Sequence[Float]) -> list[str]:
+    """Points before the cameras lie further right in the left image, but for the principal points' own distance."""
+    shifts = [
+        columns + frame.rig.cx_right_px - frame.rig.cx_px
+        for frame, (columns, _) in zip(frames, (each.T for each in offsets), strict=True)
+    ]
+    disparity_px = float(np.median(np.concatenate(shifts)))
+    if disparity_px >= 0:
+        return []
+    return [
+        f"matched points have a disparity of {disparity_px:.1f} px (median); expected a positive one "
+        "(left and right swapped?)"
+    ]
+
+
+def _unmeasured(matches: int) -> list[str]:
+    if matches >= MIN_MATCHES:
+        return []
+    return [f"{matches} points were matched between left and right; rectification is measured from {MIN_MATCHES} on"]

@@ -112,8 +112,8 @@ def _print_checks(checks: list[ClipCheck]) -> None:
         ],
     )
     for check in checks:
-        for problem in check.problems:
-            typer.echo(f"{check.name}: {problem}")
+        for line in (*check.problems, *(f"note: {note}" for note in check.notes)):
+            typer.echo(f"{check.name}: {line}")
 
 
 def _rounded(value: float | None, digits: int) -> str | None:

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
-from harness.clip_check import row_differences_px
+from harness.clip_check import matched_offsets_px
 from tests.disk import write_bytes, write_image, write_text
 
 WIDTH, HEIGHT, DISPARITY = 320, 240, 12
@@ -63,14 +63,14 @@ def _work_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("rows_apart", [0, 4])
 def test_the_row_difference_is_measured(rows_apart: int) -> None:
-    found = row_differences_px(*_textured(rows_apart))
+    found = matched_offsets_px(*_textured(rows_apart))
     assert len(found) >= 30
-    assert np.median(found) == pytest.approx(rows_apart, abs=0.1)
+    np.testing.assert_allclose(np.median(found, axis=0), (DISPARITY, -rows_apart), atol=0.1)
 
 
 def test_pictures_without_features_give_no_measure() -> None:
     flat = np.full((HEIGHT, WIDTH, 3), 128, np.uint8)
-    assert row_differences_px(flat, flat).shape == (0,)
+    assert matched_offsets_px(flat, flat).shape == (0, 2)
 
 
 def test_a_good_clip_passes(tmp_path: Path) -> None:
@@ -86,6 +86,45 @@ def test_rows_that_do_not_match_fail(tmp_path: Path) -> None:
     code, found = _check("wall")
     assert code == 2
     assert found["problems"] == ["matched points lie 4.0 rows apart (median); expected at most 1.5 in a rectified pair"]
+
+
+def test_swapped_views_fail(tmp_path: Path) -> None:
+    swapped = MANIFEST.replace('left = "left"', 'left = "x"').replace('"right"', '"left"').replace('"x"', '"right"')
+    _clip(tmp_path, manifest=swapped)
+    code, found = _check("wall")
+    assert code == 2
+    assert found["problems"] == [
+        "matched points have a disparity of -12.0 px (median); expected a positive one (left and right swapped?)"
+    ]
+
+
+def test_principal_points_apart_shift_the_disparity(tmp_path: Path) -> None:
+    """With cx_right = cx - 20 a point at a disparity of 12 px lies behind the cameras."""
+    _clip(tmp_path, manifest=MANIFEST.replace(CAMERA, f"{CAMERA}cx_right_px = 139.5\n"))
+    assert "a disparity of -8.0 px" in str(_check("wall")[1]["problems"])
+
+
+def test_what_cannot_be_measured_is_said(tmp_path: Path) -> None:
+    _clip(tmp_path)
+    for path in (tmp_path / "datasets" / "wall").rglob("*.png"):
+        write_image(path, np.full((HEIGHT, WIDTH, 3), 128, np.uint8))
+    code, found = _check("wall")
+    assert (code, found["vertical_error_px"], found["matches"]) == (0, None, 0)
+    assert found["notes"] == [
+        "0 points were matched between left and right; rectification is measured from 30 on",
+    ]
+    assert "wall: note: 0 points" in CliRunner().invoke(app, ["check", "wall"]).stdout
+
+
+def test_the_middle_frame_is_decoded_as_well(tmp_path: Path) -> None:
+    _clip(tmp_path)
+    for number in (4, 5):  # 1 to 5: first 1, middle 3, last 5
+        for side, image in zip(("left", "right"), _textured(0), strict=True):
+            write_image(tmp_path / "datasets" / "wall" / side / f"{number}.png", image)
+    (tmp_path / "datasets" / "wall" / "left" / "3.png").write_bytes(b"")
+    code, found = _check("wall")
+    assert code == 2
+    assert "left/3.png: the file is empty" in str(found["problems"])
 
 
 @pytest.mark.parametrize(
