@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,7 +18,7 @@ from harness.manifest import ClipManifest, load_manifest
 from harness.recording import Size
 from harness.run import ClipJob, run_clip
 from harness.run_directory import Pair, RunDirectory
-from harness.signals.saved import write_experiment
+from harness.signals.saved import owned_slots, write_experiment
 from harness.timeline import timeline_of
 from vfoa.errors import VfoaError
 
@@ -86,37 +87,84 @@ def _prepare_clip(name: str, limit: int | None, annotator: str | None) -> Prepar
     return PreparedClip(manifest=manifest, clip=clip, frames=tuple(clip.frames)[:limit], labels=labels)
 
 
-def conduct(plan: Plan, out: Path, *, workers: int, progress: Progress) -> RunDirectory:
+def conduct(
+    plan: Plan, out: Path, *, workers: int, progress: Progress, beside: bool = False, retry_failed: bool = False
+) -> RunDirectory:
     """Run a plan into a directory, and join its results. What an earlier run of the same plan finished is taken over.
+
+    A (clip, configuration) that fails does not stop the others; the manifest's ``failed`` lists it with its error.
+
+    Parameters
+    ----------
+    beside
+        Where ``out`` holds another run, take ``out-2``, ``out-3`` ... instead: the first that is free, or this run's.
+    retry_failed
+        Try again what failed in an earlier run of the same plan; without it, its failures stand.
 
     Raises
     ------
     VfoaError
-        If the directory holds another run, or a clip could not be finished: the others are finished first, and
-        nothing is joined.
+        If the directory holds another run, or nothing at all could be finished.
     """
-    directory, identity = RunDirectory(out), describe(plan)
-    if _is_finished(directory, identity):
+    identity = describe(plan)
+    directory, found = _choose(RunDirectory(out), identity, beside)
+    if found and "finished" in found and not (retry_failed and found.get("failed")):
+        if not found.get("failed"):
+            directory.remove_parts()
         for one in plan.clips:
             _skip(one, progress)
         return directory
     started = _now()
     directory.write_manifest(identity)
-    jobs = [_job(plan, one, directory) for one in plan.clips]
-    todo = [job for job in jobs if not all(directory.has_part(pair) for pair in job.pairs)]
-    for one, job in zip(plan.clips, jobs, strict=True):
-        if job not in todo:
-            _skip(one, progress)
-    failures = [outcome.error for outcome in work_through(run_clip, todo, workers, progress) if outcome.error]
-    if failures:
-        others = f" (and {len(failures) - 1} more clips failed)" if len(failures) > 1 else ""
-        raise VfoaError(f"{failures[0]}{others}")
-    if plan.save_signals:
+    failures = _work(plan, directory, workers, progress)
+    finished = [pair for pair in plan.pairs if pair not in failures]
+    if not finished:
+        others = f" (and {len(failures) - 1} more failed)" if len(failures) > 1 else ""
+        raise VfoaError(f"{next(iter(failures.values()))}{others}")
+    if plan.save_signals and not failures:
         partial = any(len(one.frames) < len(one.clip.frames) for one in plan.clips)
         write_experiment(directory.signals, plan.experiment, partial=partial)
-    directory.join(plan.pairs)
-    directory.write_manifest({**identity, **_circumstances(started)})
+    directory.join(finished)
+    failed = [
+        {"clip": clip, "configuration": configuration, "error": failures[clip, configuration]}
+        for clip, configuration in plan.pairs
+        if (clip, configuration) in failures
+    ]
+    directory.write_manifest({**identity, "failed": failed, **_circumstances(plan, started)})
+    if not failed:
+        directory.remove_parts()
     return directory
+
+
+def _choose(first: RunDirectory, identity: dict[str, Any], beside: bool) -> tuple[RunDirectory, dict[str, Any] | None]:
+    """The directory to run in, and the manifest of this very run where it stands there already."""
+    for number in itertools.count(1):
+        directory = RunDirectory(first.path.with_name(f"{first.path.name}-{number}")) if number > 1 else first
+        if directory.is_new():
+            return directory, None
+        found = directory.read_manifest()
+        differing = [key for key in identity if found.get(key) != identity[key]]
+        if not differing:
+            return directory, found
+        if not beside:
+            raise VfoaError(
+                f"{directory.path}: holds another run (its {', '.join(differing)} differ from this one's); "
+                "expected an empty directory, or the same run to go on with: choose another --out"
+            )
+    raise AssertionError("counting has no end")
+
+
+def _work(plan: Plan, directory: RunDirectory, workers: int, progress: Progress) -> dict[Pair, str]:
+    """Do what is not done, and return the errors of what could not be."""
+    jobs = [_job(plan, one, directory) for one in plan.clips]
+    todo = [job for job in jobs if job.configurations]
+    for one, job in zip(plan.clips, jobs, strict=True):
+        if not job.configurations:
+            _skip(one, progress)
+    failures: dict[Pair, str] = {}
+    for outcome in work_through(run_clip, todo, workers, progress):
+        failures.update(outcome.failures)
+    return failures
 
 
 def describe(plan: Plan) -> dict[str, Any]:
@@ -136,7 +184,6 @@ def describe(plan: Plan) -> dict[str, Any]:
 
 
 def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
-    labels = one.manifest.annotations.find(experiment.annotator)
     return {
         "name": one.manifest.name,
         "manifest": str(one.manifest.path),
@@ -146,28 +193,15 @@ def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
         "frames": list(one.frames),
         "times_ns": [one.clip.time_ns(number) for number in one.frames],
         "sha256": one.clip.digest(),
-        "labels_sha256": digest_files([("labels", labels)]) if labels else None,
+        "names": one.manifest.model_dump(mode="json", include={"subjects", "targets"}),
         "signals_sha256": provenance.signals_digests(experiment, one.manifest.name, one.clip),
     }
 
 
-def _is_finished(directory: RunDirectory, identity: dict[str, Any]) -> bool:
-    """Whether the directory holds this very run, finished; False if it is new, or this very run broken off."""
-    if not directory.path.exists() or not any(directory.path.iterdir()):
-        return False
-    found = directory.read_manifest()
-    differing = [key for key in identity if found.get(key) != identity[key]]
-    if differing:
-        raise VfoaError(
-            f"{directory.path}: holds another run (its {', '.join(differing)} differ from this one's); "
-            "expected an empty directory, or the same run to go on with: choose another --out"
-        )
-    return "finished" in found
-
-
-def _circumstances(started: str) -> dict[str, Any]:
+def _circumstances(plan: Plan, started: str) -> dict[str, Any]:
     """What is worth knowing of a finished run, but does not make it another one."""
     return {
+        "labels_sha256": {one.manifest.name: _labels_digest(one, plan.experiment) for one in plan.clips},
         "commit": provenance.source_commit(),
         "host": provenance.host(),
         "started": started,
@@ -175,15 +209,23 @@ def _circumstances(started: str) -> dict[str, Any]:
     }
 
 
+def _labels_digest(one: PreparedClip, experiment: Experiment) -> str | None:
+    labels = one.manifest.annotations.find(experiment.annotator)
+    return digest_files([("labels", labels)]) if labels else None
+
+
 def _job(plan: Plan, one: PreparedClip, directory: RunDirectory) -> ClipJob:
+    """What is left to do on a clip."""
+    clip, everyone = one.manifest.name, plan.experiment.configurations
+    todo = [each for each in everyone if not directory.has_part((clip, each.name))]
     return ClipJob(
         manifest=one.manifest,
         frames=one.frames,
         labels=one.labels,
-        configurations=tuple(each.for_clip(one.manifest.name) for each in plan.experiment.configurations),
+        configurations=tuple(each.for_clip(clip) for each in todo),
         directory=directory,
         recording=plan.recording,
-        save_signals=plan.save_signals,
+        signals={each.name: owned_slots(each, everyone) for each in everyone} if plan.save_signals else {},
     )
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from harness.manifest import ClipManifest, load_manifest
 from harness.report.write import score_run
-from harness.results import read_results
+from harness.results import FrameRecord, read_results
 from harness.run_directory import RunDirectory
 from harness.score import Scores, score
 from harness.timeline import Timeline
@@ -25,21 +27,57 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     Raises
     ------
     VfoaError
-        If the run is not finished, or a clip's manifest or labels cannot be read.
+        If the run is not finished, no configuration ran on every clip, or a clip's manifest or labels cannot be read.
     """
-    return score_run(directory.results, **_inputs(directory, annotator), manifest=directory.read_manifest())
+    run = _finished_manifest(directory)
+    return score_run(
+        directory.results, records=_records(directory, run), **_inputs(directory, run, annotator), manifest=run
+    )
 
 
 def read_scores(directory: RunDirectory) -> Scores:
     """Score a finished run and write nothing. Raises as :func:`rescore` does."""
-    return score(read_results(directory.results), **_inputs(directory, None))
+    run = _finished_manifest(directory)
+    return score(_records(directory, run), **_inputs(directory, run, None))
 
 
-def _inputs(directory: RunDirectory, annotator: str | None) -> dict[str, Any]:
-    """What scoring takes beside the results."""
+def _finished_manifest(directory: RunDirectory) -> dict[str, Any]:
     run = directory.read_manifest()
     if "finished" not in run:
         raise VfoaError(f"{directory.path}: this run is not finished; the same `vfoa run` again goes on with it")
+    return run
+
+
+def _records(directory: RunDirectory, run: dict[str, Any]) -> Iterator[FrameRecord]:
+    """The records of all that can be compared: every configuration here has run on every clip here."""
+    clips, configurations, _notes = _left_out(run)
+    if not run["configurations"].keys() - configurations:
+        raise VfoaError(f"{directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again")
+    for record in read_results(directory.results):
+        if record.clip not in clips and record.configuration not in configurations:
+            yield record
+
+
+def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:
+    """The clips on which everything failed, the configurations that failed on another, and a sentence for each.
+
+    A configuration that ran on some of the clips would have a rate over other frames than the rest of the table.
+    """
+    failed = run.get("failed", [])
+    counts = Counter(each["clip"] for each in failed)
+    clips = {clip for clip, count in counts.items() if count == len(run["configurations"])}
+    configurations = {each["configuration"] for each in failed if each["clip"] not in clips}
+    notes: dict[str, str] = {}
+    for each in failed:
+        if each["clip"] in clips:
+            notes.setdefault(each["clip"], f"left out, every configuration failed: {each['error']}")
+        else:
+            notes.setdefault(each["configuration"], f"left out, failed on {each['clip']}: {each['error']}")
+    return clips, configurations, [f"{name}: {reason}" for name, reason in notes.items()]
+
+
+def _inputs(directory: RunDirectory, run: dict[str, Any], annotator: str | None) -> dict[str, Any]:
+    """What scoring takes beside the results."""
     annotator = annotator or run.get("annotator")
     found = {clip["name"]: _manifest(clip).labels(_timeline(clip), annotator) for clip in run["clips"]}
     labels = {name: each for name, each in found.items() if each is not None}
@@ -48,7 +86,7 @@ def _inputs(directory: RunDirectory, annotator: str | None) -> dict[str, Any]:
     unlabelled = [name for name in found if name not in labels]
     return {
         "labels_by_clip": labels,
-        "notes": [*run["notes"], *by_one, *of_clips, *_said_of_unlabelled(directory, unlabelled)],
+        "notes": [*_left_out(run)[2], *run["notes"], *by_one, *of_clips, *_said_of_unlabelled(directory, unlabelled)],
         "frames_by_clip": {clip["name"]: clip["frames"] for clip in run["clips"]},
     }
 

@@ -1,8 +1,8 @@
 """The files of a run, and the promise that none of them is ever half-written.
 
-While a run is going on, ``parts/`` holds what is finished, one JSON-lines file per (clip, configuration), and the
-directory has no tables. When all is done the parts are joined into ``results.jsonl`` and ``timings.csv`` in the
-order of the experiment, and the tables are written from those.
+While a run is going on, ``parts/`` holds one JSON-lines file per (clip, configuration), called ``.partial`` until it is
+finished, and the directory has no tables. When all is done the parts are joined into ``results.jsonl`` and
+``timings.csv`` in the order of the experiment, and the tables are written from those.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 from harness.files import atomic_write
+from harness.parts import Part, open_part
 from vfoa.errors import VfoaError
 
 Pair = tuple[str, str]
@@ -77,23 +78,29 @@ class RunDirectory:
         atomic_write(self.manifest, json.dumps(manifest, indent=2, ensure_ascii=False) + "\n")
 
     @contextmanager
-    def part(self, pair: Pair) -> Iterator[tuple[TextIO, TextIO]]:
-        """Two files to write results and timings to; they are moved into place when all went well."""
+    def part(self, pair: Pair) -> Iterator[Part]:
+        """Open the part of a (clip, configuration) where it was broken off; it is finished when all went well."""
         places = [self._part(pair, "jsonl"), self._part(pair, "csv")]
-        places[0].parent.mkdir(parents=True, exist_ok=True)
         drafts = [place.with_suffix(place.suffix + ".partial") for place in places]
-        with open(drafts[0], "w", encoding="utf-8") as results, open(drafts[1], "w", encoding="utf-8") as timings:
-            yield results, timings
-        # the timings first: the results' file is the one that says "finished"
-        drafts[1].replace(places[1])
-        drafts[0].replace(places[0])
+        with open_part(drafts[0], drafts[1]) as part:
+            yield part
+            # the timings first: the results' file is the one that says "finished"
+            drafts[1].replace(places[1])
+            drafts[0].replace(places[0])
 
     def join(self, pairs: Iterable[Pair]) -> None:
-        """Make ``results.jsonl`` and ``timings.csv`` of the parts, and remove them."""
+        """Make ``results.jsonl`` and ``timings.csv`` of the finished parts; they stay."""
         pairs = list(pairs)
         _concatenate([self._part(pair, "csv") for pair in pairs], self.timings, "clip,configuration,frame,stage,ms\n")
         _concatenate([self._part(pair, "jsonl") for pair in pairs], self.results)
-        shutil.rmtree(self.path / "parts")
+
+    def remove_parts(self) -> None:
+        """Remove the parts, when nothing will go on with them."""
+        shutil.rmtree(self.path / "parts", ignore_errors=True)
+
+    def is_new(self) -> bool:
+        """Whether no run stands here; the draft of a first file, left by a kill, is nothing."""
+        return not self.path.exists() or all(path.name.startswith(".manifest.json.") for path in self.path.iterdir())
 
     def _part(self, pair: Pair, suffix: str) -> Path:
         return self.path / "parts" / f"{_stem(pair)}.{suffix}"

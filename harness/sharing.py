@@ -20,6 +20,7 @@ from typing import Any, TypeVar
 from harness.adapters import Clip
 from harness.experiment import Configuration
 from harness.stages import SLOTS
+from vfoa.errors import VfoaError
 from vfoa.gaze import TemporalGazeModel
 from vfoa.gaze.temporal import HeadWindow, with_gazes
 from vfoa.pipeline import Stages, perceive, reconstruct
@@ -110,10 +111,13 @@ class _Shared:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SharedFrame:
-    """One frame with what each configuration, by name, made of it: percepts, scene, and the seconds per stage."""
+    """One frame with what each configuration, by name, made of it: percepts, scene, and the seconds per stage.
+
+    A configuration that has failed, in this frame or in one that was read before, has its error instead.
+    """
 
     frame: StereoFrame
-    by_configuration: Mapping[str, tuple[Percepts, Scene, Bill]]
+    by_configuration: Mapping[str, tuple[Percepts, Scene, Bill] | VfoaError]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,35 +132,47 @@ class _Waiting:
 class SharedPipeline:
     """``perceive`` and ``reconstruct`` for every configuration of one clip.
 
-    All models are opened when it is built, so that a missing one is said before any work.
+    All stages are built with it. One that cannot be, or that fails on a frame, ends the configurations that have it.
     """
 
     def __init__(self, configurations: Sequence[Configuration], clip: Clip) -> None:
         self._configurations, self._clip = configurations, clip
         self._ledger = Ledger()
-        built: dict[str, _Shared] = {}
-        same: dict[tuple[str, ...], Stages] = {}
+        self._failed: dict[str, VfoaError] = {}
+        self._built: dict[str, _Shared] = {}
+        self._same: dict[tuple[str, ...], Stages] = {}
         self._stages: dict[str, Stages] = {}
         self._windows: dict[str, HeadWindow] = {}
-        windows: dict[tuple[str | TrackingSettings, ...], HeadWindow] = {}
+        self._same_windows: dict[tuple[str | TrackingSettings, ...], HeadWindow] = {}
         for configuration in configurations:
-            keys = {
-                slot: f"{slot} {choice.plain() if choice else None}" for slot, choice in configuration.choices.items()
-            }
-            for slot, choice in configuration.choices.items():
-                if choice and keys[slot] not in built:
-                    built[keys[slot]] = _Shared(slot, SLOTS[slot].build(choice, clip), self._ledger)
-            chosen = {slot: built.get(key) for slot, key in keys.items()}
-            stages = same.setdefault(tuple(keys.values()), _stages(chosen))
-            self._stages[configuration.name] = stages
-            if stages.temporal_gaze:
-                tracking = configuration.attend.tracking
-                # heads and crops depend on no more than this, so whoever agrees on it has the same gazes
-                seen = (keys["segmentation"], keys["heads"], keys["gaze"], tracking)
-                if seen not in windows:
-                    windows[seen] = HeadWindow(stages.temporal_gaze, clip.rate_hz, tracking)
-                self._windows[configuration.name] = windows[seen]
-        self._look_ahead = max((window.look_ahead for window in windows.values()), default=0)
+            with self._isolated(configuration.name):
+                self._build(configuration)
+        self._look_ahead = max((window.look_ahead for window in self._windows.values()), default=0)
+
+    def _build(self, configuration: Configuration) -> None:
+        """Build the stages of one configuration, but for those that another one has."""
+        keys = {slot: f"{slot} {choice.plain() if choice else None}" for slot, choice in configuration.choices.items()}
+        for slot, choice in configuration.choices.items():
+            if choice and keys[slot] not in self._built:
+                self._built[keys[slot]] = _Shared(slot, SLOTS[slot].build(choice, self._clip), self._ledger)
+        chosen = {slot: self._built.get(key) for slot, key in keys.items()}
+        stages = self._same.setdefault(tuple(keys.values()), _stages(chosen))
+        self._stages[configuration.name] = stages
+        if stages.temporal_gaze:
+            tracking = configuration.attend.tracking
+            # heads and crops depend on no more than this, so whoever agrees on it has the same gazes
+            seen = (keys["segmentation"], keys["heads"], keys["gaze"], tracking)
+            if seen not in self._same_windows:
+                self._same_windows[seen] = HeadWindow(stages.temporal_gaze, self._clip.rate_hz, tracking)
+            self._windows[configuration.name] = self._same_windows[seen]
+
+    @contextmanager
+    def _isolated(self, name: str) -> Iterator[None]:
+        """Keep what goes wrong with one configuration from the others."""
+        try:
+            yield
+        except VfoaError as error:
+            self._failed[name] = error
 
     def frames(self, numbers: Iterable[int]) -> Iterator[SharedFrame]:
         """Read frames, in ascending order, and run every configuration on each; they come in the same order."""
@@ -174,20 +190,26 @@ class SharedPipeline:
             frame = self._clip.frame(number)
         self._ledger.outputs, self._ledger.bill = {}, {}
         fed: set[HeadWindow] = set()
-        for name, stages in self._stages.items():
-            percepts = self._ledger.call("perceive", perceive, frame, stages)
-            window = self._windows.get(name)
-            if window and window not in fed:
-                window.add(percepts)
-                fed.add(window)
+        for name in [name for name in self._stages if name not in self._failed]:
+            with self._isolated(name):
+                self._feed(name, frame, fed)
         return _Waiting(frame=frame, outputs=self._ledger.outputs, decoding=decoding)
+
+    def _feed(self, name: str, frame: StereoFrame, fed: set[HeadWindow]) -> None:
+        percepts = self._ledger.call("perceive", perceive, frame, self._stages[name])
+        window = self._windows.get(name)
+        if window and window not in fed:
+            window.add(percepts)
+            fed.add(window)
 
     def _finish(self, waiting: _Waiting) -> SharedFrame:
         self._ledger.outputs = waiting.outputs
-        return SharedFrame(
-            frame=waiting.frame,
-            by_configuration={each.name: self._run(each, waiting) for each in self._configurations},
-        )
+        found: dict[str, tuple[Percepts, Scene, Bill] | VfoaError] = {}
+        for configuration in self._configurations:
+            if configuration.name not in self._failed:
+                with self._isolated(configuration.name):
+                    found[configuration.name] = self._run(configuration, waiting)
+        return SharedFrame(frame=waiting.frame, by_configuration={**self._failed, **found})
 
     def _run(self, configuration: Configuration, waiting: _Waiting) -> tuple[Percepts, Scene, Bill]:
         call, frame = self._ledger.call, waiting.frame

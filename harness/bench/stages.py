@@ -69,8 +69,8 @@ def measure_stages(
             recording=recording,
         )
         for outcome in work_through(run_clip, [job], 1, lambda clip: None):
-            if outcome.error:
-                raise VfoaError(outcome.error)
+            for error in outcome.failures.values():
+                raise VfoaError(error)
         directory.join(job.pairs)
         return _costs(directory, job)
 

@@ -13,8 +13,9 @@ import typer
 if TYPE_CHECKING:
     from harness.experiment import Experiment
     from harness.recording import Size
+    from harness.run_directory import RunDirectory
 
-OUT_HELP = "The run's directory; runs/<experiment> if not given."
+OUT_HELP = "The run's directory; if not given, runs/<experiment>, or beside it where that holds another run."
 WORKERS_HELP = "Processes, one clip each at a time; 0 means one a core."
 
 
@@ -53,6 +54,9 @@ def run(
         bool, typer.Option("--save-signals", help="Also save what every stage found, to run from without models.")
     ] = False,
     annotator: Annotated[str | None, typer.Option(help="Score against CLIP@ANNOTATOR.csv, not CLIP.csv.")] = None,
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Try again what failed the last time; all else is taken over.")
+    ] = False,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.progress import frames_bar
@@ -68,14 +72,33 @@ def run(
 
         experiment = with_ladder(experiment)
     plan = prepare(experiment, limit=limit, recording=recording.size, save_signals=save_signals)
+    wanted = out or Path("runs") / experiment.name
     with frames_bar(plan.frames, experiment.name) as progress:
         directory = conduct(
-            plan, out or Path("runs") / experiment.name, workers=workers or os.cpu_count() or 1, progress=progress
+            plan,
+            wanted,
+            workers=workers or os.cpu_count() or 1,
+            progress=progress,
+            beside=out is None,
+            retry_failed=retry_failed,
         )
+    if directory.path != wanted:
+        typer.echo(f"{wanted} holds another run (its inputs or the program differ): this one is in {directory.path}\n")
     print_scores(rescore(directory))
     if save_signals:
         typer.echo(f"\nSignals: {directory.signals}  (run from them: its {experiment.name}.toml says how)")
     typer.echo(f"\nPage: {directory.path / 'report.html'}\nScrub a failure: vfoa view {directory.path} --failures")
+    _report_failures(directory)
+
+
+def _report_failures(directory: RunDirectory) -> None:
+    """Say what could not be finished, and leave with exit code 1 if there is anything."""
+    failed = directory.read_manifest()["failed"]
+    for each in failed:
+        typer.echo(f"vfoa: {each['clip']} under {each['configuration']}: {each['error']}", err=True)
+    if failed:
+        typer.echo(f"vfoa: {len(failed)} failed; again with --retry-failed, when it is mended", err=True)
+        raise typer.Exit(1)
 
 
 def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...]) -> Experiment:

@@ -13,7 +13,7 @@ from harness.report.page import render_page
 from harness.report.page_data import AttentionLog
 from harness.report.stage_times import stage_times_table
 from harness.report.tables import render_tables
-from harness.results import read_results
+from harness.results import FrameRecord, read_results
 from harness.score import Scores, score
 
 
@@ -21,6 +21,7 @@ def score_run(
     results: Path,
     labels_by_clip: Mapping[str, Labels],
     *,
+    records: Iterable[FrameRecord] | None = None,
     notes: Sequence[str] = (),
     frames_by_clip: Mapping[str, Iterable[int]] | None = None,
     manifest: Mapping[str, Any] | None = None,
@@ -32,6 +33,8 @@ def score_run(
 
     Parameters
     ----------
+    records
+        Those of the results to score; all if not given.
     labels_by_clip, frames_by_clip, notes
         As for :func:`harness.score.score`.
     manifest
@@ -43,8 +46,8 @@ def score_run(
         If the results, or the ``timings.csv`` that a run has beside them, cannot be read.
     """
     frames, attention = FrameRows(), AttentionLog()
-    records = attention.watch(frames.watch(read_results(results)))
-    scores = score(records, labels_by_clip, frames_by_clip=frames_by_clip, notes=notes)
+    watched = attention.watch(frames.watch(records if records is not None else read_results(results)))
+    scores = score(watched, labels_by_clip, frames_by_clip=frames_by_clip, notes=notes)
     stage_times = stage_times_table(results.parent / "timings.csv")
     texts = {
         **render_tables(scores),

@@ -20,6 +20,7 @@ from harness.results import read_results
 from harness.run_directory import RunDirectory
 from harness.signals.coco_panoptic_writer import write_coco_panoptic
 from harness.timeline import timeline_of
+from tests.conftest import REPOSITORY
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
 from vfoa.errors import VfoaError
 from vfoa.types import Instances
@@ -95,16 +96,42 @@ def test_a_finished_run_is_taken_over_and_another_one_is_refused(finished: RunDi
     assert finished.results.stat().st_mtime_ns == before
 
 
+def test_edited_labels_make_no_other_run_but_other_scores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for folder, name in (("datasets", "studio_table.toml"), ("annotations", "studio_table.csv")):
+        write_text(tmp_path / folder / name, (REPOSITORY / folder / name).read_text())
+    monkeypatch.chdir(tmp_path)
+    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=4, recording=None)
+    first = conduct(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
+    before, results = rescore(first), first.results.stat().st_mtime_ns
+    labels = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,4,anna,none,\n"
+    write_text(tmp_path / "annotations" / "studio_table.csv", labels)
+    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=4, recording=None)
+    again = conduct(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
+    assert again.results.stat().st_mtime_ns == results
+    assert rescore(again).rows != before.rows
+
+
+def test_beside_another_run_the_next_free_directory_is_taken(finished: RunDirectory) -> None:
+    plans = [
+        prepare(load_experiment("demo", clips=("studio_talk",), overrides=(change,)), limit=2, recording=None)
+        for change in ("attention.n_rays=8", "attention.n_rays=9", "attention.n_rays=8")
+    ]
+    taken = [conduct(plan, finished.path, workers=1, progress=lambda clip: None, beside=True) for plan in plans]
+    assert [directory.path.name for directory in taken] == ["one-2", "one-3", "one-2"]
+
+
 def test_a_broken_off_run_goes_on_with_what_is_missing(finished: RunDirectory, tmp_path: Path) -> None:
     directory = RunDirectory(tmp_path / "broken")
     unfinished = json.loads(finished.manifest.read_text())
-    for later in ("commit", "host", "started", "finished"):
+    for later in ("commit", "host", "started", "finished", "failed", "labels_sha256"):
         del unfinished[later]
     directory.write_manifest({**unfinished, "recording": None})
     lines = finished.results.read_text().splitlines(keepends=True)
     for pair in [("studio_table", name) for name in ("bm-one", "bm-two", "sgbm-one", "sgbm-two")]:
-        with directory.part(pair) as (results, _timings):
-            results.writelines(line for line in lines if f'"clip":"{pair[0]}","configuration":"{pair[1]}"' in line)
+        with directory.part(pair) as part:
+            for line in lines:
+                if f'"clip":"{pair[0]}","configuration":"{pair[1]}"' in line:
+                    part.write(line, {}, "")
     done: list[str] = []
     plan = prepare(load_experiment("demo", clips=("studio_table", "studio_talk")), limit=4, recording=None)
     conduct(plan, directory.path, workers=1, progress=done.append)
