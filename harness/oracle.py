@@ -38,15 +38,18 @@ class KnownTruth:
 
     def disparity(self, frame: int) -> Disparity:
         """The true disparity map."""
-        return self._known(frame, self._truth(frame).disparity, "disparity")
+        truth = self._truth(frame)
+        return self._known(frame, truth.disparity, "disparity", truth.missing.get("disparity"))
 
     def instances(self, frame: int) -> Instances:
         """The true instances."""
-        return self._known(frame, self._truth(frame).instances, "instances")
+        truth = self._truth(frame)
+        return self._known(frame, truth.instances, "instances", truth.missing.get("instances"))
 
     def people(self, frame: int) -> tuple[PersonTruth, ...]:
         """The true people."""
-        return self._known(frame, self._truth(frame).people, "people")
+        truth = self._truth(frame)
+        return self._known(frame, truth.people, "people", truth.missing.get("people"))
 
     def person(self, frame: int, head: Head) -> PersonTruth | None:
         """Whose head this is: by its instance where it has one, else by the overlap of the boxes; None: nobody's."""
@@ -70,11 +73,12 @@ class KnownTruth:
             last = _last_truths[self._clip] = frame, self._clip.truth(frame)
         return last[1]
 
-    def _known(self, frame: int, value: T | None, what: str) -> T:
-        if value is None:
-            source = type(self._clip).__name__
-            raise VfoaError(f"{source}, frame {frame}: the clip has no true {what}; needed by {self._needed_by}")
-        return value
+    def _known(self, frame: int, value: T | None, what: str, reason: str | None = None) -> T:
+        if value is not None:
+            return value
+        where = f"{type(self._clip).__name__}, frame {frame}"
+        why = f" ({reason})" if reason else ""
+        raise VfoaError(f"{where}: the clip has no true {what}; needed by {self._needed_by}{why}")
 
 
 class TruthMatcher:

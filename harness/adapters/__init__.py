@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -31,13 +31,15 @@ class PersonTruth:
 class Truth:
     """What a source knows to be true of one frame. None: the source does not know it.
 
-    ``boxes`` are keyed by instance id.
+    ``boxes`` are keyed by instance id. ``missing`` says of a field that is None what would have to be there, where
+    the source could know it: it is told to whoever asks for that field.
     """
 
     disparity: Disparity | None = None
     instances: Instances | None = None
     boxes: dict[int, Box3D] | None = None
     people: tuple[PersonTruth, ...] | None = None
+    missing: Mapping[str, str] = field(default_factory=dict)
 
 
 class Clip(Protocol):

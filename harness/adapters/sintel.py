@@ -32,6 +32,11 @@ PASSES = ("clean", "final")
 LICENCE = "CC-BY 3.0, (c) Blender Foundation"
 
 _NAME = re.compile(r"frame_(\d+)\.png")
+_TRUTHS = (
+    ("disparity", "disparities", "the stereo set"),
+    ("instances", "segmentation", "the segmentation set"),
+)
+_HOLDERS = {"png": "the stereo set", "cam": "the depth set, which holds the cameras,"}
 _CAMERA_TAG = np.float32(202021.25)
 
 
@@ -130,12 +135,17 @@ class SintelClip:
         return StereoFrame(index=number, time_ns=self.time_ns(number), left=left, right=right, rig=rig)
 
     def truth(self, number: int) -> Truth:
-        """Disparity and instances, each where its folder is there."""
+        """Disparity and instances, each where its file is there."""
         self._check_number(number)
         disparity = self._path("disparities", number)
         return Truth(
             disparity=Disparity(disparity_px=read_sintel_disparity(disparity)) if disparity.is_file() else None,
             instances=self._instances(number),
+            missing={
+                name: f"{path}: no such file; expected {part} of MPI Sintel (vfoa clips fetch sintel)"
+                for name, kind, part in _TRUTHS
+                if not (path := self._path(kind, number)).is_file()
+            },
         )
 
     def depth_m(self, number: int) -> Map | None:
@@ -175,7 +185,8 @@ class SintelClip:
         if missing:
             raise VfoaError(
                 f"{missing[0]}: no such file, but {self._pass}_left has its frame "
-                f"({len(missing)} of {len(self._frames)} are missing)"
+                f"({len(missing)} of {len(self._frames)} are missing); expected {_HOLDERS[suffix]} of MPI Sintel "
+                "(vfoa clips fetch sintel)"
             )
 
     def _check_number(self, number: int) -> None:

@@ -55,14 +55,17 @@ def fetch_clips(
     into: Annotated[Path | None, typer.Option(help="The folder; $VFOA_DATA/sintel if not given.")] = None,
 ) -> None:
     """Download MPI Sintel's official archives and unpack them; a fetch that was cut goes on where it stopped."""
+    from harness.cli.progress import bytes_bar
     from harness.locate import expand
-    from harness.sintel_archives import fetch_sintel
+    from harness.sintel_archives import ARCHIVES, fetch_sintel
     from vfoa.errors import VfoaError
 
     if source != "sintel":
         raise VfoaError(f"clips fetch: found {source!r}; expected 'sintel'")
     root = into or expand("${VFOA_DATA}/sintel", Path.cwd(), "clips fetch")
-    fetch_sintel(root)
+    for part, archive in ARCHIVES.items():
+        with bytes_bar(archive) as progress:
+            fetch_sintel(root, (part,), progress=progress)
     typer.echo(f"sintel: {root}")
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,7 +10,7 @@ import typer
 
 if TYPE_CHECKING:
     from harness.model_check import ModelCheck
-    from harness.models import CatalogueEntry, Progress
+    from harness.models import CatalogueEntry
 
 app = typer.Typer(help="List the models, fetch them, check that they work, export checkpoints.", no_args_is_help=True)
 
@@ -64,11 +62,12 @@ def fetch(
     ] = False,
 ) -> None:
     """Fetch models from their own homes into the cache directory; a fetch that was cut goes on where it stopped."""
+    from harness.cli.progress import bytes_bar
     from harness.models import fetch_model, find_model
 
     for name, entry in [(name, find_model(name)) for name in names]:
         typer.echo(f"{name}: licence: {entry.licence}; {entry.home}")
-        with _bytes_bar(name) as progress:
+        with bytes_bar(name) as progress:
             path = fetch_model(name, entry, accept_licence=accept_licence, progress=progress)
         typer.echo(f"{name}: {path}")
 
@@ -139,26 +138,3 @@ def _print_json(rows: list[dict[str, object]]) -> None:
     import json
 
     typer.echo(json.dumps(rows, indent=2, ensure_ascii=False))
-
-
-@contextmanager
-def _bytes_bar(what: str) -> Iterator[Progress]:
-    """A bar of bytes on stderr; nothing where stderr is not a terminal."""
-    import sys
-
-    if not sys.stderr.isatty():
-        yield lambda done, total: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        DownloadColumn(),
-        TransferSpeedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -1,4 +1,4 @@
-"""A progress bar on stderr with frames per second; nothing where stderr is not a terminal."""
+"""Progress bars on stderr: frames per second, or bytes; nothing where stderr is not a terminal."""
 
 from __future__ import annotations
 
@@ -35,3 +35,24 @@ def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
             bar.update(task, advance=1, description=clip, rate=rate)
 
         yield advance
+
+
+@contextmanager
+def bytes_bar(what: str) -> Iterator[Callable[[int, int | None], None]]:
+    """Yield a function to call with the bytes that are there and those of the whole, None where it is not known."""
+    if not sys.stderr.isatty():
+        yield lambda done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        DownloadColumn(),
+        TransferSpeedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 
 from harness.adapters.sintel import SintelClip, SintelSettings
+from harness.clip_add import add_clip
+from harness.conduct import conduct, prepare
+from harness.experiment import load_experiment
+from harness.oracle import OracleSettings, TruthMatcher, TruthSegmenter
 from tests.disk import HEIGHT, WIDTH, picture, sintel_disparity, sintel_scene, write_bytes, write_image
 from vfoa.errors import VfoaError
 from vfoa.geometry import depth_from_disparity
@@ -105,7 +109,36 @@ def test_a_missing_part_is_found_when_the_clip_is_opened(root: Path, kind: str) 
     missing.unlink()
     with pytest.raises(VfoaError) as error:
         SintelClip(SETTINGS, root)
-    assert str(error.value) == f"{missing}: no such file, but clean_left has its frame (1 of 3 are missing)"
+    holder = "the depth set, which holds the cameras," if suffix == "cam" else "the stereo set"
+    assert str(error.value) == (
+        f"{missing}: no such file, but clean_left has its frame (1 of 3 are missing); "
+        f"expected {holder} of MPI Sintel (vfoa clips fetch sintel)"
+    )
+
+
+def test_a_part_that_a_stage_asks_for_is_named(root: Path) -> None:
+    clip = SintelClip(SETTINGS, root)
+    frame = clip.frame(2)
+    with pytest.raises(VfoaError) as error:
+        TruthSegmenter(OracleSettings(), clip).segment(frame)
+    path = root / "training/segmentation/alley/frame_0002.png"
+    assert str(error.value) == (
+        'SintelClip, frame 2: the clip has no true instances; needed by segmentation.model = "truth" '
+        f"({path}: no such file; expected the segmentation set of MPI Sintel (vfoa clips fetch sintel))"
+    )
+    with pytest.raises(VfoaError, match=r"disparities/alley/frame_0002\.png: no such file; expected the stereo set"):
+        TruthMatcher(OracleSettings(), clip).match(frame)
+    write_image(path, np.zeros((HEIGHT, WIDTH, 3), np.uint8))
+    again = SintelClip(SETTINGS, root)
+    assert TruthSegmenter(OracleSettings(), again).segment(frame).instances == ()
+
+
+def test_a_run_that_needs_a_missing_part_names_it(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    add_clip(root)
+    plan = prepare(load_experiment("demo", clips=("sintel_alley",)), limit=1, recording=None)
+    with pytest.raises(VfoaError, match=r"frame_0001\.png: no such file; expected the segmentation set of MPI Sintel"):
+        conduct(plan, tmp_path / "run", workers=1, progress=lambda clip: None)
 
 
 def test_wrong_places_are_one_line(root: Path) -> None:

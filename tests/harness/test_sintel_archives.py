@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import io
 import shutil
+import sys
 import zipfile
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,6 +11,7 @@ import pytest
 
 from harness import sintel_archives
 from harness.adapters.sintel import SintelClip, SintelSettings
+from harness.cli.clips import fetch_clips
 from harness.sintel_archives import ARCHIVES, fetch_sintel, unpack
 from tests.disk import picture, sintel_scene
 from tests.web import Site, serve
@@ -78,3 +80,26 @@ def test_a_damaged_archive_is_thrown_away(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match="damaged"):
         unpack(archive, tmp_path)
     assert not archive.exists()
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("stream", [Terminal, io.StringIO])
+def test_the_command_fetches_every_part_and_shows_a_bar_on_a_terminal(
+    tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch, stream: type[io.StringIO]
+) -> None:
+    site.files[f"/{ARCHIVES['stereo']}"] = _scene_zip(tmp_path / "made")
+    for part in ("depth", "segmentation"):
+        site.files[f"/{ARCHIVES[part]}"] = _zip({f"training/{part}/README": b"part"})
+    monkeypatch.setitem(fetch_sintel.__kwdefaults__ or {}, "home", site.url("/"))
+    monkeypatch.setenv("TERM", "xterm")
+    stderr = stream()
+    monkeypatch.setattr(sys, "stderr", stderr)
+    fetch_clips("sintel", tmp_path / "sintel")
+    shown = [archive in stderr.getvalue() for archive in ARCHIVES.values()]
+    assert shown == [stream is Terminal] * 3
+    assert (tmp_path / "sintel/training/segmentation/README").is_file()
+    assert len(SintelClip(SintelSettings.model_validate({"scene": "alley"}), tmp_path / "sintel").frames) == 3
