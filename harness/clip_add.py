@@ -13,6 +13,7 @@ from typing import Any
 from harness.adapters import Clip, Recognised
 from harness.annotations import IGNORED, Label, LabelRange, Labels, write_annotations
 from harness.files import atomic_write
+from harness.labels import UNLABELLED
 from harness.locate import find
 from harness.manifest import ClipManifest, make_manifest
 from harness.recognition import recognise
@@ -160,7 +161,7 @@ def _open(path: Path, manifest: ClipManifest) -> tuple[Clip, StereoRig]:
 
 def _first_labels(manifest: ClipManifest, clip: Clip) -> Labels:
     """Every subject unscored in all frames: a row to split, and nothing that looks like a judgement."""
-    todo = Label(target=IGNORED, note="not labelled yet")
+    todo = Label(target=IGNORED, note=UNLABELLED)
     first, last = clip.frames[0], clip.frames[-1]
     return Labels(
         LabelRange(first_frame=first, last_frame=last, subject=each, label=todo) for each in manifest.subjects

@@ -11,6 +11,8 @@ NOWHERE = "none"
 IGNORED = "ignore"
 """The target of a frame that is not scored."""
 RESERVED = (NOWHERE, IGNORED)
+UNLABELLED = "not labelled yet"
+"""The note of an ``ignore`` that stands where nobody has said anything yet."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

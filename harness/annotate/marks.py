@@ -5,18 +5,12 @@ Frames are counted by position here: 0 is the clip's first frame, whatever its n
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from harness.labels import IGNORED, Label, LabelRange, Labels
-
-UNLABELLED = "not labelled yet"
-"""The note of an ``ignore`` that stands between labels where nothing was said: the format allows no gaps."""
-
-SUGGESTED = "suggested: "
-"""The note of an ``ignore`` for a suggestion nobody has confirmed; the suggested target follows."""
+from harness.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels, ranges_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,38 +89,32 @@ def counts(mark: Mark | None, position: int, seen: int) -> bool:
 
 
 def to_labels(tracks: dict[str, Track], seen: dict[str, int], frames: Sequence[int]) -> Labels:
-    """The labels of the file. What nobody confirmed, and gaps between labels, are ``ignore`` with a note."""
+    """The labels of the file. Gaps between labels, which the format does not allow, are ``ignore`` with a note."""
     return Labels(row for subject in tracks for row in _rows(subject, tracks[subject], seen[subject], frames))
 
 
 def _rows(subject: str, track: Track, seen: int, frames: Sequence[int]) -> Iterator[LabelRange]:
     marked = [position for position, mark in enumerate(track) if counts(mark, position, seen)]
     if not marked:
-        return
-    labels = [_label(track[at] if counts(track[at], at, seen) else None) for at in range(marked[0], marked[-1] + 1)]
-    for label, positions in groupby(range(len(labels)), key=labels.__getitem__):
-        run = list(positions)
-        first, last = frames[marked[0] + run[0]], frames[marked[0] + run[-1]]
-        yield LabelRange(first_frame=first, last_frame=last, subject=subject, label=label)
+        return iter(())
+    known = range(marked[0], marked[-1] + 1)
+    return ranges_of(
+        subject, ((frames[at], _label(track[at] if counts(track[at], at, seen) else None)) for at in known)
+    )
 
 
 def _label(mark: Mark | None) -> Label:
     if mark is None:
         return Label(target=IGNORED, note=UNLABELLED)
-    if mark.suggested:
-        return Label(target=IGNORED, note=f"{SUGGESTED}{mark.target}")
-    return Label(target=mark.target, note=mark.note, point_px=mark.point_px)
+    return Label(target=mark.target, note=mark.note, point_px=mark.point_px, is_suggested=mark.suggested)
 
 
-def from_labels(labels: Labels, subject: str, frames: Sequence[int], targets: Collection[str]) -> Track:
-    """A subject's track from the file; ``targets`` are the names that a suggestion may have."""
-    return [_mark(labels.at(frame, subject), targets) for frame in frames]
+def from_labels(labels: Labels, subject: str, frames: Sequence[int]) -> Track:
+    """A subject's track from the file."""
+    return [_mark(labels.at(frame, subject)) for frame in frames]
 
 
-def _mark(label: Label | None, targets: Collection[str]) -> Mark | None:
+def _mark(label: Label | None) -> Mark | None:
     if label is None or (label.target == IGNORED and label.note == UNLABELLED):
         return None
-    suggested = label.note.removeprefix(SUGGESTED)
-    if label.target == IGNORED and suggested != label.note and suggested in targets:
-        return Mark(target=suggested, suggested=True)
-    return Mark(target=label.target, note=label.note, point_px=label.point_px)
+    return Mark(target=label.target, note=label.note, point_px=label.point_px, suggested=label.is_suggested)

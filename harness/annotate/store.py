@@ -29,6 +29,10 @@ class StaleRevisionError(Exception):
     """The change was made on an older state than the present one."""
 
 
+class OutsideClipError(VfoaError):
+    """There is no such frame in the clip."""
+
+
 class LabelStore:
     """One clip's labels by one annotator. Not for several threads at once.
 
@@ -36,8 +40,8 @@ class LabelStore:
     ----------
     path, journal
         The CSV and the journal; neither needs to exist.
-    frames, subjects, targets
-        The clip's frame numbers and the manifest's names. A subject may be a target, too.
+    timeline, subjects, targets
+        The clip's frames and the manifest's names. A subject may be a target, too.
 
     Raises
     ------
@@ -50,13 +54,14 @@ class LabelStore:
         path: Path,
         journal: Path,
         *,
-        frames: Sequence[int],
+        timeline: Timeline,
         subjects: Sequence[str],
         targets: Iterable[str],
         clock: Callable[[], float] = time.time,
     ) -> None:
-        self.path, self._frames, self._targets, self._clock = path, tuple(frames), list(targets), clock
-        self._history = History(subjects, frames)
+        self.path, self._timeline, self._targets, self._clock = path, timeline, list(targets), clock
+        self._frames = tuple(timeline.frames)
+        self._history = History(subjects, self._frames)
         self._journal = Journal(journal, of=str(path))
         try:
             self._start()
@@ -140,7 +145,7 @@ class LabelStore:
     def see(self, subject: str, at: int) -> None:
         """Note that the person has seen a subject's frames up to a position: no revision, so it disturbs no tab."""
         self._check_subject(subject)
-        self._check_position(at)
+        self.check_position(at)
         self.refresh()
         if at > self._history.seen[subject]:
             self._commit({"seen": [subject, at]})
@@ -156,6 +161,12 @@ class LabelStore:
         if self._file_digest() != self._digest:
             self._take_over(self._read())
 
+    def check_position(self, at: int) -> int:
+        """The position, if the clip has it (:class:`OutsideClipError`)."""
+        if not 0 <= at < len(self._frames):
+            raise OutsideClipError(f"position {at} is outside the clip; expected 0 to {len(self._frames) - 1}")
+        return at
+
     def add_target(self, name: str) -> None:
         """Allow another name."""
         self._targets.append(name)
@@ -168,13 +179,9 @@ class LabelStore:
         if subject not in self.subjects:
             raise VfoaError(f"unknown subject {subject!r}; {did_you_mean(subject, self.subjects)}")
 
-    def _check_position(self, at: int) -> None:
-        if not 0 <= at < len(self._frames):
-            raise VfoaError(f"position {at} is outside the clip; expected 0 to {len(self._frames) - 1}")
-
     def _check_stretch(self, subject: str, stretch: Stretch) -> None:
         for at in (stretch.first, stretch.last):
-            self._check_position(at)
+            self.check_position(at)
         mark = stretch.mark
         if stretch.first > stretch.last:
             raise VfoaError(f"position {stretch.first} comes after position {stretch.last}")
@@ -213,7 +220,7 @@ class LabelStore:
 
     def _take_over(self, labels: Labels) -> None:
         """Begin anew with the CSV's labels."""
-        tracks = {name: from_labels(labels, name, self._frames, set(self.names())) for name in self.subjects}
+        tracks = {name: from_labels(labels, name, self._frames) for name in self.subjects}
         entry = self._history.base_of(tracks)
         self._journal.append({**entry, "time_s": round(self._clock(), 3)})
         self._history.apply(entry)
@@ -222,8 +229,9 @@ class LabelStore:
     def _read(self) -> Labels:
         if not self.path.is_file():
             return Labels(())
-        timeline = Timeline(frames=self._frames, times_ns=())
-        return read_annotations(self.path, timeline=timeline, subjects=self.subjects, targets=self._targets)
+        return read_annotations(
+            self.path, timeline=self._timeline, subjects=self.subjects, targets=self._targets, allow_gaps=True
+        )
 
     def _write(self) -> None:
         labels = self._history.labels()

@@ -10,6 +10,7 @@ import sys
 import typer
 
 from harness.cli import clips, models
+from harness.cli.annotate import annotate
 from harness.cli.bench import bench
 from harness.cli.calibrate import calibrate
 from harness.cli.compare import compare
@@ -36,6 +37,7 @@ app.command()(view)
 app.command()(export_failure)
 app.command()(compare)
 app.command()(bench)
+app.command()(annotate)
 app.command()(calibrate)
 app.command()(simulate)
 app.command()(init)

@@ -36,7 +36,8 @@ def _open(
     folder: Path, frames: tuple[int, ...] = FRAMES, subjects: tuple[str, ...] = SUBJECTS, **more: object
 ) -> LabelStore:
     path, journal = folder / "annotations" / "clip.csv", folder / "journal.jsonl"
-    store = LabelStore(path, journal, frames=frames, subjects=subjects, targets=TARGETS, **more)  # type: ignore[arg-type]
+    timeline = Timeline(frames=frames, times_ns=())
+    store = LabelStore(path, journal, timeline=timeline, subjects=subjects, targets=TARGETS, **more)  # type: ignore[arg-type]
     _opened.append(store)
     return store
 
@@ -87,11 +88,11 @@ def test_a_suggestion_is_not_scored_until_a_person_confirms_it(tmp_path: Path) -
     store = _open(tmp_path)
     suggested = ["cup", "cup", "book", "book", None, None, None, "cup"]
     store.put(store.revision, "ann", edits.accept(store.track("ann"), suggested))
-    assert _file(tmp_path).at(1, "ann") == Label(target="ignore", note="suggested: cup")
-    assert set(_targets(_file(tmp_path))) == {"ignore"}
+    assert _file(tmp_path).at(1, "ann") == Label(target="cup", is_suggested=True)
+    assert set(_targets(_file(tmp_path).confirmed())) == {"ignore"}
     assert store.state()["labelled"] == 0
     store.put(store.revision, "ann", edits.confirm(store.track("ann"), 3))
-    assert _targets(_file(tmp_path)) == ["ignore", "ignore", "book", "book", *["ignore"] * 4]
+    assert _targets(_file(tmp_path).confirmed()) == ["ignore", "ignore", "book", "book", *["ignore"] * 4]
     store.close()
     (tmp_path / "journal.jsonl").unlink()
     opened = _open(tmp_path)

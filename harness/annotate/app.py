@@ -1,0 +1,157 @@
+"""The addresses of the labelling page: the page's own files, pictures by position, and the labels as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib import resources
+from typing import Any, Literal, get_args
+
+from pydantic import ValidationError
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
+from starlette.routing import Route
+
+from harness.annotate.guard import Guard
+from harness.annotate.pictures import View
+from harness.annotate.session import Session
+from harness.annotate.store import OutsideClipError, StaleRevisionError
+from harness.naming import NameRule
+from vfoa.errors import VfoaError
+from vfoa.settings import Settings
+
+_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+_LARGEST_BODY = 100_000
+
+
+class Change(Settings):
+    """What a person did, on which revision; which of the other values are needed depends on ``kind``."""
+
+    kind: Literal["look", "range", "accept", "confirm", "note", "undo", "redo"]
+    revision: int
+    subject: str = ""
+    at: int = 0
+    last: int = 0
+    target: str | None = None
+    point_px: tuple[float, float] | None = None
+    attention: float = 1.0
+    note: str = ""
+
+    def make(self, session: Session) -> None:
+        """Do it."""
+        match self.kind:
+            case "look":
+                session.look(self.revision, self.subject, self.at, self.target or "", self.point_px)
+            case "range":
+                session.mark_range(self.revision, self.subject, self.at, self.last, self.target)
+            case "accept":
+                session.accept(self.revision, self.subject, self.attention)
+            case "confirm":
+                session.confirm(self.revision, self.subject, self.at)
+            case "note":
+                session.annotate(self.revision, self.subject, self.at, self.note)
+            case "undo":
+                session.undo(self.revision)
+            case "redo":
+                session.redo(self.revision)
+
+
+class Seen(Settings):
+    """How far a subject's frames were seen."""
+
+    subject: str
+    at: int
+
+
+class NewTarget(Settings):
+    """A target that the manifest does not have yet, and how to find it."""
+
+    name: str
+    rule: NameRule
+
+
+def create_app(session: Session, token: str) -> Starlette:
+    """The application for one clip; nobody is answered without the token."""
+    files = {path.name: path.read_bytes() for path in (resources.files(__package__) / "page").iterdir()}
+
+    def page_file(request: Request) -> Response:
+        name = request.path_params.get("name", "page.html")
+        if name not in files:
+            raise HTTPException(404)
+        return Response(files[name], media_type=_TYPES[name.rpartition(".")[2]])
+
+    def about(request: Request) -> Response:
+        return JSONResponse(session.about())
+
+    def state(request: Request) -> Response:
+        return JSONResponse(session.state())
+
+    def scene(request: Request) -> Response:
+        return JSONResponse(session.scene(request.path_params["at"]))
+
+    def picture(request: Request) -> Response:
+        view = request.path_params["view"]
+        if view not in get_args(View):
+            raise HTTPException(404)
+        coded = session.picture(view, request.path_params["at"], request.query_params.get("subject"))
+        if coded is None:
+            raise HTTPException(404, "no head there")
+        return Response(coded, media_type="image/jpeg")
+
+    def change(body: bytes) -> Response:
+        Change.model_validate_json(body).make(session)
+        return JSONResponse(session.state())
+
+    def see(body: bytes) -> Response:
+        seen = Seen.model_validate_json(body)
+        session.see(seen.subject, seen.at)
+        return JSONResponse(session.state())
+
+    def add_target(body: bytes) -> Response:
+        new = NewTarget.model_validate_json(body)
+        session.add_target(new.name, new.rule)
+        return JSONResponse(session.about())
+
+    def stale(request: Request, error: Exception) -> Response:
+        return JSONResponse({"error": "the labels were changed elsewhere", "state": session.state()}, 409)
+
+    return Starlette(
+        routes=[
+            Route("/", page_file),
+            Route("/page/{name}", page_file),
+            Route("/api/clip", about),
+            Route("/api/state", state),
+            Route("/api/scene/{at:int}", scene),
+            Route("/picture/{view}/{at:int}", picture),
+            Route("/api/change", _posted(change), methods=["POST"]),
+            Route("/api/seen", _posted(see), methods=["POST"]),
+            Route("/api/target", _posted(add_target), methods=["POST"]),
+        ],
+        middleware=[Middleware(Guard, token=token)],
+        exception_handlers={VfoaError: _refused, ValidationError: _malformed, StaleRevisionError: stale},
+    )
+
+
+def _posted(answer: Callable[[bytes], Response]) -> Callable[[Request], Any]:
+    """An endpoint that takes JSON and works in a thread, so that pictures are served meanwhile."""
+
+    async def endpoint(request: Request) -> Response:
+        if request.headers.get("content-type", "").partition(";")[0] != "application/json":
+            raise HTTPException(415, "expected JSON")
+        if int(request.headers.get("content-length", _LARGEST_BODY + 1)) > _LARGEST_BODY:
+            raise HTTPException(413, f"expected at most {_LARGEST_BODY} bytes")
+        return await run_in_threadpool(answer, await request.body())
+
+    return endpoint
+
+
+def _refused(request: Request, error: Exception) -> Response:
+    return JSONResponse({"error": str(error)}, 404 if isinstance(error, OutsideClipError) else 400)
+
+
+def _malformed(request: Request, error: Exception) -> Response:
+    first = error.errors()[0] if isinstance(error, ValidationError) else {"loc": (), "msg": str(error)}
+    return JSONResponse({"error": f"{'.'.join(map(str, first['loc']))}: {first['msg']}"}, 400)

@@ -1,0 +1,74 @@
+// Every action of the page with its keys: the keyboard, the tool bar and the table of keys are made of this list.
+
+const rows = (page) => [
+  ["play", ["Space"], "play or pause", "▶", () => page.toggle()],
+  ["back", ["ArrowLeft"], "one frame back", "←", () => page.step(-1)],
+  ["on", ["ArrowRight"], "one frame on", "→", () => page.step(1)],
+  ["back-10", ["Shift+ArrowLeft"], "ten frames back", "", () => page.step(-10)],
+  ["on-10", ["Shift+ArrowRight"], "ten frames on", "", () => page.step(10)],
+  ["previous-change", ["["], "to the previous change", "[", () => page.toChange(-1)],
+  ["next-change", ["]"], "to the next change", "]", () => page.toChange(1)],
+  ["first", ["Home"], "to the first frame", "", () => page.go(0)],
+  ["last", ["End"], "to the last frame", "", () => page.go(page.total - 1)],
+  ["slower", ["-"], "play slower", "", () => page.faster(.5)],
+  ["faster", ["+", "="], "play faster", "", () => page.faster(2)],
+  ["undo", ["z", "Ctrl+z"], "undo", "↶", () => page.change({ kind: "undo" })],
+  ["redo", ["y", "Ctrl+y", "Ctrl+Shift+z", "Shift+z"], "redo", "↷", () => page.change({ kind: "redo" })],
+  ["earlier", [","], "move the last change a frame earlier", "", () => page.nudge(-1)],
+  ["later", ["."], "move the last change a frame later", "", () => page.nudge(1)],
+  ["clear", ["Delete", "Backspace"], "take the label away: of the range, else from here to the next change", "", () => page.clear()],
+  ["subject", ["s"], "the next subject", "s", () => page.nextSubject(1)],
+  ["subject-before", ["Shift+s"], "the subject before", "", () => page.nextSubject(-1)],
+  ["confirm", ["Enter"], "confirm the suggestion here, go to the next", "✓", () => page.confirm(), "run"],
+  ["accept", ["a"], "take over suggestions with high attention", "a", () => page.accept(), "run"],
+  ["unsure", ["u"], "to the next frame in which the run was unsure", "u", () => page.unsure(1), "run"],
+  ["unsure-before", ["Shift+u"], "back to the one before", "", () => page.unsure(-1), "run"],
+  ["right", ["r"], "the right view", "right", () => page.beside("right")],
+  ["disparity", ["d"], "the disparity", "disparity", () => page.beside("disparity")],
+  ["head", ["h"], "the head, enlarged", "head", () => page.zoom()],
+  ["note", ["m"], "a note on the label here", "note", () => page.note()],
+  ["target", ["t"], "a new target", "+ target", () => page.newTarget()],
+  ["escape", ["Escape"], "let the range go", "", () => page.select(null)],
+];
+
+const named = { " ": "Space" };
+
+function pressed(event) {
+  const key = named[event.key] || (event.key.length === 1 ? event.key.toLowerCase() : event.key);
+  const shift = event.shiftKey && /^([a-z]|Arrow.*)$/.test(key) ? "Shift+" : "";
+  return `${event.ctrlKey || event.metaKey ? "Ctrl+" : ""}${shift}${key}`;
+}
+
+const typing = (element) => element && /^(INPUT|TEXTAREA|SELECT)$/.test(element.tagName);
+
+export function bind(page, names) {
+  const actions = rows(page).filter((row) => row[5] !== "run" || page.hasRun);
+  const byKey = new Map(actions.flatMap((row) => row[1].map((key) => [key, row[4]])));
+  addEventListener("keydown", (event) => {
+    if (typing(document.activeElement) || event.altKey) return;
+    const name = event.ctrlKey || event.metaKey ? undefined : names.ofKey(event);
+    const run = name ? () => page.look(name) : byKey.get(pressed(event));
+    if (!run) return;
+    event.preventDefault();
+    run();
+  });
+  document.getElementById("tools").replaceChildren(...actions.filter((row) => row[3]).map((row) => tool(...row)));
+  document.getElementById("keys").replaceChildren(
+    line("1 2 3 …", "click on it: the subject looks at it, from here until the next change; or in the range"),
+    line("n, i", "looks at nothing in the scene; do not score"),
+    ...actions.map((row) => line(row[1].join(", "), row[2])),
+  );
+}
+
+function tool(id, keys, words, sign, run) {
+  const button = Object.assign(document.createElement("button"), { id: `do-${id}`, title: `${words} (${keys[0]})`, textContent: sign });
+  button.setAttribute("aria-label", words);
+  button.addEventListener("click", () => { button.blur(); run(); });
+  return button;
+}
+
+function line(keys, words) {
+  const row = document.createElement("tr");
+  row.append(...[keys, words].map((text) => Object.assign(document.createElement("td"), { textContent: text })));
+  return row;
+}

@@ -1,0 +1,115 @@
+// The left image with outlines, and the other views beside it.
+
+import { get } from "./api.js";
+
+const KEPT = 80;
+const NS = "http://www.w3.org/2000/svg";
+
+// What was loaded last, by key; the oldest is let go.
+class Kept {
+  constructor(load) { this.load = load; this.found = new Map(); }
+
+  get(key) {
+    const known = this.found.get(key) || this.load(key);
+    this.found.delete(key);
+    this.found.set(key, known);
+    known.catch(() => this.found.delete(key));
+    if (this.found.size > KEPT) this.found.delete(this.found.keys().next().value);
+    return known;
+  }
+
+  clear() { this.found.clear(); }
+}
+
+const picture = async (path) => {
+  const image = new Image();
+  image.src = path;
+  await image.decode();
+  return image;
+};
+
+const shape = (tag, attributes) => {
+  const made = document.createElementNS(NS, tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  return made;
+};
+
+export class Stage {
+  // name(object): how an object is called and drawn; choose(object, point): it was clicked.
+  constructor({ name, choose }) {
+    Object.assign(this, { name, choose });
+    this.pictures = new Kept(picture);
+    this.scenes = new Kept((at) => get(`/api/scene/${at}`));
+    this.picture = document.getElementById("picture");
+    this.overlay = document.getElementById("overlay");
+    this.extra = document.getElementById("extra");
+    this.head = document.getElementById("head");
+    this.beside = null;
+    this.zoomed = false;
+  }
+
+  load(at) { return Promise.all([this.pictures.get(`/picture/left/${at}`), this.scenes.get(at)]); }
+
+  // One frame after the other: a browser has few connections, and a change must not wait behind pictures.
+  async ahead(at, count, total) {
+    this.from = at;
+    for (let next = at + 1; next <= at + count && next < total && this.from === at; next += 1) {
+      try { await this.load(next); } catch { return; }
+    }
+  }
+
+  show(image, scene, at, subject) {
+    this.picture.replaceChildren(image);
+    this.overlay.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
+    this.draw(scene, subject);
+    this.showBeside(at, subject, scene);
+  }
+
+  draw(scene, subject) {
+    this.scene = scene;
+    const objects = scene.objects.map((each) => this.object(each, each.name === subject));
+    const box = scene.heads_px[subject];
+    if (box) {
+      const [u0, v0, u1, v1] = box;
+      objects.push(shape("rect", { x: u0, y: v0, width: u1 - u0, height: v1 - v0, class: "head" }));
+    }
+    this.overlay.replaceChildren(...objects);
+  }
+
+  object(each, isSubject) {
+    const { text, className } = this.name(each);
+    const group = shape("g", { class: `object ${isSubject ? "subject" : className}`, "data-name": each.name });
+    const path = each.outline.map((points) => `M${points.map((point) => point.join(",")).join("L")}Z`).join("");
+    group.append(shape("path", { d: path, class: "halo" }), shape("path", { d: path }));
+    const [u0, v0, u1, v1] = each.box_px;
+    const label = shape("text", { x: (u0 + u1) / 2, y: isSubject ? v0 + 14 : (v0 + v1) / 2 });
+    label.textContent = isSubject ? each.name : text;
+    group.append(label);
+    if (!isSubject) group.addEventListener("click", (event) => this.choose(each, this.pointOf(event)));
+    return group;
+  }
+
+  pointOf(event) {
+    const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.overlay.getScreenCTM().inverse());
+    return [Math.round(at.x * 10) / 10, Math.round(at.y * 10) / 10];
+  }
+
+  async showBeside(at, subject, scene) {
+    this.extra.hidden = !this.beside;
+    this.head.hidden = !this.zoomed;
+    this.wanted = at;
+    if (this.beside) await this.place(this.extra, `/picture/${this.beside}/${at}`, at, this.beside);
+    if (!this.zoomed) return;
+    if (scene.heads_px[subject]) {
+      await this.place(this.head, `/picture/head/${at}?subject=${encodeURIComponent(subject)}`, at, "head");
+    } else this.head.replaceChildren("no head found here");
+  }
+
+  async place(element, path, at, view) {
+    try {
+      const image = await this.pictures.get(path);
+      image.alt = view;
+      if (this.wanted === at) element.replaceChildren(image);
+    } catch { element.replaceChildren(`no ${view} here`); }
+  }
+}

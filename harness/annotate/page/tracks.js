@@ -1,0 +1,49 @@
+// Labels as the server sends them: stretches [first, last, target, note, point, suggested, carried] by position.
+
+const parse = ([first, last, target, note, , suggested, carried]) =>
+  ({ first, last, target: target ?? null, note: note || "", suggested: !!suggested, carried: !!carried });
+
+export function read(state) {
+  const tracks = Object.entries(state.tracks).map(([name, track]) => [name, track.map(parse)]);
+  return { ...state, tracks: Object.fromEntries(tracks) };
+}
+
+// Stretches by what is looked at alone.
+export function runs(track) {
+  const found = [];
+  for (const each of track) {
+    const before = found[found.length - 1];
+    if (before && before.target === each.target && before.suggested === each.suggested) before.last = each.last;
+    else found.push({ ...each });
+  }
+  return found;
+}
+
+// What is drawn as one: the same target, whether a person said it, and whether it was seen.
+export function pieces(track, seen) {
+  const found = [];
+  for (const each of track) {
+    const parts = !each.carried || each.last <= seen || each.first > seen
+      ? [{ ...each, unseen: each.carried && each.first > seen }]
+      : [{ ...each, last: seen, unseen: false }, { ...each, first: seen + 1, unseen: true }];
+    for (const part of parts) {
+      const before = found[found.length - 1];
+      if (before && same(before, part)) before.last = part.last; else found.push(part);
+    }
+  }
+  return found;
+}
+
+const same = (a, b) =>
+  a.target === b.target && a.suggested === b.suggested && a.unseen === b.unseen && a.note === b.note;
+
+export const at = (track, position) => track.find((each) => each.first <= position && position <= each.last);
+
+// First positions of what is looked at, in order: of the labels, and of the run's suggestions.
+export function changes(track, suggestions) {
+  const firsts = new Set(runs(track).slice(1).map((each) => each.first));
+  (suggestions || []).forEach((each, position) => {
+    if (position && (each && each[0]) !== (suggestions[position - 1] && suggestions[position - 1][0])) firsts.add(position);
+  });
+  return [...firsts].sort((a, b) => a - b);
+}

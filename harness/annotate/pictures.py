@@ -1,0 +1,77 @@
+"""The views of a frame as JPEG: left, right, disparity, and the head of a subject, enlarged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+
+from harness.adapters import Clip
+from harness.signals.disparity import FileMatcher, FileMatcherSettings
+from harness.signals.saved import DISPARITY
+from vfoa.stereo import MATCHERS, StereoMatcher
+from vfoa.types import Disparity, Image, StereoFrame
+
+View = Literal["left", "right", "disparity", "head"]
+
+_QUALITY = 90
+_HEAD_HEIGHT_PX = 360
+_HEAD_MARGIN = 0.35
+"""What is shown around a head box, as a share of it on each side."""
+
+
+class DisparityView:
+    """A clip's disparity: as a run saved it, else the true one, else semi-global matching on the spot."""
+
+    def __init__(self, clip: Clip, saved: Path | None) -> None:
+        self._clip, self._saved = clip, saved
+        self._matcher: StereoMatcher | None = None
+
+    def at(self, frame: StereoFrame) -> Disparity:
+        """The disparity of a frame."""
+        if self._saved is not None:
+            settings = FileMatcherSettings(root=str(self._saved), pattern=DISPARITY, partial=True)
+            return FileMatcher(settings, self._clip).match(frame)
+        known = self._clip.truth(frame.index).disparity
+        return known if known is not None else self._match(frame)
+
+    def _match(self, frame: StereoFrame) -> Disparity:
+        if self._matcher is None:
+            matcher = MATCHERS.load("sgbm")
+            self._matcher = matcher(matcher.Settings())
+        return self._matcher.match(frame)
+
+
+def jpeg(image: Image) -> bytes:
+    """An image (H, W, 3) RGB as JPEG."""
+    _, coded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    return coded.tobytes()
+
+
+def colour(disparity: Disparity) -> Image:
+    """A disparity map (H, W) in colours: near is red, far is blue, unknown is black."""
+    values = disparity.disparity_px
+    known = np.isfinite(values)
+    if not known.any():
+        return np.zeros((*values.shape, 3), np.uint8)
+    low, high = np.percentile(values[known], (1, 99))
+    scaled = np.clip((np.where(known, values, low) - low) / max(high - low, 1e-6), 0, 1)
+    coloured = cv2.applyColorMap((255 * scaled).astype(np.uint8), cv2.COLORMAP_TURBO)
+    coloured[~known] = 0
+    return cv2.cvtColor(coloured, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+
+
+def head(image: Image, box_px: tuple[float, float, float, float]) -> Image:
+    """A head with what is around it, enlarged to one height; cut at the image's edges."""
+    u0, v0, u1, v1 = box_px
+    margin_u, margin_v = _HEAD_MARGIN * (u1 - u0), _HEAD_MARGIN * (v1 - v0)
+    rows = slice(max(round(v0 - margin_v), 0), max(round(v1 + margin_v), 1))
+    columns = slice(max(round(u0 - margin_u), 0), max(round(u1 + margin_u), 1))
+    crop = image[rows, columns]
+    if crop.size == 0:
+        return np.zeros((_HEAD_HEIGHT_PX, _HEAD_HEIGHT_PX, 3), np.uint8)
+    scale = _HEAD_HEIGHT_PX / crop.shape[0]
+    size = (max(round(crop.shape[1] * scale), 1), _HEAD_HEIGHT_PX)
+    return cv2.resize(crop, size, interpolation=cv2.INTER_CUBIC).astype(np.uint8, copy=False)

@@ -1,0 +1,161 @@
+"""What stands in a frame's left image: outlines with names, and the subjects' heads.
+
+Outlines come from a run's saved masks, else from its boxes; without a run from the clip's own masks, where it has them.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from harness.adapters import Clip
+from harness.annotate.suggestions import Predictions
+from harness.manifest import ClipManifest
+from harness.naming import SubjectNames, name_targets
+from harness.results import FrameRecord
+from harness.run_directory import RunDirectory
+from harness.signals.coco_panoptic import CocoPanoptic, CocoPanopticSettings
+from harness.signals.saved import VARIABLE
+from harness.stages import CLIP_VARIABLE
+from vfoa.types import FrameResult, Instances, Mask, Scene, StereoFrame, Target
+
+_SMOOTHING_PX = 0.8
+"""How far an outline may be from the mask's own edge."""
+
+Outline = list[list[list[int]]]
+"""Polygons of points (u, v)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneObject:
+    """One instance: its name (``label#id`` where no rule of the manifest names it), its outline and its box."""
+
+    instance_id: int
+    name: str
+    label: str
+    score: float
+    box_px: tuple[float, float, float, float]
+    outline: Outline
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneView:
+    """The objects of a frame, the nearest to be clicked last, and the subjects' head boxes by name."""
+
+    objects: tuple[SceneObject, ...]
+    heads_px: dict[str, tuple[float, float, float, float]]
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON."""
+        return asdict(self)
+
+
+class Scenes:
+    """The scene of each frame of a clip, from a run where there is one."""
+
+    def __init__(self, manifest: ClipManifest, clip: Clip, predictions: Predictions | None, run: Path | None) -> None:
+        self._manifest, self._clip, self._predictions = manifest, clip, predictions
+        folder = None if run is None or predictions is None else saved_folder(run, manifest.name, predictions)
+        settings = None if folder is None else CocoPanopticSettings(root=str(folder), stuff="all", partial=True)
+        self._saved = None if settings is None else CocoPanoptic(settings, clip)
+
+    def at(self, frame: StereoFrame, manifest: ClipManifest) -> SceneView:
+        """What is in a frame; ``manifest`` has the names of the moment."""
+        if self._predictions is not None:
+            record = self._predictions.records.get(frame.index)
+            return SceneView(objects=(), heads_px={}) if record is None else self._of_run(record, frame)
+        return self._of_truth(frame.index, manifest)
+
+    def _of_run(self, record: FrameRecord, frame: StereoFrame) -> SceneView:
+        saved = None if self._saved is None else self._saved.segment(frame)
+        drawn = set() if saved is None else {each.id for each in saved.instances}
+        objects = [
+            SceneObject(
+                instance_id=each.instance_id,
+                name=each.name,
+                label=each.label,
+                score=each.score,
+                box_px=each.box_px,
+                outline=outline(saved.mask(each.instance_id))
+                if saved is not None and each.instance_id in drawn
+                else _rectangle(each.box_px),
+            )
+            for each in record.targets
+        ]
+        heads = {each.name: each.head_box_px for each in record.subjects if each.name is not None}
+        return SceneView(objects=_small_last(objects), heads_px=heads)
+
+    def _of_truth(self, number: int, manifest: ClipManifest) -> SceneView:
+        truth = self._clip.truth(number)
+        heads = {each.name: _box(each.head_box_px) for each in truth.people or () if each.name in manifest.subjects}
+        objects = [] if truth.instances is None else _named(number, truth.instances, manifest)
+        return SceneView(objects=_small_last(objects), heads_px=heads)
+
+
+def saved_folder(run: Path, clip: str, predictions: Predictions, slot: str = "segmentation") -> Path | None:
+    """Where ``--save-signals`` put a stage's output for the configuration; None where nothing was saved."""
+    signals = RunDirectory(run).signals
+    for file in sorted(signals.glob("*.toml")):
+        for each in tomllib.loads(file.read_text(encoding="utf-8")).get("configuration", ()):
+            if each.get("name") == predictions.configuration and "root" in each.get(slot, {}):
+                root: str = each[slot]["root"]
+                return Path(root.replace(f"${{{VARIABLE}}}", str(signals)).replace(CLIP_VARIABLE, clip))
+    return None
+
+
+def outline(mask: Mask) -> Outline:
+    """The outer edges of a mask (H, W), as polygons in pixels."""
+    edges, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    return [cv2.approxPolyDP(each, _SMOOTHING_PX, True)[:, 0].tolist() for each in edges]
+
+
+def _named(number: int, instances: Instances, manifest: ClipManifest) -> list[SceneObject]:
+    """Instances with their names by the manifest's rules, as a run would name them; stuff is left out."""
+    things = [each for each in instances.instances if each.is_thing and (instances.ids == each.id).any()]
+    boxes = {each.id: _extent(instances.mask(each.id)) for each in things}
+    empty = np.zeros((0, 3), np.float32)
+    targets = tuple(
+        Target(instance=each, box_px=np.array(boxes[each.id], float), points_left=empty, box=None) for each in things
+    )
+    result = FrameResult(scene=Scene(index=number, time_ns=0, targets=targets, people=()), attentions=())
+    names = name_targets(result, manifest.subjects, manifest.targets, SubjectNames())
+    return [
+        SceneObject(
+            instance_id=each.id,
+            name=names[each.id],
+            label=each.label,
+            score=float(each.score),
+            box_px=boxes[each.id],
+            outline=outline(instances.mask(each.id)),
+        )
+        for each in things
+    ]
+
+
+def _small_last(objects: list[SceneObject]) -> tuple[SceneObject, ...]:
+    """In the order of drawing: what is small lies on top, where it can be clicked."""
+    return tuple(sorted(objects, key=lambda each: (-_area(each.box_px), each.instance_id)))
+
+
+def _area(box_px: tuple[float, float, float, float]) -> float:
+    return (box_px[2] - box_px[0]) * (box_px[3] - box_px[1])
+
+
+def _extent(mask: Mask) -> tuple[float, float, float, float]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return float(columns[0]), float(rows[0]), float(columns[-1]), float(rows[-1])
+
+
+def _box(array: np.ndarray[Any, np.dtype[np.float64]]) -> tuple[float, float, float, float]:
+    u0, v0, u1, v1 = array.tolist()
+    return u0, v0, u1, v1
+
+
+def _rectangle(box_px: tuple[float, float, float, float]) -> Outline:
+    u0, v0, u1, v1 = (round(each) for each in box_px)
+    return [[[u0, v0], [u1, v0], [u1, v1], [u0, v1]]]

@@ -1,0 +1,222 @@
+"""One clip on the labelling page: its frames, its labels, and what a run found in it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from harness.adapters import Clip
+from harness.annotate import edits, pictures
+from harness.annotate.scene import Scenes, saved_folder
+from harness.annotate.store import LabelStore
+from harness.annotate.suggestions import Predictions
+from harness.annotate.targets import add_target
+from harness.manifest import ClipManifest, load_manifest
+from harness.naming import NameRule
+from harness.timeline import timeline_of
+from vfoa.errors import VfoaError
+from vfoa.types import StereoFrame
+
+_CACHED_PICTURES = 256
+_CACHED_SCENES = 2048
+
+
+class Session:
+    """A clip that is being labelled by one annotator. Its methods may be called from several threads.
+
+    Parameters
+    ----------
+    clip
+        The clip's name or its manifest.
+    run, configuration
+        Whose predictions and masks are shown; without them the clip's own masks, where it has them.
+    annotator
+        Whose labels these are: ``annotations/<clip>@<annotator>.csv``. None: the clip's own file.
+    blind
+        Show no suggestions.
+    uncertain_first
+        Order the frames by how unsure the run was.
+
+    Raises
+    ------
+    VfoaError
+        If something of this is missing or wrong, or the clip names nobody who could be labelled.
+    """
+
+    def __init__(
+        self,
+        clip: str,
+        *,
+        run: Path | None = None,
+        configuration: str | None = None,
+        annotator: str | None = None,
+        blind: bool = False,
+        uncertain_first: bool = False,
+        open_clip: Callable[[ClipManifest], Clip] = ClipManifest.open,
+    ) -> None:
+        _check_choices(run, configuration, blind, uncertain_first)
+        self.manifest = load_manifest(clip)
+        if not self.manifest.subjects:
+            raise VfoaError(f"{self.manifest.path}: subjects: none; expected whoever is to be labelled")
+        self._clip = open_clip(self.manifest)
+        self._frames = tuple(self._clip.frames)
+        if not self._frames:
+            raise VfoaError(f"{self.manifest.path}: the clip has no frames")
+        self._annotator, self._blind, self._uncertain_first = annotator, blind, uncertain_first
+        self._predictions = Predictions(run, self.manifest.name, configuration) if run else None
+        self._scenes = Scenes(self.manifest, self._clip, self._predictions, run)
+        saved = (
+            saved_folder(run, self.manifest.name, self._predictions, "stereo") if run and self._predictions else None
+        )
+        self._disparity = pictures.DisparityView(self._clip, saved)
+        self._reading, self._changing = threading.Lock(), threading.Lock()
+        self._picture = lru_cache(_CACHED_PICTURES)(self._draw)
+        self._scene = lru_cache(_CACHED_SCENES)(self._look_at)
+        self._store = self._open_store()
+
+    @property
+    def path(self) -> Path:
+        """The CSV that is written."""
+        return self._store.path
+
+    def about(self) -> dict[str, Any]:
+        """What does not change by labelling, as JSON."""
+        shown = None if self._blind else self._predictions
+        return {
+            "clip": self.manifest.name,
+            "annotator": self._annotator,
+            "file": self.path.name,
+            "frames": self._frames,
+            "rate_hz": self._clip.rate_hz,
+            "subjects": self._store.subjects,
+            "names": self._store.names(),
+            "shared": [name for name, rule in self.manifest.targets.items() if rule.is_shared],
+            "configuration": shown and shown.configuration,
+            "suggestions": {name: self._suggestions(name) for name in self._store.subjects},
+            "order": {name: shown.order(self._frames, name) for name in self._store.subjects} if shown else None,
+            "uncertain_first": self._uncertain_first,
+            "blind": self._blind,
+        }
+
+    def state(self) -> dict[str, Any]:
+        """The labels, as JSON; as they are in the file, if that was changed elsewhere."""
+        with self._changing:
+            self._store.refresh()
+            return self._store.state()
+
+    def look(self, revision: int, subject: str, at: int, target: str, point_px: edits.PointPx | None) -> None:
+        """The subject looks at a target from a position on, until the next change."""
+        self._edit(revision, subject, lambda track: edits.look(track, at, target, point_px), at, seen=at)
+
+    def mark_range(self, revision: int, subject: str, first: int, last: int, target: str | None) -> None:
+        """The subject looks at a target from one position to another; None takes the labels away."""
+        self._edit(revision, subject, lambda _: edits.mark_range(first, last, target), first)
+
+    def accept(self, revision: int, subject: str, attention: float) -> None:
+        """Take over suggestions where the attention is at least this, as suggestions, where nothing is labelled."""
+        wanted = [found[0] if found and found[1] >= attention else None for found in self._suggestions(subject) or ()]
+        if wanted:
+            self._edit(revision, subject, lambda track: edits.accept(track, wanted), 0)
+
+    def confirm(self, revision: int, subject: str, at: int) -> None:
+        """Agree with the suggestion at a position."""
+        self._edit(revision, subject, lambda track: edits.confirm(track, at), at)
+
+    def annotate(self, revision: int, subject: str, at: int, note: str) -> None:
+        """Put a note on the label at a position."""
+        self._edit(revision, subject, lambda track: edits.annotate(track, at, note), at)
+
+    def undo(self, revision: int) -> None:
+        """Take the last change back."""
+        with self._changing:
+            self._store.undo(revision)
+
+    def redo(self, revision: int) -> None:
+        """Make it again."""
+        with self._changing:
+            self._store.redo(revision)
+
+    def see(self, subject: str, at: int) -> None:
+        """Note that a subject's frames were seen up to a position."""
+        with self._changing:
+            self._store.see(subject, at)
+
+    def add_target(self, name: str, rule: NameRule) -> None:
+        """Write a new target into the manifest, and allow its name."""
+        with self._changing:
+            add_target(self.manifest.path, name, rule)
+            self.manifest = load_manifest(str(self.manifest.path))
+            self._store.add_target(name)
+            self._scene.cache_clear()
+
+    def scene(self, at: int) -> dict[str, Any]:
+        """Outlines and heads at a position, as JSON."""
+        with self._reading:
+            return self._scene(self._store.check_position(at))
+
+    def picture(self, view: pictures.View, at: int, subject: str | None = None) -> bytes | None:
+        """A view as JPEG; None for the head of a subject who has none there."""
+        with self._reading:
+            return self._picture(view, self._store.check_position(at), subject)
+
+    def close(self) -> None:
+        """Let go of the files."""
+        self._store.close()
+
+    def _edit(
+        self,
+        revision: int,
+        subject: str,
+        edit: Callable[[Sequence[Any]], list[Any]],
+        at: int,
+        *,
+        seen: int | None = None,
+    ) -> None:
+        self._store.check_position(at)
+        with self._changing:
+            self._store.check_revision(revision)
+            if new := edit(self._store.track(subject)):
+                self._store.put(revision, subject, new, seen=seen)
+
+    def _suggestions(self, subject: str) -> list[tuple[str, float] | None] | None:
+        """Name and attention for each frame; None where there is nothing to suggest, or nothing may be shown."""
+        if self._predictions is None or self._blind:
+            return None
+        known = {*self._store.names()} - {subject}
+        found = [self._predictions.predict(frame, subject) for frame in self._frames]
+        return [(each.target, round(each.attention, 4)) if each and each.target in known else None for each in found]
+
+    def _frame(self, at: int) -> StereoFrame:
+        return self._clip.frame(self._frames[at])
+
+    def _look_at(self, at: int) -> dict[str, Any]:
+        return self._scenes.at(self._frame(at), self.manifest).plain()
+
+    def _draw(self, view: pictures.View, at: int, subject: str | None) -> bytes | None:
+        frame = self._frame(at)
+        if view == "head":
+            box = self._scene(at)["heads_px"].get(subject)
+            return None if box is None else pictures.jpeg(pictures.head(frame.left, box))
+        if view == "disparity":
+            return pictures.jpeg(pictures.colour(self._disparity.at(frame)))
+        return pictures.jpeg(frame.left if view == "left" else frame.right)
+
+    def _open_store(self) -> LabelStore:
+        path = self.manifest.annotations.place(self._annotator)
+        return LabelStore(
+            path,
+            path.parent / ".journal" / f"{path.stem}.jsonl",
+            timeline=timeline_of(self._clip),
+            subjects=tuple(self.manifest.subjects),
+            targets=self.manifest.targets,
+        )
+
+
+def _check_choices(run: Path | None, configuration: str | None, blind: bool, uncertain_first: bool) -> None:
+    if run is None and (configuration is not None or uncertain_first):
+        raise VfoaError("--config and --uncertain-first need --run: they speak of a run's predictions")
+    if blind and uncertain_first:
+        raise VfoaError("--blind shows nothing of the run's predictions, and --uncertain-first orders by them")

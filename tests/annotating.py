@@ -1,0 +1,101 @@
+"""A small clip to be labelled, a run of it, and its page served by a thread."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from harness.annotate.server import PageServer
+from harness.annotate.session import Session
+from harness.results import FrameRecord, to_line
+from tests.disk import stereo_pair_folder, write_text
+from tests.records import frame_record, subject_record, target_record
+
+MANIFEST = """# A clip of noise, for those who test.
+name = "noise"
+adapter = "stereo_folder"
+root = "../pairs"
+
+[source]
+left = "left"
+right = "right"
+
+[source.camera]
+fx_px = 50.0
+cx_px = 31.5
+cy_px = 23.5
+baseline_m = 0.1
+
+[subjects.ann]  # on the left
+category = "person"
+from_left = 1
+
+[subjects.ben]
+category = "person"
+from_left = 2
+
+[targets.cup]
+category = "cup"
+
+[targets.book]
+category = "book"
+"""
+FRAMES = tuple(range(1, 13))
+CUP_PX, BOOK_PX = (4.0, 30.0, 14.0, 44.0), (40.0, 28.0, 60.0, 46.0)
+PREDICTED = ("cup",) * 4 + ("book",) * 4 + ("none",) * 4
+TOTALS = (0.9, 0.9, 0.8, 0.3, 0.9, 0.7, 0.7, 0.2, 0.0, 0.0, 0.0, 0.0)
+
+
+class Page:
+    """A page that is being served: the session behind it, its address and its token."""
+
+    def __init__(self, session: Session, server: PageServer) -> None:
+        self.session, self.address, self.port = session, server.address, server.port
+        self.token = server.address.partition("token=")[2]
+
+    @property
+    def file(self) -> Path:
+        return self.session.path
+
+
+@contextmanager
+def serve(**choices: Any) -> Iterator[Page]:
+    """Serve a clip in a thread until the block ends."""
+    session = Session(**choices)
+    server = PageServer(session)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        yield Page(session, server)
+    finally:
+        server.stop()
+        thread.join()
+        session.close()
+
+
+def make_work(folder: Path) -> Path:
+    """A working directory with the clip ``noise``, twelve frames of 64 x 48 pixels, and a run of it."""
+    stereo_pair_folder(folder / "pairs", FRAMES)
+    write_text(folder / "datasets" / "noise.toml", MANIFEST)
+    write_text(folder / "run" / "results.jsonl", "".join(map(to_line, _records())))
+    return folder
+
+
+def _records() -> list[FrameRecord]:
+    """Ann looks at what is predicted; of ben the run knows nothing."""
+    targets = (
+        target_record(1, "ann", box_px=(10.0, 4.0, 30.0, 30.0)),
+        target_record(2, "cup", box_px=CUP_PX),
+        target_record(3, "book", box_px=BOOK_PX),
+        target_record(4, "clock#4", box_px=(50.0, 2.0, 60.0, 12.0)),
+    )
+    ids = {"cup": 2, "book": 3}
+    records = []
+    for frame, name, total in zip(FRAMES, PREDICTED, TOTALS, strict=True):
+        focus = ids.get(name)
+        subject = subject_record("ann", totals={focus: total} if focus else {}, focus=focus, instance_id=1)
+        records.append(frame_record(targets, [subject], frame=frame, clip="noise"))
+    return records

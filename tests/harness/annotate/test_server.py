@@ -1,0 +1,200 @@
+"""Who is answered by the page's server, and what it answers."""
+
+from __future__ import annotations
+
+import http.client
+import json
+from collections.abc import Callable
+from typing import Any
+
+import httpx
+import pytest
+
+from tests.annotating import Page
+
+READ = ("/", "/page/page.js", "/page/page.css", "/api/clip", "/api/state", "/api/scene/0", "/picture/left/0")
+CHANGE = {"kind": "range", "revision": 1, "subject": "ann", "at": 0, "last": 3, "target": "cup"}
+
+
+@pytest.fixture
+def page(noise: Callable[..., Page]) -> Page:
+    return noise()
+
+
+def _ask(
+    page: Page, path: str, *, method: str = "GET", body: bytes = b"", **headers: str
+) -> tuple[int, dict[str, str], bytes]:
+    """One request exactly as given: no client tidies the path or the host."""
+    connection = http.client.HTTPConnection("127.0.0.1", page.port, timeout=20)
+    try:
+        connection.putrequest(method, path, skip_host="Host" in headers, skip_accept_encoding=True)
+        for name, value in headers.items():
+            connection.putheader(name.replace("_", "-"), value)
+        connection.putheader("Content-Length", str(len(body)))
+        connection.endheaders(body)
+        answer = connection.getresponse()
+        return answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+    finally:
+        connection.close()
+
+
+def _post(page: Page, path: str, value: Any, **headers: str) -> tuple[int, Any]:
+    status, _, body = _ask(
+        page,
+        path,
+        method="POST",
+        body=json.dumps(value).encode(),
+        **{"Content_Type": "application/json", "X_Vfoa_Token": page.token, **headers},
+    )
+    return status, json.loads(body) if body.startswith(b"{") else body.decode()
+
+
+def test_nothing_is_answered_without_the_token(page: Page) -> None:
+    for path in READ:
+        for headers in ({}, {"X_Vfoa_Token": "guess"}, {"Cookie": f"vfoa_{page.port}=guess"}):
+            status, _, body = _ask(page, path, **headers)
+            assert (status, b"holds the token" in body) == (403, True), path
+    assert _ask(page, "/?token=guess")[0] == 403
+    assert _ask(page, f"/api/state?token={page.token}")[0] == 403
+    assert _post(page, "/api/change", CHANGE, X_Vfoa_Token="guess")[0] == 403
+    assert not page.file.exists()
+
+
+def test_the_printed_address_opens_the_page_and_the_token_leaves_the_address(page: Page) -> None:
+    with httpx.Client() as browser:
+        first = browser.get(page.address)
+        assert (first.status_code, first.headers["location"]) == (303, "/")
+        cookie = first.headers["set-cookie"].lower()
+        assert "httponly" in cookie
+        assert "samesite=strict" in cookie
+        for path in READ:
+            assert browser.get(f"http://127.0.0.1:{page.port}{path}").status_code == 200, path
+
+
+def test_a_program_may_send_the_token_as_a_header(page: Page) -> None:
+    assert all(_ask(page, path, X_Vfoa_Token=page.token)[0] == 200 for path in READ)
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {"Origin": "https://example.org"},
+        {"Origin": "null"},
+        {"Origin": "http://127.0.0.1:1"},
+        {"Origin": "http://localhost.example.org"},
+        {"Sec_Fetch_Site": "cross-site"},
+        {"Sec_Fetch_Site": "same-site"},
+    ],
+)
+def test_other_origins_are_refused_even_with_the_token(page: Page, headers: dict[str, str]) -> None:
+    assert _post(page, "/api/change", CHANGE, **headers)[0] == 403
+    assert _ask(page, "/api/state", X_Vfoa_Token=page.token, **headers)[0] == 403
+    assert not page.file.exists()
+
+
+@pytest.mark.parametrize(
+    "host",
+    [
+        "example.org",
+        "127.0.0.1.example.org",
+        "localhost.example.org",
+        "example.org@127.0.0.1",
+        "0.0.0.0",
+        "10.0.0.1",
+        "",
+    ],
+)
+def test_other_hosts_are_refused_even_with_the_token(page: Page, host: str) -> None:
+    assert _ask(page, "/api/state", Host=host, X_Vfoa_Token=page.token)[0] in (400, 421)
+    assert _post(page, "/api/change", CHANGE, Host=host)[0] in (400, 421)
+    assert not page.file.exists()
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]"])
+def test_loopback_names_are_answered(page: Page, host: str) -> None:
+    here = f"{host}:{page.port}"
+    assert _post(page, "/api/change", CHANGE, Host=here, Origin=f"http://{here}")[0] == 200
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/picture/left/12",
+        "/picture/left/-1",
+        "/picture/left/99999999999999999999",
+        "/picture/left/..%2f..%2fdatasets%2fnoise.toml",
+        "/picture/../datasets/noise.toml",
+        "/picture/elsewhere/0",
+        "/api/scene/12",
+        "/page/../app.py",
+        "/page/..%2fapp.py",
+        "/page/%2e%2e/%2e%2e/annotations.py",
+        "/page//etc/passwd",
+        "/page/page.html%00",
+        "//etc/passwd",
+        "/datasets/noise.toml",
+    ],
+)
+def test_nothing_outside_the_clip_is_served(page: Page, path: str) -> None:
+    assert _ask(page, path, X_Vfoa_Token=page.token)[0] == 404
+
+
+def test_the_policy_lets_the_page_load_nothing_from_elsewhere(page: Page) -> None:
+    for path in (*READ, "/missing"):
+        headers = _ask(page, path, X_Vfoa_Token=page.token)[1]
+        policy = headers["content-security-policy"]
+        assert "default-src 'none'" in policy
+        assert "unsafe" not in policy
+        assert "frame-ancestors 'none'" in policy
+        assert headers["cache-control"] == "no-store"
+
+
+def test_a_form_of_another_page_cannot_post(page: Page) -> None:
+    for kind in ("text/plain", "application/x-www-form-urlencoded", "multipart/form-data"):
+        assert _post(page, "/api/change", CHANGE, Content_Type=kind)[0] == 415
+
+
+@pytest.mark.parametrize(
+    ("change", "found"),
+    [
+        ({"kind": "forget"}, "kind: "),
+        ({"revision": "one"}, "revision: "),
+        ({"colour": "red"}, "colour: "),
+        ({"subject": "anna"}, "unknown subject 'anna'; did you mean 'ann'"),
+        ({"target": "cups"}, "unknown target 'cups'; did you mean 'cup'"),
+        ({"target": "ann"}, "'ann' looks at 'ann'"),
+        ({"kind": "note", "note": "two\nlines"}, "control character"),
+        ({"kind": "look", "target": None}, "unknown target ''"),
+    ],
+)
+def test_a_wrong_change_is_one_line_and_changes_nothing(page: Page, change: dict[str, object], found: str) -> None:
+    assert _post(page, "/api/change", CHANGE)[0] == 200
+    before = page.file.read_bytes()
+    status, answer = _post(page, "/api/change", {**CHANGE, "revision": 2, **change})
+    assert (status, found in answer["error"]) == (400, True), answer
+    assert page.file.read_bytes() == before
+
+
+def test_a_change_on_an_older_state_is_answered_with_the_newer_one(page: Page) -> None:
+    assert _post(page, "/api/change", CHANGE)[0] == 200
+    status, answer = _post(page, "/api/change", {**CHANGE, "target": "book"})
+    assert status == 409
+    assert answer["state"]["revision"] == 2
+    assert answer["state"]["tracks"]["ann"][0][:3] == [0, 3, "cup"]
+
+
+def test_a_request_that_is_too_large_is_refused(page: Page) -> None:
+    assert _post(page, "/api/change", {**CHANGE, "note": "x" * 200_000})[0] == 413
+
+
+def test_the_views_are_pictures_of_the_frame(page: Page) -> None:
+    import cv2
+    import numpy as np
+
+    for view in ("left", "right", "disparity"):
+        status, headers, body = _ask(page, f"/picture/{view}/3", X_Vfoa_Token=page.token)
+        assert (status, headers["content-type"]) == (200, "image/jpeg")
+        image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_COLOR)
+        assert image is not None
+        assert image.shape == (48, 64, 3)
+    assert _ask(page, "/picture/head/3?subject=ann", X_Vfoa_Token=page.token)[0] == 404
