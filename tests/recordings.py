@@ -88,13 +88,23 @@ def rectified_camera(width: int, height: int, fx: float, cx: float, cy: float, b
 
 
 class Recorder:
-    """Writes camera messages of one family; every stamp is also the log time."""
+    """Writes camera messages of one family; the stamp is also the log time where none is given."""
 
     def __init__(self, family: Family, writer: Any) -> None:
         self._family, self.writer = family, writer
         self._ids: dict[str, Any] = {}
+        self._log_ns: int | None = None
 
-    def picture(self, topic: str, stamp_ns: int, image: NDArray[np.uint8], pixels: Pixels = "raw") -> None:
+    def picture(
+        self,
+        topic: str,
+        stamp_ns: int,
+        image: NDArray[np.uint8],
+        pixels: Pixels = "raw",
+        *,
+        log_ns: int | None = None,
+    ) -> None:
+        self._log_ns = log_ns
         if pixels == "raw":
             self.raw(topic, stamp_ns, image.shape[1], image.shape[0], "rgb8", image.shape[1] * 3, image.tobytes())
         else:
@@ -114,7 +124,8 @@ class Recorder:
     def compressed(self, topic: str, stamp_ns: int, form: str, data: bytes) -> None:
         self._write(topic, "CompressedImage", CompressedImage, stamp_ns, {"format": form, "data": data})
 
-    def camera(self, topic: str, stamp_ns: int, camera: Camera, binning: int = 0) -> None:
+    def camera(self, topic: str, stamp_ns: int, camera: Camera, binning: int = 0, *, log_ns: int | None = None) -> None:
+        self._log_ns = log_ns
         matrices = {"D": list(camera.d), "K": camera.k, "R": list(camera.r), "P": camera.p}
         fields = {"width": camera.width, "height": camera.height, "distortion_model": camera.model}
         if self._family == "ros2":
@@ -132,14 +143,15 @@ class Recorder:
 
     def _write(self, topic: str, name: str, protobuf: Any, stamp_ns: int, fields: dict[str, Any]) -> None:
         sec, nanosec = divmod(stamp_ns, 10**9)
+        log_ns = stamp_ns if self._log_ns is None else self._log_ns
         if self._family == "ros2":
             if name not in self._ids:
                 self._ids[name] = self.writer.register_msgdef(f"sensor_msgs/msg/{name}", ROS2[name] + _HEADER)
             header = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "camera"}
-            self.writer.write_message(topic, self._ids[name], {"header": header, **fields}, log_time=stamp_ns)
+            self.writer.write_message(topic, self._ids[name], {"header": header, **fields}, log_time=log_ns)
         elif self._family == "protobuf":
             message = protobuf(timestamp=Timestamp(seconds=sec, nanos=nanosec), **fields)
-            self.writer.write_message(topic, message, log_time=stamp_ns, publish_time=stamp_ns)
+            self.writer.write_message(topic, message, log_time=log_ns, publish_time=log_ns)
         else:
             if topic not in self._ids:
                 schema = self.writer.register_schema(f"foxglove.{name}", "jsonschema", b'{"type": "object"}')
@@ -147,7 +159,7 @@ class Recorder:
             if "data" in fields:
                 fields = fields | {"data": base64.b64encode(fields["data"]).decode()}
             text = json.dumps({"timestamp": {"sec": sec, "nsec": nanosec}, **fields})
-            self.writer.add_message(self._ids[topic], stamp_ns, text.encode(), stamp_ns)
+            self.writer.add_message(self._ids[topic], log_ns, text.encode(), log_ns)
 
 
 @contextmanager

@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 from functools import cached_property
 from pathlib import Path
+from typing import Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from harness.adapters import Recognised, Truth
 from harness.adapters.mcap.cameras import Cameras, FileCameras, RecordedCameras
@@ -17,6 +18,7 @@ from harness.adapters.mcap.pairing import join
 from harness.adapters.mcap.pixels import rgb
 from harness.adapters.mcap.recording import is_mcap, read_message
 from harness.adapters.mcap.topics import Place, Topic, find_camera, find_pair
+from harness.adapters.mcap.window import find_window
 from harness.files import digest_files
 from harness.images import decode_rgb
 from vfoa.errors import VfoaError
@@ -29,7 +31,9 @@ class McapSettings(Settings):
 
     ``left`` and ``right`` are image topics, ``left_info`` and ``right_info`` those of their calibrations, or
     ``calibration`` is a file under the root. Stamps of a pair are at most ``tolerance_ms`` apart. ``rectified``
-    says whether the images are rectified already; unsaid, topics with ``image_rect`` in their names are.
+    says whether the images are rectified already; unsaid, topics with ``image_rect`` in their names are. ``start_s``
+    and ``end_s`` cut out a part, in seconds after the recording's first message. ``stamps`` are those of the headers
+    (when an image was taken), or of the log (when it was recorded), for headers that were not set.
     """
 
     recording: str = "."
@@ -40,6 +44,15 @@ class McapSettings(Settings):
     calibration: str | None = None
     rectified: bool | None = None
     tolerance_ms: float = Field(default=2.0, ge=0)
+    start_s: float | None = Field(default=None, ge=0)
+    end_s: float | None = Field(default=None, gt=0)
+    stamps: Literal["header", "log"] = "header"
+
+    @model_validator(mode="after")
+    def _a_part(self) -> Self:
+        if self.end_s is not None and self.end_s <= (self.start_s or 0):
+            raise ValueError(f"found end_s {self.end_s:g}; expected more than start_s, {self.start_s or 0:g}")
+        return self
 
 
 class McapClip:
@@ -59,8 +72,10 @@ class McapClip:
         self._settings = settings
         self._folder = root if root is not None else Path.cwd()
         self._where = str(self._folder / settings.recording)
-        index = index_recording(recording_files(self._folder / settings.recording))
-        self._files, self._losses, self._cut_spans_ns = index.files, index.losses, index.cut_spans_ns
+        files = recording_files(self._folder / settings.recording)
+        window = find_window(files, settings.start_s, settings.end_s, self._where)
+        index = index_recording(files, window, by_log_time=settings.stamps == "log")
+        self._files, self._losses = index.files, index.losses
         topics = index.topics.values()
         self._topics = find_pair(topics, settings.left, settings.right, self._where)
         left, right = self._topics
@@ -69,6 +84,7 @@ class McapClip:
             raise VfoaError(
                 f"{self._where}: no two stamps of {left} and {right} are within {settings.tolerance_ms:g} ms"
             )
+        self._lost = (*self._counted(index), *self._cut_chunks(index))
         self._cameras = self._find_cameras(index)
 
     @classmethod
@@ -95,14 +111,15 @@ class McapClip:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was lost, and how many images have no partner."""
+        """What was lost, how many images have no partner, and what the stamps are if not the headers'."""
         alone = [
             f"{topic.name}: {count} of {len(topic.places)} images have no partner within "
             f"{self._settings.tolerance_ms:g} ms"
             for topic in self._topics
             if (count := len(topic.places) - len(self._pairs))
         ]
-        return (*self._losses, *self._cut_chunks(), *alone)
+        by_log = 'left and right are joined by the time of recording (stamps = "log"), not by when they were taken'
+        return (*self._losses, *self._lost, *alone, *([by_log] if self._settings.stamps == "log" else []))
 
     def time_ns(self, number: int) -> int:
         """The stamp of the left image."""
@@ -139,14 +156,26 @@ class McapClip:
             raise VfoaError(f"{self._where}: no frame {number}; expected 1 to {len(self._pairs)}")
         return self._pairs[number - 1]
 
-    def _cut_chunks(self) -> list[str]:
+    def _counted(self, index: Index) -> list[str]:
+        """How many images are lost, where it is not in the files but noted beside them."""
+        recorded = index.recorded or {}
+        return [
+            f"{topic.name}: {recorded[topic.name] - topic.count} of {recorded[topic.name]} images are lost "
+            "(by metadata.yaml)"
+            for topic in self._topics
+            if recorded.get(topic.name, 0) > topic.count
+        ]
+
+    def _cut_chunks(self, index: Index) -> list[str]:
         """A cut file does not say how long it was, but its last chunk's head says what that one held."""
-        if self.rate_hz is None:
+        if index.recorded is not None:
             return []
         return [
-            f"the cut chunk alone held about {1 + round((last - first) / 1e9 * self.rate_hz)} of the lost frames "
-            f"({first / 1e9:.3f} to {last / 1e9:.3f} s); how many followed, a cut file does not say"
-            for first, last in self._cut_spans_ns
+            "how many frames were lost, a cut file does not say"
+            if span is None or self.rate_hz is None
+            else f"the cut chunk alone held about {1 + round((span[1] - span[0]) / 1e9 * self.rate_hz)} of the lost "
+            f"frames ({span[0] / 1e9:.3f} to {span[1] / 1e9:.3f} s); how many followed, a cut file does not say"
+            for span in index.cut_spans_ns
         ]
 
     def _image(self, topic: Topic, place: Place) -> Image:

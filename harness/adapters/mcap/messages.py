@@ -95,7 +95,10 @@ def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
     else:
         stamp = int(message.timestamp.seconds) * 10**9 + int(message.timestamp.nanos)
     if stamp == 0 and kind.kind != "calibration":  # a calibration sent once may hold for all times
-        raise VfoaError(f"{where}: a {kind.name} without time stamp; expected one, left and right are joined by it")
+        raise VfoaError(
+            f"{where}: a {kind.name} without time stamp; expected one, left and right are joined by it "
+            '(stamps = "log" in [source] joins them by the time of recording)'
+        )
     return stamp
 
 

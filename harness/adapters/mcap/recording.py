@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema, Statistics
+from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import breakup_chunk
 
 from vfoa.errors import VfoaError
@@ -20,7 +20,8 @@ _MAGIC = b"\x89MCAP0\r\n"
 _HEAD = struct.Struct("<BQ")  # opcode and length of every record
 _FOOTER = struct.Struct("<QQI")  # summary's offset, its offset section's, checksum
 _SPAN = struct.Struct("<QQ")  # first and last log time, the first fields of a chunk
-_PARSED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.STATISTICS}
+_MESSAGE = struct.Struct("<HIQ")  # channel, sequence and log time, the first fields of a message
+_PARSED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHUNK_INDEX, Opcode.STATISTICS}
 
 
 @dataclass(slots=True)
@@ -28,13 +29,15 @@ class Walk:
     """What one pass through a file found besides its messages.
 
     ``losses`` are what could not be read, in words; ``message_counts`` by channel id, what the file's own statistics
-    say was recorded (None: the file has none); ``cut_span_ns`` the first and last log time of a chunk that is cut.
+    say was recorded (None: the file has none). ``is_cut``: the file ends too early; ``cut_span_ns`` are the first and
+    last log time of its last chunk, where it was cut inside one.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     losses: list[str] = field(default_factory=list)
     message_counts: dict[int, int] | None = None
+    is_cut: bool = False
     cut_span_ns: tuple[int, int] | None = None
 
 
@@ -47,19 +50,19 @@ def is_mcap(path: Path) -> bool:
         return False
 
 
-def walk_messages(path: Path, walk: Walk) -> Iterator[tuple[int, int, Message]]:
+def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) -> Iterator[tuple[int, int, Message]]:
     """Every readable message as (record's offset in the file, place in that record, message); ``walk`` is filled.
 
-    Holds one chunk at a time. A chunk whose checksum is wrong is left out whole. Attachments, metadata and indexes
-    are stepped over.
+    Holds one chunk at a time. A chunk whose checksum is wrong is left out whole. Attachments and metadata are
+    stepped over. ``offsets``: only of the chunks that stand there.
 
     Raises
     ------
     VfoaError
         If the file cannot be opened or is not MCAP.
     """
-    _recall_channels(path, walk)
-    for offset, record in _records(path, walk):
+    recall_channels(path, walk)
+    for offset, record in _records(path, walk) if offsets is None else _records_at(path, offsets, walk):
         if isinstance(record, Statistics):
             walk.message_counts = dict(record.channel_message_counts)
             continue
@@ -97,9 +100,23 @@ def read_message(path: Path, offset: int, place: int) -> Message:
         raise VfoaError(f"{path}: the record at byte {offset} is not readable any more: {_first_line(error)}") from None
 
 
-def _recall_channels(path: Path, walk: Walk) -> None:
+def summary(path: Path) -> list[McapRecord]:
+    """The records at the end of a file: schemas, channels, statistics, indexes of chunks; none in one that was cut."""
+    return [record for _, record in _records(path, Walk(), from_summary=True)]
+
+
+def log_span_ns(path: Path) -> tuple[int, int] | None:
+    """First and last log time of a file: of its statistics, or else of its records' heads; None without messages."""
+    for record in summary(path):
+        if isinstance(record, Statistics) and record.message_count:
+            return record.message_start_time, record.message_end_time
+    spans = list(_spans(path))
+    return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
+
+
+def recall_channels(path: Path, walk: Walk) -> None:
     """Schemas and channels from the summary at the end, if there is one: the chunk with the first ones may be lost."""
-    for _, record in _records(path, Walk(), from_summary=True):
+    for record in summary(path):
         if isinstance(record, Schema):
             walk.schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -124,10 +141,11 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
                 return
             if file.tell() + length > size:
                 walk.losses.append(f"cut at byte {size}: the record at byte {offset} and all that followed are lost")
-                walk.cut_span_ns = _chunk_span(opcode, file)
+                walk.is_cut, walk.cut_span_ns = True, _chunk_span(opcode, file)
                 return
             if opcode == 0:  # no such record: a file system's zeros
                 walk.losses.append(f"damaged at byte {offset}: what follows is lost")
+                walk.is_cut = True
                 return
             if opcode not in _PARSED:
                 file.seek(length, 1)
@@ -139,6 +157,38 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
                 continue
             yield offset, record
         walk.losses.append(f"cut at byte {size}: all that followed is lost")
+        walk.is_cut = True
+
+
+def _records_at(path: Path, offsets: Sequence[int], walk: Walk) -> Iterator[tuple[int, McapRecord]]:
+    with path.open("rb") as file:
+        for offset in offsets:
+            file.seek(offset)
+            try:
+                opcode, length = _HEAD.unpack(file.read(_HEAD.size))
+                record = _parse(opcode, length, file.read(length))
+            except Exception as error:  # as above; an index that leads nowhere, too
+                walk.losses.append(f"the chunk at byte {offset} is damaged ({_first_line(error)})")
+                continue
+            yield offset, record
+
+
+def _spans(path: Path) -> Iterator[tuple[int, int]]:
+    """First and last log time of each whole chunk and message, from its first bytes."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        file.seek(len(_MAGIC))
+        while len(head := file.read(_HEAD.size)) == _HEAD.size:
+            opcode, length = _HEAD.unpack(head)
+            end = file.tell() + length
+            if end > size or opcode in (0, Opcode.FOOTER):
+                return
+            if (span := _chunk_span(opcode, file)) is not None:
+                yield span
+            elif opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
+                log_time_ns = _MESSAGE.unpack(file.read(_MESSAGE.size))[2]
+                yield log_time_ns, log_time_ns
+            file.seek(end)
 
 
 def _parse(opcode: int, length: int, data: bytes) -> McapRecord:
@@ -152,6 +202,8 @@ def _parse(opcode: int, length: int, data: bytes) -> McapRecord:
             return Message.read(stream, length)
         case Opcode.CHUNK:
             return Chunk.read(stream)
+        case Opcode.CHUNK_INDEX:
+            return ChunkIndex.read(stream)
         case Opcode.STATISTICS:
             return Statistics.read(stream)
     raise ValueError(f"unexpected opcode {opcode}")

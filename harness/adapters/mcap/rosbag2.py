@@ -1,0 +1,27 @@
+"""What ``ros2 bag record`` noted beside its files (``metadata.yaml``): how much it recorded, whatever became of it."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import yaml
+
+
+def recorded_counts(files: tuple[Path, ...]) -> dict[str, int] | None:
+    """Messages by topic that were written into these files together.
+
+    None where no ``metadata.yaml`` stands beside them, or it is not of exactly these files: its counts are of all.
+    """
+    path = files[0].with_name("metadata.yaml")
+    try:
+        noted = yaml.safe_load(path.read_bytes())["rosbag2_bagfile_information"]
+        names = {PurePosixPath(name).name for name in noted["relative_file_paths"]}
+        counts = dict(_count(each) for each in noted["topics_with_message_count"])
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError):
+        return None
+    return counts if names == {file.name for file in files} else None
+
+
+def _count(entry: Any) -> tuple[str, int]:
+    return str(entry["topic_metadata"]["name"]), int(entry["message_count"])
