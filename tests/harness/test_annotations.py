@@ -217,7 +217,7 @@ def labels_of_a_clip(draw: st.DrawFn) -> Labels:
     return Labels(ranges)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(labels=labels_of_a_clip())
 def test_what_is_written_is_read_again_byte_for_byte(tmp_path: Path, labels: Labels) -> None:
     path = tmp_path / "a.csv"

@@ -1,0 +1,65 @@
+"""BORIS, "aggregated events": a row for each behaviour from start to stop; the behaviour is the target. CSV or TSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator
+from pathlib import Path
+
+from harness.annotation_formats.exchange import Exchange, Imported, left_out, one_line
+from harness.annotation_formats.spans import Span, from_spans, to_spans
+from harness.annotation_formats.tables import milliseconds, read_table, said_of_points
+from harness.files import atomic_write
+from harness.labels import Label, Labels
+
+_COLUMNS = (
+    *("Observation id", "Observation date", "Description", "Media file", "Total length", "FPS", "Subject", "Behavior"),
+    *("Behavioral category", "Modifiers", "Behavior type", "Start (s)", "Stop (s)", "Duration (s)"),
+    *("Comment start", "Comment stop"),
+)
+
+
+class BorisAggregated:
+    """State events; point events have no length and are left out, and said."""
+
+    def read(self, path: Path, exchange: Exchange) -> Imported:
+        """Read the events of one observation."""
+        points: list[int] = []
+        found = from_spans(_spans(path, exchange, points), exchange, path)
+        return Imported(labels=found.labels, notes=(*found.notes, *said_of_points(path, points)))
+
+    def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
+        """Write a row for each range; image points are left out."""
+        spans = list(to_spans(labels, exchange))
+        total = f"{max((end for _, end, _ in spans), default=0) / 1000:.3f}"
+        rate = f"{exchange.fps or exchange.clip.rate_hz or 0.0:.3f}"
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        for start, end, row in spans:
+            times = (f"{each / 1000:.3f}" for each in (start, end, end - start))
+            words = (row.subject, row.label.target, "", "", "STATE")
+            writer.writerow([path.stem, "", "", "", total, rate, *words, *times, row.label.note, ""])
+        atomic_write(path, text.getvalue())
+        return tuple(left_out(labels, "BORIS", notes=True))
+
+
+def _spans(path: Path, exchange: Exchange, points: list[int]) -> Iterator[Span]:
+    for line, row in read_table(path, ("Subject", "Behavior", "Start (s)", "Stop (s)")):
+        where = f"{path}:{line}"
+        if row.get("Behavior type") == "POINT":
+            points.append(line)
+            continue
+        subject = exchange.subject(row["Subject"], where)
+        comments = (one_line(row.get(column)) for column in ("Comment start", "Comment stop"))
+        yield Span(
+            start_ms=milliseconds(row, "Start (s)", where),
+            end_ms=milliseconds(row, "Stop (s)", where),
+            subject=subject,
+            label=Label(
+                target=exchange.target(row["Behavior"], subject, where),
+                note="; ".join(each for each in comments if each),
+            ),
+            where=where,
+        )

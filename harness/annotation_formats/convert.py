@@ -1,0 +1,106 @@
+"""Between a clip's annotation files and those of other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+from harness.annotation_formats import FORMATS, AnnotationFormat
+from harness.annotation_formats.bodies import Bodies, RunBodies, TrueBodies
+from harness.annotation_formats.exchange import Exchange, Imported
+from harness.annotations import read_annotations, write_annotations
+from harness.manifest import ClipManifest
+from harness.results import read_results
+from harness.run_directory import RunDirectory
+from harness.timeline import timeline_of
+from vfoa.errors import VfoaError, did_you_mean
+
+
+def open_exchange(
+    manifest: ClipManifest,
+    *,
+    fps: float | None = None,
+    offset: float = 0.0,
+    renamed: Mapping[str, str] | None = None,
+    gaps: Literal["ignore", "none"] = "ignore",
+    run: Path | None = None,
+    configuration: str | None = None,
+) -> Exchange:
+    """Open a clip for import or export; the parameters are those of :class:`Exchange`.
+
+    Parameters
+    ----------
+    run, configuration
+        The finished run (and which of its configurations) that says where heads and targets are; without one, the
+        clip's truth does.
+
+    Raises
+    ------
+    VfoaError
+        If the clip cannot be opened, or the run has no results of it.
+    """
+    clip = manifest.open()
+    rules = {**manifest.subjects, **manifest.targets}
+    bodies: Bodies = TrueBodies(clip=clip, rules=rules)
+    if run is not None:
+        bodies = _run_bodies(run, manifest.name, configuration)
+    return Exchange(
+        clip=clip,
+        subjects=tuple(manifest.subjects),
+        targets=tuple(manifest.targets),
+        fps=fps,
+        offset=offset,
+        renamed=renamed or {},
+        gaps=gaps,
+        bodies=bodies,
+    )
+
+
+def import_labels(source: Path, name: str, exchange: Exchange, place: Path, *, replace: bool) -> Imported:
+    """Read another program's file in the format called ``name`` and write it as ``place``.
+
+    Raises
+    ------
+    VfoaError
+        If the file cannot be read as labels of this clip, or ``place`` is there and not to be replaced.
+    """
+    if place.is_file() and not replace:
+        raise VfoaError(f"{place}: is there already; expected --replace, or another --annotator")
+    chosen: AnnotationFormat = FORMATS.load(name)()
+    imported = chosen.read(source, exchange)
+    if not imported.labels.ranges:
+        raise VfoaError(f"{source}: no label of a frame of this clip; {' '.join(imported.notes) or 'it is empty'}")
+    write_annotations(place, imported.labels)
+    return imported
+
+
+def export_labels(manifest: ClipManifest, annotator: str | None, name: str, exchange: Exchange, to: Path) -> list[str]:
+    """Write a clip's labels in the format called ``name``; the answer says what it cannot hold.
+
+    Raises
+    ------
+    VfoaError
+        If the clip has no such labels, or the format needs what is not known.
+    """
+    path = manifest.annotations.find() if annotator is None else manifest.annotations.expect(annotator)
+    if path is None:
+        raise VfoaError(f"{manifest.name}: no annotations; expected {manifest.annotations.place()}")
+    labels = read_annotations(
+        path, timeline=timeline_of(exchange.clip), subjects=manifest.subjects, targets=manifest.targets, allow_gaps=True
+    )
+    chosen: AnnotationFormat = FORMATS.load(name)()
+    return [f"{to}: {each}" for each in chosen.write(to, labels, exchange)]
+
+
+def _run_bodies(run: Path, clip: str, configuration: str | None) -> RunBodies:
+    directory = RunDirectory(run)
+    directory.read_manifest()
+    records = [record for record in read_results(directory.results) if record.clip == clip]
+    found = sorted({record.configuration for record in records})
+    if not found:
+        raise VfoaError(f"{run}: no results of the clip {clip!r}")
+    chosen = configuration or found[0]
+    if chosen not in found or (configuration is None and len(found) > 1):
+        raise VfoaError(f"{run}: configuration {configuration!r}: {did_you_mean(configuration or '', found)}")
+    return RunBodies(records={record.frame: record for record in records if record.configuration == chosen})

@@ -1,0 +1,164 @@
+"""CVAT, "for video 1.1": a track per subject, a shape per frame, the target in an attribute.
+
+    <track id="0" label="girl" source="manual">
+      <box frame="0" keyframe="1" outside="0" occluded="0" xtl="10" ytl="20" xbr="60" ybr="80" z_order="0">
+        <attribute name="target">bird</attribute>      also: note, u_px, v_px, state
+      </box>
+
+The subject is the track's attribute ``subject``, or else its label. A label holds from its shape to the next one's.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+
+from harness.annotation_formats.bodies import Box
+from harness.annotation_formats.exchange import Exchange, Imported, one_line
+from harness.annotation_rows import SUGGESTED
+from harness.files import atomic_write, read_bytes
+from harness.labels import IGNORED, Label, LabelRange, Labels, ranges_of
+from vfoa.errors import VfoaError
+
+_UNDEFINED = "__undefined__"
+"""CVAT's own value for an attribute that was not set."""
+_ATTRIBUTES = ("target", "note", "u_px", "v_px", "state")
+
+
+class CvatVideo:
+    """Reads any shape that has a frame; writes head boxes where they are known, else the whole image."""
+
+    def read(self, path: Path, exchange: Exchange) -> Imported:
+        """Read all tracks."""
+        root = _root(path)
+        by_subject: dict[str, dict[int, Label]] = {}
+        outside = 0
+        for track in root.iter("track"):
+            where = f"{path}: track {track.get('id')!r}"
+            names = [_attributes(shape).get("subject", "") for shape in track]
+            subject = exchange.subject(next(filter(None, names), track.get("label", "")), where)
+            labels = by_subject.setdefault(subject, {})
+            for frame, label in _labelled(track, subject, exchange, where):
+                position = frame - exchange.first_number
+                if not 0 <= position < len(exchange.frames):
+                    outside += 1
+                elif position in labels:
+                    raise VfoaError(f"{where}: {subject!r} has two labels in frame {frame} of CVAT")
+                else:
+                    labels[position] = label
+        rows = [row for subject, labels in by_subject.items() for row in _rows(subject, labels, exchange)]
+        found = exchange.labels(rows, path)
+        said = [f"{path}: {outside} labels lie outside the clip's frames and are left out."] if outside else []
+        return Imported(labels=found.labels, notes=(*found.notes, *said))
+
+    def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
+        """Write a shape for every frame; nothing is lost but where one of two equal ranges ends."""
+        root = ElementTree.Element("annotations")
+        ElementTree.SubElement(root, "version").text = "1.1"
+        _write_task(root, path.stem, labels, exchange)
+        whole = 0
+        for number, subject in enumerate(labels.subjects):
+            track = ElementTree.SubElement(root, "track", id=str(number), label=subject, source="manual")
+            whole += _write_track(track, subject, labels, exchange)
+        ElementTree.indent(root)
+        text = ElementTree.tostring(root, encoding="unicode")
+        atomic_write(path, f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n')
+        said = f"{whole} boxes are the whole image: the subject's head is not known there (--run RUN has heads)."
+        return (said,) if whole else ()
+
+
+def _root(path: Path) -> ElementTree.Element:
+    try:
+        root = ElementTree.fromstring(read_bytes(path))
+    except ElementTree.ParseError as error:
+        raise VfoaError(f"{path}:{error.position[0]}: not XML: {error}") from None
+    if root.tag != "annotations" or root.find("image") is not None or root.find("track") is None:
+        raise VfoaError(f"{path}: found <{root.tag}> without tracks; expected CVAT for video 1.1")
+    return root
+
+
+def _attributes(shape: ElementTree.Element) -> dict[str, str]:
+    return {each.get("name", ""): one_line(each.text) for each in shape.iter("attribute")}
+
+
+def _labelled(track: ElementTree.Element, subject: str, exchange: Exchange, where: str) -> Iterator[tuple[int, Label]]:
+    """(CVAT's frame, label) for every frame of a track; a shape that is ``outside`` ends it."""
+    shapes: list[tuple[int, ElementTree.Element]] = []
+    for shape in track:
+        try:
+            shapes.append((int(shape.get("frame", "")), shape))
+        except ValueError:
+            raise VfoaError(f"{where}: <{shape.tag}> has the frame {shape.get('frame')!r}; expected a number") from None
+    shapes.sort(key=lambda each: each[0])
+    ends = [frame for frame, _ in shapes[1:]] + [frame + 1 for frame, _ in shapes[-1:]]
+    for (frame, shape), after in zip(shapes, ends, strict=True):
+        if shape.get("outside") != "1":
+            label = _label(_attributes(shape), subject, exchange, f"{where}, frame {frame}")
+            yield from ((each, label) for each in range(frame, after))
+
+
+def _label(found: dict[str, str], subject: str, exchange: Exchange, where: str) -> Label:
+    if "target" not in found:
+        raise VfoaError(f"{where}: no attribute 'target'; found {', '.join(found) or 'none'}")
+    target = IGNORED if found["target"] in (_UNDEFINED, "") else exchange.target(found["target"], subject, where)
+    point = found.get("u_px", ""), found.get("v_px", "")
+    try:
+        point_px = (float(point[0]), float(point[1])) if any(point) else None
+    except ValueError:
+        raise VfoaError(f"{where}: u_px, v_px: found {', '.join(point)!r}; expected two numbers") from None
+    state = found.get("state") == SUGGESTED
+    return Label(target=target, note=found.get("note", ""), point_px=point_px, is_suggested=state)
+
+
+def _rows(subject: str, labels: dict[int, Label], exchange: Exchange) -> Iterator[LabelRange]:
+    return ranges_of(subject, ((frame, labels.get(position)) for position, frame in enumerate(exchange.frames)))
+
+
+def _write_task(root: ElementTree.Element, name: str, labels: Labels, exchange: Exchange) -> None:
+    task = ElementTree.SubElement(ElementTree.SubElement(root, "meta"), "task")
+    values = {"name": name, "size": str(len(exchange.frames)), "mode": "interpolation"}
+    for key, value in values.items():
+        ElementTree.SubElement(task, key).text = value
+    listed = ElementTree.SubElement(task, "labels")
+    for subject in labels.subjects:
+        label = ElementTree.SubElement(listed, "label")
+        ElementTree.SubElement(label, "name").text = subject
+        attributes = ElementTree.SubElement(label, "attributes")
+        for each in _ATTRIBUTES:
+            attribute = ElementTree.SubElement(attributes, "attribute")
+            described = {"name": each, "mutable": "True", "input_type": "text", "default_value": "", "values": ""}
+            for key, value in described.items():
+                ElementTree.SubElement(attribute, key).text = value
+
+
+def _write_track(track: ElementTree.Element, subject: str, labels: Labels, exchange: Exchange) -> int:
+    """Write a subject's shapes; the answer is how many of them are the whole image."""
+    whole = 0
+    before: Label | None = None
+    for position, frame in enumerate(exchange.frames):
+        label = labels.at(frame, subject)
+        if label is None and before is None:
+            continue
+        head = exchange.head_box(frame, subject)
+        whole += head is None and label is not None
+        box = head or exchange.image_box
+        shape = _write_box(track, position + exchange.first_number, box, is_key=label != before, is_out=label is None)
+        _write_attributes(shape, label or before)
+        before = label
+    return whole
+
+
+def _write_box(track: ElementTree.Element, frame: int, box: Box, *, is_key: bool, is_out: bool) -> ElementTree.Element:
+    corners = {key: f"{value:.2f}" for key, value in zip(("xtl", "ytl", "xbr", "ybr"), box, strict=True)}
+    flags = {"frame": str(frame), "keyframe": str(int(is_key)), "outside": str(int(is_out)), "occluded": "0"}
+    return ElementTree.SubElement(track, "box", {**flags, **corners, "z_order": "0"})
+
+
+def _write_attributes(shape: ElementTree.Element, label: Label | None) -> None:
+    if label is None:
+        return
+    u, v = ("", "") if label.point_px is None else (repr(each) for each in label.point_px)
+    values = (label.target, label.note, u, v, SUGGESTED if label.is_suggested else "")
+    for name, value in zip(_ATTRIBUTES, values, strict=True):
+        ElementTree.SubElement(shape, "attribute", name=name).text = value

@@ -1,0 +1,121 @@
+"""ELAN (.eaf): a tier per subject, an annotation per range, its value the target.
+
+Notes, image points and suggestions stand in tiers of their own beside a subject's (``girl:note``, ``girl:point_px``,
+``girl:state``), in annotations of the same times. Through pympi (Lubbers and Torreira, pympi-ling).
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from harness.annotation_formats.exchange import Exchange, Imported, one_line
+from harness.annotation_formats.spans import Span, from_spans, to_spans
+from harness.annotation_rows import SUGGESTED
+from harness.files import atomic_write, read_bytes
+from harness.labels import Label, Labels
+from vfoa.errors import VfoaError
+
+_NOTE, _POINT, _STATE = ":note", ":point_px", ":state"
+_DATE = "1970-01-01T00:00:00+00:00"
+"""The format wants a date; the same labels are to give the same bytes."""
+
+
+class Elan:
+    """Reads tiers named after subjects; others are left out, and said. Writes format 2.8."""
+
+    def read(self, path: Path, exchange: Exchange) -> Imported:
+        """Read the time-aligned annotations of a file."""
+        document = _parse(path)
+        names = {each: exchange.renamed.get(each, each) for each in document.tiers}
+        tiers = {tier: name for tier, name in names.items() if name in exchange.subjects}
+        beside = {f"{tier}{suffix}" for tier in tiers for suffix in (_NOTE, _POINT, _STATE)}
+        others = [
+            each for each in document.tiers if each not in tiers and each not in beside and document.tiers[each][0]
+        ]
+        if not tiers:
+            found = ", ".join(map(repr, document.tiers)) or "none"
+            raise VfoaError(
+                f"{path}: no tier is named after a subject; found {found}; "
+                f"expected {', '.join(map(repr, exchange.subjects))} (--rename TIER=OURS)"
+            )
+        spans = [span for tier, name in tiers.items() for span in _spans(document, tier, name, exchange, path)]
+        imported = from_spans(spans, exchange, path)
+        said = [f"{path}: tier {each!r} is no subject's and is left out." for each in others]
+        return Imported(labels=imported.labels, notes=(*imported.notes, *said))
+
+    def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
+        """Write a document without media; nothing is lost."""
+        from pympi.Elan import Eaf, to_string
+
+        document = Eaf(author="vfoa")
+        document.adocument["DATE"] = _DATE
+        for subject in labels.subjects:
+            document.add_tier(subject)
+        document.remove_tier("default")
+        for start, end, row in to_spans(labels, exchange):
+            label = row.label
+            point = "" if label.point_px is None else ",".join(repr(each) for each in label.point_px)
+            beside = {_NOTE: label.note, _POINT: point, _STATE: SUGGESTED if label.is_suggested else ""}
+            document.add_annotation(row.subject, start, end, label.target)
+            for tier, value in ((f"{row.subject}{suffix}", value) for suffix, value in beside.items() if value):
+                if tier not in document.tiers:
+                    document.add_tier(tier)
+                document.add_annotation(tier, start, end, value)
+        atomic_write(path, b"<?xml version='1.0' encoding='UTF-8'?>\n" + to_string(document, encoding="UTF-8"))
+        return ()
+
+
+def _parse(path: Path) -> Any:
+    from pympi.Elan import Eaf
+
+    try:
+        root = ElementTree.fromstring(read_bytes(path))
+    except ElementTree.ParseError as error:
+        raise VfoaError(f"{path}:{error.position[0]}: not XML: {error}") from None
+    if root.tag != "ANNOTATION_DOCUMENT":
+        raise VfoaError(f"{path}: found <{root.tag}>; expected ELAN's <ANNOTATION_DOCUMENT>")
+    try:
+        return Eaf(str(path), suppress_version_warning=True)
+    except (KeyError, ValueError, IndexError) as error:
+        raise VfoaError(f"{path}: not an ELAN document that can be read: {type(error).__name__}: {error}") from None
+
+
+def _spans(document: Any, tier: str, subject: str, exchange: Exchange, path: Path) -> Iterator[Span]:
+    notes, points, states = (_beside(document, tier + suffix) for suffix in (_NOTE, _POINT, _STATE))
+    for start, end, value in _aligned(document, tier, path):
+        where = f"{path}: tier {tier!r}, {start / 1000:.3f} to {end / 1000:.3f} s"
+        label = Label(
+            target=exchange.target(value.strip(), subject, where),
+            note=one_line(notes.get((start, end))),
+            point_px=_point(points.get((start, end)), where),
+            is_suggested=states.get((start, end)) == SUGGESTED,
+        )
+        yield Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where)
+
+
+def _aligned(document: Any, tier: str, path: Path) -> list[tuple[int, int, str]]:
+    if document.tiers[tier][1]:
+        raise VfoaError(f"{path}: tier {tier!r} refers to another tier; expected time-aligned annotations")
+    found = [(start, end, value) for start, end, value in document.get_annotation_data_for_tier(tier)]
+    if any(start is None or end is None for start, end, _ in found):
+        raise VfoaError(f"{path}: tier {tier!r} has an annotation without times; expected time-aligned annotations")
+    return found
+
+
+def _beside(document: Any, tier: str) -> dict[tuple[int, int], str]:
+    if tier not in document.tiers:
+        return {}
+    return {(start, end): value for start, end, value in document.get_annotation_data_for_tier(tier)}
+
+
+def _point(text: str | None, where: str) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    try:
+        u, v = (float(each) for each in text.split(","))
+    except ValueError:
+        raise VfoaError(f"{where}: point {text!r}; expected two numbers, such as 12.5,40") from None
+    return u, v

@@ -1,0 +1,174 @@
+"""What stands between our labels and those of another program: names, frame numbers, times, gaps."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+from typing import Literal
+
+import numpy as np
+
+from harness.adapters import Clip
+from harness.annotation_formats.bodies import Bodies, Box
+from harness.labels import IGNORED, RESERVED, Label, LabelRange, Labels
+from harness.timeline import timeline_of
+from vfoa.errors import VfoaError, did_you_mean
+
+UNLABELLED = "not labelled"
+"""The note of an ``ignore`` that fills a gap: our files have none between two labels of a subject."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imported:
+    """Labels that were read, and a sentence for all that they do not hold of the file."""
+
+    labels: Labels
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exchange:
+    """How the other program's names, frames and times are ours.
+
+    Parameters
+    ----------
+    clip, subjects, targets
+        The clip and the manifest's names.
+    fps
+        The rate at which the other program shows the clip's frames; None: at the clip's own times.
+    offset
+        Where the clip's first frame is in the other program: seconds in formats of times, frames in formats of
+        frames.
+    renamed
+        The other program's name -> ours.
+    gaps
+        What the frames mean that have no label between two labels of a subject.
+    bodies
+        Where heads and targets are, for formats of boxes and points.
+    """
+
+    clip: Clip
+    subjects: Collection[str]
+    targets: Collection[str]
+    fps: float | None = None
+    offset: float = 0.0
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    gaps: Literal["ignore", "none"] = "ignore"
+    bodies: Bodies | None = None
+
+    @cached_property
+    def frames(self) -> Sequence[int]:
+        """The clip's frame numbers; what stands at position 0 is its first frame."""
+        return tuple(self.clip.frames)
+
+    @cached_property
+    def times_ms(self) -> list[int]:
+        """When each frame is shown in the other program, to the millisecond that its formats have.
+
+        Raises
+        ------
+        VfoaError
+            If neither the clip nor ``fps`` says how fast the frames follow each other.
+        """
+        if self.fps is None and self.clip.rate_hz is None:
+            raise VfoaError("--fps: the clip does not know its rate, and this format holds times; expected --fps RATE")
+        offset_ns = round(self.offset * 1e9)
+        if self.fps is not None:
+            times_ns = [round(position * 1e9 / self.fps) for position in range(len(self.frames))]
+        else:
+            own = timeline_of(self.clip).times_ns
+            times_ns = [time - own[0] for time in own]
+        return [(time + offset_ns + 500_000) // 1_000_000 for time in times_ns]
+
+    @property
+    def step_ms(self) -> int:
+        """How long the last frame is shown."""
+        steps = np.diff(self.times_ms)
+        return max(1, round(float(np.median(steps)))) if len(steps) else 1000
+
+    @cached_property
+    def first_number(self) -> int:
+        """The number of the clip's first frame in a format of frames that counts from 0.
+
+        Raises
+        ------
+        VfoaError
+            If ``fps`` is given, which says nothing here, or the offset is no whole number.
+        """
+        if self.fps is not None:
+            raise VfoaError("--fps: this format holds frame numbers, not times; expected --offset in frames alone")
+        if self.offset != int(self.offset):
+            raise VfoaError(f"--offset: found {self.offset:g}; expected whole frames: this format holds frame numbers")
+        return int(self.offset)
+
+    @cached_property
+    def image_box(self) -> Box:
+        """The whole left image, pixels."""
+        rig = self.clip.frame(self.frames[0]).rig
+        return 0.0, 0.0, float(rig.width_px), float(rig.height_px)
+
+    def head_box(self, frame: int, subject: str) -> Box | None:
+        """The box of a subject's head, pixels; None where it is not known."""
+        return self.bodies.head_box(frame, subject) if self.bodies else None
+
+    def positions(self, row: LabelRange) -> range:
+        """The positions of a range's frames in the clip."""
+        return range(bisect_left(self.frames, row.first_frame), bisect_right(self.frames, row.last_frame))
+
+    def subject(self, name: str, where: str) -> str:
+        """Our name of a subject (``where`` starts the message of the :class:`VfoaError` if it is not known)."""
+        return self._known(name, self.subjects, "subject", where)
+
+    def target(self, name: str, subject: str, where: str) -> str:
+        """Our name of what the subject looks at; :class:`VfoaError` if it is not known, or the subject itself."""
+        found = self._known(name, {*self.targets, *self.subjects, *RESERVED}, "target", where)
+        if found == subject:
+            raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target, or none")
+        return found
+
+    def labels(self, rows: Iterable[LabelRange], path: object) -> Imported:
+        """Labels of which the gaps are filled, and a note that says how many frames that were."""
+        labels, notes, filled = Labels(rows), [], []
+        for subject in labels.subjects:
+            gaps = list(self._gaps(labels, subject))
+            if gaps:
+                frames = sum(len(self.positions(gap)) for gap in gaps)
+                notes.append(f"{path}: {subject}: {frames} frames between labels have none: {self.gaps!r}.")
+            filled += gaps
+        return Imported(labels=Labels([*labels.ranges, *filled]), notes=tuple(notes))
+
+    def _gaps(self, labels: Labels, subject: str) -> Iterator[LabelRange]:
+        label = Label(target=self.gaps, note=UNLABELLED if self.gaps == IGNORED else "")
+        rows = labels.of(subject)
+        for before, after in pairwise(rows):
+            between = range(bisect_right(self.frames, before.last_frame), bisect_left(self.frames, after.first_frame))
+            if between:
+                first, last = self.frames[between[0]], self.frames[between[-1]]
+                yield LabelRange(first_frame=first, last_frame=last, subject=subject, label=label)
+
+    def _known(self, name: str, known: Collection[str], kind: str, where: str) -> str:
+        found = self.renamed.get(name, name)
+        if found not in known:
+            raise VfoaError(
+                f"{where}: unknown {kind} {found!r}; {did_you_mean(found, known)} (--rename {found!r}=OURS)"
+            )
+        return found
+
+
+def one_line(text: str | None) -> str:
+    """Text as it can stand in a note: white space and line breaks become one space."""
+    return " ".join((text or "").split())
+
+
+def left_out(labels: Labels, what: str, *, notes: bool = False, points: bool = False) -> list[str]:
+    """A sentence for each kind of content that a format cannot hold and these labels have."""
+    found = [row.label for row in labels.ranges]
+    counts = {
+        "suggested labels stand in it as if a person had confirmed them": sum(each.is_suggested for each in found),
+        "notes are left out": 0 if notes else sum(bool(each.note) for each in found),
+        "image points are left out": 0 if points else sum(each.point_px is not None for each in found),
+    }
+    return [f"{what} has no place for it: {count} {words}." for words, count in counts.items() if count]

@@ -1,0 +1,60 @@
+"""Tables that other programs write as CSV or TSV: rows by column name, with their line."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from harness.files import read_bytes
+from harness.timeline import parse_seconds
+from vfoa.errors import VfoaError
+
+
+def read_table(path: Path, required: Sequence[str]) -> Iterator[tuple[int, dict[str, str]]]:
+    """Line and cells by column of every row below the header: the first row that holds all ``required`` columns.
+
+    Commas or tabs, with or without a byte-order mark. What stands above the header is passed over.
+
+    Raises
+    ------
+    VfoaError
+        If the file is not text, or has no such header.
+    """
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise VfoaError(f"{path}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
+    delimiter = "\t" if "\t" in text else ","
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+    header: list[str] | None = None
+    for row in reader:
+        if header is not None:
+            if any(row):
+                yield reader.line_num, dict(zip(header, row, strict=False))
+        elif set(required) <= set(row):
+            header = row
+    if header is None:
+        raise VfoaError(f"{path}: no header with the columns {', '.join(required)}")
+
+
+def milliseconds(row: dict[str, str], column: str, where: str) -> int:
+    """A cell of decimal seconds in ms.
+
+    Raises
+    ------
+    VfoaError
+        If it is none.
+    """
+    time_ns = parse_seconds(row.get(column, ""))
+    if time_ns is None:
+        raise VfoaError(f"{where}: {column}: found {row.get(column, '')!r}; expected seconds, such as 12.500")
+    return (time_ns + 500_000) // 1_000_000
+
+
+def said_of_points(path: Path, lines: Sequence[int]) -> tuple[str, ...]:
+    """A sentence on the point events of a BORIS table, which are left out; nothing where there are none."""
+    if not lines:
+        return ()
+    return (f"{path}: {len(lines)} point events have no length and are left out, line {lines[0]} first.",)

@@ -1,0 +1,77 @@
+"""A clip without images, and labels of it, for the formats of other programs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from hypothesis import strategies as st
+
+from harness.adapters import Truth
+from harness.annotation_formats.exchange import Exchange
+from harness.labels import Label, LabelRange, Labels
+from tests.scenes import make_rig
+from vfoa.types import StereoFrame
+
+SUBJECTS, TARGETS = ("girl", "boy"), ("bird", "cup")
+
+
+@dataclass
+class PlainClip:
+    """Black frames; frame n at n over the rate, on a clock that begins ``start_ns`` earlier or later."""
+
+    frames: Sequence[int] = range(1, 51)
+    rate_hz: float | None = 25.0
+    start_ns: int = 0
+    notes: tuple[str, ...] = ()
+    truths: dict[int, Truth] = field(default_factory=dict)
+
+    def time_ns(self, number: int) -> int:
+        return self.start_ns + round(number * 1e9 / (self.rate_hz or 1.0))
+
+    def frame(self, number: int) -> StereoFrame:
+        rig = make_rig(64, 48)
+        black = np.zeros((48, 64, 3), np.uint8)
+        return StereoFrame(index=number, time_ns=self.time_ns(number), left=black, right=black, rig=rig)
+
+    def truth(self, number: int) -> Truth:
+        return self.truths.get(number, Truth())
+
+    def digest(self) -> str:
+        return "0" * 64
+
+
+def exchange(clip: PlainClip | None = None, **more: Any) -> Exchange:
+    return Exchange(clip=clip or PlainClip(), subjects=SUBJECTS, targets=TARGETS, **more)
+
+
+def row(first: int, last: int, target: str, subject: str = "girl", **more: Any) -> LabelRange:
+    return LabelRange(first_frame=first, last_frame=last, subject=subject, label=Label(target=target, **more))
+
+
+NOTES = st.text("ab,;'\"#<&>é漢 ", max_size=8).map(lambda text: " ".join(text.split()))
+POINTS = st.none() | st.tuples(*[st.floats(0, 4096, allow_nan=False)] * 2)
+FRAMES = st.sets(st.integers(1, 99), min_size=1, max_size=40).map(sorted)
+"""Of a clip whose numbers have gaps."""
+
+
+@st.composite
+def labels_of(draw: st.DrawFn, frames: Sequence[int], *, notes: bool, points: bool, suggested: bool) -> Labels:
+    """Ranges that follow each other without a gap, each of at least one frame."""
+    rows = []
+    for subject in draw(st.lists(st.sampled_from(SUBJECTS), unique=True, min_size=1)):
+        cuts = sorted(draw(st.sets(st.integers(0, len(frames)), min_size=2, max_size=8)))
+        for low, high in pairwise(cuts):
+            label = Label(
+                target=draw(
+                    st.sampled_from([*TARGETS, "none", "ignore", *(each for each in SUBJECTS if each != subject)])
+                ),
+                note=draw(NOTES) if notes else "",
+                point_px=draw(POINTS) if points else None,
+                is_suggested=draw(st.booleans()) if suggested else False,
+            )
+            rows.append(LabelRange(first_frame=frames[low], last_frame=frames[high - 1], subject=subject, label=label))
+    return Labels(rows)
