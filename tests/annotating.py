@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from harness.annotate.server import PageServer
 from harness.annotate.session import Session
 from harness.results import FrameRecord, to_line
 from tests.disk import stereo_pair_folder, write_text
 from tests.records import frame_record, subject_record, target_record
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
 
 MANIFEST = """# A clip of noise, for those who test.
 name = "noise"
@@ -99,3 +103,17 @@ def _records() -> list[FrameRecord]:
         subject = subject_record("ann", totals={focus: total} if focus else {}, focus=focus, instance_id=1)
         records.append(frame_record(targets, [subject], frame=frame, clip="noise"))
     return records
+
+
+def wait_for(condition: Callable[[], object], *, at_most_s: float = 120.0) -> None:
+    """Wait until something holds; fail if it does not within a time that only a fault can take."""
+    end = time.monotonic() + at_most_s
+    while not condition():
+        assert time.monotonic() < end, "it did not come to hold"
+        time.sleep(0.02)
+
+
+def shown(browser: Chrome) -> int | None:
+    """The number of the frame that the page shows; None before it shows any."""
+    frame = browser.execute_script("return document.body.dataset.frame")
+    return None if frame is None else int(frame)

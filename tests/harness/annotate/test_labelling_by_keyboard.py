@@ -1,0 +1,163 @@
+"""A whole clip labelled in a browser by keys alone, and nothing lost by undo, reload or a killed server."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from harness.adapters import Clip
+from harness.annotations import format_annotations
+from harness.labels import IGNORED, Label, Labels, ranges_of
+from harness.manifest import ClipManifest, load_manifest
+from tests.annotating import serve, shown, wait_for
+from tests.browser import chromium, set_width
+from tests.disk import write_text
+from vfoa.types import StereoFrame
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
+
+REPOSITORY = Path(__file__).parents[3]
+KEYS = {"laptop": "1", "mug": "2", "book": "3", "bottle": "4", "vase": "5", "none": "n", "ignore": "i"}
+
+
+class Gate:
+    """A clip whose frames come when the test lets them, so that playing waits where the test has to press a key."""
+
+    def __init__(self, clip: Clip) -> None:
+        self._clip = clip
+        self._open_to, self._changed = 1, threading.Condition()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._clip, name)
+
+    def frame(self, number: int) -> StereoFrame:
+        with self._changed:
+            self._changed.wait_for(lambda: number <= self._open_to)
+        return self._clip.frame(number)
+
+    def open_to(self, number: int) -> None:
+        with self._changed:
+            self._open_to = number
+            self._changed.notify_all()
+
+
+class Keyboard:
+    """Presses keys in the page, and counts them."""
+
+    def __init__(self, browser: Chrome) -> None:
+        self._browser, self.presses = browser, 0
+
+    def press(self, *keys: str) -> None:
+        from selenium.webdriver import ActionChains
+
+        for key in keys:
+            ActionChains(self._browser).send_keys(key).perform()
+            self.presses += 1
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Chrome]:
+    with chromium(tmp_path / "profile") as browser:
+        set_width(browser, 1280)
+        yield browser
+
+
+@pytest.fixture
+def studio(tmp_path: Path) -> Path:
+    """A working directory with a studio clip of 60 frames that nobody has labelled yet."""
+    text = (REPOSITORY / "datasets" / "studio_table.toml").read_text()
+    return write_text(tmp_path / "datasets" / "tabletop.toml", text.replace("studio_table", "tabletop"))
+
+
+def _true_labels(clip: Clip) -> Labels:
+    """What the clip knows of itself; nobody can judge a saccade."""
+    targets = [(number, (clip.truth(number).people or ())[0].target or IGNORED) for number in clip.frames]
+    return Labels(ranges_of("anna", ((number, Label(target=target)) for number, target in targets)))
+
+
+@contextmanager
+def _served_by_the_program(manifest: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """``vfoa annotate`` as a process of its own, and the address it prints."""
+    program = "from harness.cli import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "annotate", "tabletop", "--no-open"],
+        cwd=manifest.parents[1],
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    try:
+        process.stdout.readline()
+        yield process, process.stdout.readline().strip()
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def test_a_clip_is_labelled_while_it_plays_and_survives_all_that_can_happen(browser: Chrome, studio: Path) -> None:
+    gates: list[Gate] = []
+
+    def gated(manifest: ClipManifest) -> Any:
+        gates.append(Gate(manifest.open()))
+        return gates[0]
+
+    clip = load_manifest(str(studio)).open()
+    truth = _true_labels(clip)
+    changes = [each.first_frame for each in truth.ranges[1:]]
+    assert len(clip.frames) == 60
+    assert len(changes) >= 6
+    keyboard = Keyboard(browser)
+    file = studio.parents[1] / "annotations" / "tabletop.csv"
+
+    with serve(clip=str(studio), open_clip=gated) as page:
+        browser.get(page.address)
+        wait_for(lambda: shown(browser) == 1)
+        keyboard.press(KEYS[truth.ranges[0].label.target], " ")
+        for each in truth.ranges[1:]:
+            gates[0].open_to(each.first_frame)
+            wait_for(lambda frame=each.first_frame: shown(browser) == frame)
+            keyboard.press(KEYS[each.label.target])
+        gates[0].open_to(60)
+        wait_for(lambda: shown(browser) == 60)
+        assert keyboard.presses <= 20
+        wait_for(lambda: file.exists() and file.read_text() == format_annotations(truth))
+        assert "60 of 60 labelled (100 %)" in browser.find_element("id", "progress").text
+
+        # undo and redo, over a reload
+        keyboard.press("z")
+        wait_for(lambda: format_annotations(truth) != file.read_text())
+        browser.refresh()
+        wait_for(lambda: shown(browser) is not None)
+        keyboard.press("y")
+        wait_for(lambda: file.read_text() == format_annotations(truth))
+
+    # killed in mid-work, twice, and started again: what was said is there, and can be undone
+    with _served_by_the_program(studio) as (process, address):
+        browser.get(address)
+        wait_for(lambda: shown(browser) == 1)
+        keyboard.press(KEYS["none"])
+        wait_for(lambda: "1,11,anna,none," in file.read_text())
+        os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+        keyboard.press(KEYS["vase"])
+        wait_for(lambda: "nothing you do now is saved" in browser.find_element("id", "notice").text)
+    with _served_by_the_program(studio) as (process, address):
+        browser.get(address)
+        wait_for(lambda: shown(browser) == 1)
+        assert "anna: none" in browser.find_element("id", "label").text
+        keyboard.press("z")
+        wait_for(lambda: file.read_text() == format_annotations(truth))
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=60) == 0
