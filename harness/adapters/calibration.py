@@ -1,19 +1,14 @@
-"""Calibration files of rectified stereo cameras: KITTI's text, OpenCV's YAML or XML."""
+"""The calibration of a rectified pair."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from harness.files import read_bytes
 from vfoa.errors import VfoaError
-from vfoa.types import Float, StereoRig
-
-_UNRECTIFIED = (("R", "T"), ("D1", "D2"), ("distCoeffs1", "distCoeffs2"), ("R1", "R2"))
+from vfoa.types import StereoRig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,28 +48,6 @@ class Calibration:
         )
 
 
-def read_calibration(path: Path, *, kitti_cameras: tuple[int, int] = (2, 3), rectified: bool = False) -> Calibration:
-    """Read a calibration file: OpenCV's (``.yml``, ``.yaml``, ``.xml``: P1 and P2 of stereoRectify) or KITTI's.
-
-    Parameters
-    ----------
-    path
-        The file.
-    kitti_cameras
-        Left and right camera of a KITTI file: (2, 3) is the colour pair, (0, 1) the gray one.
-    rectified
-        The images are rectified already, although an OpenCV file also tells how to do it.
-
-    Raises
-    ------
-    VfoaError
-        If the file cannot be read, lacks a matrix, or describes no rectified pair with a positive baseline.
-    """
-    if path.suffix.lower() in (".yml", ".yaml", ".xml"):
-        return _read_opencv(path, rectified)
-    return _read_kitti(path, kitti_cameras)
-
-
 def from_projections(
     p_left: ArrayLike, p_right: ArrayLike, where: str, size_px: tuple[int, int] | None = None
 ) -> Calibration:
@@ -108,79 +81,3 @@ def from_projections(
         baseline_m=float(baseline),
         size_px=size_px,
     )
-
-
-def _read_kitti(path: Path, cameras: tuple[int, int]) -> Calibration:
-    """``P2: 12 numbers`` (object and odometry sets) or ``P_rect_02: 12 numbers`` (raw recordings)."""
-    lines = _kitti_lines(path)
-    matrices = []
-    for camera in cameras:
-        key = next((key for key in (f"P{camera}", f"P_rect_{camera:02d}") if key in lines), None)
-        if key is None:
-            raise VfoaError(f"{path}: no line P{camera}: or P_rect_{camera:02d}:; expected KITTI's calibration")
-        matrices.append(_kitti_numbers(path, *lines[key], 12).reshape(3, 4))
-    size_key = f"S_rect_{cameras[0]:02d}"
-    size = _kitti_numbers(path, *lines[size_key], 2).tolist() if size_key in lines else None
-    where = f"{path}: P{cameras[0]} and P{cameras[1]}"
-    left, right = matrices
-    return from_projections(left, right, where, size_px=None if size is None else (int(size[0]), int(size[1])))
-
-
-def _kitti_numbers(path: Path, line: int, text: str, expected: int) -> Float:
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError as error:
-        raise VfoaError(f"{path}:{line}: {error}; expected {expected} numbers") from None
-    if values.size != expected:
-        raise VfoaError(f"{path}:{line}: found {values.size} numbers; expected {expected}")
-    return values
-
-
-def _kitti_lines(path: Path) -> dict[str, tuple[int, str]]:
-    try:
-        text = read_bytes(path).decode()
-    except UnicodeDecodeError:
-        raise VfoaError(f"{path}: not text; expected KITTI's calibration, or OpenCV's in .yml or .xml") from None
-    parts = [(number, *line.partition(":")) for number, line in enumerate(text.splitlines(), start=1)]
-    return {key.strip(): (number, rest) for number, key, colon, rest in parts if colon}
-
-
-def _read_opencv(path: Path, rectified: bool) -> Calibration:
-    read_bytes(path)  # OpenCV says nothing of a file that is not there
-    try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        try:
-            matrices = {name: storage.getNode(name).mat() for name in ("P1", "P2")}
-            size = _opencv_size(storage)
-            unrectified = [pair for pair in _UNRECTIFIED if _undoes_something(storage, pair)]
-        finally:
-            storage.release()
-    except (cv2.error, SystemError):  # OpenCV's binding raises the latter where parsing failed
-        raise VfoaError(f"{path}: cannot be parsed; expected YAML or XML as OpenCV's FileStorage writes it") from None
-    for name, matrix in matrices.items():
-        if matrix is None or matrix.shape != (3, 4):
-            found = "no such matrix" if matrix is None else f"shape {matrix.shape}"
-            raise VfoaError(
-                f"{path}: {name}: {found}; expected the (3, 4) matrix of stereoRectify: only rectified images are read"
-            )
-    if unrectified and not rectified:
-        raise VfoaError(
-            f"{path}: holds {' and '.join(unrectified[0])} of an unrectified pair, which is not rectified here; "
-            "rectify the images first, or say rectified = true in [source] if they are"
-        )
-    return from_projections(matrices["P1"], matrices["P2"], f"{path}: P1 and P2", size_px=size)
-
-
-def _opencv_size(storage: cv2.FileStorage) -> tuple[int, int] | None:
-    width, height = (int(storage.getNode(name).real()) for name in ("image_width", "image_height"))
-    return (width, height) if width > 0 and height > 0 else None
-
-
-def _undoes_something(storage: cv2.FileStorage, names: tuple[str, str]) -> bool:
-    """Whether these nodes hold a distortion or a rotation: images as the cameras saw them are not rectified."""
-    matrices: list[Float] = [matrix for name in names if (matrix := storage.getNode(name).mat()) is not None]
-    return any(not _is_trivial(matrix) for matrix in matrices)
-
-
-def _is_trivial(matrix: Float) -> bool:
-    return not matrix.any() or (matrix.shape == (3, 3) and np.array_equal(matrix, np.eye(3)))

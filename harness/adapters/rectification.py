@@ -12,7 +12,18 @@ from harness.adapters.calibration import Calibration, from_projections
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
 
-_COEFFICIENTS = {"plumb_bob": (0, 4, 5, 8, 12, 14), "equidistant": (0, 4)}
+Model = Literal["plumb_bob", "equidistant"]
+
+ROS_MODELS: dict[str, Model] = {
+    "": "plumb_bob",
+    "plumb_bob": "plumb_bob",
+    "rational_polynomial": "plumb_bob",
+    "equidistant": "equidistant",
+    "fisheye": "equidistant",
+}
+"""ROS's names of distortion models."""
+
+_COEFFICIENTS: dict[Model, tuple[int, ...]] = {"plumb_bob": (0, 4, 5, 8, 12, 14), "equidistant": (0, 4)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +40,13 @@ class RawCamera:
     d: Float
     r: Float
     p: Float
-    model: Literal["plumb_bob", "equidistant"] = "plumb_bob"
+    model: Model = "plumb_bob"
+
+    @property
+    def key(self) -> bytes:
+        """Equal for cameras that are equal."""
+        matrices = b"".join(matrix.tobytes() for matrix in (self.k, self.d, self.r, self.p))
+        return f"{self.size_px} {self.model} {self.d.size} ".encode() + matrices
 
     @property
     def is_rectified(self) -> bool:
@@ -100,18 +117,50 @@ class Rectifier:
         return image if maps is None else np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
 
 
-def _check(camera: RawCamera, where: str) -> None:
-    for name, matrix, shape in (("K", camera.k, (3, 3)), ("R", camera.r, (3, 3)), ("P", camera.p, (3, 4))):
-        if matrix.shape != shape or not np.isfinite(matrix).all():
-            raise VfoaError(f"{where}: {name}: found shape {matrix.shape}; expected {shape}, finite")
-    if not (camera.k[0, 0] > 0 and camera.k[1, 1] > 0):
-        raise VfoaError(f"{where}: K: found focal lengths {camera.k[0, 0]:g}, {camera.k[1, 1]:g}; expected positive")
-    if not np.allclose(camera.r @ camera.r.T, np.eye(3), atol=1e-4) or np.linalg.det(camera.r) < 0:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Optics:
+    """How a pair is brought onto common rows (None: it is there already), and the calibration it has then."""
+
+    calibration: Calibration
+    rectifier: Rectifier | None
+
+    def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
+        """Both images (H, W, 3), rectified."""
+        return (left, right) if self.rectifier is None else self.rectifier.rectify(left, right)
+
+
+def optics(cameras: RawCalibration | Calibration) -> Optics:
+    """The optics of a pair; computes the maps."""
+    if isinstance(cameras, Calibration):
+        return Optics(calibration=cameras, rectifier=None)
+    return Optics(calibration=cameras.rectified(), rectifier=Rectifier(cameras))
+
+
+def check_lens(k: Float, d: Float, model: Model, where: str) -> None:
+    """Refuse what is no camera matrix, or another number of coefficients than the model has."""
+    _check_shape("K", k, (3, 3), where)
+    if not (k[0, 0] > 0 and k[1, 1] > 0):
+        raise VfoaError(f"{where}: K: found focal lengths {k[0, 0]:g}, {k[1, 1]:g}; expected positive")
+    if d.ndim != 1 or d.size not in _COEFFICIENTS[model] or not np.isfinite(d).all():
+        raise VfoaError(f"{where}: D: found {d.size} coefficients; expected one of {_COEFFICIENTS[model]}, finite")
+
+
+def check_rotation(r: Float, where: str) -> None:
+    """Refuse what is no rotation (3, 3)."""
+    _check_shape("R", r, (3, 3), where)
+    if not np.allclose(r @ r.T, np.eye(3), atol=1e-4) or np.linalg.det(r) < 0:
         raise VfoaError(f"{where}: R: not a rotation; expected an orthonormal matrix (the identity if rectified)")
-    if camera.d.ndim != 1 or camera.d.size not in _COEFFICIENTS[camera.model] or not np.isfinite(camera.d).all():
-        raise VfoaError(
-            f"{where}: D: found {camera.d.size} coefficients; expected one of {_COEFFICIENTS[camera.model]}, finite"
-        )
+
+
+def _check(camera: RawCamera, where: str) -> None:
+    check_lens(camera.k, camera.d, camera.model, where)
+    check_rotation(camera.r, where)
+    _check_shape("P", camera.p, (3, 4), where)
+
+
+def _check_shape(name: str, matrix: Float, shape: tuple[int, int], where: str) -> None:
+    if matrix.shape != shape or not np.isfinite(matrix).all():
+        raise VfoaError(f"{where}: {name}: found shape {matrix.shape}; expected {shape}, finite")
 
 
 def _maps(camera: RawCamera) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike]:

@@ -10,15 +10,15 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from harness.adapters import Recognised, Truth
-from harness.adapters.calibration import Calibration, read_calibration
-from harness.adapters.opencv_pair import read_opencv_pair
-from harness.adapters.rectification import RawCalibration, Rectifier
+from harness.adapters.calibration import Calibration
+from harness.adapters.calibration_files.options import Cameras, Options, Unit
+from harness.adapters.calibration_files.read import read_cameras
+from harness.adapters.rectification import Optics, optics
 from harness.adapters.stereo_views import ImagePairs, PackedImages, PackedVideo, Packing, VideoPair, Views
-from harness.files import read_bytes
 from harness.frame_files import find_frames
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
-from vfoa.types import Image, StereoFrame, StereoRig
+from vfoa.types import StereoFrame
 
 Layout = Literal[
     "images", "images_side_by_side", "images_top_bottom", "videos", "video_side_by_side", "video_top_bottom"
@@ -51,7 +51,10 @@ class StereoFolderSettings(Settings):
     """Where the views are, under the manifest's root, and how they were calibrated: a file or four numbers.
 
     ``left`` and ``right`` are a folder, a glob (``left*.png``) or a pattern (``left/%06d.png``), or two videos.
-    ``both`` is the same for files that hold both views. ``rate_hz`` is the videos' own where it is not given; images
+    ``both`` is the same for files that hold both views. ``calibration`` is a file, or two (left and right of ROS,
+    intrinsics and extrinsics of OpenCV); what such files do not tell: which two of their ``calibration_cameras`` (KITTI
+    (2, 3), Kalibr (0, 1) if unsaid), the ``calibration_unit`` of their translation, that they are for ``fisheye``
+    lenses, that the images are ``rectified`` already. ``rate_hz`` is the videos' own where it is not given; images
     without it are a second apart.
     """
 
@@ -59,10 +62,12 @@ class StereoFolderSettings(Settings):
     left: str | None = None
     right: str | None = None
     both: str | None = None
-    calibration: str | None = None
-    camera: CameraNumbers | None = None
-    kitti_cameras: tuple[int, int] = (2, 3)
+    calibration: str | tuple[str, str] | None = None
+    calibration_cameras: tuple[int, int] | None = None
+    calibration_unit: Unit = "m"
+    fisheye: bool = False
     rectified: bool = False
+    camera: CameraNumbers | None = None
     rate_hz: float | None = Field(default=None, gt=0)
 
     @model_validator(mode="after")
@@ -82,6 +87,15 @@ class StereoFolderSettings(Settings):
             found = "neither" if self.camera is None else "both"
             raise ValueError(f"found {found}; expected either calibration (a file) or camera (four numbers)")
         return self
+
+    def options(self) -> Options:
+        """What is said of the calibration's files."""
+        return Options(
+            cameras=self.calibration_cameras,
+            unit=self.calibration_unit,
+            fisheye=self.fisheye,
+            rectified=self.rectified,
+        )
 
     def views(self, folder: Path) -> Views:
         """The views' files under a folder.
@@ -110,8 +124,8 @@ class StereoFolderClip:
     root/
       left/000007.png     any image OpenCV reads; left and right are joined by number
       right/000007.png    the same size
-      calib.txt           KITTI's P2 and P3, or OpenCV's P1 and P2 in .yml
-      stereo.yml          or what vfoa calibrate writes: pairs as the cameras saw them are rectified by it
+      stereo.yml          what vfoa calibrate writes, or another file of calibration_files: pairs as the cameras
+                          saw them are rectified by it
     """
 
     Settings = StereoFolderSettings
@@ -122,9 +136,7 @@ class StereoFolderClip:
         if not folder.is_dir():
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         self._views = settings.views(folder)
-        self._raw_digest = ""
-        self._raw = self._read_raw(folder)
-        self._calibration = self._read_calibration(folder) if self._raw is None else self._raw.rectified()
+        self._cameras = self._read_cameras(folder)
 
     @classmethod
     def recognise(cls, path: Path) -> tuple[Recognised, ...]:
@@ -159,15 +171,12 @@ class StereoFolderClip:
         """Read one pair."""
         time_ns = self.time_ns(number)
         left, right = self._views.read(number)
-        if self._rectifier is not None:
-            left, right = self._rectify(self._rectifier, number, left, right)
-        return StereoFrame(
-            index=number,
-            time_ns=time_ns,
-            left=left,
-            right=right,
-            rig=self._rig(number, left),
-        )
+        try:
+            left, right = self._optics.rectify(left, right)
+            rig = self._optics.calibration.rig(left.shape[1], left.shape[0])
+        except VfoaError as error:
+            raise VfoaError(f"{self._views.where(number)}: {error}") from None
+        return StereoFrame(index=number, time_ns=time_ns, left=left, right=right, rig=rig)
 
     def truth(self, number: int) -> Truth:
         """Nothing is known."""
@@ -175,42 +184,29 @@ class StereoFolderClip:
 
     def digest(self) -> str:
         """Of the files' bytes, the frames' numbers, the calibration and the rate."""
-        parts = f"{self._views.digest()} {self._calibration} {self.rate_hz}{self._raw_digest}"
-        return hashlib.sha256(parts.encode()).hexdigest()
+        digest = hashlib.sha256(f"{self._views.digest()} {self.rate_hz} ".encode())
+        cameras = self._cameras
+        digest.update(
+            str(cameras).encode() if isinstance(cameras, Calibration) else cameras.left.key + cameras.right.key
+        )
+        return digest.hexdigest()
 
     @cached_property
     def _numbers(self) -> frozenset[int]:
         return frozenset(self.frames)
 
     @cached_property
-    def _rectifier(self) -> Rectifier | None:
-        return None if self._raw is None else Rectifier(self._raw)
+    def _optics(self) -> Optics:
+        return optics(self._cameras)
 
-    def _rectify(self, rectifier: Rectifier, number: int, left: Image, right: Image) -> tuple[Image, Image]:
-        try:
-            return rectifier.rectify(left, right)
-        except VfoaError as error:
-            raise VfoaError(f"{self._views.where(number)}: {error}") from None
+    def _read_cameras(self, folder: Path) -> Cameras:
+        settings = self._settings
+        if settings.camera is not None:
+            return settings.camera.calibration()
+        files = settings.calibration or ()
+        paths = [folder / file for file in ([files] if isinstance(files, str) else files)]
+        return read_cameras(paths, self._size_px, settings.options())
 
-    def _read_raw(self, folder: Path) -> RawCalibration | None:
-        file = self._settings.calibration
-        if file is None or self._settings.rectified or Path(file).suffix.lower() not in (".yml", ".yaml", ".xml"):
-            return None
-        raw = read_opencv_pair(folder / file)
-        self._raw_digest = "" if raw is None else hashlib.sha256(read_bytes(folder / file)).hexdigest()
-        return raw
-
-    def _read_calibration(self, folder: Path) -> Calibration:
-        if self._settings.camera is not None:
-            return self._settings.camera.calibration()
-        return read_calibration(
-            folder / str(self._settings.calibration),
-            kitti_cameras=self._settings.kitti_cameras,
-            rectified=self._settings.rectified,
-        )
-
-    def _rig(self, number: int, left: Image) -> StereoRig:
-        try:
-            return self._calibration.rig(left.shape[1], left.shape[0])
-        except VfoaError as error:
-            raise VfoaError(f"{self._views.where(number)}: {error}") from None
+    def _size_px(self) -> tuple[int, int]:
+        left, _ = self._views.read(self.frames[0])
+        return left.shape[1], left.shape[0]

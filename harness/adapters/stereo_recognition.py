@@ -7,15 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from harness.adapters import Recognised
-from harness.adapters.stereo_folder import StereoFolderClip, StereoFolderSettings
+from harness.adapters.calibration_files.find import find_calibrations
+from harness.adapters.calibration_files.options import Options
 from harness.adapters.stereo_layouts import FoundLayout, find_layouts
-from harness.config_errors import parse
 from harness.frame_files import IMAGE_SUFFIXES
 from harness.video import VIDEO_SUFFIXES
-from vfoa.errors import VfoaError
 
-_CALIBRATION_SUFFIXES = (".yml", ".yaml", ".xml", ".txt", ".conf")
-_LARGEST_BYTES = 1_000_000
 _KITTI_GRAY = re.compile(r"(^|/)image_0?0(/|$)")
 
 
@@ -29,7 +26,7 @@ def recognise_stereo(path: Path) -> tuple[Recognised, ...]:
             source=layout.source | calibration,
             layout=str(layout),
             name=path.stem if path.is_file() else path.name,
-            calibration=str(calibration["calibration"]) if calibration else None,
+            calibration=_named(calibration["calibration"]) if calibration else None,
         )
         for layout in find_layouts(path)
         for calibration in _calibrations(layout) or [{}]
@@ -37,27 +34,19 @@ def recognise_stereo(path: Path) -> tuple[Recognised, ...]:
 
 
 def _calibrations(layout: FoundLayout) -> list[dict[str, Any]]:
-    """The settings that name each file beside the images, or one folder below or above, that is a calibration."""
-    places = (layout.root, *sorted(each for each in layout.root.iterdir() if each.is_dir()))
-    files = [file for place in places for file in sorted(place.iterdir()) if _may_calibrate(file)]
-    found = [settings for file in files if (settings := _settings(layout, str(file.relative_to(layout.root))))]
-    above = layout.root.parent / "calib_cam_to_cam.txt"  # KITTI's raw recordings: one for all drives of a day
-    if not found and above.is_file():
-        found = [settings for settings in [_settings(layout, "../calib_cam_to_cam.txt")] if settings]
-    return found
+    """The settings that name each calibration for images of this size, beside them or one folder below or above."""
+    cameras = (0, 1) if _KITTI_GRAY.search(layout.source.get("left", "")) else None
+
+    def size() -> tuple[int, int]:
+        return layout.size_px
+
+    options = Options(cameras=cameras)
+    found = find_calibrations(layout.root, size, options)
+    if not found:  # KITTI's raw recordings: one for all drives of a day
+        found = find_calibrations(layout.root, size, options, [("../calib_cam_to_cam.txt",)])
+    gray = {} if cameras is None else {"calibration_cameras": list(cameras)}
+    return [each.source | (gray if str(each.source["calibration"]).endswith(".txt") else {}) for each in found]
 
 
-def _may_calibrate(file: Path) -> bool:
-    return file.suffix.lower() in _CALIBRATION_SUFFIXES and file.is_file() and file.stat().st_size <= _LARGEST_BYTES
-
-
-def _settings(layout: FoundLayout, file: str) -> dict[str, Any] | None:
-    """The settings by which a file calibrates the layout; None where it does not."""
-    settings: dict[str, Any] = {"calibration": file}
-    if file.endswith(".txt") and _KITTI_GRAY.search(layout.source.get("left", "")):
-        settings["kitti_cameras"] = [0, 1]
-    try:
-        StereoFolderClip(parse(StereoFolderSettings, layout.source | settings, file), layout.root)
-    except VfoaError:
-        return None
-    return settings
+def _named(files: str | list[str]) -> str:
+    return files if isinstance(files, str) else " and ".join(files)

@@ -1,4 +1,4 @@
-"""The calibration as a file: OpenCV's YAML, which ``harness.adapters.calibration`` reads."""
+"""The calibration as a file: OpenCV's YAML, which ``harness.adapters.calibration_files`` reads."""
 
 from __future__ import annotations
 

@@ -18,8 +18,8 @@ def calibrate(
     out: Annotated[Path, typer.Option(help="The file to write.")] = Path("stereo.yml"),
 ) -> None:
     """Calibrate two cameras from pictures of a chessboard, and write the file that stereo_folder reads."""
-    from harness.adapters.opencv_pair import read_opencv_pair
-    from harness.adapters.rectification import Rectifier
+    from harness.adapters.calibration_files.read import read_cameras
+    from harness.adapters.rectification import optics
     from harness.calibration.corners import Board, find_views
     from harness.calibration.files import write_calibration, write_preview
     from harness.calibration.pictures import picture_pairs
@@ -37,10 +37,9 @@ def calibrate(
     for number, error in found.epipolar_px.items():
         typer.echo(f"frame {number}: epipolar error {error:.3f} px")
     write_calibration(out, found)
-    raw = read_opencv_pair(out)
-    if raw is not None:
-        _, first_left, first_right = next(picture_pairs(folder, left, right)[0])
-        preview = out.with_suffix(".png")
-        write_preview(preview, rectified_preview(Rectifier(raw), first_left, first_right))
-        typer.echo(f"{preview}: the first pair, rectified")
+    _, first_left, first_right = next(picture_pairs(folder, left, right)[0])
+    preview = out.with_suffix(".png")
+    rectified = optics(read_cameras([out], lambda: size_px))
+    write_preview(preview, rectified_preview(rectified, first_left, first_right))
+    typer.echo(f"{preview}: the first pair, rectified")
     typer.echo(f"{out}: {len(found.epipolar_px)} pairs, RMS {found.rms_px:.3f} px")

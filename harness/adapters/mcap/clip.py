@@ -185,13 +185,17 @@ class McapClip:
         content = picture(topic.type, message.data, where)
         return decode_rgb(content, where) if isinstance(content, bytes) else rgb(content, where)
 
+    def _size_px(self) -> tuple[int, int]:
+        height, width = self._image(self._topics[0], self._pairs[0][0]).shape[:2]
+        return width, height
+
     def _find_cameras(self, index: Index) -> Cameras:
         settings, (left, right) = self._settings, self._topics
         rectified = settings.rectified
         if rectified is None:
             rectified = "image_rect" in left.name and "image_rect" in right.name
         if settings.calibration is not None:
-            return FileCameras(self._folder / settings.calibration, rectified)
+            return FileCameras(self._folder / settings.calibration, self._size_px, rectified)
         topics = index.topics.values()
         cameras = (
             find_camera(topics, left, settings.left_info, self._where),

@@ -14,7 +14,7 @@ import mcap_ros2.decoder
 import numpy as np
 from mcap.records import Channel, Schema
 
-from harness.adapters.rectification import RawCamera
+from harness.adapters.rectification import ROS_MODELS, RawCamera
 from vfoa.errors import VfoaError
 
 Kind = Literal["raw", "compressed", "calibration"]
@@ -29,13 +29,6 @@ _KINDS: dict[tuple[str, str], Kind] = {
     ("json", "foxglove.RawImage"): "raw",
     ("json", "foxglove.CompressedImage"): "compressed",
     ("json", "foxglove.CameraCalibration"): "calibration",
-}
-_MODELS: dict[str, Literal["plumb_bob", "equidistant"]] = {
-    "": "plumb_bob",
-    "plumb_bob": "plumb_bob",
-    "rational_polynomial": "plumb_bob",
-    "equidistant": "equidistant",
-    "fisheye": "equidistant",
 }
 
 
@@ -133,8 +126,8 @@ def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
     """
     field = _fields(kind, data, where)
     model = str(field("distortion_model"))
-    if model not in _MODELS:
-        raise VfoaError(f"{where}: distortion model {model!r}; expected one of {', '.join(filter(None, _MODELS))}")
+    if model not in ROS_MODELS:
+        raise VfoaError(f"{where}: distortion model {model!r}; expected one of {', '.join(filter(None, ROS_MODELS))}")
     if kind.message_encoding == "cdr":
         _check_full_size(field, where)
     names = ("k", "d", "r", "p") if kind.message_encoding == "cdr" else ("K", "D", "R", "P")
@@ -147,7 +140,7 @@ def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
         d=d,
         r=r.reshape(3, 3),
         p=p.reshape(3, 4),
-        model=_MODELS[model],
+        model=ROS_MODELS[model],
     )
 
 

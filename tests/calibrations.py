@@ -1,0 +1,139 @@
+"""One known pair of cameras, and the files in which different programs would describe it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from tests.disk import write_text
+
+Array = NDArray[np.float64]
+SIZE = (1280, 720)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rig:
+    """x_right = rotation(rotation_vector) x_left + translation_m; ``d`` are four coefficients of the model."""
+
+    k: tuple[Array, Array]
+    d: tuple[Array, Array]
+    rotation_vector: Array
+    translation_m: Array
+    model: str = "plumb_bob"
+
+    @property
+    def rotation(self) -> Array:
+        return np.asarray(cv2.Rodrigues(self.rotation_vector)[0], dtype=np.float64)
+
+    def project(self, points_left: Array) -> tuple[Array, Array]:
+        """Where both cameras see points (N, 3) of the left camera's frame: pixels (N, 2) before rectification."""
+        poses = ((np.zeros(3), np.zeros(3)), (self.rotation_vector, self.translation_m))
+        project = cv2.fisheye.projectPoints if self.model == "equidistant" else cv2.projectPoints
+        points = points_left.reshape(-1, 1, 3)
+        left, right = (
+            project(points, rotation.reshape(3, 1), translation.reshape(3, 1), k, d)[0].reshape(-1, 2)
+            for (rotation, translation), k, d in zip(poses, self.k, self.d, strict=True)
+        )
+        return left, right
+
+
+def matrix(fx: float, fy: float, cx: float, cy: float) -> Array:
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+
+
+RIG = Rig(
+    k=(matrix(700.5, 701.0, 630.0, 362.5), matrix(698.0, 699.5, 645.0, 355.0)),
+    d=(np.array([-0.17, 0.03, 0.0004, -0.0003]), np.array([-0.165, 0.027, -0.0002, 0.0005])),
+    rotation_vector=np.array([0.012, -0.02, 0.007]),
+    translation_m=np.array([-0.1199, 0.0011, -0.0007]),
+)
+
+
+def opencv_nodes(rig: Rig) -> dict[str, Array]:
+    (k1, k2), (d1, d2) = rig.k, rig.d
+    return {"K1": k1, "D1": d1[None], "K2": k2, "D2": d2[None], "R": rig.rotation, "T": rig.translation_m[:, None]}
+
+
+def rectification(rig: Rig) -> dict[str, Array]:
+    nodes = opencv_nodes(rig)
+    pair = nodes["K1"], nodes["D1"], nodes["K2"], nodes["D2"], SIZE, nodes["R"], nodes["T"]
+    return dict(zip(("R1", "R2", "P1", "P2"), cv2.stereoRectify(*pair, alpha=0), strict=False))
+
+
+def write_opencv(path: Path, nodes: dict[str, Array], size: tuple[int, int] | None = None) -> Path:
+    """By OpenCV itself, YAML or XML."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in zip(("image_width", "image_height"), size or (), strict=False):
+        storage.write(name, value)
+    for name, value in nodes.items():
+        storage.write(name, value)
+    storage.release()
+    return path
+
+
+def write_yaml(path: Path, value: object) -> Path:
+    return write_text(path, yaml.safe_dump(value, default_flow_style=None))
+
+
+def write_ros(folder: Path, rig: Rig) -> list[Path]:
+    found = rectification(rig)
+
+    def table(value: Array, rows: int) -> dict[str, object]:
+        return {"rows": rows, "cols": value.size // rows, "data": value.ravel().tolist()}
+
+    return [
+        write_yaml(
+            folder / f"{side}.yaml",
+            {
+                "image_width": SIZE[0],
+                "image_height": SIZE[1],
+                "camera_name": side,
+                "camera_matrix": table(k, 3),
+                "distortion_model": "plumb_bob",
+                "distortion_coefficients": table(np.append(d, 0.0), 1),
+                "rectification_matrix": table(found[f"R{n}"], 3),
+                "projection_matrix": table(found[f"P{n}"], 3),
+            },
+        )
+        for n, side, k, d in zip((1, 2), ("left", "right"), rig.k, rig.d, strict=True)
+    ]
+
+
+def write_kalibr(path: Path, rig: Rig) -> Path:
+    """cam0 is the left one: T_cn_cnm1 of cam1 takes points of cam0 to cam1."""
+    names = {"plumb_bob": "radtan", "equidistant": "equidistant"}
+    cameras: dict[str, dict[str, object]] = {
+        f"cam{n}": {
+            "camera_model": "pinhole",
+            "intrinsics": k[[0, 1, 0, 1], [0, 1, 2, 2]].tolist(),
+            "distortion_model": names[rig.model],
+            "distortion_coeffs": d.tolist(),
+            "resolution": list(SIZE),
+            "rostopic": f"/cam{n}/image_raw",
+        }
+        for n, (k, d) in enumerate(zip(rig.k, rig.d, strict=True))
+    }
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rig.rotation, rig.translation_m
+    cameras["cam1"]["T_cn_cnm1"] = pose.tolist()
+    return write_yaml(path, cameras)
+
+
+def write_zed(path: Path, rig: Rig) -> Path:
+    """For 1280 x 720, with another resolution's section that must not be taken; millimetres."""
+    lines = []
+    for side, k, d in zip(("LEFT", "RIGHT"), rig.k, rig.d, strict=True):
+        for name, scale in (("FHD", 1.5), ("HD", 1.0)):
+            values = dict(zip(("fx", "fy", "cx", "cy"), k[[0, 1, 0, 1], [0, 1, 2, 2]] * scale, strict=True))
+            values |= dict(zip(("k1", "k2", "p1", "p2", "k3"), np.append(d, 0.0), strict=True))
+            lines += [f"[{side}_CAM_{name}]", *(f"{key}={value:.17g}" for key, value in values.items()), ""]
+    x, y, z = rig.translation_m * 1000
+    lines += ["[STEREO]", f"Baseline={-x:.17g}", f"TY={y:.17g}", f"TZ={z:.17g}", "CV_FHD=0", "RX_FHD=0", "RZ_FHD=0"]
+    lines += [f"{key}_HD={value:.17g}" for key, value in zip(("RX", "CV", "RZ"), rig.rotation_vector, strict=True)]
+    return write_text(path, "\n".join(lines) + "\n")

@@ -1,0 +1,302 @@
+"""One rig, written as different programs would; every file must give the same rectified pair."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from harness.adapters.calibration import Calibration
+from harness.adapters.calibration_files.find import find_calibrations
+from harness.adapters.calibration_files.options import Options
+from harness.adapters.calibration_files.pose import Lens, rectify_pose
+from harness.adapters.calibration_files.read import read_cameras
+from harness.adapters.rectification import RawCalibration, RawCamera
+from tests import calibrations
+from tests.calibrations import RIG, SIZE, Rig, opencv_nodes, rectification, write_opencv, write_yaml
+from tests.disk import write_text
+from vfoa.errors import VfoaError
+from vfoa.types import Float
+
+SPELLED = {"K1": "cameraMatrix1", "D1": "distCoeffs1", "K2": "cameraMatrix2", "D2": "distCoeffs2", "R": "R", "T": "T"}
+SIDED = {"K1": "camera_matrix_left", "D1": "dist_left", "K2": "camera_matrix_right", "D2": "dist_right"}
+FISHEYE = replace(
+    RIG, model="equidistant", d=(np.array([0.02, -0.01, 0.004, -0.001]), np.array([0.025, -0.008, 0.003, -0.002]))
+)
+
+
+def _size() -> tuple[int, int]:
+    return SIZE
+
+
+def _renamed(nodes: dict[str, Float], names: dict[str, str]) -> dict[str, Float]:
+    return {names.get(name, name): value for name, value in nodes.items()}
+
+
+def _sample(root: Path) -> list[Path]:
+    """The two files of OpenCV's own stereo calibration sample; neither tells the size."""
+    nodes = _renamed(opencv_nodes(RIG), {"K1": "M1", "K2": "M2"})
+    inner = {name: value for name, value in nodes.items() if name[-1] in "12"}
+    outer = {"R": nodes["R"], "T": nodes["T"], **rectification(RIG), "Q": np.eye(4)}
+    return [write_opencv(root / "intrinsics.yml", inner), write_opencv(root / "extrinsics.yml", outer)]
+
+
+def _lists(root: Path) -> list[Path]:
+    nodes = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
+    return [write_yaml(root / "c.yaml", {**nodes, "image_size": list(SIZE), "rms": 0.3})]
+
+
+FORMATS: dict[str, Callable[[Path], list[Path]]] = {
+    "opencv yaml": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG), SIZE)],
+    "opencv xml": lambda root: [write_opencv(root / "c.xml", _renamed(opencv_nodes(RIG), SPELLED))],
+    "opencv by sides": lambda root: [write_opencv(root / "c.yml", _renamed(opencv_nodes(RIG), SIDED), SIZE)],
+    "opencv rectified": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | rectification(RIG), SIZE)],
+    "opencv's sample": _sample,
+    "rotation vector": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | {"R": RIG.rotation_vector})],
+    "plain lists": _lists,
+    "ros": lambda root: calibrations.write_ros(root, RIG),
+    "kalibr": lambda root: [calibrations.write_kalibr(root / "camchain.yaml", RIG)],
+    "zed": lambda root: [calibrations.write_zed(root / "SN1.conf", RIG)],
+}
+
+
+def _raw(paths: list[Path], options: Options = Options()) -> RawCalibration:  # noqa: B008
+    cameras = read_cameras(paths, _size, options)
+    assert isinstance(cameras, RawCalibration)
+    return cameras
+
+
+def _rectified_points(camera: RawCamera, pixels: Float) -> Float:
+    """Where pixels (N, 2) lie after rectification."""
+    undistort = cv2.fisheye.undistortPoints if camera.model == "equidistant" else cv2.undistortPoints
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-12)
+    found = undistort(pixels[:, None], camera.k, camera.d, R=camera.r, P=camera.p, criteria=stop)
+    return np.asarray(found[:, 0], dtype=np.float64)
+
+
+def _assert_rows_match_and_depths_come_back(cameras: RawCalibration, rig: Rig, points: Float) -> None:
+    left, right = (
+        _rectified_points(camera, pixels)
+        for camera, pixels in zip((cameras.left, cameras.right), rig.project(points), strict=True)
+    )
+    calibration = cameras.rectified()
+    depth = (points @ cameras.left.r.T)[:, 2]
+    disparity = left[:, 0] - right[:, 0] + calibration.cx_right_px - calibration.cx_px
+    assert np.abs(left[:, 1] - right[:, 1]).max() < 1e-3
+    assert np.abs(disparity - calibration.fx_px * calibration.baseline_m / depth).max() < 1e-3
+
+
+def _points(seed: int, count: int = 40) -> Float:
+    """Points within half a metre of the axis, one to five metres away."""
+    random = np.random.default_rng(seed)
+    depth = random.uniform(1, 5, (count, 1))
+    return np.hstack([random.uniform(-0.4, 0.4, (count, 2)) * depth, depth])
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_gives_the_same_rectified_pair(tmp_path: Path, name: str) -> None:
+    found = _raw(FORMATS[name](tmp_path)).rectified()
+    expected = rectification(RIG)
+    assert found.baseline_m == pytest.approx(np.linalg.norm(RIG.translation_m), rel=1e-6)
+    assert (found.fx_px, found.cx_px, found.cy_px) == pytest.approx(expected["P1"][[0, 0, 1], [0, 2, 2]], rel=1e-6)
+    assert (found.cx_right_px, found.size_px) == (pytest.approx(found.cx_px), SIZE)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_brings_points_onto_common_rows(tmp_path: Path, name: str) -> None:
+    _assert_rows_match_and_depths_come_back(_raw(FORMATS[name](tmp_path)), RIG, _points(0))
+
+
+def test_fisheye_lenses_of_kalibr_and_opencv(tmp_path: Path) -> None:
+    kalibr = _raw([calibrations.write_kalibr(tmp_path / "camchain.yaml", FISHEYE)])
+    opencv = _raw([write_opencv(tmp_path / "c.yml", opencv_nodes(FISHEYE), SIZE)], Options(fisheye=True))
+    assert kalibr.rectified() == opencv.rectified()
+    _assert_rows_match_and_depths_come_back(kalibr, FISHEYE, _points(1))
+
+
+def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
+    """cam0 stands right of cam1, which stands right of cam2, 0.1 m each, so that cam2 and cam0 are 0.2 m apart."""
+    step = np.eye(4)
+    step[0, 3] = 0.1  # x_cam1 = x_cam0 + 0.1: cam1 is to the left
+    camera = {
+        "camera_model": "pinhole",
+        "intrinsics": [500, 500, 320, 240],
+        "distortion_model": "none",
+        "distortion_coeffs": [],
+        "resolution": [640, 480],
+    }
+    chain = {"cam0": camera, "cam1": {**camera, "T_cn_cnm1": step.tolist()}}
+    path = write_yaml(tmp_path / "chain.yaml", {**chain, "cam2": {**camera, "T_cn_cnm1": step.tolist()}})
+    assert _raw([path], Options(cameras=(1, 0))).rectified().baseline_m == pytest.approx(0.1)
+    assert _raw([path], Options(cameras=(2, 0))).rectified().baseline_m == pytest.approx(0.2)
+    with pytest.raises(VfoaError, match=r"chain\.yaml: the baseline is -0\.1 m; .*left and right swapped"):
+        read_cameras([path], _size)
+    with pytest.raises(VfoaError, match="no cam3; expected one of cam0, cam1, cam2"):
+        read_cameras([path], _size, Options(cameras=(3, 0)))
+
+
+def test_the_unit_of_the_translation_is_said(tmp_path: Path) -> None:
+    nodes = opencv_nodes(RIG)
+    path = write_opencv(tmp_path / "c.yml", nodes | {"T": nodes["T"] * 1000}, SIZE)
+    found = _raw([path], Options(unit="mm"))
+    assert found.rectified().baseline_m == pytest.approx(np.linalg.norm(RIG.translation_m))
+    _assert_rows_match_and_depths_come_back(found, RIG, _points(2))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_what_lies_beside_the_images_is_found(tmp_path: Path, name: str) -> None:
+    paths = FORMATS[name](tmp_path / "calibration")
+    write_text(tmp_path / "notes.txt", "P2 is at the door")
+    write_yaml(tmp_path / "other.yaml", {"K1": 3})
+    found = find_calibrations(tmp_path, _size)
+    files = [path.relative_to(tmp_path).as_posix() for path in paths]
+    assert [each.source for each in found] == [{"calibration": files[0] if len(files) == 1 else files}]
+    assert "B 0.1199 m, rectifies the images" in str(found[0])
+
+
+@pytest.mark.parametrize("name", ["opencv yaml", "ros", "kalibr", "zed"])
+def test_a_calibration_for_another_size_is_not_found(tmp_path: Path, name: str) -> None:
+    FORMATS[name](tmp_path)
+    assert find_calibrations(tmp_path, lambda: (64, 48)) == ()
+
+
+small = st.floats(-0.03, 0.03)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    rotation=st.tuples(small, small, small),
+    shift=st.tuples(st.floats(-0.6, -0.05), small.map(lambda x: x / 3), small.map(lambda x: x / 3)),
+    radial=st.tuples(st.floats(-0.2, 0.05), st.floats(-0.02, 0.05)),
+    focal=st.floats(600, 900),
+    seed=st.integers(0, 1000),
+    is_fisheye=st.booleans(),
+)
+def test_any_rig_is_rectified(
+    rotation: tuple[float, ...],
+    shift: tuple[float, ...],
+    radial: tuple[float, float],
+    focal: float,
+    seed: int,
+    is_fisheye: bool,
+) -> None:
+    model: Any = "equidistant" if is_fisheye else "plumb_bob"
+    k = calibrations.matrix(focal, focal * 1.01, 650, 350), calibrations.matrix(focal * 0.99, focal, 630, 365)
+    d = np.array([*radial, 0.0003, -0.0002]), np.array([radial[0] * 0.9, radial[1], -0.0004, 0.0001])
+    rig = Rig(k=k, d=d, rotation_vector=np.array(rotation), translation_m=np.array(shift), model=model)
+    lenses = (Lens(k=k_, d=d_, model=model) for k_, d_ in zip(k, d, strict=True))
+    cameras = rectify_pose(*lenses, rig.rotation, rig.translation_m, SIZE, "rig")
+    _assert_rows_match_and_depths_come_back(cameras, rig, _points(seed))
+
+
+def _projection(fx: float, cx: float, tx: float = 0.0) -> Float:
+    return np.array([[fx, 0, cx, tx], [0, fx, 23.5, 0], [0, 0, 1, 0]], dtype=np.float64)
+
+
+def _read(path: Path, options: Options = Options()) -> Calibration:  # noqa: B008
+    cameras = read_cameras([path], lambda: (64, 48), options)
+    assert isinstance(cameras, Calibration)
+    return cameras
+
+
+def _kitti(*matrices: Float, names: tuple[str, str] = ("P2", "P3")) -> str:
+    lines = [
+        f"{name}: {' '.join(f'{value:e}' for value in matrix.ravel())}\n"
+        for name, matrix in zip(names, matrices, strict=True)
+    ]
+    return "".join(lines)
+
+
+def test_kitti_s_baseline_is_the_difference_of_the_fourth_columns(shared_data: Path) -> None:
+    calibration = _read(shared_data / "kitti_pair" / "calib.txt")
+    assert calibration.baseline_m == pytest.approx(0.532, abs=0.002)
+    assert calibration.fx_px == 721.5377
+    assert calibration.cx_px == calibration.cx_right_px == 609.5593
+    gray = _read(shared_data / "kitti_pair" / "calib.txt", Options(cameras=(0, 1)))
+    assert gray.baseline_m == pytest.approx(0.537, abs=0.001)
+
+
+def test_kitti_s_raw_recordings_name_and_size_theirs(tmp_path: Path) -> None:
+    text = _kitti(_projection(50, 30), _projection(50, 32, -10), names=("P_rect_02", "P_rect_03"))
+    path = write_text(tmp_path / "c.txt", f"calib_time: 09-Jan-2012 13:57:47\nS_rect_02: 6.4e1 4.8e1\n{text}")
+    calibration = _read(path)
+    assert (calibration.baseline_m, calibration.cx_px, calibration.cx_right_px) == (0.2, 30.0, 32.0)
+    assert calibration.size_px == (64, 48)
+
+
+def test_opencv_s_projections_are_read(tmp_path: Path) -> None:
+    path = write_opencv(
+        tmp_path / "c.yml", {"P1": _projection(50, 30), "P2": _projection(50, 33, -5.0), "D1": np.zeros((1, 5))}
+    )
+    calibration = _read(path)
+    assert (calibration.baseline_m, calibration.cx_px, calibration.cx_right_px) == (0.1, 30.0, 33.0)
+
+
+def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
+    K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    rotation, _ = cv2.Rodrigues(np.array([0.01, 0.02, -0.01]))
+    translation = np.array([[-0.12], [0.001], [0.002]])
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(K, np.zeros(5), K, np.zeros(5), (640, 480), rotation, translation)
+    path = write_opencv(
+        tmp_path / "extrinsics.yml", {"R": rotation, "T": translation, "R1": R1, "R2": R2, "P1": P1, "P2": P2}
+    )
+    with pytest.raises(
+        VfoaError, match=r"extrinsics\.yml: holds R and T and R1 and R2 of an unrectified pair.*rectified = true"
+    ):
+        _read(path)
+    calibration = _read(path, Options(rectified=True))
+    assert calibration.baseline_m == pytest.approx(np.linalg.norm(translation))
+
+
+@pytest.mark.parametrize(
+    ("matrices", "message"),
+    [
+        ((_projection(50, 30), _projection(50, 30, 5)), r"baseline is -0\.1 m; expected a positive one"),
+        ((_projection(50, 30), _projection(50, 30)), "baseline is 0 m"),
+        ((_projection(50, 30), _projection(51, 30, -5)), "fx is 50 left and 51 right"),
+        ((_projection(-50, 30), _projection(-50, 30, -5)), "positive focal lengths"),
+    ],
+)
+def test_matrices_of_no_rectified_pair_are_refused(tmp_path: Path, matrices: tuple[Float, Float], message: str) -> None:
+    with pytest.raises(VfoaError, match=message):
+        _read(write_text(tmp_path / "c.txt", _kitti(*matrices)))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("c.txt", "P2: 1 2 3\n", r"c\.txt:1: found 3 numbers; expected 12"),
+        ("c.txt", "P0: 1\nP2: 1 x\n", r"c\.txt:2: could not convert string to float"),
+        ("c.txt", "nothing\n", r"no line P2: or P_rect_02:"),
+        (
+            "c.yml",
+            "%YAML:1.0\n---\na: 1\n",
+            r"c\.yml: found none of them; expected K1 D1 K2 D2 with R T",
+        ),
+        ("c.yml", "%YAML:1.0\n---\na: [1,\n", r"c\.yml: "),
+        ("c.yml", "K1: [1, x]", r"c\.yml: K1: found \[1, 'x'\]; expected numbers"),
+        ("c.yml", "K1: [1]\nM1: [1]", r"c\.yml: K1 and M1 both are K1; expected one of them"),
+        ("c.yml", "a: [1,\n", r"c\.yml:2: not YAML"),
+        ("c.yml", "", r"c\.yml: holds no names"),
+        ("c.xml", "<a>", r"c\.xml: cannot be parsed"),
+        ("c.conf", "fx=1", r"c\.conf: cannot be parsed; expected the ZED's"),
+        ("c.conf", "[STEREO]\nBaseline=120\n", r"c\.conf: the images have 64 x 48 pixels; expected one of the ZED's: "),
+        (
+            "c.yaml",
+            "cam0: {camera_model: omni, distortion_model: radtan}",
+            r"cam0: model omni-radtan; expected pinhole",
+        ),
+        ("c.yaml", "camera_matrix: 1\nprojection_matrix: 2", r"c\.yaml: one camera of ROS; expected the pair"),
+    ],
+)
+def test_files_that_are_no_calibration_are_one_line(tmp_path: Path, name: str, content: str, message: str) -> None:
+    with pytest.raises(VfoaError, match=message) as error:
+        _read(write_text(tmp_path / name, content))
+    assert "\n" not in str(error.value)
