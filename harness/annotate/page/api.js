@@ -25,18 +25,36 @@ export const post = async (path, body, keepalive = false) =>
 
 // One after the other. When one is refused, those that were already waiting were meant for a state that is gone.
 export class Queue {
-  constructor(refused) {
-    this.refused = refused;
+  // refused(error): one was refused; moved(): one came or went.
+  constructor({ refused, moved }) {
+    Object.assign(this, { refused, moved });
     this.last = Promise.resolve();
     this.age = 0;
+    this.waiting = 0;
   }
 
   add(work) {
     const age = this.age;
-    this.last = this.last.then(async () => {
-      if (age !== this.age) return;
-      try { await work(); } catch (error) { this.age += 1; this.refused(error); }
-    });
+    this.waiting += 1;
+    this.moved();
+    this.last = this.last.then(() => this.do(work, age));
     return this.last;
+  }
+
+  // Drop what is waiting behind the work in hand; whether there was any.
+  forget() {
+    this.age += 1;
+    return this.waiting > 1;
+  }
+
+  async do(work, age) {
+    try {
+      if (age === this.age) await work();
+    } catch (error) {
+      this.forget();
+      this.refused(error);
+    }
+    this.waiting -= 1;
+    this.moved();
   }
 }

@@ -3,6 +3,7 @@
 import { Queue, get, post } from "./api.js";
 import { bind } from "./keys.js";
 import { Names } from "./names.js";
+import { drawLabel, drawPlace, drawProgress, drawSubjects } from "./panel.js";
 import { Player } from "./player.js";
 import { Stage } from "./stage.js";
 import { Strip } from "./strip.js";
@@ -16,7 +17,7 @@ class Page {
   constructor(about, state) {
     this.subject = about.subjects[0];
     this.selection = null;
-    this.queue = new Queue((error) => this.refused(error));
+    this.queue = new Queue({ refused: (error) => this.refused(error), moved: () => this.settle() });
     this.names = new Names({
       look: (name) => this.look(name), changed: (next) => this.renew(next), failed: (error) => this.say(error.message),
     });
@@ -61,6 +62,7 @@ class Page {
   async go(position, near = false) {
     this.wanted = Math.min(Math.max(position, 0), this.total - 1);
     const wanted = this.wanted;
+    this.settle();
     try {
       const [image, scene] = await this.stage.load(wanted);
       if (wanted !== this.wanted) return;
@@ -70,6 +72,12 @@ class Page {
       this.draw();
       this.stage.ahead(wanted, 6, this.total);
     } catch (error) { this.say(error.message || `frame ${this.about.frames[wanted]} cannot be shown`); }
+    this.settle();
+  }
+
+  // Whether all that was asked for is shown, and all that was said is saved.
+  settle() {
+    document.body.setAttribute("aria-busy", this.wanted !== this.shown || this.queue.waiting > 0 || !!this.unsaid);
   }
 
   step(by) {
@@ -93,9 +101,14 @@ class Page {
 
   nextSubject(by) {
     const all = this.about.subjects;
-    this.subject = all[(all.indexOf(this.subject) + by + all.length) % all.length];
+    return this.turnTo(all[(all.indexOf(this.subject) + by + all.length) % all.length]);
+  }
+
+  turnTo(subject) {
+    this.tellSeen();
+    this.subject = subject;
     this.select(null);
-    return this.go(this.start());
+    return this.go(this.start(), true);
   }
 
   // Where a subject's work goes on: the first frame that is not labelled, or not confirmed.
@@ -136,8 +149,9 @@ class Page {
     const seen = this.unsaid && this.unsaid.subject === this.subject;
     if (seen) this.tellSeen();
     return this.queue.add(async () => {
-      this.update(await post("/api/change", { revision: this.state.revision, subject: this.subject, ...what }));
+      const state = await post("/api/change", { revision: this.state.revision, subject: this.subject, ...what });
       this.say("");
+      this.update(state, state.revision);
     });
   }
 
@@ -206,18 +220,25 @@ class Page {
 
   // What is shown
 
-  update(plain) {
+  update(plain, expected = this.state.revision) {
     this.state = read(plain);
+    if (plain.revision !== expected) this.overtaken();
     // What was seen but not yet told is not forgotten.
     if (this.unsaid) this.state.seen[this.unsaid.subject] = Math.max(this.state.seen[this.unsaid.subject], this.unsaid.at);
     this.draw();
   }
 
+  // What was asked for before the newer state was seen was meant for the older one.
+  overtaken() {
+    const lost = this.queue.forget() ? " What you did last was not done." : "";
+    this.say(`The labels were changed elsewhere. This is the newer state.${lost}`);
+  }
+
   refused(error) {
     this.player.stop();
     if (error.status === 409) {
-      this.update(error.state);
-      this.say("The labels were changed elsewhere. This is the newer state; your last change was not made.");
+      this.update(error.state, error.state.revision);
+      this.say("The labels were changed elsewhere. This is the newer state. What you did last was not done.");
     } else if (error.status === 403) this.say("The server was started anew: open the address that it printed.");
     else this.say(error.status ? error.message : "The server does not answer: nothing you do now is saved.");
   }
@@ -238,35 +259,18 @@ class Page {
     const here = at(this.track, this.shown);
     document.body.dataset.frame = this.about.frames[this.shown];
     document.body.dataset.revision = this.state.revision;
-    find("frame").value = `Frame ${this.about.frames[this.shown]}, ${this.shown + 1} of ${this.total}, ×${this.player.speed}`;
-    find("label").value = `${this.subject}: ${here.target === null ? "not labelled" : here.target}${here.suggested ? " (a suggestion)" : ""}${here.note ? ` – ${here.note}` : ""}`;
+    drawPlace(this.about.frames[this.shown], this.shown, this.total, this.player.speed);
+    drawLabel(this.subject, here);
     this.names.draw(this.subject, here.target);
     this.strip.draw({
       subjects: this.about.subjects, subject: this.subject, tracks: this.state.tracks,
       seen: this.state.seen, suggestions: this.suggestions,
     });
     this.strip.point(this.shown);
-    this.drawSubjects();
-    this.drawProgress();
+    drawSubjects(this.about.subjects, this.subject, (name) => this.turnTo(name));
+    drawProgress(this.state);
     this.stage.draw(this.stage.scene, this.subject);
     for (const [id, can] of [["undo", this.state.can_undo], ["redo", this.state.can_redo]]) find(`do-${id}`).disabled = !can;
-  }
-
-  drawSubjects() {
-    find("subjects").replaceChildren(...this.about.subjects.map((name) => {
-      const button = Object.assign(document.createElement("button"), { textContent: name });
-      button.setAttribute("role", "tab");
-      button.setAttribute("aria-selected", name === this.subject);
-      button.addEventListener("click", () => { this.subject = name; this.select(null); this.go(this.start()); });
-      return button;
-    }));
-  }
-
-  drawProgress() {
-    const { labelled, total, seconds_left: left } = this.state;
-    find("bar").value = labelled / total;
-    const time = left === null || labelled === total ? "" : `, about ${left < 90 ? `${Math.ceil(left)} s` : `${Math.ceil(left / 60)} min`} left`;
-    find("share").textContent = `${labelled} of ${total} labelled (${Math.floor(100 * labelled / total)} %)${time}`;
   }
 }
 

@@ -61,6 +61,8 @@ export class Stage {
   show(image, scene, at, subject) {
     this.picture.replaceChildren(image);
     this.overlay.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
+    this.unit = image.naturalWidth / 1000; // text is as large in every image
+    this.overlay.style.setProperty("--unit", `${this.unit}px`);
     this.draw(scene, subject);
     this.showBeside(at, subject, scene);
   }
@@ -82,7 +84,7 @@ export class Stage {
     const path = each.outline.map((points) => `M${points.map((point) => point.join(",")).join("L")}Z`).join("");
     group.append(shape("path", { d: path, class: "halo" }), shape("path", { d: path }));
     const [u0, v0, u1, v1] = each.box_px;
-    const label = shape("text", { x: (u0 + u1) / 2, y: isSubject ? v0 + 14 : (v0 + v1) / 2 });
+    const label = shape("text", { x: (u0 + u1) / 2, y: isSubject ? v0 + 14 * this.unit : (v0 + v1) / 2 });
     label.textContent = isSubject ? each.name : text;
     group.append(label);
     if (!isSubject) group.addEventListener("click", (event) => this.choose(each, this.pointOf(event)));

@@ -1,0 +1,269 @@
+"""The labelling page in a browser: what clicks, drags and keys do to the file, and what is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from harness.annotations import read_annotations
+from harness.manifest import load_manifest
+from harness.timeline import Timeline
+from tests.annotating import FRAMES, Page, shown, wait_for
+from tests.browser import chromium, requested, set_width
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
+
+Start = Callable[..., Page]
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    with chromium(tmp_path_factory.mktemp("profile")) as browser:
+        yield browser
+
+
+@pytest.fixture
+def browser(session: Chrome) -> Chrome:
+    set_width(session, 1280)
+    return session
+
+
+def _is_settled(browser: Chrome) -> bool:
+    return bool(browser.execute_script("return document.body.getAttribute('aria-busy') === 'false'"))
+
+
+def _open(browser: Chrome, page: Page) -> None:
+    browser.get(page.address)
+    wait_for(lambda: shown(browser) is not None and _is_settled(browser))
+
+
+def _keys(browser: Chrome, *keys: str) -> None:
+    """Press keys, each after the page has shown and saved what the one before did."""
+    from selenium.webdriver import ActionChains
+
+    for key in keys:
+        ActionChains(browser).send_keys(key).perform()
+        wait_for(lambda: _is_settled(browser))
+
+
+def _click(browser: Chrome, selector: str) -> None:
+    from selenium.webdriver import ActionChains
+
+    ActionChains(browser).move_to_element(browser.find_element("css selector", selector)).click().perform()
+    wait_for(lambda: _is_settled(browser))
+
+
+def _drag(browser: Chrome, first: int, last: int) -> None:
+    """Drag over the strip, from one position to another."""
+    from selenium.webdriver import ActionChains
+
+    row = browser.find_element("css selector", "#strips .current > div")
+    width = row.size["width"] / len(FRAMES)
+    middle = row.size["width"] / 2
+    start, end = ((position + 0.5) * width - middle for position in (first, last))
+    actions = ActionChains(browser).move_to_element_with_offset(row, round(start), 0).click_and_hold()
+    actions.move_by_offset(round(end - start), 0).release().perform()
+
+
+def _targets(page: Page, subject: str = "ann") -> list[str]:
+    """What is scored: a letter a frame; ``-`` for ignore, ``.`` for unlabelled."""
+    manifest = load_manifest(str(page.session.manifest.path))
+    timeline = Timeline(frames=FRAMES, times_ns=())
+    labels = read_annotations(page.file, timeline=timeline, subjects=manifest.subjects, targets=manifest.targets)
+    found = [labels.confirmed().at(frame, subject) for frame in FRAMES]
+    return ["." if each is None else "-" if each.target == "ignore" else each.target[0] for each in found]
+
+
+@pytest.mark.parametrize("width", [1280, 390], ids=["wide", "phone"])
+def test_it_asks_nobody_else_complains_of_nothing_and_fits_the_screen(
+    session: Chrome, noise: Start, work: Path, width: int
+) -> None:
+    page = noise(run=work / "run")
+    session.get_log("browser")
+    requested(session)
+    set_width(session, width)
+    _open(session, page)
+    _keys(session, "1", "h", "d", "r")
+    here = f"http://127.0.0.1:{page.port}/"
+    assert [url for url in requested(session) if not url.startswith(here)] == []
+    assert session.get_log("browser") == []
+    assert session.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+    assert session.execute_script("return document.cookie") == ""
+    assert session.current_url == here
+
+
+def test_names_stand_in_the_strip_as_text_and_patterns_not_colour_alone(browser: Chrome, noise: Start) -> None:
+    page = noise()
+    _open(browser, page)
+    _keys(browser, "1", "]", "[")
+    _drag(browser, 4, 7)
+    _keys(browser, "i")
+    pieces = browser.find_elements("css selector", "#strips .current .piece")
+    assert [each.get_attribute("textContent") for each in pieces[:2]] == ["cup", "ignore"] or "cup" in pieces[0].text
+    pattern = browser.execute_script(
+        "return getComputedStyle(document.querySelector('.piece.is-ignore')).backgroundImage"
+    )
+    assert "gradient" in pattern
+
+
+def test_a_click_on_an_object_holds_from_here_until_the_next_change(browser: Chrome, noise: Start, work: Path) -> None:
+    page = noise(run=work / "run", blind=True)
+    _open(browser, page)
+    _click(browser, '[data-name="book"]')
+    _keys(browser, *["\ue014"] * 3)  # the right arrow
+    _click(browser, '[data-name="cup"]')
+    assert _targets(page)[:4] == ["b", "b", "b", "c"]
+    _keys(browser, "\ue010")  # End: too far to have been seen on the way
+    assert _targets(page)[4:] == ["."] * 8
+    _keys(browser, "n")
+    assert "".join(_targets(page)) == "bbbccccccccn"
+
+
+def test_a_drag_on_the_strip_is_a_range(browser: Chrome, noise: Start) -> None:
+    page = noise()
+    _open(browser, page)
+    _drag(browser, 2, 5)
+    _keys(browser, "2")
+    assert "".join(_targets(page)) == "..bbbb......"
+    _drag(browser, 5, 4)
+    _keys(browser, "n")
+    assert "".join(_targets(page)) == "..bbnn......"
+    _drag(browser, 8, 9)
+    _keys(browser, "1")
+    assert "".join(_targets(page)) == "..bbnn--cc.."
+    _drag(browser, 3, 8)
+    _keys(browser, "\ue017")  # Delete
+    assert "".join(_targets(page)) == "..b------c.."
+
+
+def test_a_change_that_was_hit_late_can_be_moved(browser: Chrome, noise: Start) -> None:
+    page = noise()
+    _open(browser, page)
+    _keys(browser, "1", *["\ue014"] * 6, "2")
+    assert "".join(_targets(page)) == "ccccccb....."
+    _keys(browser, ",", ",")
+    assert "".join(_targets(page)) == "ccccbbb....."
+    _keys(browser, ".")
+    assert "".join(_targets(page)) == "cccccbb....."
+
+
+def test_several_subjects_are_labelled_one_by_one(browser: Chrome, noise: Start) -> None:
+    page = noise()
+    _open(browser, page)
+    _keys(browser, "1", "\ue014", "s")
+    assert shown(browser) == 1
+    _keys(browser, "3", "\ue014", "\ue014", "s")  # 3 is ann: ben looks at her
+    assert "".join(_targets(page)) == "cc.........."
+    assert "".join(_targets(page, "ben")) == "aaa........."
+    assert "ann" in browser.find_element("css selector", '[aria-selected="true"]').text
+
+
+def test_a_second_tab_overwrites_nothing_and_is_shown_the_newer_state(browser: Chrome, noise: Start) -> None:
+    page = noise()
+    _open(browser, page)
+    first = browser.current_window_handle
+    _keys(browser, "1")
+    browser.switch_to.new_window("tab")
+    second = browser.current_window_handle
+    try:
+        browser.get(f"http://127.0.0.1:{page.port}/")
+        wait_for(lambda: shown(browser) is not None and _is_settled(browser))
+        page.session.mark_range(page.session.state()["revision"], "ann", 0, 5, "book")  # what the other tab does
+        _keys(browser, "n")
+        assert "were changed elsewhere" in browser.find_element("id", "notice").text
+        assert "ann: book" in browser.find_element("id", "label").text
+        assert "".join(_targets(page)) == "bbbbbb......"
+        _keys(browser, "n")
+        assert "".join(_targets(page)) == "bnnnnn......"  # the second frame is the first that was not labelled
+    finally:
+        browser.switch_to.window(second)
+        browser.close()
+        browser.switch_to.window(first)
+
+
+def test_suggestions_are_taken_over_where_attention_is_high_and_count_when_confirmed(
+    browser: Chrome, noise: Start, work: Path
+) -> None:
+    page = noise(run=work / "run")
+    _open(browser, page)
+    _keys(browser, "a")
+    assert "".join(_targets(page)) == "-------....."
+    drawn = [each.text for each in browser.find_elements("css selector", "#strips .current .suggested")]
+    assert drawn == ["? cup", "? book"]
+    assert "0 of 24 labelled" in browser.find_element("id", "share").text
+    _keys(browser, "\ue007")  # Enter: confirm the first, go to the second
+    assert "".join(_targets(page)) == "ccc----....."
+    assert shown(browser) == 5
+    _keys(browser, "\ue007")
+    assert "".join(_targets(page)) == "ccc-bbb....."
+
+
+def test_brackets_go_to_the_changes_that_the_run_suggests(browser: Chrome, noise: Start, work: Path) -> None:
+    page = noise(run=work / "run")
+    _open(browser, page)
+    _keys(browser, "1", "]", "2", "]", "n", "]")
+    assert "".join(_targets(page)) == "ccccbbbbnnnn"
+
+
+def test_a_blind_annotator_is_sent_no_suggestion(browser: Chrome, noise: Start, work: Path) -> None:
+    page = noise(run=work / "run", blind=True, annotator="second")
+    _open(browser, page)
+    about = page.session.about()
+    assert (about["suggestions"], about["order"], about["configuration"]) == ({"ann": None, "ben": None}, None, None)
+    assert browser.find_elements("css selector", ".row.run") == []
+    _keys(browser, "a", "]", "n")
+    assert page.file.name == "noise@second.csv"
+    assert _targets(page)[-1] == "n"
+
+
+def test_the_frames_in_which_the_run_was_unsure_come_first(browser: Chrome, noise: Start, work: Path) -> None:
+    page = noise(run=work / "run", uncertain_first=True)
+    _open(browser, page)
+    seen = [shown(browser)]
+    for _ in range(5):
+        _keys(browser, "n", "\ue014")
+        seen.append(shown(browser))
+    assert seen == [9, 10, 11, 12, 8, 4]  # nothing was predicted, then the least attention
+    assert "".join(_targets(page)) == ".......nnnnn"
+
+
+def test_a_new_target_is_named_in_place_and_stands_in_the_manifest(browser: Chrome, noise: Start, work: Path) -> None:
+    page = noise(run=work / "run")
+    _open(browser, page)
+    before = page.session.manifest.path.read_text()
+    _click(browser, '[data-name="clock#4"]')
+    form = browser.find_element("id", "new-target")
+    assert form.find_element("name", "category").get_attribute("value") == "thing"
+    form.find_element("name", "name").send_keys("wall clock")
+    form.find_element("name", "category").clear()
+    form.find_element("name", "category").send_keys("clock")
+    form.find_element("xpath", ".//button[text()='Add']").click()
+    wait_for(lambda: browser.find_elements("css selector", '[data-target="wall clock"]'))
+    text = page.session.manifest.path.read_text()
+    assert text.startswith(before)
+    assert load_manifest(str(page.session.manifest.path)).targets["wall clock"].category == "clock"
+    _click(browser, '[data-target="wall clock"]')
+    assert _targets(page)[0] == "w"
+
+
+def test_a_note_is_written_with_its_label(browser: Chrome, noise: Start) -> None:
+    page = noise()
+    _open(browser, page)
+    _keys(browser, "i", "m")
+    browser.find_element("css selector", "#note input").send_keys("eyes shut, blinks\ue007")
+    wait_for(lambda: '1,1,ann,ignore,"eyes shut, blinks"' in page.file.read_text())
+
+
+def test_every_tool_is_a_button_that_says_what_it_does(browser: Chrome, noise: Start) -> None:
+    _open(browser, noise())
+    for button in browser.find_elements("css selector", "#tools button"):
+        assert button.get_attribute("aria-label"), button.text
+    _click(browser, '[data-target="none"]')
+    _click(browser, "#do-undo")
+    assert "not labelled" in browser.find_element("id", "label").text
+    _click(browser, "#do-redo")
+    assert "ann: none" in browser.find_element("id", "label").text
