@@ -15,6 +15,12 @@ An experiment is a TOML file::
     "attention.cones_cm" = { one = [10], two = [10, 25] }     # ... or by its key
 
 or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and the tables in which it differs.
+
+A grid of thousands is a sweep, of which only the scores are kept (see :mod:`harness.sweep`)::
+
+    [sweep]
+    per = "gaze.error_deg"                  # which setting is best at each of these ...
+    across = "attention.cones_deg"          # ... and how the rate goes over these: the figure's lines and its abscissa
 """
 
 from __future__ import annotations
@@ -22,7 +28,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -52,12 +58,16 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]*")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Configuration:
-    """Every setting of one way to run the pipeline. ``choices`` has one entry per slot, None for one switched off."""
+    """Every setting of one way to run the pipeline. ``choices`` has one entry per slot, None for one switched off.
+
+    ``factors`` are the labels of its place in a grid by dotted key; empty where there was no grid.
+    """
 
     name: str
     choices: Mapping[str, StageChoice | None]
     reconstruction: ReconstructionSettings
     attend: AttendSettings
+    factors: Mapping[str, str] = field(default_factory=dict)
 
     def for_clip(self, clip: str) -> Configuration:
         """The configuration with the clip's name filled in where a stage's ``root`` asks for it."""
@@ -71,11 +81,19 @@ class Configuration:
         return {**stages, "reconstruction": self.reconstruction.model_dump(mode="json"), **attend}
 
 
+class SweepView(Settings):
+    """How a sweep is looked at: the best setting for each value of ``per``, and the rate over those of ``across``."""
+
+    per: str
+    across: str
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
     """Clips x configurations. ``notes`` are printed with the table.
 
-    ``annotator`` is the one whose labels are scored; None for ``annotations/<clip>.csv``.
+    ``annotator`` is the one whose labels are scored; None for ``annotations/<clip>.csv``. ``sweep``: only scores are
+    kept; None for a run.
     """
 
     name: str
@@ -83,6 +101,7 @@ class Experiment:
     configurations: tuple[Configuration, ...]
     notes: tuple[str, ...] = ()
     annotator: str | None = None
+    sweep: SweepView | None = None
 
 
 class _File(Settings):
@@ -92,6 +111,16 @@ class _File(Settings):
     defaults: dict[str, dict[str, Any]] = Field(default_factory=dict)
     grid: dict[str, Any] = Field(default_factory=dict)
     configuration: tuple[dict[str, Any], ...] = ()
+    sweep: SweepView | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Variant:
+    """A configuration as the file has it: its name, its place in the grid, and how it differs from the defaults."""
+
+    name: str
+    factors: Mapping[str, str]
+    differences: tuple[tuple[str, Any], ...]
 
 
 def load_experiment(name_or_path: str, *, clips: tuple[str, ...] = (), overrides: tuple[str, ...] = ()) -> Experiment:
@@ -117,14 +146,16 @@ def load_experiment(name_or_path: str, *, clips: tuple[str, ...] = (), overrides
     if not chosen:
         raise VfoaError(f"{where}: clips: expected at least one clip, found none")
     changes = [parse_assignment(text, "stereo.matcher=sgbm") for text in overrides]
+    _check_sweep(file, where)
     configurations = []
     used: set[tuple[str, str]] = set()
-    for name, differences in _variants(file, where):
-        own = _tables([*differences, *changes], where)
+    for variant in _variants(file, where):
+        own = _tables([*variant.differences, *changes], where)
         inherited = _inherited(file.defaults, own)
         used |= {(table, key) for table, settings in inherited.items() for key in settings}
         tables = {table: {**inherited.get(table, {}), **own.get(table, {})} for table in {*inherited, *own}}
-        configurations.append(_configuration(name, tables, f"{where}: configuration {name!r}"))
+        configuration = _configuration(variant.name, tables, f"{where}: configuration {variant.name!r}")
+        configurations.append(replace(configuration, factors=variant.factors))
     _all_used(file.defaults, used, where)
     return Experiment(
         name=path.stem,
@@ -132,6 +163,7 @@ def load_experiment(name_or_path: str, *, clips: tuple[str, ...] = (), overrides
         configurations=tuple(configurations),
         notes=file.notes,
         annotator=file.annotator,
+        sweep=file.sweep,
     )
 
 
@@ -151,8 +183,14 @@ def _find(name_or_path: str) -> Path:
     return path
 
 
-def _variants(file: _File, where: str) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
-    """The names of the configurations, and the (dotted key, value) pairs in which each differs from the defaults."""
+def _check_sweep(file: _File, where: str) -> None:
+    for role in ("per", "across") if file.sweep else ():
+        key = getattr(file.sweep, role)
+        if key not in file.grid:
+            raise VfoaError(f"{where}: sweep.{role}: {key!r} is not in the grid; {did_you_mean(key, file.grid)}")
+
+
+def _variants(file: _File, where: str) -> Iterator[_Variant]:
     if file.grid and file.configuration:
         raise VfoaError(f"{where}: expected either [grid] or [[configuration]], found both")
     if file.configuration:
@@ -161,10 +199,11 @@ def _variants(file: _File, where: str) -> Iterator[tuple[str, list[tuple[str, An
     axes = [_alternatives(key, values, where) for key, values in file.grid.items()]
     for combination in itertools.product(*axes):
         name = "-".join(label for label, _, _ in combination) or "default"
-        yield _checked(name, where), [(key, value) for _, key, value in combination]
+        factors = {key: label for label, key, _ in combination}
+        yield _Variant(_checked(name, where), factors, tuple((key, value) for _, key, value in combination))
 
 
-def _named(configurations: tuple[dict[str, Any], ...], where: str) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
+def _named(configurations: tuple[dict[str, Any], ...], where: str) -> Iterator[_Variant]:
     seen: set[str] = set()
     for number, table in enumerate(configurations, start=1):
         name = table.get("name")
@@ -173,7 +212,8 @@ def _named(configurations: tuple[dict[str, Any], ...], where: str) -> Iterator[t
         if name in seen:
             raise VfoaError(f"{where}: [[configuration]] number {number}: the name {name!r} occurs twice")
         seen.add(name)
-        yield _checked(name, where), list(_flattened({key: value for key, value in table.items() if key != "name"}))
+        differences = _flattened({key: value for key, value in table.items() if key != "name"})
+        yield _Variant(_checked(name, where), {}, tuple(differences))
 
 
 def _alternatives(key: str, values: Any, where: str) -> list[tuple[str, str, Any]]:

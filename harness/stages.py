@@ -35,6 +35,10 @@ class Slot:
     of_clip: Mapping[str, str]
     optional: bool = False
 
+    def __contains__(self, name: object) -> bool:
+        """Whether this slot takes the name."""
+        return (name == OFF and self.optional) or name in self.of_clip or name in self.library
+
     def parse(self, table: Mapping[str, Any], where: str) -> StageChoice | None:
         """Read ``{key: name, **settings}``; None for an optional stage that is switched off.
 
@@ -49,7 +53,7 @@ class Slot:
         settings = {key: value for key, value in table.items() if key != self.key}
         if name == OFF and self.optional:
             return None
-        if name not in self.names():
+        if name not in self:
             raise VfoaError(f"{where}: {self.name}.{self.key}: no {name!r}; {did_you_mean(str(name), self.names())}")
         return StageChoice(
             slot=self.name, name=name, settings=parse(self.settings_class(name), settings, f"{where}: {self.name}")
@@ -63,7 +67,7 @@ class Slot:
         """Whether the stage called ``name`` has a setting called ``key``; False for a name that is not there."""
         if key == self.key:
             return True
-        return name != OFF and name in self.names() and key in self.settings_class(str(name)).model_fields
+        return name != OFF and name in self and key in self.settings_class(str(name)).model_fields
 
     def build(self, choice: StageChoice, clip: Clip) -> Any:
         """Build the stage for one clip."""

@@ -90,6 +90,13 @@ def true_targets(record: FrameRecord, label: Label) -> list[TargetRecord]:
     return [min(named, key=lambda target: _distance_px(target.box_px, point))]
 
 
+def right_answers(record: FrameRecord, label: Label) -> tuple[int | None, ...]:
+    """The instances that the label names in this frame, each a right focus; None stands for nowhere."""
+    if label.target == NOWHERE:
+        return (None,)
+    return tuple(target.instance_id for target in true_targets(record, label))
+
+
 def _verdict(
     record: FrameRecord, subject: str, label: Label | None, predicted: str | None, outcome: Outcome, cause: str | None
 ) -> Verdict:
@@ -119,11 +126,11 @@ def _cause(
         return "no_subject"
     if found.missing is not None:
         return found.missing
-    if label.target == NOWHERE:
-        return None if found.focus is None else "false_attention"
-    targets = true_targets(record, label)
-    if any(target.instance_id == found.focus for target in targets):
+    if found.focus in right_answers(record, label):
         return None
+    if label.target == NOWHERE:
+        return "false_attention"
+    targets = true_targets(record, label)
     if not targets:
         return "target_not_segmented"
     if all(target.box is None for target in targets):

@@ -117,7 +117,7 @@ def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: Atten
         for fov_rad in settings.cones_rad
     )
     rays = _cast(cones, tuple(boxes.values()), settings)
-    scores = _score(rays, tuple(boxes.values()))
+    scores = score_rays(rays, tuple(boxes.values()))
     shares = scores.reshape(len(axes), len(scores) // len(axes), len(boxes)).mean(axis=1)
     values = _weigh(tuple(boxes), dict(zip(axes, shares, strict=True)), weights)
     focus, tied = _focus(values, rays)
@@ -138,7 +138,7 @@ def cue_weights(axes: Mapping[Cue, Float], weighting: Weighting) -> dict[Cue, fl
 
 
 @lru_cache(maxsize=64)
-def _pencil(fovs_rad: tuple[float, ...], n_rays: int, axis_ray: bool) -> Float:
+def pencil(fovs_rad: tuple[float, ...], n_rays: int, axis_ray: bool) -> Float:
     """Unit rays (K, N, 3) of K cones about +z: ray k at the angle 2 pi k / n_rays from +x, the axis last."""
     angle = 2 * np.pi * np.arange(n_rays) / n_rays
     half = np.array(fovs_rad)[:, None] / 2
@@ -151,18 +151,23 @@ def _pencil(fovs_rad: tuple[float, ...], n_rays: int, axis_ray: bool) -> Float:
 def _cast(cones: tuple[Cone, ...], boxes: tuple[Box3D, ...], settings: AttentionSettings) -> Rays:
     """Cast the rays of every cone, cone by cone, and find where they enter the boxes."""
     origin = cones[0].apex_left
-    pencil = _pencil(tuple(cone.fov_rad for cone in cones), settings.n_rays, settings.axis_ray)
+    bundle = pencil(tuple(cone.fov_rad for cone in cones), settings.n_rays, settings.axis_ray)
     left_from_cone = left_from_crop([cone.axis for cone in cones])
-    directions = (pencil @ left_from_cone.transpose(0, 2, 1)).reshape(-1, 3)
+    directions = (bundle @ left_from_cone.transpose(0, 2, 1)).reshape(-1, 3)
     entry_m = entry_distance(origin, directions, boxes)
     if settings.occlusion == "first_hit":
-        first = np.fmin.reduce(entry_m, axis=1, keepdims=True, initial=np.inf)
-        entry_m = np.where(entry_m == first, entry_m, np.nan)
-    cone_index = np.repeat(np.arange(len(cones)), pencil.shape[1])
+        entry_m = first_hits(entry_m)
+    cone_index = np.repeat(np.arange(len(cones)), bundle.shape[1])
     return Rays(origin_left=origin, directions=directions, cone_index=cone_index, entry_m=entry_m)
 
 
-def _score(rays: Rays, boxes: tuple[Box3D, ...]) -> Float:
+def first_hits(entry_m: Float) -> Float:
+    """Entry distances (R, T) with NaN for every box but the one that the ray enters first."""
+    first = np.fmin.reduce(entry_m, axis=1, keepdims=True, initial=np.inf)
+    return np.where(entry_m == first, entry_m, np.nan)
+
+
+def score_rays(rays: Rays, boxes: tuple[Box3D, ...]) -> Float:
     """What each ray (R, T) adds to N s of each target: (1.5 d_max - |P - C|) / (1.5 d_max - d_min), from (1) and (2).
 
     |P - C| counts as d_min where it is less, which is so only for eyes inside the box: there P is the eyes.

@@ -33,6 +33,10 @@ class Registry:
         """Every name that :meth:`load` takes, sorted."""
         return sorted({*self.builtin, *self._others()})
 
+    def __contains__(self, name: object) -> bool:
+        """Whether :meth:`load` takes this name. Other distributions, which take long to list, are asked last."""
+        return name in self.builtin or name in self._others()
+
     def load(self, name: str) -> Any:
         """Import and return the class called ``name``.
 

@@ -1,0 +1,116 @@
+"""The focus under thousands of cone settings at once, for little more than the price of their rays.
+
+Settings that differ in their weights, or in which cones they join, share rays: every distinct cone is cast and scored
+once per cue, the sums of a cone's scores are joined to shares by one matrix product, and the shares to totals by
+another. :func:`vfoa.attention.pay_attention` says what is computed; this only computes it for all settings together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfoa.attention import AttentionSettings, cue_weights, first_hits, pay_attention, pencil, score_rays
+from vfoa.geometry import entry_distance, left_from_crop
+from vfoa.types import CUES, Box3D, Cue, Float, Rays, Subject, Target
+
+T = TypeVar("T")
+
+NOWHERE = 0
+"""Stands for the focus of a subject who looks at nothing; instance ids begin at 1."""
+
+UNKNOWN = -1
+"""Stands for the focus where there is no attention at all: no eye origin, or no direction to go by."""
+
+_TIE = 1e-9
+"""Totals that differ relatively by less may be a tie, or one lost to rounding."""
+
+_Bundle = tuple[float, int, bool]
+"""A hollow cone's full apex angle (rad), its rays on the surface, and whether one goes along the axis."""
+
+
+class ConeSweep:
+    """Many settings of :func:`vfoa.attention.pay_attention`, made ready to be answered together.
+
+    Parameters
+    ----------
+    settings
+        In any order, repeated or not; answers come in the same order.
+    """
+
+    def __init__(self, settings: Sequence[AttentionSettings]) -> None:
+        self._settings = tuple(settings)
+        joined = [_bundles(each) for each in self._settings]
+        bundles = _distinct([bundle for bundles in joined for bundle in bundles])
+        joins, self._join_of = _numbered(joined)
+        self._occlusions, self._occlusion_of = _numbered([each.occlusion for each in self._settings])
+        self._weightings, self._weighting_of = _numbered([each.weighting for each in self._settings])
+
+        rays = [pencil((fov,), n_rays, axis_ray)[0] for fov, n_rays, axis_ray in bundles]
+        self._rays = np.concatenate(rays)
+        self._first_ray = np.cumsum([0, *(len(each) for each in rays[:-1])])
+        column = {bundle: number for number, bundle in enumerate(bundles)}
+        self._join = np.zeros((len(joins), len(bundles)))
+        for row, members in enumerate(joins):
+            for bundle in members:
+                self._join[row, column[bundle]] += 1 / sum(len(rays[column[each]]) for each in members)
+
+    def foci(self, subject: Subject, targets: tuple[Target, ...]) -> NDArray[np.int64]:
+        """The focus under each of S settings (S,): an instance id, :data:`NOWHERE` or :data:`UNKNOWN`."""
+        axes = {cue: axis for cue in CUES if (axis := subject.direction(cue)) is not None}
+        if subject.person.eye_origin_left is None or not axes:
+            return np.full(len(self._settings), UNKNOWN)
+        boxes = {
+            target.instance.id: target.box
+            for target in targets
+            if target.box is not None and target.instance.id != subject.person.instance_id
+        }
+        weights = [cue_weights(axes, weighting) for weighting in self._weightings]
+        known = np.array([bool(each) for each in weights])[self._weighting_of]
+        if not boxes:
+            return np.where(known, NOWHERE, UNKNOWN)
+
+        by_cue = np.array([[each.get(cue, 0.0) for cue in axes] for each in weights])
+        shares = self._shares(subject.person.eye_origin_left, axes, tuple(boxes.values()))
+        totals = np.einsum("wc,cojt->wojt", by_cue, shares)
+        picked = totals[self._weighting_of, self._occlusion_of, self._join_of]
+        most = picked.max(axis=1)
+        foci = np.where(most > 0, np.array(list(boxes))[picked.argmax(axis=1)], NOWHERE)
+        near_ties = (most > 0) & ((picked >= (1 - _TIE) * most[:, None]).sum(axis=1) > 1)
+        for number in np.flatnonzero(near_ties & known):
+            foci[number] = pay_attention(subject, targets, self._settings[number]).focus or NOWHERE
+        return np.where(known, foci, UNKNOWN)
+
+    def _shares(self, origin: Float, axes: dict[Cue, Float], boxes: tuple[Box3D, ...]) -> Float:
+        """Share s (C, O, J, T) of each cue, way of occlusion, join of cones, and target."""
+        shares = []
+        for axis in axes.values():
+            directions = self._rays @ left_from_crop(axis).T
+            entry_m = entry_distance(origin, directions, boxes)
+            cone_index = np.zeros(len(directions), dtype=np.int64)
+            rays = Rays(origin_left=origin, directions=directions, cone_index=cone_index, entry_m=entry_m)
+            scores = [
+                score_rays(rays if way == "ignore" else replace(rays, entry_m=first_hits(entry_m)), boxes)
+                for way in self._occlusions
+            ]
+            shares.append(self._join @ np.add.reduceat(np.array(scores), self._first_ray, axis=1))
+        return np.array(shares)
+
+
+def _bundles(settings: AttentionSettings) -> tuple[_Bundle, ...]:
+    return tuple((fov, settings.n_rays, settings.axis_ray) for fov in settings.cones_rad)
+
+
+def _distinct(values: Sequence[T]) -> list[T]:
+    return list(dict.fromkeys(values))
+
+
+def _numbered(values: Sequence[T]) -> tuple[list[T], NDArray[np.int64]]:
+    """The distinct values, and which of them each value is."""
+    distinct = _distinct(values)
+    number = {value: position for position, value in enumerate(distinct)}
+    return distinct, np.array([number[value] for value in values], dtype=np.int64)
