@@ -23,7 +23,8 @@ from harness.stages import SLOTS
 from vfoa.errors import VfoaError
 from vfoa.gaze import TemporalGazeModel
 from vfoa.gaze.temporal import HeadWindow, with_gazes
-from vfoa.pipeline import Stages, perceive, reconstruct
+from vfoa.pipeline import Stages, perceive
+from vfoa.reconstruction import place_people, place_targets
 from vfoa.settings import Settings
 from vfoa.tracking import TrackingSettings
 from vfoa.types import Percepts, Scene, StereoFrame
@@ -217,7 +218,10 @@ class SharedPipeline:
         percepts = call("perceive", perceive, frame, self._stages[configuration.name])
         if window := self._windows.get(configuration.name):
             percepts = call("gaze", with_gazes, percepts, call("gaze", window.gazes, frame.index))
-        scene = call("reconstruction", reconstruct, percepts, configuration.reconstruction)
+        settings = configuration.reconstruction
+        seen = (percepts.disparity, percepts.instances, percepts.rig)
+        targets = call("reconstruction", place_targets, *seen, settings)
+        scene = call("reconstruction", place_people, percepts, targets, settings)
         return percepts, scene, self._ledger.bill
 
 

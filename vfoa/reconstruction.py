@@ -10,6 +10,7 @@ outlier  points far from their neighbours, for this cloud: single mismatches, pi
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -19,7 +20,21 @@ from pydantic import Field
 from vfoa.boxes import axis_aligned_box, oriented_box
 from vfoa.geometry import back_project, depth_from_disparity
 from vfoa.settings import Settings
-from vfoa.types import Box3D, Float, Head, HeadView, Instance, Mask, Percepts, Person, Scene, StereoRig, Target
+from vfoa.types import (
+    Box3D,
+    Disparity,
+    Float,
+    Head,
+    HeadView,
+    Instance,
+    Instances,
+    Mask,
+    Percepts,
+    Person,
+    Scene,
+    StereoRig,
+    Target,
+)
 
 Window = tuple[slice, slice]
 """Rows and columns of a part of the image."""
@@ -57,36 +72,47 @@ class ReconstructionSettings(Settings):
 
 def reconstruct(percepts: Percepts, settings: ReconstructionSettings) -> Scene:
     """Place the instances and the heads of one frame in the camera frame, in metres."""
-    return Scene(
-        index=percepts.index,
-        time_ns=percepts.time_ns,
-        targets=_targets(percepts, settings),
-        people=tuple(_person(view, percepts, settings) for view in percepts.views),
-    )
+    targets = place_targets(percepts.disparity, percepts.instances, percepts.rig, settings)
+    return place_people(percepts, targets, settings)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Seen:
+    """What a cloud is made of."""
+
+    disparity: Disparity
+    instances: Instances
+    rig: StereoRig
 
 
 # Targets
 
 
-def _targets(percepts: Percepts, settings: ReconstructionSettings) -> tuple[Target, ...]:
-    """One target for each instance that is wanted and has pixels, in the order of the instances."""
+def place_targets(
+    disparity: Disparity, instances: Instances, rig: StereoRig, settings: ReconstructionSettings
+) -> tuple[Target, ...]:
+    """One target for each instance that is wanted and has pixels, in the order of the instances.
+
+    The half of :func:`reconstruct` that depends on no head: whoever agrees on its inputs can share it.
+    """
     from scipy.ndimage import find_objects
 
-    windows = find_objects(percepts.instances.ids)
+    seen = _Seen(disparity=disparity, instances=instances, rig=rig)
+    windows = find_objects(instances.ids)
     targets = []
-    for instance in percepts.instances.instances:
+    for instance in instances.instances:
         window = windows[instance.id - 1] if instance.id <= len(windows) else None
         if window is not None and (instance.is_thing or instance.label in settings.stuff):
-            targets.append(_target(instance, (window[0], window[1]), percepts, settings))
+            targets.append(_target(instance, (window[0], window[1]), seen, settings))
     return tuple(targets)
 
 
-def _target(instance: Instance, window: Window, percepts: Percepts, settings: ReconstructionSettings) -> Target:
+def _target(instance: Instance, window: Window, seen: _Seen, settings: ReconstructionSettings) -> Target:
     rows, columns = window
-    mask = np.equal(percepts.instances.ids[window], instance.id)
-    pixels = _pixels(_eroded(mask, settings.erode_px), window, percepts)
-    points = _points(_thinned(pixels, settings.max_points), percepts)
-    points = _without_outliers(_gated(points, settings, percepts.rig, max(mask.shape)), settings)
+    mask = np.equal(seen.instances.ids[window], instance.id)
+    pixels = _pixels(_eroded(mask, settings.erode_px), window, seen)
+    points = _points(_thinned(pixels, settings.max_points), seen)
+    points = _without_outliers(_gated(points, settings, seen.rig, max(mask.shape)), settings)
     return Target(
         instance=instance,
         box_px=np.array([columns.start, rows.start, columns.stop, rows.stop]) - 0.5,
@@ -95,18 +121,18 @@ def _target(instance: Instance, window: Window, percepts: Percepts, settings: Re
     )
 
 
-def _pixels(mask: Mask, window: Window, percepts: Percepts) -> NDArray[np.intp]:
+def _pixels(mask: Mask, window: Window, seen: _Seen) -> NDArray[np.intp]:
     """Pixels (N, 2), as (v, u), where the mask of a window is set and the disparity is known."""
     rows, columns = window
-    pixels = np.argwhere(mask & np.isfinite(percepts.disparity.disparity_px[window]))
+    pixels = np.argwhere(mask & np.isfinite(seen.disparity.disparity_px[window]))
     return pixels + np.array([rows.start, columns.start])
 
 
-def _points(pixels: NDArray[np.intp], percepts: Percepts) -> Float:
+def _points(pixels: NDArray[np.intp], seen: _Seen) -> Float:
     """Points (N, 3) of pixels (v, u), less those with a disparity that no depth has."""
     v, u = pixels.T
-    depth = depth_from_disparity(percepts.disparity.disparity_px[v, u], percepts.rig)
-    points = back_project(u, v, depth, percepts.rig)
+    depth = depth_from_disparity(seen.disparity.disparity_px[v, u], seen.rig)
+    points = back_project(u, v, depth, seen.rig)
     return points[np.isfinite(depth)]
 
 
@@ -173,36 +199,45 @@ def _box(points: Float, settings: ReconstructionSettings) -> Box3D | None:
 # People
 
 
-def _person(view: HeadView, percepts: Percepts, settings: ReconstructionSettings) -> Person:
+def place_people(percepts: Percepts, targets: tuple[Target, ...], settings: ReconstructionSettings) -> Scene:
+    """The scene of these targets and of the people whose heads were seen: the other half of :func:`reconstruct`."""
+    seen = _Seen(disparity=percepts.disparity, instances=percepts.instances, rig=percepts.rig)
+    return Scene(
+        index=percepts.index,
+        time_ns=percepts.time_ns,
+        targets=targets,
+        people=tuple(_person(view, seen, settings) for view in percepts.views),
+    )
+
+
+def _person(view: HeadView, seen: _Seen, settings: ReconstructionSettings) -> Person:
     instance_id = view.head.instance_id
     if instance_id is None:
-        instance_id = _covering_person(view.head, percepts, settings)
-    origin = _eye_origin(view.head, instance_id, percepts, settings)
+        instance_id = _covering_person(view.head, seen, settings)
+    origin = _eye_origin(view.head, instance_id, seen, settings)
     return Person(view=view, instance_id=instance_id, eye_origin_left=origin)
 
 
-def _covering_person(head: Head, percepts: Percepts, settings: ReconstructionSettings) -> int | None:
+def _covering_person(head: Head, seen: _Seen, settings: ReconstructionSettings) -> int | None:
     """The person whose mask covers most of the head's box; the first of equals; None if none covers any of it."""
     u0, v0, u1, v1 = head.box_px
-    window = _window(u0, v0, u1, v1, percepts.rig)
-    covered = np.bincount(percepts.instances.ids[window].ravel(), minlength=2**16)
-    people = [it.id for it in percepts.instances.instances if it.label in settings.person and covered[it.id] > 0]
+    window = _window(u0, v0, u1, v1, seen.rig)
+    covered = np.bincount(seen.instances.ids[window].ravel(), minlength=2**16)
+    people = [it.id for it in seen.instances.instances if it.label in settings.person and covered[it.id] > 0]
     return max(people, key=lambda it: covered[it], default=None)
 
 
-def _eye_origin(
-    head: Head, instance_id: int | None, percepts: Percepts, settings: ReconstructionSettings
-) -> Float | None:
+def _eye_origin(head: Head, instance_id: int | None, seen: _Seen, settings: ReconstructionSettings) -> Float | None:
     """The median (3,) of the points of the patch about the eyes; else of one twice as wide; else of the head's mask."""
     u0, v0, u1, v1 = head.box_px
     center_u, center_v, side = (u0 + u1) / 2, v0 + EYE_HEIGHT * (v1 - v0), EYE_PATCH * (u1 - u0)
     patches = [(center_u - half, center_v - half, center_u + half, center_v + half) for half in (side / 2, side)]
     regions = patches if instance_id is None else [*patches, (u0, v0, u1, v1)]
     for region in regions:
-        window = _window(*region, percepts.rig)
-        ids = percepts.instances.ids[window]
+        window = _window(*region, seen.rig)
+        ids = seen.instances.ids[window]
         mask = np.full(ids.shape, True) if instance_id is None else np.equal(ids, instance_id)
-        points = _points(_pixels(mask, window, percepts), percepts)
+        points = _points(_pixels(mask, window, seen), seen)
         if len(points) >= settings.min_eye_points:
             return np.median(points, axis=0)
     return None
