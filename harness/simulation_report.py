@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from harness.figures import write_figure
 from harness.files import atomic_write
 from harness.report.formats import Table, to_csv, to_markdown
 from vfoa.geometry import fov_from_radius
@@ -35,8 +34,7 @@ def write_simulation(out: Path, rows: Sequence[Row], found: Sequence[Statement])
     """Write ``attention.csv``, ``simulation.md`` and the figures ``curves``, ``tuning``, ``settings`` (SVG, PNG)."""
     figures = {"curves": _curves(rows), "tuning": _tuning(rows), "settings": _settings(rows)}
     for name, figure in figures.items():
-        for kind in ("svg", "png"):
-            atomic_write(out / f"{name}.{kind}", _drawn(figure, kind))
+        write_figure(out / name, figure)
     atomic_write(out / "attention.csv", to_csv(_rows_table(rows)))
     n_rays, radius_cm = best_setting(rows)
     best = (
@@ -106,11 +104,3 @@ def _fov_deg(radius_cm: float) -> float:
 
 def _name(axes: Axes, title: str, across: str, up: str) -> None:
     axes.set(title=title, xlabel=across, ylabel=up)
-
-
-def _drawn(figure: Figure, kind: str) -> bytes:
-    """One figure as a file. A ``Figure`` without pyplot draws off screen, whatever the back end."""
-    content = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "vfoa"}):  # else the ids in an SVG are random
-        figure.savefig(content, format=kind, metadata={"Date": None} if kind == "svg" else None)
-    return content.getvalue()

@@ -25,7 +25,9 @@ def oriented_box(points_left: Float) -> Box3D:
     import open3d
 
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(_thickened(points_left)))
-    axes = np.array(cloud.get_minimal_oriented_bounding_box().R)
+    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
+        # it warns of axes that are not quite orthogonal, and they are made so below
+        axes = np.array(cloud.get_minimal_oriented_bounding_box().R)
     axes = axes[:, max(permutations(range(3)), key=lambda order: np.abs(axes[range(3), order]).sum())]
     left, _, right = np.linalg.svd(axes * np.where(np.diag(axes) < 0, -1, 1))
     axes = left @ right

@@ -32,9 +32,7 @@ class AttentionTiming:
 def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, rounds: int = 15) -> AttentionTiming:
     """Time both ways on one seeded frame, for cones of 40 surface rays a cue. A frame is all of its subjects."""
     settings = AttentionSettings(cones_cm=cones_cm, n_rays=40, axis_ray=False)
-    rng = np.random.default_rng(0)
-    targets = tuple(_target(number, rng) for number in range(1, boxes + 1))
-    people = tuple(_subject(number, rng) for number in range(1, subjects + 1))
+    people, targets = seeded_frame(boxes=boxes, subjects=subjects)
 
     def best_ms(way: Callable[[Subject, tuple[Target, ...], AttentionSettings], object], frames: int) -> float:
         frame = Timer(lambda: [way(subject, targets, settings) for subject in people])
@@ -47,6 +45,13 @@ def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, ro
         vectorised_ms=best_ms(pay_attention, frames=5),
         plain_ms=best_ms(plain_attention, frames=1),
     )
+
+
+def seeded_frame(*, boxes: int, subjects: int) -> tuple[tuple[Subject, ...], tuple[Target, ...]]:
+    """The people and the things of a room, always the same."""
+    rng = np.random.default_rng(0)
+    targets = tuple(_target(number, rng) for number in range(1, boxes + 1))
+    return tuple(_subject(number, rng) for number in range(1, subjects + 1)), targets
 
 
 def _target(number: int, rng: np.random.Generator) -> Target:

@@ -22,7 +22,8 @@ def bench(
     from harness.bench.gaze_filter import gaze_filter_table, measure_gaze_filter
     from harness.bench.stages import measure_stages
     from harness.bench.stereo import measure_stereo
-    from harness.bench.tables import attention_table, stages_table, stereo_table
+    from harness.bench.sweep import time_sweep
+    from harness.bench.tables import attention_table, stages_table, stereo_table, sweep_table
     from harness.experiment import load_experiment
     from harness.files import atomic_write
     from harness.manifest import load_manifest
@@ -44,6 +45,7 @@ def bench(
             ]
         )
     )
+    tables.append(sweep_table(time_sweep()))
     tables.append(gaze_filter_table(measure_gaze_filter()))
     for table in tables:
         Console().print(to_rich(table))

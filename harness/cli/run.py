@@ -67,17 +67,22 @@ def run(
     experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()))
     if annotator:
         experiment = replace(experiment, annotator=annotator)
+    wanted, workers = out or Path("runs") / experiment.name, workers or os.cpu_count() or 1
+    if experiment.sweep:
+        from harness.cli.sweep import run_sweep
+
+        run_sweep(experiment, out=wanted, workers=workers, limit=limit, oracle=oracle, save_signals=save_signals)
+        return
     if oracle:
         from harness.ladder import with_ladder
 
         experiment = with_ladder(experiment)
     plan = prepare(experiment, limit=limit, recording=recording.size, save_signals=save_signals)
-    wanted = out or Path("runs") / experiment.name
     with frames_bar(plan.frames, experiment.name) as progress:
         directory = conduct(
             plan,
             wanted,
-            workers=workers or os.cpu_count() or 1,
+            workers=workers,
             progress=progress,
             beside=out is None,
             retry_failed=retry_failed,

@@ -1,0 +1,44 @@
+"""``vfoa run`` of a sweep."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+
+import typer
+
+from harness.conduct import describe, prepare
+from harness.experiment import Experiment
+from harness.files import atomic_write
+from vfoa.errors import VfoaError
+
+
+def run_sweep(
+    experiment: Experiment, *, out: Path, workers: int, limit: int | None, oracle: bool, save_signals: bool
+) -> None:
+    """Sweep, write the table and its answers, and print these."""
+    from rich.console import Console
+
+    from harness.cli.progress import frames_bar
+    from harness.report.formats import to_rich
+    from harness.sweep.conduct import conduct_sweep
+    from harness.sweep.report import best_table, effects_table, write_sweep
+
+    if unfit := [name for name, given in (("--oracle", oracle), ("--save-signals", save_signals)) if given]:
+        raise VfoaError(f"run {experiment.name}: found {unfit[0]}; expected none, since a sweep keeps only scores")
+    plan = prepare(experiment, limit=limit, recording=None)
+    started = time.monotonic()
+    with frames_bar(plan.frames, experiment.name) as progress:
+        sweep = conduct_sweep(plan, workers=workers, progress=progress)
+    seconds = time.monotonic() - started
+    write_sweep(out, sweep)
+    known_otherwise = "configurations"  # they are the rows of sweep.csv
+    described = {key: value for key, value in describe(plan).items() if key != known_otherwise}
+    atomic_write(out / "sweep.json", json.dumps(described, indent=1, ensure_ascii=False) + "\n")
+    for table in (best_table(sweep), effects_table(sweep)):
+        Console().print(to_rich(table))
+    typer.echo(
+        f"{len(sweep.rows):,} configurations x {sweep.frames} frames in {seconds:.0f} s with {workers} "
+        f"{'worker' if workers == 1 else 'workers'}\nTable: {out / 'sweep.csv'}\nFigure: {out / 'sweep.svg'}"
+    )

@@ -1,0 +1,123 @@
+"""Sweeps: the counts that whole runs would have come to, and nothing of their frames."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from pathlib import Path
+
+import pytest
+
+from harness.cli import main
+from harness.conduct import conduct, prepare
+from harness.experiment import load_experiment
+from harness.rescore import read_scores
+from harness.sweep.conduct import conduct_sweep
+from tests.disk import write_text
+from vfoa.errors import VfoaError
+
+SWEEP = """
+clips = ["studio_table", "studio_crowd"]
+{sweep}
+[defaults]
+stereo = {{ matcher = "truth" }}
+segmentation = {{ model = "truth" }}
+heads = {{ detector = "truth" }}
+head_pose = {{ model = "simulated" }}
+gaze = {{ model = "simulated" }}
+
+[grid]
+"gaze.error_deg" = [5.0, 20.0]
+"reconstruction.boxes" = ["aabb", "oriented"]
+"attention.weighting" = ["adaptive", "head"]
+"attention.occlusion" = ["ignore", "first_hit"]
+"attention.cones_deg" = {{ narrow = [5.0], wide = [40.0], both = [10.0, 40.0] }}
+"""
+VIEW = '[sweep]\nper = "gaze.error_deg"\nacross = "attention.cones_deg"\n'
+FRAMES = 5
+
+
+def experiment_file(folder: Path, sweep: str = VIEW) -> str:
+    return str(write_text(folder / "mine.toml", SWEEP.format(sweep=sweep)))
+
+
+def test_a_sweep_counts_what_a_run_of_every_configuration_counts(tmp_path: Path) -> None:
+    experiment = load_experiment(experiment_file(tmp_path))
+    plan = prepare(experiment, limit=FRAMES, recording=None)
+    run = read_scores(conduct(plan, tmp_path / "run", workers=1, progress=lambda clip: None))
+    sweep = conduct_sweep(plan, workers=2, progress=lambda clip: None)
+    pooled = {row.configuration: row for row in run.rows if row.clip is None and row.subject is None}
+    assert len(sweep.rows) == 48
+    for row in sweep.rows:
+        expected = pooled[row.configuration.name]
+        assert (row.n, row.correct, row.predicted) == (expected.n, expected.correct, expected.predicted)
+    assert len({row.correct for row in sweep.rows}) > 1
+
+
+@pytest.fixture
+def vfoa(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def call(*arguments: str) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["vfoa", *arguments])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        said = capsys.readouterr()
+        return int(ended.value.code or 0), said.out + said.err
+
+    return call
+
+
+def test_the_command_writes_the_table_the_answers_and_the_figure(vfoa, tmp_path: Path) -> None:
+    words = ("run", experiment_file(tmp_path), "--limit", "2", "--workers", "1", "--out")
+    code, said = vfoa(*words, str(tmp_path / "a"))
+    assert code == 0
+    assert "48 configurations x 4 frames" in said
+    rows = list(csv.DictReader((tmp_path / "a" / "sweep.csv").read_text().splitlines()))
+    assert len(rows) == 48
+    assert {row["attention.cones_deg"] for row in rows} == {"narrow", "wide", "both"}
+    best = {
+        label: max(int(row["correct"]) for row in rows if row["gaze.error_deg"] == label) for label in ("5.0", "20.0")
+    }
+    page = (tmp_path / "a" / "sweep.md").read_text()
+    for label, correct in best.items():
+        (line,) = [line for line in page.splitlines() if line.startswith(f"| {label} ")]
+        assert f"| {correct / int(rows[0]['n']):.1%} |" in line.replace("  ", " ").replace("  ", " ")
+    vfoa(*words, str(tmp_path / "b"))
+    written = {path.name for path in (tmp_path / "a").iterdir()}
+    assert written == {"sweep.csv", "sweep.md", "sweep.json", "sweep.svg", "sweep.png"}
+    for name in written:
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("sweep", "expected"),
+    [
+        (
+            VIEW.replace("gaze.error", "gaze.eror"),
+            "sweep.per: 'gaze.eror_deg' is not in the grid; did you mean 'gaze.e",
+        ),
+        ('[sweep]\nper = "gaze.error_deg"\n', "sweep.across"),
+    ],
+)
+def test_a_wrong_view_is_said_by_file_and_key(tmp_path: Path, sweep: str, expected: str) -> None:
+    with pytest.raises(VfoaError) as refused:
+        load_experiment(experiment_file(tmp_path, sweep))
+    assert expected in str(refused.value)
+    assert "mine.toml" in str(refused.value)
+
+
+def test_only_cones_can_be_swept_over(tmp_path: Path) -> None:
+    text = SWEEP.format(sweep=VIEW).split("[grid]")[0] + (
+        '[grid]\n"gaze.error_deg" = [5.0]\n"attention.method" = ["bayes"]\n'
+    )
+    path = write_text(tmp_path / "mine.toml", text.replace("attention.cones_deg", "attention.method"))
+    plan = prepare(load_experiment(str(path)), limit=1, recording=None)
+    with pytest.raises(VfoaError, match="a sweep is over cones"):
+        conduct_sweep(plan, workers=1, progress=lambda clip: None)
+
+
+@pytest.mark.parametrize("option", ["--oracle", "--save-signals"])
+def test_what_a_sweep_does_not_keep_is_refused(vfoa, tmp_path: Path, option: str) -> None:
+    code, said = vfoa("run", experiment_file(tmp_path), option, "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert option in said
+    assert not (tmp_path / "out").exists()
