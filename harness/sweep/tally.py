@@ -58,7 +58,10 @@ def sweep_clip(job: SweepJob, progress: Progress) -> Tally:
         pipeline = SharedPipeline([group.configuration for group in groups], job.manifest.open())
         for shared in pipeline.frames(job.frames):
             for group in groups:
-                _, scene, _ = shared.by_configuration[group.configuration.name]
+                found = shared.by_configuration[group.configuration.name]
+                if isinstance(found, VfoaError):
+                    raise found
+                _, scene, _ = found
                 group.count(scene, correct, predicted)
             n += sum(label.target != IGNORED for _, _, label in job.labels.labelled([shared.frame.index]))
             progress(job.manifest.name)
