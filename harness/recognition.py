@@ -79,7 +79,9 @@ def _filled(found: Recognised, given: Mapping[str, Any]) -> Recognised:
 
 
 def _below(root: Path, calibration: Any) -> Any:
-    """A file by its path under the clip's root, if it stands there, so that the two can be moved together."""
+    """Files by their paths under the clip's root, if they stand there, so that all can be moved together."""
+    if isinstance(calibration, list):
+        return [_below(root, each) for each in calibration]
     if isinstance(calibration, str) and Path(calibration).is_relative_to(root):
         return str(Path(calibration).relative_to(root))
     return calibration
@@ -91,7 +93,7 @@ def _alternatives(readings: Sequence[Reading]) -> str:
         layouts = ", ".join(f"--adapter {adapter} ({found.layout})" for adapter, found in readings)
         return f"several adapters can read it; expected one of: {layouts}"
     keys = dict.fromkeys(key for each in readings for key in each.found.source)
-    values = {key: [str(each.found.source.get(key)) for each in readings] for key in keys}
+    values = {key: [_worded(key, each.found.source.get(key)) for each in readings] for key in keys}
     # One key that tells all of them apart is enough: the left folder says which is the right one.
     deciding = [key for key in keys if len(set(values[key])) == len(readings)][:1]
     choices = [
@@ -99,6 +101,10 @@ def _alternatives(readings: Sequence[Reading]) -> str:
         for key in deciding or [key for key in keys if len(set(values[key])) > 1]
     ]
     return f"{len(readings)} clips are there; expected {' and '.join(choices)}"
+
+
+def _worded(key: str, value: Any) -> str:
+    return " --calibration ".join(value) if key == "calibration" and isinstance(value, list) else str(value)
 
 
 def _option(key: str) -> str:

@@ -21,7 +21,9 @@ def add_clip(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="A setting of the adapter, such as pass=final."),
     ] = None,
-    calibration: Annotated[Path | None, typer.Option(metavar="FILE", help="The calibration file.")] = None,
+    calibration: Annotated[
+        list[Path] | None, typer.Option(metavar="FILE", help="The calibration file; twice for a file a camera.")
+    ] = None,
     fx: Annotated[float | None, typer.Option(help="Or, of a rectified pair: focal length, pixels.")] = None,
     cx: Annotated[float | None, typer.Option(help="Column of the principal point, pixels.")] = None,
     cy: Annotated[float | None, typer.Option(help="Row of the principal point, pixels.")] = None,
@@ -55,14 +57,15 @@ def add_clip(
         _print(added)
 
 
-def _calibration(file: Path | None, numbers: dict[str, float | None]) -> dict[str, Any]:
+def _calibration(given: list[Path] | None, numbers: dict[str, float | None]) -> dict[str, Any]:
     """The settings of a calibration that was given on the command line."""
     from vfoa.errors import VfoaError
 
+    files = [str(file.expanduser().absolute()) for file in given or ()]
     missing = [name.rpartition("_")[0] for name, value in numbers.items() if value is None]
     if len(missing) == len(numbers):
-        return {} if file is None else {"calibration": str(file.expanduser().absolute())}
-    if file is not None:
+        return {"calibration": files[0] if len(files) == 1 else files} if files else {}
+    if files:
         raise VfoaError("--calibration and --fx --cx --cy --baseline: found both; expected one of them")
     if missing:
         raise VfoaError(f"--{missing[0]}: missing; expected all of --fx --cx --cy --baseline")

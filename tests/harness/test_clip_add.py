@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
+from tests.calibrations import RIG, SIZE, opencv_nodes, write_kalibr, write_opencv, write_ros, write_zed
 from tests.disk import HEIGHT, WIDTH, picture, sintel_scene, write_image, write_text, write_video
 from tests.recordings import recorder, rectified_camera, write_pairs
 from vfoa.errors import VfoaError
@@ -234,6 +235,40 @@ def test_a_recording_without_calibration_takes_a_file(tmp_path: Path) -> None:
     assert added["calibration"] == "as given"
     assert added["rig"]["baseline_m"] == pytest.approx(0.12)
     assert 'calibration = "calib.txt"' in (Path.cwd() / "datasets" / "bare.toml").read_text()
+
+
+def opencv_sample(root: Path) -> None:
+    nodes = opencv_nodes(RIG)
+    write_opencv(root / "intrinsics.yml", {name: value for name, value in nodes.items() if name[-1] in "12"})
+    write_opencv(root / "extrinsics.yml", {"R": nodes["R"], "T": nodes["T"]})
+
+
+CALIBRATIONS: dict[str, Callable[[Path], object]] = {
+    "opencv": lambda root: write_opencv(root / "stereo.xml", opencv_nodes(RIG), SIZE),
+    "opencv sample": opencv_sample,
+    "ros": lambda root: write_ros(root / "calibration", RIG),
+    "kalibr": lambda root: write_kalibr(root / "camchain.yaml", RIG),
+    "zed": lambda root: write_zed(root / "SN123.conf", RIG),
+}
+
+
+@pytest.mark.parametrize("write", CALIBRATIONS.values(), ids=CALIBRATIONS)
+def test_every_calibration_beside_the_images_is_found(tmp_path: Path, write: Callable[[Path], object]) -> None:
+    for side in ("left", "right"):
+        write_image(tmp_path / side / "1.png", np.full((SIZE[1], SIZE[0], 3), 128, np.uint8))
+    write(tmp_path)
+    vfoa("add", tmp_path, "--name", "mine")
+    (checked,) = vfoa("check", "mine")
+    assert checked["problems"] == []
+    assert checked["baseline_m"] == pytest.approx(0.1199, abs=1e-4)
+
+
+def test_two_calibration_files_can_be_given(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        write_image(tmp_path / "clip" / side / "1.png", np.full((SIZE[1], SIZE[0], 3), 128, np.uint8))
+    left, right = write_ros(tmp_path / "elsewhere", RIG)
+    vfoa("add", tmp_path / "clip", "--calibration", left, "--calibration", right, "--name", "mine")
+    assert vfoa("check", "mine")[0]["baseline_m"] == pytest.approx(0.1199, abs=1e-4)
 
 
 def test_a_calibration_is_never_guessed(tmp_path: Path) -> None:
