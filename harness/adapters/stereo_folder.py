@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, Self
+from typing import Self
 
 from pydantic import Field, model_validator
 
@@ -14,15 +14,10 @@ from harness.adapters.calibration import Calibration
 from harness.adapters.calibration_files.options import Cameras, Options, Unit
 from harness.adapters.calibration_files.read import read_cameras
 from harness.adapters.rectification import Optics, optics
-from harness.adapters.stereo_views import ImagePairs, PackedImages, PackedVideo, Packing, VideoPair, Views
-from harness.frame_files import find_frames
+from harness.adapters.view_files import ViewFiles
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import StereoFrame
-
-Layout = Literal[
-    "images", "images_side_by_side", "images_top_bottom", "videos", "video_side_by_side", "video_top_bottom"
-]
 
 
 class CameraNumbers(Settings):
@@ -47,21 +42,16 @@ class CameraNumbers(Settings):
         )
 
 
-class StereoFolderSettings(Settings):
+class StereoFolderSettings(ViewFiles):
     """Where the views are, under the manifest's root, and how they were calibrated: a file or four numbers.
 
-    ``left`` and ``right`` are a folder, a glob (``left*.png``) or a pattern (``left/%06d.png``), or two videos.
-    ``both`` is the same for files that hold both views. ``calibration`` is a file, or two (left and right of ROS,
+    ``calibration`` is a file, or two (left and right of ROS,
     intrinsics and extrinsics of OpenCV); what such files do not tell: which two of their ``calibration_cameras`` (KITTI
     (2, 3), Kalibr (0, 1) if unsaid), the ``calibration_unit`` of their translation, that they are for ``fisheye``
     lenses, that the images are ``rectified`` already. ``rate_hz`` is the videos' own where it is not given; images
     without it are a second apart.
     """
 
-    layout: Layout = "images"
-    left: str | None = None
-    right: str | None = None
-    both: str | None = None
     calibration: str | tuple[str, str] | None = None
     calibration_cameras: tuple[int, int] | None = None
     calibration_unit: Unit = "m"
@@ -69,17 +59,6 @@ class StereoFolderSettings(Settings):
     rectified: bool = False
     camera: CameraNumbers | None = None
     rate_hz: float | None = Field(default=None, gt=0)
-
-    @model_validator(mode="after")
-    def _files_of_the_layout(self) -> Self:
-        keys = {"left", "right"} if self.layout in ("images", "videos") else {"both"}
-        found = {key for key in ("left", "right", "both") if getattr(self, key) is not None}
-        if found != keys:
-            raise ValueError(
-                f"found {' and '.join(sorted(found)) or 'no files'}; "
-                f"expected {' and '.join(sorted(keys))} for the layout {self.layout!r}"
-            )
-        return self
 
     @model_validator(mode="after")
     def _one_calibration(self) -> Self:
@@ -96,26 +75,6 @@ class StereoFolderSettings(Settings):
             fisheye=self.fisheye,
             rectified=self.rectified,
         )
-
-    def views(self, folder: Path) -> Views:
-        """The views' files under a folder.
-
-        Raises
-        ------
-        VfoaError
-            If nothing is found, it cannot be numbered, or (videos) not read.
-        """
-        left, right, both = (str(name) for name in (self.left, self.right, self.both))
-        packing: Packing = "top_bottom" if self.layout.endswith("top_bottom") else "side_by_side"
-        match self.layout:
-            case "images":
-                return ImagePairs(find_frames(folder, left, "source.left"), find_frames(folder, right, "source.right"))
-            case "videos":
-                return VideoPair(folder / left, folder / right)
-            case "images_side_by_side" | "images_top_bottom":
-                return PackedImages(find_frames(folder, both, "source.both"), packing)
-            case "video_side_by_side" | "video_top_bottom":
-                return PackedVideo(folder / both, packing)
 
 
 class StereoFolderClip:

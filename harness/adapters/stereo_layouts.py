@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from harness.adapters.side_names import Sides, pair_names
-from harness.adapters.stereo_folder import Layout
 from harness.adapters.stereo_views import ImagePairs, PackedImages, PackedVideo, Packing, VideoPair, Views
+from harness.adapters.view_files import Layout
 from harness.frame_files import IMAGE_SUFFIXES, find_frames
 from harness.video import VIDEO_SUFFIXES
 from vfoa.errors import VfoaError

@@ -1,39 +1,56 @@
-"""The pictures that a calibration is made from, joined by number and read one pair at a time."""
+"""The pictures that a calibration is made from, one pair at a time."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
-from harness.adapters.stereo_views import read_pair
-from harness.frame_files import find_frames
+from harness.adapters.stereo_views import Views
+from harness.calibration.views import Dropped
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
 
-def picture_pairs(folder: Path, left: str, right: str) -> tuple[Iterator[tuple[int, Image, Image]], tuple[int, int]]:
-    """Pairs (number, left, right) that both sides have, and the (width, height) that all of them must share.
+class Pictures:
+    """Pairs (number, left, right) of one size, in order; what cannot be used goes to :attr:`dropped` as it is met.
+
+    ``every``: of a video, each so many-th frame. ``size_px`` is the (width, height) of the first pair that can be read.
 
     Raises
     ------
     VfoaError
-        If nothing is found, no number is on both sides, or (while reading) a pair has another size than the first.
+        If no pair can be read.
     """
-    lefts, rights = find_frames(folder, left, "left"), find_frames(folder, right, "right")
-    for number in sorted(lefts.keys() ^ rights.keys()):
-        raise VfoaError(f"{folder}: frame {number} is only on one side; expected a left and a right picture")
-    first, _ = read_pair(*next(zip(lefts.values(), rights.values(), strict=True)))
-    size_px = (first.shape[1], first.shape[0])
-    return _read(lefts, rights, size_px), size_px
+
+    def __init__(self, views: Views, every: int = 1) -> None:
+        self._views = views
+        self._numbers = views.frames[::every]
+        self.dropped: list[Dropped] = []
+        first = next(self._readable(), None)
+        if first is None:
+            reasons = "; ".join(each.reason for each in self.dropped[:1])
+            raise VfoaError(f"none of {len(self._numbers)} pairs of pictures can be read: {reasons}")
+        self.size_px = _size(first[1])
+
+    def __iter__(self) -> Iterator[tuple[int, Image, Image]]:
+        self.dropped.clear()
+        for number, left, right in self._readable():
+            if _size(left) == self.size_px:
+                yield number, left, right
+            else:
+                self._drop(number, f"{_size(left)} pixels; expected {self.size_px} as in the first pair")
+
+    def _readable(self) -> Iterator[tuple[int, Image, Image]]:
+        for number in self._numbers:
+            try:
+                left, right = self._views.read(number)
+            except VfoaError as error:
+                self._drop(number, str(error))
+            else:
+                yield number, left, right
+
+    def _drop(self, number: int, reason: str) -> None:
+        self.dropped.append(Dropped(number=number, reason=reason))
 
 
-def _read(
-    lefts: dict[int, Path], rights: dict[int, Path], size_px: tuple[int, int]
-) -> Iterator[tuple[int, Image, Image]]:
-    for number, path in lefts.items():
-        left, right = read_pair(path, rights[number])
-        if (left.shape[1], left.shape[0]) != size_px:
-            raise VfoaError(
-                f"{path}: {left.shape[1]} x {left.shape[0]} pixels; expected {size_px} as the first picture"
-            )
-        yield number, left, right
+def _size(image: Image) -> tuple[int, int]:
+    return image.shape[1], image.shape[0]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from harness.calibration.corners import Board, Dropped, View
+from harness.calibration.views import Dropped, View
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -16,15 +16,22 @@ MIN_VIEWS = 3
 """Zhang's method needs three poses of the plane for all intrinsics."""
 
 OUTLIER_FACTOR, OUTLIER_FLOOR_PX = 4.0, 1.0
-"""A view is bad if its epipolar error exceeds this many medians, and this many pixels."""
+"""A view is bad if one of its errors exceeds this many medians, and this many pixels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewErrors:
+    """Of one view, pixels: RMS of re-projection, the worse camera's; mean distance of corners from epipolar lines."""
+
+    rms_px: float
+    epipolar_px: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoCalibration:
     """The pair as OpenCV has it: x_right = R x_left + T, metres; R1 R2 P1 P2 rectify it.
 
-    ``rms_px`` is stereoCalibrate's re-projection error over all views. ``epipolar_px`` is, per used frame, the mean
-    distance of a corner from the epipolar line of its partner.
+    ``rms_px`` is stereoCalibrate's re-projection error over all views; ``errors`` are those of each used frame.
     """
 
     size_px: tuple[int, int]
@@ -39,17 +46,22 @@ class StereoCalibration:
     P1: Float
     P2: Float
     rms_px: float
-    epipolar_px: dict[int, float]
+    errors: dict[int, ViewErrors]
     dropped: tuple[Dropped, ...] = ()
 
+    @property
+    def epipolar_px(self) -> float:
+        """Mean over the used frames."""
+        return float(np.mean([each.epipolar_px for each in self.errors.values()]))
 
-def solve(views: Sequence[View], board: Board, size_px: tuple[int, int]) -> StereoCalibration:
-    """Calibrate; while a view stands out by its epipolar error, drop the worst and solve again.
+
+def solve(views: Sequence[View], size_px: tuple[int, int]) -> StereoCalibration:
+    """Calibrate; while a view stands out by its errors, drop the worst and solve again.
 
     Raises
     ------
     VfoaError
-        If fewer than three views are there or remain.
+        If fewer than three views are there or remain, or OpenCV finds no solution.
     """
     kept = list(views)
     dropped: list[Dropped] = []
@@ -57,13 +69,25 @@ def solve(views: Sequence[View], board: Board, size_px: tuple[int, int]) -> Ster
         if len(kept) < MIN_VIEWS:
             reasons = "".join(f"; frame {each.number}: {each.reason}" for each in dropped)
             raise VfoaError(f"{len(kept)} usable views of the board; expected at least {MIN_VIEWS}{reasons}")
-        found = _solve(kept, board, size_px, tuple(dropped))
-        worst = max(kept, key=lambda view: found.epipolar_px[view.number])
-        error = found.epipolar_px[worst.number]
-        if error <= max(OUTLIER_FLOOR_PX, OUTLIER_FACTOR * float(np.median([*found.epipolar_px.values()]))):
+        found = _solve(kept, size_px, tuple(dropped))
+        worst = _worst(found.errors)
+        if worst is None:
             return found
-        kept.remove(worst)
-        dropped.append(Dropped(number=worst.number, reason=f"epipolar error {error:.2f} px, far above the others'"))
+        kept = [view for view in kept if view.number != worst.number]
+        dropped.append(worst)
+
+
+def _worst(errors: dict[int, ViewErrors]) -> Dropped | None:
+    """The view that stands out most, relative to its limit; None where none does."""
+    worst, excess = None, 1.0
+    for kind, name in (("rms_px", "re-projection"), ("epipolar_px", "epipolar")):
+        values = {number: float(getattr(each, kind)) for number, each in errors.items()}
+        limit = max(OUTLIER_FLOOR_PX, OUTLIER_FACTOR * float(np.median([*values.values()])))
+        for number, value in values.items():
+            if value / limit > excess:
+                excess = value / limit
+                worst = Dropped(number=number, reason=f"{name} error {value:.2f} px; expected at most {limit:.2f}")
+    return worst
 
 
 def rectified_rows_px(calibration: StereoCalibration, view: View) -> Float:
@@ -74,18 +98,20 @@ def rectified_rows_px(calibration: StereoCalibration, view: View) -> Float:
     return np.asarray(right - left, dtype=np.float64)
 
 
-def _solve(
-    views: Sequence[View], board: Board, size_px: tuple[int, int], dropped: tuple[Dropped, ...]
-) -> StereoCalibration:
-    points = [board.points_m().astype(np.float32)] * len(views)
+def _solve(views: Sequence[View], size_px: tuple[int, int], dropped: tuple[Dropped, ...]) -> StereoCalibration:
+    points = [view.points_m.astype(np.float32) for view in views]
     left = [view.left_px.astype(np.float32)[:, None] for view in views]
     right = [view.right_px.astype(np.float32)[:, None] for view in views]
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-6)
-    _, K1, D1, *_ = cv2.calibrateCamera(points, left, size_px, None, None)
-    _, K2, D2, *_ = cv2.calibrateCamera(points, right, size_px, None, None)
-    rms, K1, D1, K2, D2, R, T, _, F = cv2.stereoCalibrate(
-        points, left, right, K1, D1, K2, D2, size_px, criteria=stop, flags=cv2.CALIB_USE_INTRINSIC_GUESS
-    )
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS
+    try:
+        _, K1, D1, *_ = cv2.calibrateCamera(points, left, size_px, None, None)
+        _, K2, D2, *_ = cv2.calibrateCamera(points, right, size_px, None, None)
+        rms, K1, D1, K2, D2, R, T, _, F, _, _, errors = cv2.stereoCalibrateExtended(
+            points, left, right, K1, D1, K2, D2, size_px, np.eye(3), np.zeros((3, 1)), criteria=stop, flags=flags
+        )
+    except cv2.error as error:
+        raise VfoaError(f"OpenCV finds no calibration for {len(views)} views: {error.err}; add other poses") from None
     R1, R2, P1, P2, *_ = cv2.stereoRectify(K1, D1, K2, D2, size_px, R, T, alpha=0)
     return StereoCalibration(
         size_px=size_px,
@@ -100,7 +126,10 @@ def _solve(
         P1=P1,
         P2=P2,
         rms_px=float(rms),
-        epipolar_px={view.number: _epipolar_px(view, K1, D1, K2, D2, F) for view in views},
+        errors={
+            view.number: ViewErrors(rms_px=float(max(of_view)), epipolar_px=_epipolar_px(view, K1, D1, K2, D2, F))
+            for view, of_view in zip(views, errors, strict=True)
+        },
         dropped=dropped,
     )
 
