@@ -11,11 +11,15 @@ PointPx = tuple[float, float]
 
 
 def look(track: Sequence[Mark | None], at: int, target: str, point_px: PointPx | None = None) -> list[Stretch]:
-    """The subject looks at a target from a position on, until the mark changes; what lies ahead is carried."""
+    """The subject looks at a target from a position on, until the mark changes.
+
+    Ahead of the position it is carried, except over frames that a person has labelled before.
+    """
     _, last = stretch_at(track, at, same_target=True)
     here = Mark(target=target, point_px=point_px)
-    ahead = [Stretch(first=at + 1, last=last, mark=replace(here, carried=True))] if last > at else []
-    return [Stretch(first=at, last=at, mark=here), *ahead]
+    carried = replace(here, carried=True)
+    new = [here if position == at or _is_said(track[position]) else carried for position in range(last + 1)]
+    return list(stretches(new, at, last))
 
 
 def mark_range(first: int, last: int, target: str | None) -> list[Stretch]:
@@ -44,6 +48,10 @@ def annotate(track: Sequence[Mark | None], at: int, note: str) -> list[Stretch]:
     first, last = stretch_at(track, at, same_target=True)
     new = [mark and replace(mark, note=note) for mark in track]
     return list(stretches(new, first, last)) if track[at] is not None else []
+
+
+def _is_said(mark: Mark | None) -> bool:
+    return mark is not None and not mark.suggested and not mark.carried
 
 
 def _differing(old: Sequence[Mark | None], new: Sequence[Mark | None]) -> list[Stretch]:

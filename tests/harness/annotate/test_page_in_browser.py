@@ -178,7 +178,7 @@ def test_a_second_tab_overwrites_nothing_and_is_shown_the_newer_state(browser: C
         assert "ann: book" in browser.find_element("id", "label").text
         assert "".join(_targets(page)) == "bbbbbb......"
         _keys(browser, "n")
-        assert "".join(_targets(page)) == "bnnnnn......"  # the second frame is the first that was not labelled
+        assert "".join(_targets(page)) == "bnnnnn......"
     finally:
         browser.switch_to.window(second)
         browser.close()

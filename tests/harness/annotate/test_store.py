@@ -281,3 +281,10 @@ def test_a_kill_at_any_byte_of_a_change_leaves_the_state_before_or_after_it(tmp_
         assert _known(opened) == (after if length == len(grown) else before)
         assert _targets(_file(folder))[0] == ("book" if length == len(grown) else "cup")
         opened.close()
+
+
+def test_a_label_over_labels_that_a_person_gave_counts_at_once(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    store.put(store.revision, "ann", edits.mark_range(0, 5, "book"))
+    _look(store, 2, "cup")
+    assert _targets(_file(tmp_path)) == ["book"] * 2 + ["cup"] * 4 + [None] * 2
