@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from harness.manifest import ClipManifest, load_manifest
-from harness.report.write import score_run
+from harness.report.write import render_run, score_run
 from harness.results import FrameRecord, read_results
-from harness.run_directory import RunDirectory
+from harness.run_directory import Pair, RunDirectory
 from harness.score import Scores, score
 from harness.timeline import Timeline
 from vfoa.errors import VfoaError
@@ -39,6 +39,17 @@ def read_scores(directory: RunDirectory) -> Scores:
     """Score a finished run and write nothing. Raises as :func:`rescore` does."""
     run = _finished_manifest(directory)
     return score(_records(directory, run), **_inputs(directory, run, None))
+
+
+def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:
+    """A finished run's page for a server that opens ``recordings`` by these names; writes nothing.
+
+    Raises as :func:`rescore` does.
+    """
+    run = _finished_manifest(directory)
+    inputs = _inputs(directory, run, None)
+    records = _records(directory, run)
+    return render_run(directory.results, records=records, **inputs, manifest=run, recordings=recordings)
 
 
 def _finished_manifest(directory: RunDirectory) -> dict[str, Any]:

@@ -53,6 +53,12 @@ class RunDirectory:
         """The Rerun recording of one clip under one configuration."""
         return self.path / f"{_stem(pair)}.rrd"
 
+    def recordings(self) -> dict[Pair, Path]:
+        """The recordings that the run has: those of its manifest whose files are there. Raises as reading that does."""
+        run = self.read_manifest()
+        pairs = [(clip["name"], configuration) for clip in run["clips"] for configuration in run["configurations"]]
+        return {pair: self.recording(pair) for pair in pairs if self.recording(pair).is_file()}
+
     def has_part(self, pair: Pair) -> bool:
         """Whether a (clip, configuration) is finished."""
         return self._part(pair, "jsonl").exists()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -15,13 +15,16 @@ if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
 FLAGS = (
-    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run"),
     *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
 )
+NO_GPU = ("--disable-gpu",)
+WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+"""WebGL computed by the processor, for pages that draw with it."""
 
 
 @contextmanager
-def chromium(profile: Path) -> Iterator[Chrome]:
+def chromium(profile: Path, graphics: Sequence[str] = NO_GPU) -> Iterator[Chrome]:
     """A browser with a profile of its own; skips the test where Chromium or its driver is missing."""
     program, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if program is None or driver is None:
@@ -30,7 +33,7 @@ def chromium(profile: Path) -> Iterator[Chrome]:
 
     options = ChromeOptions()
     options.binary_location = program
-    for flag in (*FLAGS, f"--user-data-dir={profile}"):
+    for flag in (*FLAGS, *graphics, f"--user-data-dir={profile}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     browser = Chrome(options=options, service=ChromeService(driver))
@@ -48,6 +51,21 @@ def set_width(browser: Chrome, width_px: int, height_px: int = 900) -> None:
 
 def requested(browser: Chrome) -> list[str]:
     """What pages asked for since the last call, other than data in the page itself and the browser's own first page."""
-    messages = [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]
-    sent = [each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent"]
+    sent = [
+        each["params"]["request"]["url"] for each in _messages(browser) if each["method"] == "Network.requestWillBeSent"
+    ]
     return [url for url in sent if not url.startswith(("data:", "chrome:"))]
+
+
+def let_out(browser: Chrome) -> list[str]:
+    """As :func:`requested`, without what a page's own policy kept from being asked."""
+    messages = _messages(browser)
+    sent = [each["params"] for each in messages if each["method"] == "Network.requestWillBeSent"]
+    failed = [each["params"] for each in messages if each["method"] == "Network.loadingFailed"]
+    kept = {each["requestId"] for each in failed if each.get("blockedReason") == "csp"}
+    urls = [each["request"]["url"] for each in sent if each["requestId"] not in kept]
+    return [url for url in urls if not url.startswith(("data:", "chrome:"))]
+
+
+def _messages(browser: Chrome) -> list[dict[str, Any]]:
+    return [json.loads(entry["message"])["message"] for entry in browser.get_log("performance")]

@@ -17,6 +17,7 @@ from harness.cli.compare import compare
 from harness.cli.demo import demo
 from harness.cli.export_failure import export_failure
 from harness.cli.init import init
+from harness.cli.report import report
 from harness.cli.run import run
 from harness.cli.score import score
 from harness.cli.simulate import simulate
@@ -33,6 +34,7 @@ app = typer.Typer(
 app.command()(demo)
 app.command()(run)
 app.command()(score)
+app.command()(report)
 app.command()(view)
 app.command()(export_failure)
 app.command()(compare)

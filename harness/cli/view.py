@@ -38,15 +38,23 @@ def view(
             )
         step_through(run, clip, config)
         return
-    if web and (frame is not None or screenshot is not None):
-        raise VfoaError("view: --web cannot open at a frame or draw a file: leave out --frame and --screenshot")
+    if web and screenshot is not None:
+        raise VfoaError("view: --web draws no file: leave out --screenshot")
     recordings = find_recordings(run, clip, config) if compare is None else [_side_by_side(run, clip, config, compare)]
     if screenshot is not None:
         viewer.screenshot(recordings[0], frame, screenshot)
     elif web:
-        viewer.serve_web(recordings)
+        _browse(recordings, frame)
     else:
         viewer.show(recordings, frame)
+
+
+def _browse(recordings: list[Path], frame: int | None) -> None:
+    from harness.cli.browse import browse
+    from harness.recording.site import open_path
+
+    first, *others = recordings
+    browse(recordings, [open_path(first.stem, frame), *(open_path(other.stem, None) for other in others)])
 
 
 def _side_by_side(run: Path, clip: str | None, config: str | None, compare: tuple[str, str]) -> Path:

@@ -67,14 +67,6 @@ def opened(options: Sequence[str] = ()) -> Iterator[Callable[[Path, int], None]]
         yield go_to
 
 
-def serve_web(recordings: Sequence[Path]) -> None:
-    """Serve recordings to a browser on this machine until interrupted; Rerun opens it and prints the address."""
-    arguments = ["--serve-web", "--bind", HOST, "--port", str(_free_port()), "--web-viewer-port", str(_free_port())]
-    process = subprocess.Popen([viewer_binary(), *arguments, *recordings])
-    with _stopped_at_end(process):
-        process.wait()
-
-
 def screenshot(recording: Path, frame: int | None, png: Path, *, size: tuple[int, int] = (1600, 900)) -> None:
     """Draw a recording at a frame into a PNG file, without a display; ``size`` is (width, height) in pixels.
 
@@ -114,17 +106,18 @@ def _settled_picture(client: ViewerClient) -> bytes:
 
 @contextmanager
 def _viewer(options: Sequence[str]) -> Iterator[tuple[subprocess.Popen[bytes], ViewerClient]]:
-    port = _free_port()
+    port = free_port()
     command = [str(viewer_binary()), "--bind", HOST, "--port", str(port), "--hide-welcome-screen", *options]
     # a file, since a pipe that nobody reads would stop the viewer once it is full
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=said)
-        with _stopped_at_end(process):
+        with stopped_at_end(process):
             yield process, _connect(process, port, said)
 
 
 @contextmanager
-def _stopped_at_end(process: subprocess.Popen[bytes]) -> Iterator[None]:
+def stopped_at_end(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    """End a process when the block ends, whatever ended it."""
     try:
         yield
     finally:
@@ -151,7 +144,8 @@ def _connect(process: subprocess.Popen[bytes], port: int, said: BinaryIO) -> Vie
     raise VfoaError(f"the Rerun viewer: expected an answer within {_CONNECT_S:.0f} s, found none")
 
 
-def _free_port() -> int:
+def free_port() -> int:
+    """A port of this machine that nobody listens on now."""
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         return int(probe.getsockname()[1])

@@ -23,6 +23,11 @@
     ? decodeURIComponent(location.pathname).replace(/^\/(?=[A-Za-z]:)/, "").replace(/\/[^/]*$/, "") || "/"
     : "RUN";
 
+  // A page that a server gives out knows where recordings open; one tab is enough for all of them.
+  const VIEWER = "vfoa-viewer";
+  const opens = ({ strip }, i) => strip.recording &&
+    `open?${new URLSearchParams({ recording: strip.recording, frame: strip.frames[i] })}`;
+
   const said = (state) => ["correct", "unscored"].includes(state) ? state : `wrong: ${state.replaceAll("_", " ")}`;
   const kind = (state) => ["correct", "unscored"].includes(state) ? state : "wrong";
   const state = ({ strip }, i) => data.states[strip.states[i]];
@@ -46,10 +51,17 @@
         element("h3", {}, `Frame ${frame} – ${said(state(one, i))}`),
         element("p", {}, `${group.clip}, ${group.subject}, ${strip.config}`),
         element("p", {}, `Truth: ${truth(one, i)}. Predicted: ${predicted(one, i)}.`),
-        element("code", {}, command)),
+        element("code", {}, command),
+        ...link(one, i)),
       values(one, i)));
     box.hidden = false;
     for (const other of strips) moveCursor(other, other.group === group ? other.strip.frames.indexOf(frame) : -1);
+  }
+
+  function link(one, i) {
+    const address = opens(one, i);
+    if (!address) return [];
+    return [element("p", {}, element("a", { href: address, target: VIEWER }, "Open the recording at this frame"))];
   }
 
   function values({ strip }, i) {
@@ -96,7 +108,11 @@
         show(one, i);
       });
       cell.addEventListener("pointerenter", () => show(one, i));
-      cell.addEventListener("click", () => cell.focus()); // Safari does not focus a button that is clicked
+      cell.addEventListener("click", () => {
+        cell.focus(); // Safari does not focus a button that is clicked
+        const address = opens(one, i);
+        if (address) window.open(address, VIEWER);
+      });
       one.cells.push(cell);
     });
     const cells = element("div", {

@@ -15,6 +15,7 @@ from harness.report.formats import Table
 from harness.report.oracle import ladder_table
 from harness.report.page_data import AttentionLog, confusions, differing_settings, page_data
 from harness.report.tables import baselines_table, causes_table, frr_table, measures_table, subjects_table
+from harness.run_directory import Pair
 from harness.score import Scores
 
 LETTERS = {
@@ -39,6 +40,7 @@ def render_page(
     *,
     manifest: Mapping[str, Any] | None = None,
     tables: Sequence[Table] = (),
+    recordings: Mapping[Pair, str] | None = None,
 ) -> str:
     """The page as text, the same for the same arguments.
 
@@ -50,6 +52,9 @@ def render_page(
         The run's, as :meth:`harness.run_directory.RunDirectory.read_manifest` gives it; None leaves out what was run.
     tables
         What else stands under "More measures"; those without rows are left out.
+    recordings
+        For a page that a server gives out: by (clip, configuration), the name under which the server opens its
+        recording. Without them no cell leads anywhere, and the page knows no address.
     """
     frr = frr_table(scores)
     return _template().render(
@@ -68,7 +73,8 @@ def render_page(
         more=[subjects_table(scores), measures_table(scores), baselines_table(scores), *tables],
         confusions=confusions(scores.verdicts),
         letters=LETTERS,
-        data={**page_data(scores.verdicts, attention), "letters": LETTERS},
+        served=bool(recordings),
+        data={**page_data(scores.verdicts, attention, recordings or {}), "letters": LETTERS},
     )
 
 

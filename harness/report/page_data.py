@@ -12,6 +12,7 @@ from harness.outcomes import answer
 from harness.recording.labels import Colours, attention_by_name
 from harness.report.formats import UNKNOWN, Table
 from harness.results import FrameRecord
+from harness.run_directory import Pair
 from harness.verdicts import CAUSES, Verdict, find_subject
 
 STATES = ("correct", "unscored", *CAUSES)
@@ -51,15 +52,17 @@ class AttentionLog:
         return self._colours.setdefault(clip, Colours(()))
 
 
-def page_data(verdicts: Sequence[Verdict], attention: AttentionLog) -> dict[str, Any]:
+def page_data(verdicts: Sequence[Verdict], attention: AttentionLog, recordings: Mapping[Pair, str]) -> dict[str, Any]:
     """Everything the page's script draws, each (clip, subject) with one strip per configuration.
 
     A strip holds equally long lists over its frames; ``values`` is, by target, the lists of gaze, head and total in
-    thousandths, None where unknown. Colours are CSS.
+    thousandths, None where unknown. Colours are CSS. ``recording`` is the name of the one that the cells lead to.
     """
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for (clip, configuration, subject), each in groupby(verdicts, key=lambda v: (v.clip, v.configuration, v.subject)):
-        groups.setdefault((clip, subject), []).append(_strip(configuration, list(each), attention))
+        strip = _strip(configuration, list(each), attention)
+        strip["recording"] = recordings.get((clip, configuration))
+        groups.setdefault((clip, subject), []).append(strip)
     return {
         "states": STATES,
         "groups": [

@@ -14,6 +14,7 @@ from harness.report.page_data import AttentionLog
 from harness.report.stage_times import stage_times_table
 from harness.report.tables import render_tables
 from harness.results import FrameRecord, read_results
+from harness.run_directory import Pair
 from harness.score import Scores, score
 
 
@@ -45,15 +46,58 @@ def score_run(
     VfoaError
         If the results, or the ``timings.csv`` that a run has beside them, cannot be read.
     """
-    frames, attention = FrameRows(), AttentionLog()
-    watched = attention.watch(frames.watch(records if records is not None else read_results(results)))
-    scores = score(watched, labels_by_clip, frames_by_clip=frames_by_clip, notes=notes)
-    stage_times = stage_times_table(results.parent / "timings.csv")
+    frames = FrameRows()
+    watched = frames.watch(records if records is not None else read_results(results))
+    scores, attention = _scored(watched, labels_by_clip, frames_by_clip, notes)
     texts = {
         **render_tables(scores),
         "frames.csv": frames.to_csv(scores.verdicts),
-        "report.html": render_page(scores, attention, manifest=manifest, tables=[stage_times]),
+        "report.html": _page(results, scores, attention, manifest),
     }
     for name, text in texts.items():
         atomic_write(results.parent / name, text)
     return scores
+
+
+def render_run(
+    results: Path,
+    labels_by_clip: Mapping[str, Labels],
+    *,
+    records: Iterable[FrameRecord] | None = None,
+    notes: Sequence[str] = (),
+    frames_by_clip: Mapping[str, Iterable[int]] | None = None,
+    manifest: Mapping[str, Any] | None = None,
+    recordings: Mapping[Pair, str] | None = None,
+) -> str:
+    """The page that :func:`score_run` writes, as text, with its cells leading to recordings; nothing is written.
+
+    Parameters
+    ----------
+    recordings
+        As for :func:`harness.report.page.render_page`; all else as for :func:`score_run`.
+    """
+    wanted = records if records is not None else read_results(results)
+    scores, attention = _scored(wanted, labels_by_clip, frames_by_clip, notes)
+    return _page(results, scores, attention, manifest, recordings)
+
+
+def _scored(
+    records: Iterable[FrameRecord],
+    labels_by_clip: Mapping[str, Labels],
+    frames_by_clip: Mapping[str, Iterable[int]] | None,
+    notes: Sequence[str],
+) -> tuple[Scores, AttentionLog]:
+    attention = AttentionLog()
+    scores = score(attention.watch(records), labels_by_clip, frames_by_clip=frames_by_clip, notes=notes)
+    return scores, attention
+
+
+def _page(
+    results: Path,
+    scores: Scores,
+    attention: AttentionLog,
+    manifest: Mapping[str, Any] | None,
+    recordings: Mapping[Pair, str] | None = None,
+) -> str:
+    tables = [stage_times_table(results.parent / "timings.csv")]
+    return render_page(scores, attention, manifest=manifest, tables=tables, recordings=recordings)

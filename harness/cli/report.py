@@ -1,0 +1,40 @@
+"""``vfoa report``: a run's page, on disk or from a server that also opens its recordings."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def report(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's directory.")],
+    serve: Annotated[
+        bool,
+        typer.Option(
+            "--serve", help="Serve it on this machine: a click on a cell opens the recording; Ctrl-C ends it."
+        ),
+    ] = False,
+    port: Annotated[int, typer.Option(help="Port to serve on; 0 means any that is free.")] = 0,
+    no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
+) -> None:
+    """Write a run's page from its results and the present annotations, and say where it is."""
+    from harness.rescore import report_page, rescore
+    from harness.run_directory import RunDirectory
+    from vfoa.errors import VfoaError
+
+    directory = RunDirectory(run)
+    if not serve:
+        if port or no_open:
+            raise VfoaError("report: --port and --no-open are for --serve: leave them out, or add it")
+        rescore(directory)
+        typer.echo(f"Page: {directory.path / 'report.html'}")
+        return
+    from harness.cli.browse import browse
+
+    recordings = directory.recordings()
+    page = partial(report_page, directory, {pair: path.stem for pair, path in recordings.items()})
+    page()  # what is wrong with the run is said here, and not in the browser
+    browse(recordings.values(), ["/"], page=page, port=port, no_open=no_open)

@@ -1,0 +1,106 @@
+"""A served report in a browser: a click on a cell opens the recording at that frame."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from harness.recording.catalogue import Catalogue
+from harness.recording.site import site
+from harness.recording.web_viewer import web_viewer_files
+from harness.report.page import render_page
+from harness.report.page_data import AttentionLog
+from harness.score import score
+from tests.browser import WEBGL, chromium, let_out, set_width
+from tests.harness.recording.conftest import ANN
+from tests.records import labels
+from tests.web import running
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
+
+LOADED_S = 120.0
+LEFT_VIEW = (128, 64, 211, 141)
+"""Where the viewer draws the left image in a window of this test's size: x, y, width, height in pixels."""
+
+
+@pytest.fixture
+def browser(tmp_path: Path) -> Iterator[Chrome]:
+    with chromium(tmp_path / "profile", WEBGL) as browser:
+        set_width(browser, 900, 600)
+        yield browser
+
+
+@pytest.fixture
+def report(frames: list[Any], record_run: Callable[..., Path]) -> Iterator[str]:
+    """The address of a report on four frames, the last one wrong."""
+    recording = record_run(frames)
+    attention = AttentionLog()
+    truth = labels(*["red cup"] * 14, subject=ANN)
+    scores = score(attention.watch(shown.record for shown in frames), {"clip": truth})
+    page = render_page(scores, attention, recordings={("clip", "two cones"): recording.stem})
+    with Catalogue() as catalogue:
+        app = site({recording.stem: recording}, catalogue, web_viewer_files(), page=lambda: page)
+        with running(app) as address:
+            yield address
+
+
+def _click(browser: Chrome, frame: int) -> None:
+    cell = browser.find_element("css selector", f'.cell[data-frame="{frame}"]')
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", cell)
+    cell.click()
+
+
+def _shows(frame: int) -> bytes:
+    """What the viewer's state holds at that frame: in Protocol Buffers, timeline "frame", a sequence, and its time."""
+    return b"\n\x05frame\x10\x01\x1a\x02\x08" + bytes([frame])
+
+
+def _wait_for(browser: Chrome, frame: int) -> np.ndarray:
+    """The viewer's picture at that frame, once it stands still; (H, W, 3)."""
+    deadline = time.monotonic() + LOADED_S
+    before = b""
+    while time.monotonic() < deadline:
+        time.sleep(0.5)
+        state = bytes(browser.execute_script("return window._handle ? Array.from(window._handle.viewer_state()) : []"))
+        if _shows(frame) not in state:
+            continue
+        now = browser.get_screenshot_as_png()
+        if now == before:
+            return np.asarray(Image.open(io.BytesIO(now)).convert("RGB"))
+        before = now
+    raise AssertionError(f"the viewer did not come to frame {frame}: {browser.current_url}")
+
+
+def test_a_click_on_a_cell_opens_the_recording_at_that_frame(browser: Chrome, report: str, frames: list[Any]) -> None:
+    browser.get(report)
+    page = browser.current_window_handle
+    _click(browser, 14)
+    (viewer,) = set(browser.window_handles) - {page}
+    browser.switch_to.window(viewer)
+    shown = _wait_for(browser, 14)
+    # the left images are noise: the picture is like its own frame's and unlike any other's
+    alike = {each.frame.index: _likeness(shown, each.frame.left) for each in frames}
+    assert alike[14] > 0.5
+    assert max(value for frame, value in alike.items() if frame != 14) < 0.3
+    assert all(url.startswith("http://127.0.0.1:") for url in let_out(browser))
+    browser.switch_to.window(page)
+    assert "Frame 14 – wrong" in browser.find_element("id", "frame").text
+    _click(browser, 10)
+    assert set(browser.window_handles) == {page, viewer}
+
+
+def _likeness(picture: np.ndarray, left: np.ndarray) -> float:
+    """The correlation of a left image with the place in the viewer where it is drawn, free of what is drawn over it."""
+    x, y, width, height = LEFT_VIEW
+    drawn = picture[y : y + height, x : x + width].mean(axis=2)
+    expected = np.asarray(Image.fromarray(left).resize((width, height), Image.Resampling.NEAREST)).mean(axis=2)
+    bottom = slice(int(0.7 * height), None)
+    return float(np.corrcoef(drawn[bottom].ravel(), expected[bottom].ravel())[0, 1])

@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import psutil
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli import app
+from harness.results import to_line
+from tests.records import answers
+from vfoa.errors import VfoaError
+
+MAIN = "from harness.cli import main; main()"
+EVENTS = "/rerun.cloud.v1alpha1.RerunCloudService/WatchEvents"
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A finished run of one clip without labels, and without its recording."""
+    manifest = tmp_path / "clip.toml"
+    manifest.write_text('name = "clip"\nadapter = "studio"\nlicence = "MIT"\n[subjects.girl]\ncategory = "person"\n')
+    run = tmp_path / "a run"
+    run.mkdir()
+    (run / "results.jsonl").write_text("".join(map(to_line, answers(["cup", None], configuration="one"))))
+    entry = {"name": "clip", "manifest": str(manifest), "licence": "MIT", "notes": [], "frames": [1, 2], "rate_hz": 25}
+    about = {"experiment": "small", "notes": [], "clips": [entry], "configurations": {"one": {}}, "versions": {}}
+    (run / "manifest.json").write_text(json.dumps({**about, "finished": "now"}))
+    return run
+
+
+def test_the_page_is_written_and_its_place_said(run: Path) -> None:
+    said = CliRunner().invoke(app, ["report", str(run)], catch_exceptions=False)
+    assert said.stdout == f"Page: {run / 'report.html'}\n"
+    assert "Run small" in (run / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_page_from_disk_knows_no_server(run: Path) -> None:
+    CliRunner().invoke(app, ["report", str(run)], catch_exceptions=False)
+    assert '"recording":null' in (run / "report.html").read_text(encoding="utf-8")
+
+
+def test_options_of_the_server_alone_are_refused_without_it(run: Path) -> None:
+    for options in (["--port", "80"], ["--no-open"]):
+        with pytest.raises(VfoaError, match="--serve"):
+            CliRunner().invoke(app, ["report", str(run), *options], catch_exceptions=False)
+
+
+@pytest.fixture(params=[signal.SIGINT, signal.SIGTERM])
+def served(run: Path, request: pytest.FixtureRequest) -> Iterator[tuple[subprocess.Popen[str], str, signal.Signals]]:
+    """A process that serves the run, its address, and the signal to end it with."""
+    command = [sys.executable, "-c", MAIN, "report", str(run), "--serve", "--no-open"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert process.stdout.readline() == "Serving until Ctrl-C:\n"
+            yield process, process.stdout.readline().strip(), request.param
+        finally:
+            process.kill()
+
+
+def test_it_serves_on_this_machine_until_it_is_told_to_end(
+    served: tuple[subprocess.Popen[str], str, signal.Signals],
+) -> None:
+    process, address, sign = served
+    assert "Run small" in httpx.get(address, trust_env=False).text
+    listening = [each.laddr for each in psutil.Process(process.pid).net_connections() if each.status == "LISTEN"]
+    assert {place.ip for place in listening} == {"127.0.0.1"}
+    assert psutil.Process(process.pid).children() == []
+    (catalogue,) = {place.port for place in listening} - {httpx.URL(address).port}
+    # a viewer that is open listens to the catalogue for good: it must not keep the server alive
+    headers = {"content-type": "application/grpc-web+proto", "x-grpc-web": "1"}
+    with httpx.stream(
+        "POST", f"http://127.0.0.1:{catalogue}{EVENTS}", content=bytes(5), headers=headers, trust_env=False
+    ) as viewer:
+        assert viewer.status_code == 200
+        process.send_signal(sign)
+        _, complaints = process.communicate(timeout=30)
+    assert (process.returncode, complaints) == (0, "")
