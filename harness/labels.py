@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections.abc import Iterable, Iterator
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 NOWHERE = "none"
 """The target of a subject who looks at nothing in the scene."""
@@ -96,6 +97,14 @@ class Labels:
             else each
             for each in self.ranges
         )
+
+
+def gaps(labels: Labels, subject: str, frames: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """First and last frame of every gap between two labels of a subject; ``frames`` are the clip's, ascending."""
+    for before, after in pairwise(labels.of(subject)):
+        low, high = bisect_right(frames, before.last_frame), bisect_left(frames, after.first_frame)
+        if low < high:
+            yield frames[low], frames[high - 1]
 
 
 def ranges_of(subject: str, labels: Iterable[tuple[int, Label | None]]) -> Iterator[LabelRange]:

@@ -108,8 +108,13 @@ class ClipManifest(Settings):
         path = self.annotations.find() if annotator is None else self.annotations.expect(annotator)
         if path is None:
             return None
-        found = read_annotations(path, timeline=timeline, subjects=self.subjects, targets=self.targets)
-        return found.confirmed()
+        return self.read(path, timeline).confirmed()
+
+    def read(self, path: Path, timeline: Timeline | None, *, allow_gaps: bool = False) -> Labels:
+        """Everything in one of the clip's annotation files; parameters and errors are :func:`read_annotations`'s."""
+        return read_annotations(
+            path, timeline=timeline, subjects=self.subjects, targets=self.targets, allow_gaps=allow_gaps
+        )
 
 
 def load_manifest(name_or_path: str | os.PathLike[str]) -> ClipManifest:

@@ -9,7 +9,7 @@ from typing import Literal
 from harness.annotation_formats import FORMATS, AnnotationFormat
 from harness.annotation_formats.bodies import Bodies, RunBodies, TrueBodies
 from harness.annotation_formats.exchange import Exchange, Imported
-from harness.annotations import read_annotations, write_annotations
+from harness.annotations import write_annotations
 from harness.manifest import ClipManifest
 from harness.results import read_results
 from harness.run_directory import RunDirectory
@@ -86,9 +86,7 @@ def export_labels(manifest: ClipManifest, annotator: str | None, name: str, exch
     path = manifest.annotations.find() if annotator is None else manifest.annotations.expect(annotator)
     if path is None:
         raise VfoaError(f"{manifest.name}: no annotations; expected {manifest.annotations.place()}")
-    labels = read_annotations(
-        path, timeline=timeline_of(exchange.clip), subjects=manifest.subjects, targets=manifest.targets, allow_gaps=True
-    )
+    labels = manifest.read(path, timeline_of(exchange.clip), allow_gaps=True)
     chosen: AnnotationFormat = FORMATS.load(name)()
     return [f"{to}: {each}" for each in chosen.write(to, labels, exchange)]
 

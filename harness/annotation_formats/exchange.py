@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 
 from harness.adapters import Clip
 from harness.annotation_formats.bodies import Bodies, Box
-from harness.labels import IGNORED, RESERVED, Label, LabelRange, Labels
+from harness.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, gaps
 from harness.timeline import timeline_of
 from vfoa.errors import VfoaError, did_you_mean
-
-UNLABELLED = "not labelled"
-"""The note of an ``ignore`` that fills a gap: our files have none between two labels of a subject."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -132,22 +128,17 @@ class Exchange:
     def labels(self, rows: Iterable[LabelRange], path: object) -> Imported:
         """Labels of which the gaps are filled, and a note that says how many frames that were."""
         labels, notes, filled = Labels(rows), [], []
-        for subject in labels.subjects:
-            gaps = list(self._gaps(labels, subject))
-            if gaps:
-                frames = sum(len(self.positions(gap)) for gap in gaps)
-                notes.append(f"{path}: {subject}: {frames} frames between labels have none: {self.gaps!r}.")
-            filled += gaps
-        return Imported(labels=Labels([*labels.ranges, *filled]), notes=tuple(notes))
-
-    def _gaps(self, labels: Labels, subject: str) -> Iterator[LabelRange]:
         label = Label(target=self.gaps, note=UNLABELLED if self.gaps == IGNORED else "")
-        rows = labels.of(subject)
-        for before, after in pairwise(rows):
-            between = range(bisect_right(self.frames, before.last_frame), bisect_left(self.frames, after.first_frame))
-            if between:
-                first, last = self.frames[between[0]], self.frames[between[-1]]
-                yield LabelRange(first_frame=first, last_frame=last, subject=subject, label=label)
+        for subject in labels.subjects:
+            rows = [
+                LabelRange(first_frame=first, last_frame=last, subject=subject, label=label)
+                for first, last in gaps(labels, subject, self.frames)
+            ]
+            if rows:
+                frames = sum(len(self.positions(row)) for row in rows)
+                notes.append(f"{path}: {subject}: {frames} frames between labels have none: {self.gaps!r}.")
+            filled += rows
+        return Imported(labels=Labels([*labels.ranges, *filled]), notes=tuple(notes))
 
     def _known(self, name: str, known: Collection[str], kind: str, where: str) -> str:
         found = self.renamed.get(name, name)

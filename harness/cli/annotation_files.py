@@ -4,9 +4,14 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from harness.adapters import Clip as AdapterClip
+    from harness.labels import Labels
+    from harness.manifest import ClipManifest
 
 app = typer.Typer(help="Check, exchange and compare who looks at what.", no_args_is_help=True)
 
@@ -18,7 +23,18 @@ class Gaps(StrEnum):
     none = "none"
 
 
+class MergeRule(StrEnum):
+    """How labels are merged; :mod:`harness.annotation_merge` says what each does."""
+
+    agree = "agree"
+    first = "first"
+    adjudicate = "adjudicate"
+
+
 Clip = Annotated[str, typer.Argument(metavar="CLIP", help="The clip's name, or its .toml file.")]
+Annotators = Annotated[
+    list[str] | None, typer.Argument(metavar="[ANNOTATOR]...", help="All the clip has if not given; CLIP is CLIP.csv.")
+]
 ClipOption = Annotated[str, typer.Option("--clip", metavar="CLIP", help="The clip's name, or its .toml file.")]
 Annotator = Annotated[str | None, typer.Option(help="Whose labels: CLIP@ANNOTATOR.csv; CLIP.csv if not given.")]
 Format = Annotated[
@@ -105,6 +121,87 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
         if labels is not None:
             counts = ", ".join(f"{each} {len(labels.of(each))}" for each in labels.subjects) or "no ranges"
             typer.echo(f"{manifest.annotations.place(name)}: {counts}")
+
+
+@app.command(name="agreement")
+def agreement(
+    clip: Clip,
+    annotators: Annotators = None,
+    out: Annotated[Path | None, typer.Option(help="Write the tables to this folder too: CSV, and one .md.")] = None,
+) -> None:
+    """Compare annotators: kappa with its interval, per target, confusion, and a list of where they differ."""
+    from rich.console import Console
+
+    from harness.agreement import compare_annotators
+    from harness.files import atomic_write
+    from harness.manifest import load_manifest
+    from harness.report.agreement import agreement_tables
+    from harness.report.formats import to_csv, to_markdown, to_rich
+
+    manifest = load_manifest(clip)
+    opened = manifest.open()
+    labels = _labels_by_annotator(manifest, opened, annotators or [])
+    found = compare_annotators(labels, opened.frames, opened.rate_hz, manifest.name)
+    tables = agreement_tables(manifest.name, labels, found, opened.frames)
+    console = Console()
+    for table in tables.values():
+        console.print(to_rich(table))
+        for note in table.notes:
+            console.print(f"- {note}", highlight=False, markup=False)
+    if out:
+        for name, table in tables.items():
+            atomic_write(out / f"{name}.csv", to_csv(table))
+        atomic_write(out / "agreement.md", "\n".join(to_markdown(table, level=2) for table in tables.values()))
+
+
+@app.command(name="merge")
+def merge(
+    clip: Clip,
+    annotators: Annotators = None,
+    rule: Annotated[
+        MergeRule, typer.Option(help="What becomes of frames on which they differ.")
+    ] = MergeRule.adjudicate,
+    to: Annotated[str | None, typer.Option(metavar="ANNOTATOR", help="Write CLIP@ANNOTATOR.csv, not CLIP.csv.")] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Write over labels that are there.")] = False,
+) -> None:
+    """Make one file of several annotators': agree (else ignore), first (in the order given), or adjudicate."""
+    from harness.annotation_merge import merge_labels, to_decide
+    from harness.annotations import write_annotations
+    from harness.manifest import load_manifest
+    from vfoa.errors import VfoaError
+
+    manifest = load_manifest(clip)
+    opened = manifest.open()
+    labels = _labels_by_annotator(manifest, opened, annotators or [])
+    place = manifest.annotations.place(to)
+    if place.is_file() and not replace:
+        raise VfoaError(f"{place}: is there already; expected --replace, or another --to")
+    merged = merge_labels(labels, opened.frames, rule.value)
+    write_annotations(place, merged)
+    typer.echo(f"{place}: {len(merged.ranges)} ranges of {', '.join(labels)}")
+    if left := to_decide(merged):
+        typer.echo(f"- {len(left)} ranges are to be decided, the first at frame {left[0].first_frame}.")
+
+
+def _labels_by_annotator(manifest: ClipManifest, clip: AdapterClip, annotators: list[str]) -> dict[str, Labels]:
+    """The labels of those named (the clip's own name stands for CLIP.csv), or of all annotators the clip has."""
+    from harness.timeline import timeline_of
+    from vfoa.errors import VfoaError
+
+    names = annotators or list(manifest.annotations.annotators())
+    if not annotators and len(names) < 2 and manifest.annotations.find() is not None:
+        names = [manifest.name, *names]
+    if len(set(names)) < 2:
+        raise VfoaError(f"{manifest.name}: labels of {', '.join(names) or 'nobody'}; expected two annotators or more")
+    timeline = timeline_of(clip)
+    files = manifest.annotations
+    found = {}
+    for name in names:
+        path = files.find() if name == manifest.name else files.expect(name)
+        if path is None:
+            raise VfoaError(f"{manifest.name}: no annotations; expected {files.place()}")
+        found[name] = manifest.read(path, timeline, allow_gaps=True)
+    return found
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -41,7 +41,7 @@ def test_rate_offset_and_names_are_stated(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("gaps", "filled"), [("ignore", row(3, 5, "ignore", note="not labelled")), ("none", row(3, 5, "none"))]
+    ("gaps", "filled"), [("ignore", row(3, 5, "ignore", note="not labelled yet")), ("none", row(3, 5, "none"))]
 )
 def test_frames_without_a_label_are_filled_and_counted(tmp_path: Path, gaps: str, filled: object) -> None:
     path = _document(

@@ -1,0 +1,109 @@
+"""What annotators agree on, as tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from harness.agreement import Agreement, differences
+from harness.labels import Labels
+from harness.report.formats import UNKNOWN, Table
+
+_NOTE = (
+    "Frames that both annotators judged: no ignore, no suggestion. Kappa: Cohen 1960; its interval: 95 %, moving-block "
+    "bootstrap, because neighbouring frames are not independent. Specific agreement: 2 both / (first + second)."
+)
+
+
+def agreement_table(clip: str, found: Sequence[Agreement]) -> Table:
+    """Kappa of every pair of annotators, pooled and by subject."""
+    return Table(
+        title=f"{clip}: agreement of annotators",
+        columns=("First", "Second", "Subject", "n", "Not compared", "Same %", "Kappa", "95 %"),
+        words=3,
+        rows=tuple(
+            (
+                *(each.first, each.second, each.subject or "(all)", str(each.n), str(each.skipped)),
+                *(_percent(each.agreed, each.n), _number(each.kappa)),
+                UNKNOWN
+                if math.isnan(each.interval.low)
+                else f"{_number(each.interval.low)} to {_number(each.interval.high)}",
+            )
+            for each in found
+        ),
+        notes=(_NOTE,),
+    )
+
+
+def targets_table(clip: str, found: Sequence[Agreement]) -> Table:
+    """What every pair of annotators named, target by target, all subjects pooled."""
+    return Table(
+        title=f"{clip}: agreement by target",
+        columns=("First", "Second", "Target", "n first", "n second", "n both", "Specific %", "Kappa"),
+        words=3,
+        rows=tuple(
+            (
+                *(pair.first, pair.second, each.target, str(each.first), str(each.second), str(each.both)),
+                *(f"{100 * each.share:.1f}", _number(each.kappa)),
+            )
+            for pair in found
+            if pair.subject is None
+            for each in pair.by_target()
+        ),
+    )
+
+
+def confusion_table(clip: str, pair: Agreement) -> Table:
+    """What the second annotator said (columns) where the first said this (rows)."""
+    return Table(
+        title=f"{clip}: {pair.first} (rows) and {pair.second} (columns), frames",
+        columns=("", *pair.targets),
+        words=1,
+        rows=tuple(
+            (name, *(str(count) for count in counts))
+            for name, counts in zip(pair.targets, pair.confusion.tolist(), strict=True)
+        ),
+    )
+
+
+def differences_table(
+    clip: str, labels: Mapping[str, Labels], pairs: Sequence[Agreement], frames: Sequence[int]
+) -> Table:
+    """Every range in which two annotators differ."""
+    return Table(
+        title=f"{clip}: where annotators differ",
+        columns=("First", "Second", "Subject", "First says", "Second says", "From frame", "To frame", "Frames"),
+        words=5,
+        rows=tuple(
+            (
+                *(pair.first, pair.second, each.subject, each.first, each.second),
+                *(str(each.first_frame), str(each.last_frame), str(each.frames)),
+            )
+            for pair in pairs
+            if pair.subject is None
+            for each in differences(labels[pair.first], labels[pair.second], frames)
+        ),
+    )
+
+
+def agreement_tables(
+    clip: str, labels: Mapping[str, Labels], found: Sequence[Agreement], frames: Sequence[int]
+) -> dict[str, Table]:
+    """All tables by the name of their file."""
+    confusions = {
+        f"confusion_{pair.first}_{pair.second}": confusion_table(clip, pair) for pair in found if pair.subject is None
+    }
+    return {
+        "agreement": agreement_table(clip, found),
+        "agreement_by_target": targets_table(clip, found),
+        **confusions,
+        "differences": differences_table(clip, labels, found, frames),
+    }
+
+
+def _percent(part: int, whole: int) -> str:
+    return f"{100 * part / whole:.1f}" if whole else UNKNOWN
+
+
+def _number(value: float) -> str:
+    return UNKNOWN if math.isnan(value) else f"{value:.2f}"

@@ -1,0 +1,87 @@
+"""``vfoa annotations`` as its user meets it, on a rendered clip."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from harness.cli import main
+from tests.disk import write_text
+
+REPOSITORY = Path(__file__).parents[2]
+CLIP = "studio_talk"
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with a clip, the labels of two annotators, and those of none."""
+    for kind, suffix in (("datasets", "toml"), ("annotations", "csv")):
+        (tmp_path / kind).mkdir()
+        shutil.copy(REPOSITORY / kind / f"{CLIP}.{suffix}", tmp_path / kind)
+    text = (tmp_path / "annotations" / f"{CLIP}.csv").read_text()
+    write_text(tmp_path / "annotations" / f"{CLIP}@anna.csv", text)
+    write_text(tmp_path / "annotations" / f"{CLIP}@ben.csv", text.replace("ben,bear", "ben,none"))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("VFOA_CACHE", str(tmp_path / "cache"))
+    return tmp_path
+
+
+def _vfoa(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    monkeypatch.setattr(sys, "argv", ["vfoa", "annotations", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr()
+    return int(ended.value.code or 0), said.out, said.err
+
+
+@pytest.mark.parametrize("name", ["elan", "boris", "boris-aggregated"])  # cvat would render every head
+def test_labels_go_out_and_come_back(
+    name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    where = ("--format", name, "--offset", "3")
+    assert _vfoa(monkeypatch, capsys, "export", CLIP, "out", *where)[0] == 0
+    code, out, _ = _vfoa(monkeypatch, capsys, "import", "out", "--clip", CLIP, "--annotator", "cat", *where)
+    assert code == 0
+    assert "16 ranges of anna, ben" in out
+    labels = folder / "annotations"
+    assert (labels / f"{CLIP}@cat.csv").read_bytes() == (labels / f"{CLIP}.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (("export", CLIP, "out", "--format", "elen"), "annotation format: no 'elen'; did you mean 'elan'?"),
+        (("export", CLIP, "out", "--format", "elan", "--annotator", "bea"), "no annotations by 'bea'"),
+        (("import", "gone", "--format", "cvat", "--clip", CLIP, "--annotator", "x"), "gone: no such file"),
+        (("import", "gone", "--format", "cvat", "--clip", CLIP), f"{CLIP}.csv: is there already; expected --replace"),
+        (("import", "gone", "--format", "cvat", "--clip", CLIP, "--rename", "x"), "--rename x: expected THEIRS=OURS"),
+        (("agreement", CLIP, "anna"), "labels of anna; expected two annotators or more"),
+        (("merge", CLIP), f"{CLIP}.csv: is there already; expected --replace, or another --to"),
+        (("check", CLIP, "--annotator", "bea"), "no annotations by 'bea'"),
+    ],
+)
+def test_a_wrong_word_is_one_line_and_exit_code_2(
+    arguments: tuple[str, ...], line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, err = _vfoa(monkeypatch, capsys, *arguments)
+    assert code == 2
+    assert line in err
+    assert err.count("\n") == 1
+
+
+def test_annotators_are_compared_and_merged(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, _ = _vfoa(monkeypatch, capsys, "agreement", CLIP, "--out", "tables")
+    assert code == 0
+    assert "Kappa" in out
+    assert "bear,none" in (folder / "tables" / "differences.csv").read_text()
+    assert (folder / "tables" / "agreement.md").read_text().count("## ") == 4
+    code, out, _ = _vfoa(monkeypatch, capsys, "merge", CLIP, "anna", "ben", "--to", "both")
+    assert code == 0
+    assert "are to be decided, the first at frame 1" in out
+    assert "to decide: anna bear, ben none" in (folder / "annotations" / f"{CLIP}@both.csv").read_text()
+    assert _vfoa(monkeypatch, capsys, "check", CLIP)[1].count("@") == 3
