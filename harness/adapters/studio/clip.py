@@ -6,13 +6,14 @@ import hashlib
 from functools import lru_cache
 from importlib import metadata, resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from pydantic import Field
 
 from harness.adapters import Truth
-from harness.adapters.studio.scenario import SCENARIOS, ScenarioName
+from harness.adapters.studio.gathering import gathering
+from harness.adapters.studio.scenario import SCENARIOS, Scenario, ScenarioName
 from harness.adapters.studio.stage import RIG, Stage
 from vfoa.errors import VfoaError
 from vfoa.geometry import disparity_from_depth
@@ -26,10 +27,11 @@ if TYPE_CHECKING:
 class StudioSettings(Settings):
     """Which scenario, how many frames, and the seed of durations, aims and sensor noise.
 
-    A longer clip begins with the same frames as a shorter one.
+    Of a ``gathering`` the seed also decides who sits where, what stands where, and who looks at what. A longer clip
+    begins with the same frames as a shorter one.
     """
 
-    scenario: ScenarioName
+    scenario: ScenarioName | Literal["gathering"]
     frames: int = Field(default=60, ge=1, le=100_000)
     seed: int = Field(default=7, ge=0)
 
@@ -57,7 +59,7 @@ class StudioClip:
     @property
     def rate_hz(self) -> float:
         """The scenario's rate."""
-        return SCENARIOS[self._settings.scenario].rate_hz
+        return _scenario(self._settings).rate_hz
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -109,9 +111,13 @@ class StudioClip:
         return left, right
 
 
+def _scenario(settings: StudioSettings) -> Scenario:
+    return gathering(settings.seed) if settings.scenario == "gathering" else SCENARIOS[settings.scenario]
+
+
 @lru_cache(maxsize=4)
 def _stage(settings: StudioSettings) -> Stage:
-    return Stage(SCENARIOS[settings.scenario], settings.frames, settings.seed)
+    return Stage(_scenario(settings), settings.frames, settings.seed)
 
 
 @lru_cache(maxsize=1)

@@ -1,0 +1,111 @@
+"""Transitions and passes of the hidden Markov model against every sequence, counted out."""
+
+from __future__ import annotations
+
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.scenes import make_subject
+from vfoa.dwell import DwellSettings, prior, revise, transition
+from vfoa.types import Attention, FrameResult, NoAttention, Scene, TargetAttention
+
+BOTH = DwellSettings(smoothing="both", dwell_frames=4.0)
+VITERBI = BOTH.model_copy(update={"smoothing": "viterbi"})
+KEYS = (1, 2, None)
+LEAVE = 1 / 4
+
+
+def step_matrix():
+    """Rows from, columns to."""
+    return (1 - LEAVE) * np.eye(3) + LEAVE * prior(KEYS, BOTH)
+
+
+def filtered(likelihoods):
+    """The forward pass of a plain hidden Markov model: (N, 3) probabilities."""
+    belief, found = None, []
+    for likelihood in likelihoods:
+        predicted = prior(KEYS, BOTH) if belief is None else belief @ step_matrix()
+        belief = predicted * likelihood
+        belief = belief / belief.sum()
+        found.append(belief)
+    return np.array(found)
+
+
+def results(beliefs, tracks=(1,)):
+    """Frames whose attention is these beliefs."""
+    frames = []
+    for index, belief in enumerate(beliefs):
+        values = tuple(
+            TargetAttention(instance_id=key, gaze=0.75 * p, head=0.25 * p, total=p)
+            for key, p in zip(KEYS[:2], belief.tolist()[:2], strict=True)
+        )
+        attention = Attention(subject=make_subject(), values=values, focus=KEYS[int(belief.argmax())])
+        scene = Scene(index=index, time_ns=0, targets=(), people=())
+        frames.append(FrameResult(scene=scene, attentions=(attention,) * len(tracks)))
+    return frames
+
+
+def weighed_sequences(likelihoods):
+    """Every sequence of columns with its joint probability."""
+    step = step_matrix()
+    for columns in product(range(3), repeat=len(likelihoods)):
+        weight = prior(KEYS, BOTH)[columns[0]] * np.prod([one[c] for one, c in zip(likelihoods, columns, strict=True)])
+        yield columns, weight * np.prod([step[a, b] for a, b in pairwise(columns)])
+
+
+SEEDS = st.integers(0, 10_000)
+
+
+@settings(deadline=None, max_examples=40)
+@given(SEEDS, st.integers(0, 4))
+def test_both_passes_are_the_sum_over_every_sequence(seed, at):
+    likelihoods = np.random.default_rng(seed).uniform(0.01, 1, (5, 3))
+    exact = np.zeros(3)
+    for columns, weight in weighed_sequences(likelihoods):
+        exact[columns[at]] += weight
+    (attention,) = revise(results(filtered(likelihoods)), at, BOTH).attentions
+    assert [value.total for value in attention.values] == pytest.approx((exact / exact.sum())[:2].tolist())
+    assert [value.gaze for value in attention.values] == pytest.approx(
+        [0.75 * value.total for value in attention.values]
+    )
+
+
+@settings(deadline=None, max_examples=40)
+@given(SEEDS)
+def test_viterbi_finds_the_likeliest_of_every_sequence(seed):
+    likelihoods = np.random.default_rng(seed).uniform(0.01, 1, (5, 3))
+    best, _ = max(weighed_sequences(likelihoods), key=lambda one: one[1])
+    frames = results(filtered(likelihoods))
+    assert [revise(frames, at, VITERBI).attentions[0].focus for at in range(5)] == [KEYS[column] for column in best]
+
+
+def test_one_frame_that_disagrees_is_outvoted_by_those_around_it():
+    likelihoods = np.array([[0.8, 0.1, 0.1]] * 3 + [[0.3, 0.4, 0.1]] + [[0.8, 0.1, 0.1]] * 3)
+    frames = results(filtered(likelihoods))
+    for settings in (BOTH, VITERBI):
+        assert revise(frames, 3, settings).attentions[0].focus == 1
+
+
+def test_a_frame_without_attention_stays_so_and_is_passed_over():
+    frames = results(filtered(np.array([[0.8, 0.1, 0.1]] * 3)))
+    gap = Attention(subject=make_subject(), missing=NoAttention.NO_DIRECTION)
+    frames[1] = FrameResult(scene=frames[1].scene, attentions=(gap,))
+    assert revise(frames, 1, BOTH).attentions == (gap,)
+    assert revise(frames, 0, BOTH).attentions[0].focus == 1
+
+
+def test_what_was_believed_of_a_target_that_is_gone_is_open_again():
+    predicted, stay = transition({1: 0.2, 2: 0.7, None: 0.1}, (1, None), BOTH)
+    assert predicted.sum() == pytest.approx(1)
+    stayed = np.array([0.15, 0.075])
+    assert stay == pytest.approx(stayed / predicted)
+    assert predicted == pytest.approx(stayed + (1 - stayed.sum()) * prior((1, None), BOTH))
+
+
+def test_only_later_frames_make_a_frame_wait():
+    awaited = {kind: BOTH.model_copy(update={"smoothing": kind}).frames_awaited for kind in ("off", "forward", "both")}
+    assert awaited == {"off": 0, "forward": 0, "both": 25}
