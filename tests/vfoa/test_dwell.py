@@ -86,8 +86,8 @@ def test_viterbi_finds_the_likeliest_of_every_sequence(seed):
 def test_one_frame_that_disagrees_is_outvoted_by_those_around_it():
     likelihoods = np.array([[0.8, 0.1, 0.1]] * 3 + [[0.3, 0.4, 0.1]] + [[0.8, 0.1, 0.1]] * 3)
     frames = results(filtered(likelihoods))
-    for settings in (BOTH, VITERBI):
-        assert revise(frames, 3, settings).attentions[0].focus == 1
+    for smoothing in (BOTH, VITERBI):
+        assert revise(frames, 3, smoothing).attentions[0].focus == 1
 
 
 def test_a_frame_without_attention_stays_so_and_is_passed_over():

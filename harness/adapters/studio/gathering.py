@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -48,7 +49,7 @@ def gathering(seed: int) -> Scenario:
 
 def _place(wanted: Sequence[Thing], first_id: int, rng: np.random.Generator) -> tuple[Thing, ...]:
     """Put things on the table, the largest first, each where it neither touches nor hides the ones before it."""
-    radius = {thing.label: _radius_m(thing) for thing in wanted}
+    radius = {thing.label: _radius_m(thing.label) for thing in wanted}
     places: dict[str, tuple[float, float]] = {}
     for label in sorted(radius, key=lambda each: -radius[each]):
         for _ in range(1000):
@@ -72,9 +73,10 @@ def _are_apart(one: tuple[float, float], other: tuple[float, float], radii_m: fl
     return bool(distance > radii_m + _GAP_M and aside > radii_m / 2)
 
 
-def _radius_m(thing: Thing) -> float:
+@cache
+def _radius_m(label: str) -> float:
     """How far a thing reaches from where it stands."""
-    vertices = np.concatenate([part.mesh.vertices for part in THINGS[thing.label](thing.colour)])
+    vertices = np.concatenate([part.mesh.vertices for part in THINGS[label](_THINGS[label].colour)])
     return float(np.hypot(vertices[:, 0], vertices[:, 1]).max())
 
 
