@@ -172,6 +172,7 @@ def describe(plan: Plan) -> dict[str, Any]:
     return {
         "experiment": plan.experiment.name,
         "notes": list(plan.experiment.notes),
+        "published": plan.experiment.published.model_dump() if plan.experiment.published else None,
         "annotator": plan.experiment.annotator,
         "recording": plan.recording,
         "signals": plan.save_signals,

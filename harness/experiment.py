@@ -36,6 +36,7 @@ from pydantic import Field
 
 from harness.config_errors import parse, read_toml
 from harness.locate import find, names
+from harness.published import Published
 from harness.stages import SLOTS, StageChoice
 from harness.toml_text import parse_assignment
 from vfoa.attention import AttentionSettings
@@ -93,7 +94,7 @@ class Experiment:
     """Clips x configurations. ``notes`` are printed with the table.
 
     ``annotator`` is the one whose labels are scored; None for ``annotations/<clip>.csv``. ``sweep``: only scores are
-    kept; None for a run.
+    kept; None for a run. ``published`` are somebody's figures for these configurations.
     """
 
     name: str
@@ -102,6 +103,7 @@ class Experiment:
     notes: tuple[str, ...] = ()
     annotator: str | None = None
     sweep: SweepView | None = None
+    published: Published | None = None
 
 
 class _File(Settings):
@@ -112,6 +114,7 @@ class _File(Settings):
     grid: dict[str, Any] = Field(default_factory=dict)
     configuration: tuple[dict[str, Any], ...] = ()
     sweep: SweepView | None = None
+    published: Published | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +160,7 @@ def load_experiment(name_or_path: str, *, clips: tuple[str, ...] = (), overrides
         configuration = _configuration(variant.name, tables, f"{where}: configuration {variant.name!r}")
         configurations.append(replace(configuration, factors=variant.factors))
     _all_used(file.defaults, used, where)
+    _check_published(file, [each.name for each in configurations], where)
     return Experiment(
         name=path.stem,
         clips=chosen,
@@ -164,6 +168,7 @@ def load_experiment(name_or_path: str, *, clips: tuple[str, ...] = (), overrides
         notes=file.notes,
         annotator=file.annotator,
         sweep=file.sweep,
+        published=file.published,
     )
 
 
@@ -188,6 +193,14 @@ def _check_sweep(file: _File, where: str) -> None:
         key = getattr(file.sweep, role)
         if key not in file.grid:
             raise VfoaError(f"{where}: sweep.{role}: {key!r} is not in the grid; {did_you_mean(key, file.grid)}")
+
+
+def _check_published(file: _File, configurations: list[str], where: str) -> None:
+    for name in file.published.counts if file.published else ():
+        if name not in configurations:
+            raise VfoaError(
+                f"{where}: published.counts: no configuration {name!r}; {did_you_mean(name, configurations)}"
+            )
 
 
 def _variants(file: _File, where: str) -> Iterator[_Variant]:

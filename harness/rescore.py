@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.manifest import ClipManifest, load_manifest
+from harness.published import Published
 from harness.report.write import render_run, score_run
 from harness.results import FrameRecord, read_results
 from harness.run_directory import Pair, RunDirectory
@@ -99,6 +100,7 @@ def _inputs(directory: RunDirectory, run: dict[str, Any], annotator: str | None)
         "labels_by_clip": labels,
         "notes": [*_left_out(run)[2], *run["notes"], *by_one, *of_clips, *_said_of_unlabelled(directory, unlabelled)],
         "frames_by_clip": {clip["name"]: clip["frames"] for clip in run["clips"]},
+        "published": Published.model_validate(run["published"]) if run.get("published") else None,
     }
 
 

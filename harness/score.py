@@ -16,6 +16,7 @@ from harness.annotations import Labels
 from harness.baselines import RULES
 from harness.events import EventCounts, count_events
 from harness.outcomes import Outcomes, collect_outcomes
+from harness.published import Published
 from harness.results import FrameRecord
 from harness.statistics import (
     Counts,
@@ -78,7 +79,7 @@ class Scores:
     """All scores of a run. ``rows`` hold only what has annotated frames; ``verdicts`` the unscored frames, too.
 
     Clips and configurations are in the order of the results; verdicts by clip, configuration, subject, frame. ``notes``
-    are what every table must say of the clips and the experiment.
+    are what every table must say of the clips and the experiment, ``published`` somebody's figures to set beside.
     """
 
     clips: tuple[str, ...]
@@ -86,6 +87,7 @@ class Scores:
     verdicts: tuple[Verdict, ...]
     rows: tuple[ScoreRow, ...]
     notes: tuple[str, ...] = ()
+    published: Published | None = None
 
     def by_clip(self) -> list[ScoreRow]:
         """The rows of whole clips, and those of all clips together where there are several."""
@@ -106,6 +108,7 @@ def score(
     *,
     frames_by_clip: Mapping[str, Iterable[int]] | None = None,
     notes: Sequence[str] = (),
+    published: Published | None = None,
 ) -> Scores:
     """Score every (clip, configuration) of which there are records.
 
@@ -120,13 +123,22 @@ def score(
         a run with a limit). A labelled frame among them without a record is wrong.
     notes
         What must be said of the clips and the experiment, such as how a view was made.
+    published
+        Handed on.
     """
     outcomes = collect_outcomes(records, labels_by_clip, frames_by_clip or {})
     clips = tuple(dict.fromkeys(each.clip for each in outcomes))
     configurations = tuple(dict.fromkeys(each.configuration for each in outcomes))
     rows = [row for group in _groups(outcomes, clips, configurations) if (row := _row(*group)) is not None]
     verdicts = tuple(verdict for each in outcomes for verdict in each.verdicts)
-    return Scores(clips=clips, configurations=configurations, verdicts=verdicts, rows=tuple(rows), notes=tuple(notes))
+    return Scores(
+        clips=clips,
+        configurations=configurations,
+        verdicts=verdicts,
+        rows=tuple(rows),
+        notes=tuple(notes),
+        published=published,
+    )
 
 
 _Group = tuple[str | None, str | None, str, list[Outcomes]]

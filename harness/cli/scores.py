@@ -14,6 +14,7 @@ def print_scores(scores: Scores) -> None:
 
     from harness.report.formats import to_rich
     from harness.report.oracle import ladder_table
+    from harness.report.published import published_table
     from harness.report.tables import terminal_table
 
     table = terminal_table(scores)
@@ -21,6 +22,6 @@ def print_scores(scores: Scores) -> None:
     console.print(to_rich(table))
     for note in table.notes:
         console.print(f"- {note}", highlight=False, markup=False)
-    ladder = ladder_table(scores)
-    if ladder.rows:
-        console.print(to_rich(ladder))
+    for more in (published_table(scores), ladder_table(scores)):
+        if more.rows:
+            console.print(to_rich(more))

@@ -14,6 +14,7 @@ from harness.comparison import compare
 from harness.report.formats import Table
 from harness.report.oracle import ladder_table
 from harness.report.page_data import AttentionLog, confusions, differing_settings, page_data
+from harness.report.published import published_table
 from harness.report.tables import baselines_table, causes_table, frr_table, measures_table, subjects_table
 from harness.run_directory import Pair
 from harness.score import Scores
@@ -69,6 +70,7 @@ def render_page(
             each.sentence for each in compare({name: scores.verdicts_of(name) for name in scores.configurations})
         ],
         ladder=ladder_table(scores),
+        published=published_table(scores),
         causes=causes_table(scores),
         more=[subjects_table(scores), measures_table(scores), baselines_table(scores), *tables],
         confusions=confusions(scores.verdicts),

@@ -10,6 +10,7 @@ from harness.report.all_scores import ALL, scores_table
 from harness.report.compared import comparison_table, comparisons_csv
 from harness.report.formats import UNKNOWN, Table, to_csv, to_latex, to_markdown
 from harness.report.oracle import ladder_table
+from harness.report.published import published_table
 from harness.score import CAUSES, ScoreRow, Scores
 from harness.statistics import LEVEL, REPLICATES, Interval
 
@@ -30,9 +31,7 @@ def render_tables(scores: Scores) -> dict[str, str]:
     compared = comparison_table(comparisons)
     sections = (paper_table, measures_table, baselines_table, causes_table, subjects_table)
     pages = [to_markdown(frr_table(scores)), *(to_markdown(make(scores), level=2) for make in sections)]
-    ladder = ladder_table(scores)
-    if ladder.rows:
-        pages.append(to_markdown(ladder, level=2))
+    pages += [to_markdown(table, level=2) for make in (published_table, ladder_table) if (table := make(scores)).rows]
     return {
         "frr.csv": to_csv(scores_table(scores)),
         "frr.md": "\n".join(pages),

@@ -8,6 +8,7 @@ from typing import Any
 
 from harness.annotations import Labels
 from harness.files import atomic_write
+from harness.published import Published
 from harness.report.frames import FrameRows
 from harness.report.page import render_page
 from harness.report.page_data import AttentionLog
@@ -25,6 +26,7 @@ def score_run(
     records: Iterable[FrameRecord] | None = None,
     notes: Sequence[str] = (),
     frames_by_clip: Mapping[str, Iterable[int]] | None = None,
+    published: Published | None = None,
     manifest: Mapping[str, Any] | None = None,
 ) -> Scores:
     """Score a ``results.jsonl`` and write the tables and the page beside it, each whole or not at all.
@@ -36,7 +38,7 @@ def score_run(
     ----------
     records
         Those of the results to score; all if not given.
-    labels_by_clip, frames_by_clip, notes
+    labels_by_clip, frames_by_clip, notes, published
         As for :func:`harness.score.score`.
     manifest
         As for :func:`harness.report.page.render_page`.
@@ -48,7 +50,7 @@ def score_run(
     """
     frames = FrameRows()
     watched = frames.watch(records if records is not None else read_results(results))
-    scores, attention = _scored(watched, labels_by_clip, frames_by_clip, notes)
+    scores, attention = _scored(watched, labels_by_clip, frames_by_clip, notes, published)
     texts = {
         **render_tables(scores),
         "frames.csv": frames.to_csv(scores.verdicts),
@@ -66,6 +68,7 @@ def render_run(
     records: Iterable[FrameRecord] | None = None,
     notes: Sequence[str] = (),
     frames_by_clip: Mapping[str, Iterable[int]] | None = None,
+    published: Published | None = None,
     manifest: Mapping[str, Any] | None = None,
     recordings: Mapping[Pair, str] | None = None,
 ) -> str:
@@ -77,7 +80,7 @@ def render_run(
         As for :func:`harness.report.page.render_page`; all else as for :func:`score_run`.
     """
     wanted = records if records is not None else read_results(results)
-    scores, attention = _scored(wanted, labels_by_clip, frames_by_clip, notes)
+    scores, attention = _scored(wanted, labels_by_clip, frames_by_clip, notes, published)
     return _page(results, scores, attention, manifest, recordings)
 
 
@@ -86,9 +89,11 @@ def _scored(
     labels_by_clip: Mapping[str, Labels],
     frames_by_clip: Mapping[str, Iterable[int]] | None,
     notes: Sequence[str],
+    published: Published | None,
 ) -> tuple[Scores, AttentionLog]:
     attention = AttentionLog()
-    scores = score(attention.watch(records), labels_by_clip, frames_by_clip=frames_by_clip, notes=notes)
+    watched = attention.watch(records)
+    scores = score(watched, labels_by_clip, frames_by_clip=frames_by_clip, notes=notes, published=published)
     return scores, attention
 
 
