@@ -39,8 +39,10 @@ FORMATS = Registry(
     builtin={
         "boris": "harness.annotation_formats.boris_tabular:BorisTabular",
         "boris-aggregated": "harness.annotation_formats.boris_aggregated:BorisAggregated",
+        "childplay": "harness.annotation_formats.childplay:ChildPlay",
         "cvat": "harness.annotation_formats.cvat:CvatVideo",
         "elan": "harness.annotation_formats.elan:Elan",
+        "videoattentiontarget": "harness.annotation_formats.video_attention_target:VideoAttentionTarget",
     },
     group="vfoa.annotation_formats",
 )

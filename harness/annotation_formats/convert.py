@@ -26,6 +26,7 @@ def open_exchange(
     gaps: Literal["ignore", "none"] = "ignore",
     run: Path | None = None,
     configuration: str | None = None,
+    unnamed: str | None = None,
 ) -> Exchange:
     """Open a clip for import or export; the parameters are those of :class:`Exchange`.
 
@@ -54,6 +55,7 @@ def open_exchange(
         renamed=renamed or {},
         gaps=gaps,
         bodies=bodies,
+        unnamed=unnamed,
     )
 
 

@@ -44,6 +44,8 @@ class Exchange:
         What the frames mean that have no label between two labels of a subject.
     bodies
         Where heads and targets are, for formats of boxes and points.
+    unnamed
+        The target of a point on nothing that has a name; None: ``ignore``.
     """
 
     clip: Clip
@@ -54,6 +56,7 @@ class Exchange:
     renamed: Mapping[str, str] = field(default_factory=dict)
     gaps: Literal["ignore", "none"] = "ignore"
     bodies: Bodies | None = None
+    unnamed: str | None = None
 
     @cached_property
     def frames(self) -> Sequence[int]:

@@ -39,7 +39,9 @@ ClipOption = Annotated[str, typer.Option("--clip", metavar="CLIP", help="The cli
 Annotator = Annotated[str | None, typer.Option(help="Whose labels: CLIP@ANNOTATOR.csv; CLIP.csv if not given.")]
 Format = Annotated[
     str,
-    typer.Option("--format", help="elan, boris, boris-aggregated, cvat, or another package's."),
+    typer.Option(
+        "--format", help="elan, boris, boris-aggregated, cvat, videoattentiontarget, childplay, or another package's."
+    ),
 ]
 Fps = Annotated[float | None, typer.Option(min=0.001, help="The rate the other program has; the clip's if not given.")]
 Offset = Annotated[
@@ -61,6 +63,9 @@ def import_(
         list[str] | None, typer.Option(metavar="THEIRS=OURS", help="A name that is another one in the manifest.")
     ] = None,
     gaps: Annotated[Gaps, typer.Option(help="What frames without a label, between two labels, mean.")] = Gaps.ignore,
+    target: Annotated[
+        str | None, typer.Option(help="In formats of points: what is looked at where nothing that has a name is found.")
+    ] = None,
     run: Run = None,
     config: Config = None,
     replace: Annotated[bool, typer.Option("--replace", help="Write over labels that are there.")] = False,
@@ -78,6 +83,7 @@ def import_(
         gaps=gaps.value,
         run=run,
         configuration=config,
+        unnamed=target,
     )
     place = manifest.annotations.place(annotator)
     imported = import_labels(file, format_, exchange, place, replace=replace)

@@ -1,0 +1,73 @@
+"""VideoAttentionTarget (Chong et al., CVPR 2020): a text file per person in a folder, a line per frame.
+
+    00000012.jpg,xmin,ymin,xmax,ymax,gazex,gazey        pixels; -1,-1: looks out of the image
+
+A file is named after its person, an image after its frame's number in the source.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+
+from harness.annotation_formats.exchange import Exchange, Imported, left_out
+from harness.annotation_formats.gaze_points import GazePoint, from_points, to_points
+from harness.files import atomic_write, read_bytes
+from harness.labels import IGNORED, Labels
+from vfoa.errors import VfoaError
+
+_NUMBER = re.compile(r"(\d+)\D*$")
+
+
+class VideoAttentionTarget:
+    """Reads one person's file, or all ``.txt`` of a folder; writes a folder. A frame without a line is not judged."""
+
+    def read(self, path: Path, exchange: Exchange) -> Imported:
+        """Read points, and name what is seen there."""
+        files = sorted(path.glob("*.txt")) if path.is_dir() else [path]
+        if not files:
+            raise VfoaError(f"{path}: no .txt in this folder; expected one for each person")
+        return from_points((each for file in files for each in _lines(file, exchange)), exchange, path)
+
+    def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
+        """Write a folder; names are lost, as are ignored frames."""
+        shown, said = to_points(labels, exchange)
+        ignored = sum(each.label.target == IGNORED for each in shown)
+        for subject, lines in groupby(shown, key=lambda each: each.subject):
+            text = io.StringIO()
+            writer = csv.writer(text, lineterminator="\n")
+            for each in lines:
+                if each.label.target != IGNORED:
+                    numbers = (*each.head_px, *(each.point_px or (-1.0, -1.0)))
+                    image = f"{each.frame + exchange.first_number:08d}.jpg"
+                    writer.writerow([image, *(f"{value:.2f}".removesuffix(".00") for value in numbers)])
+            atomic_write(path / f"{subject}.txt", text.getvalue())
+        said.append("Names of targets are left out: VideoAttentionTarget holds points.")
+        if ignored:
+            said.append(f"{ignored} ignored frames have no line: VideoAttentionTarget has no place for them.")
+        return (*said, *left_out(labels, "VideoAttentionTarget", points=True))
+
+
+def _lines(path: Path, exchange: Exchange) -> Iterator[GazePoint]:
+    subject = exchange.subject(path.stem, str(path))
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise VfoaError(f"{path}: not UTF-8 text") from None
+    for line, cells in enumerate(csv.reader(io.StringIO(text)), start=1):
+        if not cells:
+            continue
+        where, name = f"{path}:{line}", _NUMBER.search(Path(cells[0]).stem)
+        try:
+            *_, u, v = (float(cell) for cell in cells[1:])
+        except ValueError:
+            u = v = math.nan
+        if len(cells) != 7 or name is None or not (math.isfinite(u) and math.isfinite(v)):
+            raise VfoaError(f"{where}: found {','.join(cells)[:80]!r}; expected IMAGE.jpg and six numbers")
+        point = None if (u, v) == (-1.0, -1.0) else (u, v)
+        yield GazePoint(frame=int(name[1]) - exchange.first_number, subject=subject, point_px=point, where=where)
