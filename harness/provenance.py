@@ -35,7 +35,7 @@ def weights_digests(experiment: Experiment) -> dict[str, str]:
     """The sha256 of every weights file the experiment's stages name, by that name."""
     choices = [choice for one in experiment.configurations for choice in one.choices.values() if choice]
     return {
-        name: file_digest(locate(name)) for name in sorted({name for choice in choices for name in _weights(choice)})
+        name: file_digest(locate(name)) for name in sorted({name for choice in choices for name in weights_of(choice)})
     }
 
 
@@ -90,7 +90,7 @@ def host() -> dict[str, Any]:
     return {"system": platform.system(), "machine": platform.machine(), "cores": os.cpu_count()}
 
 
-def _weights(choice: StageChoice) -> Iterator[str]:
+def weights_of(choice: StageChoice) -> Iterator[str]:
     """Names of weights files in a stage's settings: keys ``weights`` and ``*_weights``, one name or several."""
     yield from _named(choice.settings.model_dump())
 

@@ -12,6 +12,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 from harness.annotations import Labels
+from harness.cache.stage import ClipCache, Tally
 from harness.executors import Progress
 from harness.experiment import Configuration
 from harness.lane import Lane
@@ -27,7 +28,7 @@ class ClipJob:
     """All that a process needs to run one clip: settings and paths only, since it travels to another process.
 
     ``recording`` is how much the recordings hold, None for none. ``signals`` are the stages whose output is saved, by
-    configuration.
+    configuration; ``cache`` is where results of perception are kept, None for nowhere.
     """
 
     manifest: ClipManifest
@@ -37,6 +38,7 @@ class ClipJob:
     directory: RunDirectory
     recording: Size | None
     signals: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    cache: ClipCache | None = None
 
     @property
     def pairs(self) -> list[Pair]:
@@ -46,9 +48,13 @@ class ClipJob:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipOutcome:
-    """How a job ended: for each (clip, configuration) that could not be finished, the one line that says why."""
+    """How a job ended: for each (clip, configuration) that could not be finished, the one line that says why.
+
+    ``tallies`` say, by a stage's key, what was taken from the cache and what was computed.
+    """
 
     failures: Mapping[Pair, str]
+    tallies: Mapping[str, Tally] = field(default_factory=dict)
 
 
 def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
@@ -57,15 +63,14 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
         clip = job.manifest.open()
     except VfoaError as error:
         return ClipOutcome(failures=dict.fromkeys(job.pairs, str(error)))
-    pipeline = SharedPipeline(job.configurations, clip)
+    pipeline = SharedPipeline(job.configurations, clip, job.cache)
     lanes = [Lane(job, configuration, clip.rate_hz) for configuration in job.configurations]
     with ExitStack() as stack:
         for lane in lanes:
             stack.enter_context(lane)
         _drive(lanes, pipeline, job, progress)
-    return ClipOutcome(
-        failures={pair: lane.error for pair, lane in zip(job.pairs, lanes, strict=True) if lane.error is not None}
-    )
+    failures = {pair: lane.error for pair, lane in zip(job.pairs, lanes, strict=True) if lane.error is not None}
+    return ClipOutcome(failures=failures, tallies=pipeline.tallies)
 
 
 def _drive(lanes: list[Lane], pipeline: SharedPipeline, job: ClipJob, progress: Progress) -> None:

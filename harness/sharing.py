@@ -18,8 +18,9 @@ from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from harness.adapters import Clip
+from harness.cache.stage import ClipCache, Tally
 from harness.experiment import Configuration
-from harness.stages import SLOTS
+from harness.stages import OFF, SLOTS, StageChoice
 from vfoa.errors import VfoaError
 from vfoa.gaze import TemporalGazeModel
 from vfoa.gaze.temporal import HeadWindow, with_gazes
@@ -74,8 +75,12 @@ class Ledger:
             self.outputs[key] = _Output(value, bill, inputs)
         output = self.outputs[key]
         for stage, seconds in output.bill.items():
-            self.bill[stage] = self.bill.get(stage, 0.0) + seconds
+            self.charge(stage, seconds)
         return output.value
+
+    def charge(self, stage: str, seconds: float) -> None:
+        """Bill the seconds that something took, now or when it was computed."""
+        self.bill[stage] = self.bill.get(stage, 0.0) + seconds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,11 +138,13 @@ class _Waiting:
 class SharedPipeline:
     """``perceive`` and ``reconstruct`` for every configuration of one clip.
 
-    All stages are built with it. One that cannot be, or that fails on a frame, ends the configurations that have it.
+    All stages are built with it, behind the ``cache`` if there is one; ``tallies`` count by a stage's key what it gave
+    and what was computed. A stage that cannot be built, or fails on a frame, ends the configurations that have it.
     """
 
-    def __init__(self, configurations: Sequence[Configuration], clip: Clip) -> None:
-        self._configurations, self._clip = configurations, clip
+    def __init__(self, configurations: Sequence[Configuration], clip: Clip, cache: ClipCache | None = None) -> None:
+        self.tallies: dict[str, Tally] = {}
+        self._configurations, self._clip, self._cache = configurations, clip, cache
         self._ledger = Ledger()
         self._failed: dict[str, VfoaError] = {}
         self._built: dict[str, _Shared] = {}
@@ -152,10 +159,10 @@ class SharedPipeline:
 
     def _build(self, configuration: Configuration) -> None:
         """Build the stages of one configuration, but for those that another one has."""
-        keys = {slot: f"{slot} {choice.plain() if choice else None}" for slot, choice in configuration.choices.items()}
+        keys = {slot: choice.key if choice else OFF for slot, choice in configuration.choices.items()}
         for slot, choice in configuration.choices.items():
-            if choice and keys[slot] not in self._built:
-                self._built[keys[slot]] = _Shared(slot, SLOTS[slot].build(choice, self._clip), self._ledger)
+            if choice and choice.key not in self._built:
+                self._built[choice.key] = _Shared(slot, self._stage(choice), self._ledger)
         chosen = {slot: self._built.get(key) for slot, key in keys.items()}
         stages = self._same.setdefault(tuple(keys.values()), _stages(chosen))
         self._stages[configuration.name] = stages
@@ -166,6 +173,11 @@ class SharedPipeline:
             if seen not in self._same_windows:
                 self._same_windows[seen] = HeadWindow(stages.temporal_gaze, self._clip.rate_hz, tracking)
             self._windows[configuration.name] = self._same_windows[seen]
+
+    def _stage(self, choice: StageChoice) -> Any:
+        """A stage, behind the cache where there is one."""
+        stage = SLOTS[choice.slot].build(choice, self._clip)
+        return self._cache.wrap(choice, stage, self._ledger.charge, self.tallies) if self._cache else stage
 
     @contextmanager
     def _isolated(self, name: str) -> Iterator[None]:

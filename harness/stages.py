@@ -6,6 +6,7 @@ that belongs to the clip (its truth, files made elsewhere) and is built as ``Cla
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -61,7 +62,7 @@ class Slot:
 
     def settings_class(self, name: str) -> type[Settings]:
         """The class of the settings of the stage called ``name``."""
-        return self._class(name).Settings
+        return self.stage_class(name).Settings
 
     def takes(self, name: object, key: str) -> bool:
         """Whether the stage called ``name`` has a setting called ``key``; False for a name that is not there."""
@@ -71,12 +72,12 @@ class Slot:
 
     def build(self, choice: StageChoice, clip: Clip) -> Any:
         """Build the stage for one clip."""
-        cls = self._class(choice.name)
+        cls = self.stage_class(choice.name)
         return cls(choice.settings, clip) if choice.name in self.of_clip else cls(choice.settings)
 
     def files_digest(self, choice: StageChoice, clip: Clip) -> str | None:
         """Hexadecimal sha256 of the files that the stage reads for a clip; None for a stage that reads none."""
-        if choice.name not in self.of_clip or not hasattr(self._class(choice.name), "digest"):
+        if choice.name not in self.of_clip or not hasattr(self.stage_class(choice.name), "digest"):
             return None
         digest: str = self.build(choice, clip).digest()
         return digest
@@ -85,7 +86,8 @@ class Slot:
         """Every name this slot takes, sorted."""
         return sorted({*self.library.names(), *self.of_clip, *([OFF] if self.optional else [])})
 
-    def _class(self, name: str) -> Any:
+    def stage_class(self, name: str) -> Any:
+        """The class of the stage called ``name``."""
         registry = Registry(kind=self.library.kind, builtin=self.of_clip, group="") if name in self.of_clip else None
         return (registry or self.library).load(name)
 
@@ -101,6 +103,11 @@ class StageChoice:
     slot: str
     name: str
     settings: Settings
+
+    @property
+    def key(self) -> str:
+        """The same text for the same stage with the same settings, and no other."""
+        return f"{self.slot} {json.dumps(self.plain(), sort_keys=True)}"
 
     def for_clip(self, clip: str) -> StageChoice:
         """The choice with the clip's name filled in where its ``root`` asks for it."""

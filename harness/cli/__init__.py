@@ -9,7 +9,7 @@ import sys
 
 import typer
 
-from harness.cli import annotation_files, clips, models
+from harness.cli import annotation_files, cache, clips, models
 from harness.cli.annotate import annotate
 from harness.cli.bench import bench
 from harness.cli.calibrate import calibrate
@@ -44,6 +44,7 @@ app.command()(calibrate)
 app.command()(simulate)
 app.command()(init)
 app.add_typer(annotation_files.app, name="annotations")
+app.add_typer(cache.app, name="cache")
 app.add_typer(clips.app, name="clips")
 app.add_typer(models.app, name="models")
 

@@ -13,7 +13,6 @@ import typer
 if TYPE_CHECKING:
     from harness.experiment import Experiment
     from harness.recording import Size
-    from harness.run_directory import RunDirectory
 
 OUT_HELP = "The run's directory; if not given, runs/<experiment>, or beside it where that holds another run."
 WORKERS_HELP = "Processes, one clip each at a time; 0 means one a core."
@@ -53,12 +52,19 @@ def run(
     save_signals: Annotated[
         bool, typer.Option("--save-signals", help="Also save what every stage found, to run from without models.")
     ] = False,
+    cache: Annotated[
+        Path | None, typer.Option(help="Where results of perception are kept; $VFOA_CACHE or the user's cache folder.")
+    ] = None,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="Compute everything, and keep nothing for later.")
+    ] = False,
     annotator: Annotated[str | None, typer.Option(help="Score against CLIP@ANNOTATOR.csv, not CLIP.csv.")] = None,
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Try again what failed the last time; all else is taken over.")
     ] = False,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
+    from harness.cache.store import Store, cache_limit, cache_root
     from harness.cli.progress import frames_bar
     from harness.cli.scores import print_scores
     from harness.conduct import conduct, prepare
@@ -78,27 +84,29 @@ def run(
 
         experiment = with_ladder(experiment)
     plan = prepare(experiment, limit=limit, recording=recording.size, save_signals=save_signals)
+    notices: list[str] = []
     with frames_bar(plan.frames, experiment.name) as progress:
         directory = conduct(
             plan,
             wanted,
             workers=workers,
             progress=progress,
+            cache=None if no_cache else Store(cache or cache_root(), cache_limit()),
+            tell=notices.append,
             beside=out is None,
             retry_failed=retry_failed,
         )
-    if directory.path != wanted:
-        typer.echo(f"{wanted} holds another run (its inputs or the program differ): this one is in {directory.path}\n")
     print_scores(rescore(directory))
+    for notice in notices:
+        typer.echo(notice)
     if save_signals:
         typer.echo(f"\nSignals: {directory.signals}  (run from them: its {experiment.name}.toml says how)")
     typer.echo(f"\nPage: {directory.path / 'report.html'}\nScrub a failure: vfoa view {directory.path} --failures")
-    _report_failures(directory)
+    _report_failures(directory.read_manifest()["failed"])
 
 
-def _report_failures(directory: RunDirectory) -> None:
+def _report_failures(failed: list[dict[str, str]]) -> None:
     """Say what could not be finished, and leave with exit code 1 if there is anything."""
-    failed = directory.read_manifest()["failed"]
     for each in failed:
         typer.echo(f"vfoa: {each['clip']} under {each['configuration']}: {each['error']}", err=True)
     if failed:

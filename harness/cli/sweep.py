@@ -8,9 +8,9 @@ from pathlib import Path
 
 import typer
 
-from harness.conduct import describe, prepare
 from harness.experiment import Experiment
 from harness.files import atomic_write
+from harness.plan import describe, prepare
 from vfoa.errors import VfoaError
 
 

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.conduct import Plan
 from harness.executors import Progress, work_through
 from harness.experiment import Configuration, SweepView
+from harness.plan import Plan
 from harness.statistics import Interval, wilson_interval
 from harness.sweep.tally import SweepJob, Tally, sweep_clip
 from vfoa.errors import VfoaError

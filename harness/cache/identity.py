@@ -1,0 +1,133 @@
+"""What a stage's results on a clip follow from, beside the frame and what the stage is given: by name, and as a digest.
+
+The clip's content, the stage and all its settings, its weights' content, its code (the file it is in and every file of
+the same package, or of vfoa, that this imports, directly or not), the versions of the packages those import, and the
+machine's kind. A result is found again only if all of it is the same.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import json
+import platform
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import packages_distributions, version
+from importlib.util import find_spec, resolve_name
+from pathlib import Path
+from typing import Any
+
+from harness.files import file_digest
+from harness.provenance import weights_of
+from harness.stages import SLOTS, StageChoice
+from vfoa.weights import locate
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identity:
+    """A stage on a clip: what its results follow from, and the digest of that."""
+
+    slot: str
+    parts: Mapping[str, Any]
+    digest: str
+
+
+def identify(choice: StageChoice, clip: str, clip_digest: str) -> Identity | None:
+    """The identity of a stage on the clip of this name; None for a stage that reads more than it is given."""
+    slot = SLOTS[choice.slot]
+    if choice.name in slot.of_clip:
+        return None
+    code, versions = code_of(slot.stage_class(choice.name).__module__)
+    parts = {
+        "stage": choice.name,
+        "clip": clip,
+        "clip sha256": clip_digest,
+        "settings": choice.settings.model_dump(mode="json"),
+        "weights": {name: file_digest(locate(name)) for name in weights_of(choice)},
+        "code": code,
+        "versions": versions,
+    }
+    # a clip by another name is the same clip
+    content = {name: value for name, value in parts.items() if name != "clip"}
+    digest = hashlib.sha256(json.dumps([choice.slot, content], sort_keys=True).encode()).hexdigest()
+    return Identity(slot=choice.slot, parts=parts, digest=digest[:32])
+
+
+def difference(parts: Mapping[str, Any], stored: Iterable[Mapping[str, Any]]) -> str:
+    """Why there are no results yet: how the identity differs from the nearest one that is stored."""
+    flat = dict(_flattened(parts))
+    same_stage = [dict(_flattened(each)) for each in stored if each.get("stage") == parts["stage"]]
+    same_clip = [each for each in same_stage if each["clip"] == parts["clip"]]
+    if not same_clip:
+        return "first time on this clip" if same_stage else "first time"
+    nearest = min((_differing(flat, each) for each in same_clip), key=len)
+    return f"{', '.join(nearest)} changed"
+
+
+def _differing(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[str]:
+    return sorted(name for name in one.keys() | other.keys() if one.get(name, _ABSENT) != other.get(name, _ABSENT))
+
+
+_ABSENT = object()
+
+
+def _flattened(parts: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in parts.items():
+        if isinstance(value, dict):
+            yield from _flattened(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+@cache
+def code_of(module: str) -> tuple[str, dict[str, str]]:
+    """The digest of a module's source with all that it imports of its own package and of vfoa; and its versions."""
+    own = {module.partition(".")[0], "vfoa"}
+    sources, outside, pending = {}, set(), [module]
+    while pending:
+        name = pending.pop()
+        if name.partition(".")[0] not in own:
+            outside.add(name.partition(".")[0])
+        elif name not in sources and (path := _source(name)):
+            sources[name] = path
+            pending += _imports(name, path)
+    total = hashlib.sha256()
+    for name, path in sorted(sources.items()):
+        total.update(f"{name}\0{file_digest(path)}\n".encode())
+    return total.hexdigest(), _versions(outside)
+
+
+def _source(module: str) -> Path | None:
+    """A module's file; None where the name is no module: then it is something in one."""
+    try:
+        spec = find_spec(module)
+    except (ImportError, AttributeError, ValueError):
+        return None
+    return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
+
+
+def _imports(module: str, path: Path) -> Iterator[str]:
+    """Every name that a module imports, wherever in its code; one that is imported from a package may be a module."""
+    package = module if path.name == "__init__.py" else module.rpartition(".")[0]
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            start = "." * node.level + (node.module or "")
+            name = resolve_name(start, package) if node.level else start
+            yield name
+            yield from (f"{name}.{alias.name}" for alias in node.names)
+
+
+def _versions(packages: set[str]) -> dict[str, str]:
+    """Versions of the distributions of these packages, of Python, and the kind of machine."""
+    distributions = {each for package in packages for each in _distributions().get(package, ())}
+    found = {name: version(name) for name in sorted(distributions)}
+    return {**found, "python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
+
+
+@cache
+def _distributions() -> Mapping[str, list[str]]:
+    return packages_distributions()

@@ -1,0 +1,137 @@
+"""A stage that looks in the cache before it computes."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from harness.cache.identity import Identity
+from harness.cache.store import Store
+from harness.cache.values import content_digest, decode, encode
+from harness.stages import StageChoice
+from vfoa.gaze import TemporalGazeModel
+from vfoa.types import Disparity, Gaze, Head, HeadPose, Image, Instances, StereoFrame, StereoRig
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(slots=True)
+class Tally:
+    """How often one stage's results were reused and computed, and how many files were damaged."""
+
+    reused: int = 0
+    computed: int = 0
+    damaged: int = 0
+
+    def __add__(self, other: Tally) -> Tally:
+        return Tally(self.reused + other.reused, self.computed + other.computed, self.damaged + other.damaged)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClipCache:
+    """The cache as a job on one clip has it: the store, and who is who. It travels to other processes by pickle."""
+
+    store: Store
+    identities: Mapping[str, Identity]
+
+    def wrap(self, choice: StageChoice, stage: Any, charge: Charge, tallies: dict[str, Tally]) -> Any:
+        """The stage behind the cache; the stage itself where it takes no part. Counts go to ``tallies``."""
+        identity = self.identities.get(choice.key)
+        if identity is None:
+            return stage
+        tally = tallies.setdefault(choice.key, Tally())
+        cls = CachedTemporalGaze if isinstance(stage, TemporalGazeModel) else CachedStage
+        return cls(stage, _Shelf(store=self.store, identity=identity, charge=charge, tally=tally))
+
+
+Charge = Callable[[str, float], None]
+"""Told the stage's slot and the seconds that a result took when it was computed, whenever that was."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Shelf:
+    """One stage's results on one clip."""
+
+    store: Store
+    identity: Identity
+    charge: Charge
+    tally: Tally
+    unwritable: list[str] = field(default_factory=list)
+
+    def get(self, frame: int | None, inputs: tuple[object, ...], compute: Callable[[], Any]) -> Any:
+        """What was stored for a frame and for what else the stage is given; else computed, and stored."""
+        slot, name = self.identity.slot, "any" if frame is None else f"{frame:06d}"
+        path = self.store.folder(slot, self.identity.digest) / f"{name}-{content_digest(*inputs)}.bin"
+        data, damaged = self.store.load(path)
+        if data is not None:
+            seconds, value = decode(data)
+            self.tally.reused += 1
+        else:
+            if damaged:
+                self.tally.damaged += 1
+                _log.warning("%s: damaged; its result is computed again", path)
+            started = time.perf_counter()
+            value = compute()
+            seconds = time.perf_counter() - started
+            self.tally.computed += 1
+            self._keep(path, (seconds, value))
+        self.charge(slot, seconds)
+        return value
+
+    def _keep(self, path: Any, content: tuple[float, Any]) -> None:
+        if self.unwritable:
+            return
+        try:
+            self.store.describe(self.identity.slot, self.identity.digest, dict(self.identity.parts))
+            self.store.save(path, encode(content))
+        except (OSError, TypeError) as error:  # a cache that cannot be written to costs time, not the run
+            self.unwritable.append(str(error))
+            _log.warning("%s: results of %s are not kept: %s", path.parent, self.identity.parts["stage"], error)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CachedStage:
+    """A stage of any protocol. The frame counts by its number, all else that the stage is given by its content."""
+
+    stage: Any
+    shelf: _Shelf
+
+    def match(self, frame: StereoFrame) -> Disparity:
+        """As :class:`vfoa.stereo.StereoMatcher`."""
+        return self.shelf.get(frame.index, (), lambda: self.stage.match(frame))
+
+    def segment(self, frame: StereoFrame) -> Instances:
+        """As :class:`vfoa.segmentation.Segmenter`."""
+        return self.shelf.get(frame.index, (), lambda: self.stage.segment(frame))
+
+    def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
+        """As :class:`vfoa.heads.HeadDetector`."""
+        return self.shelf.get(frame.index, (instances,), lambda: self.stage.detect(frame, instances))
+
+    def estimate(self, frame: StereoFrame, *inputs: Head | HeadPose | None) -> Any:
+        """As :class:`vfoa.head_pose.HeadPoseModel` or :class:`vfoa.gaze.GazeModel`."""
+        return self.shelf.get(frame.index, inputs, lambda: self.stage.estimate(frame, *inputs))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CachedTemporalGaze:
+    """A temporal gaze model. Its crops are cut quicker than read; what it makes of seven of them is kept."""
+
+    stage: TemporalGazeModel
+    shelf: _Shelf
+
+    def crop(self, frame: StereoFrame, head: Head) -> Image:
+        """As :class:`vfoa.gaze.TemporalGazeModel`."""
+        return self.stage.crop(frame, head)
+
+    def stride(self, rate_hz: float | None) -> int:
+        """As :class:`vfoa.gaze.TemporalGazeModel`."""
+        return self.stage.stride(rate_hz)
+
+    def estimate_sequence(self, crops: Sequence[Image], head: Head, rig: StereoRig) -> Gaze:
+        """As :class:`vfoa.gaze.TemporalGazeModel`."""
+        inputs = (tuple(crops), head, rig)
+        return self.shelf.get(None, inputs, lambda: self.stage.estimate_sequence(crops, head, rig))

@@ -1,0 +1,91 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from harness.cache.identity import code_of, difference, identify
+from harness.experiment import load_experiment
+from harness.stages import StageChoice
+from tests.disk import write_text
+
+
+def _choice(slot: str, *overrides: str, experiment: str = "demo") -> StageChoice:
+    choice = load_experiment(experiment, clips=("clip",), overrides=overrides).configurations[0].choices[slot]
+    assert choice is not None
+    return choice
+
+
+def test_every_part_makes_another_identity_but_the_clips_name() -> None:
+    base = identify(_choice("stereo"), "clip", "sha")
+    assert base is not None
+    same = identify(_choice("stereo"), "renamed", "sha")
+    changed = [
+        identify(_choice("stereo"), "clip", "another"),
+        identify(_choice("stereo", "stereo.wls=true"), "clip", "sha"),
+        identify(_choice("stereo", "stereo.min_depth_m=0.9"), "clip", "sha"),
+        identify(_choice("heads", "heads.detector=person_mask"), "clip", "sha"),
+    ]
+    assert same is not None
+    assert same.digest == base.digest
+    assert len({base.digest, *(each.digest for each in changed if each)}) == 5
+
+
+def test_a_stage_that_reads_more_than_it_is_given_has_none() -> None:
+    assert identify(_choice("segmentation"), "clip", "sha") is None
+    assert identify(_choice("gaze"), "clip", "sha") is None
+
+
+def test_weights_count_by_their_content(tmp_path: Path) -> None:
+    weights = tmp_path / "net.onnx"
+    weights.write_bytes(b"one")
+    choice = _choice("gaze", "gaze.model=l2cs", f"gaze.weights={weights.as_posix()}", experiment="default")
+    before = identify(choice, "clip", "sha")
+    weights.write_bytes(b"two")
+    after = identify(choice, "clip", "sha")
+    assert before is not None
+    assert after is not None
+    assert before.digest != after.digest
+    assert difference(after.parts, [before.parts]) == f"weights.{weights.as_posix()} changed"
+
+
+def test_the_code_is_a_file_and_all_that_it_imports_of_its_package(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    write_text(tmp_path / "mine" / "__init__.py", "")
+    write_text(tmp_path / "mine" / "stage.py", "def match():\n    from . import steps\n    import numpy\n")
+    steps = write_text(tmp_path / "mine" / "steps.py", "import mine.deep.er\n")
+    write_text(tmp_path / "mine" / "deep" / "__init__.py", "")
+    deeper = write_text(tmp_path / "mine" / "deep" / "er.py", "import vfoa.types\n")
+    other = write_text(tmp_path / "mine" / "other.py", "")
+
+    def digest() -> str:
+        code_of.cache_clear()
+        return code_of("mine.stage")[0]
+
+    seen = {digest()}
+    other.write_text("# of no concern")
+    assert digest() in seen
+    for file in (steps, deeper):
+        file.write_text(file.read_text() + "# changed")
+        assert digest() not in seen
+        seen.add(digest())
+    assert {"numpy", "python", "machine"} <= code_of("mine.stage")[1].keys()
+
+
+def test_why_there_is_nothing_is_how_the_nearest_differs() -> None:
+    parts = {
+        "stage": "bm",
+        "clip": "table",
+        "settings": {"wls": True, "block": 5},
+        "code": "1",
+        "versions": {"cv": "5"},
+    }
+    near = {**parts, "settings": {"wls": False, "block": 5}}
+    far = {**parts, "code": "2", "versions": {"cv": "4"}}
+    assert difference(parts, []) == "first time"
+    assert difference(parts, [{**near, "stage": "sgbm"}]) == "first time"
+    assert difference(parts, [{**near, "clip": "talk"}]) == "first time on this clip"
+    assert difference(parts, [far, near]) == "settings.wls changed"
+    assert difference(parts, [far]) == "code, versions.cv changed"
