@@ -41,13 +41,11 @@ class AnnotationFiles:
         raise VfoaError(f"{self.clip}: no annotations by {annotator!r} ({self._stem(annotator)}.csv); {hint}")
 
     def place(self, annotator: str | None = None) -> Path:
-        """Where an annotator's file stands, or is to be written where there is none yet.
+        """Where an annotator's file is written.
 
-        That is beside the manifest, or in the working directory for a clip that came with an installed package.
+        That is beside the manifest, or in the working directory for a clip that came with an installed package; never
+        in the file of another clip of this name.
         """
-        found = self.find(annotator)
-        if found is not None and not is_packaged(found):
-            return found
         return self._beside / f"{self._stem(annotator)}.csv"
 
     def annotators(self) -> tuple[str, ...]:

@@ -76,3 +76,10 @@ def test_a_suggestion_is_in_the_file_but_not_in_the_labels_that_count(manifest: 
     assert _target(manifest, None) == "ignore"
     raw = read_annotations(path, timeline=None, subjects=manifest.subjects, targets=manifest.targets)
     assert raw.ranges[0].label.target == "bird"
+
+
+def test_the_labels_of_another_clip_of_this_name_that_came_with_the_program_are_not_written_to(tmp_path: Path) -> None:
+    text = 'name = "studio_table"\nadapter = "studio"\n[source]\nscenario = "table"\n'
+    mine = load_manifest(write_text(tmp_path / "datasets" / "studio_table.toml", text))
+    assert mine.annotations.find() is not None
+    assert mine.annotations.place() == tmp_path / "annotations" / "studio_table.csv"

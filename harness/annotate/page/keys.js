@@ -39,7 +39,7 @@ function pressed(event) {
   return `${event.ctrlKey || event.metaKey ? "Ctrl+" : ""}${shift}${key}`;
 }
 
-const typing = (element) => element && /^(INPUT|TEXTAREA|SELECT)$/.test(element.tagName);
+const typing = (element) => element && element.tagName === "INPUT" && element.type !== "range";
 
 export function bind(page, names) {
   const actions = rows(page).filter((row) => row[5] !== "run" || page.hasRun);

@@ -10,7 +10,6 @@ import { Strip } from "./strip.js";
 import { at, changes, read, runs } from "./tracks.js";
 
 const NEAR = 10; // a jump further than this does not count as having seen what lies between
-const PLENTY = .5; // attention from which a suggestion is taken over in bulk
 const find = (id) => document.getElementById(id);
 
 class Page {
@@ -35,6 +34,8 @@ class Page {
     this.take(about);
     find("note").addEventListener("submit", (event) => { event.preventDefault(); this.setNote(); });
     find("note").querySelector('[value="cancel"]').addEventListener("click", () => { find("note").hidden = true; });
+    find("plenty").hidden = !this.hasRun;
+    find("plenty").addEventListener("input", (event) => { find("plenty").lastElementChild.value = event.target.value; });
     addEventListener("pagehide", () => this.tellSeen(true));
     addEventListener("focus", () => this.queue.add(async () => this.update(await get("/api/state"))));
   }
@@ -189,7 +190,7 @@ class Page {
     }
   }
 
-  accept() { if (this.suggestions) this.change({ kind: "accept", attention: PLENTY }); }
+  accept() { if (this.suggestions) this.change({ kind: "accept", attention: Number(find("plenty").firstElementChild.value) }); }
 
   async confirm() {
     await this.change({ kind: "confirm", at: this.wanted });

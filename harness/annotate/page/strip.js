@@ -21,6 +21,13 @@ export class Strip {
   // look: name -> class; select(first, last): a range was dragged; seek(position, subject): a place was clicked.
   constructor(root, { total, look, select, seek }) {
     Object.assign(this, { root, total, look, select, seek });
+    this.cursor = document.createElement("b");
+    this.range = document.createElement("u");
+    this.overlay = document.createElement("div");
+    this.overlay.className = "over";
+    this.overlay.append(this.range, this.cursor);
+    this.point(0);
+    this.mark(null);
     root.addEventListener("pointerdown", (event) => this.press(event));
   }
 
@@ -32,15 +39,7 @@ export class Strip {
       return row;
     }));
     if (suggestions) this.root.append(this.suggested(suggestions));
-    this.cursor = document.createElement("b");
-    this.range = document.createElement("u");
-    this.range.hidden = true;
-    this.overlay = document.createElement("div");
-    this.overlay.className = "over";
-    this.overlay.append(this.range, this.cursor);
     this.root.append(this.overlay);
-    this.point(this.position || 0);
-    this.mark(this.selection);
   }
 
   row(name, className) {
