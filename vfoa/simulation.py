@@ -15,7 +15,19 @@ from typing import Literal
 import numpy as np
 
 from vfoa.attention import AttentionSettings, pay_attention
-from vfoa.types import Box3D, Gaze, Head, HeadPose, HeadView, Instance, Person, Subject, Target
+from vfoa.types import (
+    Box3D,
+    FrameResult,
+    Gaze,
+    Head,
+    HeadPose,
+    HeadView,
+    Instance,
+    Person,
+    Scene,
+    Subject,
+    Target,
+)
 
 Vector = tuple[float, float, float]
 
@@ -119,6 +131,14 @@ def simulate(n_rays: Iterable[int] = N_RAYS, radii_cm: Iterable[float] = RADII_C
         for case, subject, targets in scenes
         for thing, value in zip(case.objects, pay_attention(subject, targets, settings).values, strict=True)
     )
+
+
+def look(case: Case, radius_cm: int, n_rays: int = 40) -> FrameResult:
+    """One case at one setting as a frame of its own, whose number is the radius in cm."""
+    subject, targets = _subject(case), _targets(case)
+    scene = Scene(index=radius_cm, time_ns=0, targets=targets, people=(subject.person,))
+    settings = AttentionSettings(cones_cm=(radius_cm,), n_rays=n_rays, axis_ray=False)
+    return FrameResult(scene=scene, attentions=(pay_attention(subject, targets, settings),))
 
 
 def tuning_sums(rows: Iterable[Row], over: Literal["n_rays", "radius_cm"]) -> dict[float, float]:

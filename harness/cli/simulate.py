@@ -9,7 +9,10 @@ import typer
 
 
 def simulate(
-    out: Annotated[Path | None, typer.Option(help="Write the CSV, the page and the figures to this directory.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Write the CSV, the page, the figures and a recording of each case to this directory."),
+    ] = None,
 ) -> None:
     """Check the paper's five synthetic cases over rays and field of view, and print which statements hold."""
     from rich.console import Console
@@ -24,4 +27,8 @@ def simulate(
     n_rays, radius_cm = simulation.best_setting(rows)
     Console().print(f"Best over all cases: {n_rays} rays, radius {radius_cm:g} cm")
     if out is not None:
+        from harness.recording.cases import record_cases
+
         write_simulation(out, rows, found)
+        first, *_ = record_cases(out / "scenes")
+        typer.echo(f"Page: {out / 'simulation.md'}\nScenes, one frame a radius: rerun '{first}'")

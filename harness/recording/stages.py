@@ -65,12 +65,13 @@ def log_masks(log: FrameLog, percepts: Percepts, record: FrameRecord, colours: C
     for instance in instances.instances:
         class_of_id[instance.id] = colours.class_of(names.get(instance.id, instance.label))
     known = colours.known
-    log.keep(entities.WORLD, lambda: _context(known), key=tuple(known))
+    log.keep(entities.WORLD, lambda: class_context(known), key=tuple(known))
     table = class_of_id.astype(np.uint8) if len(known) < 256 else class_of_id
     log.log(entities.MASKS, rr.SegmentationImage(table[instances.ids], opacity=0.35))
 
 
-def _context(known: dict[str, Colour]) -> rr.AnnotationContext:
+def class_context(known: dict[str, Colour]) -> rr.AnnotationContext:
+    """Names and colours of the classes, which :attr:`harness.recording.labels.Colours.known` has in their order."""
     # not by time: every class is there from the start for the viewer, and a class never changes its name
     names = enumerate(known.items(), start=1)
     return rr.AnnotationContext([(0, "", (0, 0, 0, 0)), *((number, name, colour) for number, (name, colour) in names)])
