@@ -19,6 +19,7 @@ DOORS = {
     "mcap_protobuf": ("harness/adapters/mcap/",),
     "onnxruntime": ("vfoa/onnx.py",),
     "typer": ("harness/cli/",),
+    "pympi": ("harness/annotation_formats/elan.py",),
     "torch": ("harness/export/",),
 }
 

@@ -32,9 +32,8 @@ class Elan:
         names = {each: exchange.renamed.get(each, each) for each in document.tiers}
         tiers = {tier: name for tier, name in names.items() if name in exchange.subjects}
         beside = {f"{tier}{suffix}" for tier in tiers for suffix in (_NOTE, _POINT, _STATE)}
-        others = [
-            each for each in document.tiers if each not in tiers and each not in beside and document.tiers[each][0]
-        ]
+        filled = [each for each, (aligned, referring, *_) in document.tiers.items() if aligned or referring]
+        others = [each for each in filled if each not in tiers and each not in beside]
         if not tiers:
             found = ", ".join(map(repr, document.tiers)) or "none"
             raise VfoaError(
