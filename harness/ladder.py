@@ -11,6 +11,7 @@ from harness.manifest import load_manifest
 from harness.oracle import OracleSettings
 from harness.score import ScoreRow, Scores
 from harness.stages import StageChoice
+from harness.statistics import Interval, bootstrap_interval
 from vfoa.errors import VfoaError
 
 _TRUTH = "truth"
@@ -89,12 +90,26 @@ def _climb(base: Configuration, rungs: list[Rung]) -> Iterator[Configuration]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """A rung that was scored on all clips together; ``gained`` is against the rung below, None for the lowest."""
+    """A rung that was scored on all clips together.
+
+    ``gained`` is the FRR against the rung below, ``interval`` its 95 % interval by the moving-block bootstrap, both
+    rungs on the same resamples. All three are None for the lowest rung.
+    """
 
     configuration: str
     replaced: str | None
     row: ScoreRow
-    gained: float | None
+    gained: float | None = None
+    interval: Interval | None = None
+
+    @property
+    def reads(self) -> str:
+        """Whether the rung is better than the one below, not worse within the interval, or falls; "" for the lowest."""
+        if self.interval is None:
+            return ""
+        if self.interval.low > 0:
+            return "better"
+        return "as good, within the interval" if self.interval.high >= 0 else "falls"
 
 
 def steps(scores: Scores) -> list[Step]:
@@ -106,8 +121,17 @@ def steps(scores: Scores) -> list[Step]:
     for name, row in scored.items():
         below, _, rung = name.rpartition("+")
         if below in scored and rung in {each.name for each in RUNGS}:
-            gained = row.frr - scored[below].frr
-            found.append(Step(configuration=name, replaced=rung, row=row, gained=gained))
+            found.append(_step(row, scored[below], rung))
         elif any(f"{name}+{each.name}" in scored for each in RUNGS):
-            found.append(Step(configuration=name, replaced=None, row=row, gained=None))
+            found.append(Step(configuration=name, replaced=None, row=row))
     return found
+
+
+def _step(row: ScoreRow, below: ScoreRow, replaced: str) -> Step:
+    return Step(
+        configuration=row.configuration,
+        replaced=replaced,
+        row=row,
+        gained=row.frr - below.frr,
+        interval=bootstrap_interval([row.resampled, -below.resampled], row.n),
+    )

@@ -7,11 +7,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from harness.experiment import Configuration
+from harness.measures import Measurer
 from harness.naming import SubjectNames, name_frame
 from harness.parts import Part
 from harness.recording import FrameObserver, Observers
 from harness.records import to_record
-from harness.results import FrameRecord, to_line
+from harness.results import FrameMeasures, FrameRecord, to_line
 from harness.run_directory import Pair
 from harness.sharing import Bill, SharedFrame, timed
 from harness.verdicts import Verdict, judge
@@ -29,9 +30,10 @@ class Lane:
     What goes wrong with a frame ends this lane alone: ``error`` is the one line that says why, None while all is well.
     """
 
-    def __init__(self, job: ClipJob, configuration: Configuration, rate_hz: float | None) -> None:
+    def __init__(self, job: ClipJob, configuration: Configuration, rate_hz: float | None, measurer: Measurer) -> None:
         self.error: str | None = None
         self._job, self._configuration, self._rate_hz = job, configuration, rate_hz
+        self._measurer = measurer
         self._memory, self._names = Memory(), SubjectNames()
         self._files = ExitStack()
         self._part: Part
@@ -83,17 +85,19 @@ class Lane:
     def _step(self, frame: StereoFrame, percepts: Percepts, scene: Scene, bill: Bill) -> None:
         with timed(bill, "attention"):
             result, self._memory = attend(scene, self._memory, self._configuration.attend)
-        record = self._record(result)
+        with timed(bill, "measures"):
+            measures = self._measurer.measure(percepts, scene)
+        record = self._record(result, measures)
         with timed(bill, "recording"):
             self._observer.log(frame, percepts, result, record, self._judge(record))
         milliseconds = {stage: 1e3 * seconds for stage, seconds in bill.items()}
         self._part.write(to_line(record), milliseconds, f"{record.clip},{record.configuration},{record.frame}")
 
-    def _record(self, result: FrameResult) -> FrameRecord:
+    def _record(self, result: FrameResult, measures: FrameMeasures | None) -> FrameRecord:
         """The result with the manifest's names."""
         manifest = self._job.manifest
         names, self._names = name_frame(result, manifest.subjects, manifest.targets, self._names)
-        return to_record(manifest.name, self.name, result, names)
+        return to_record(manifest.name, self.name, result, names, measures)
 
     def _judge(self, record: FrameRecord) -> tuple[Verdict, ...]:
         """The verdict on every subject of the manifest."""

@@ -30,6 +30,14 @@ _last_truths: WeakKeyDictionary[Clip, tuple[int, Truth]] = WeakKeyDictionary()
 """Each clip's last frame: several stages ask for it, some of them once for every head."""
 
 
+def truth_of(clip: Clip, frame: int) -> Truth:
+    """A clip's truth of one frame; that of the last frame asked for is kept."""
+    last = _last_truths.get(clip)
+    if last is None or last[0] != frame:
+        last = _last_truths[clip] = frame, clip.truth(frame)
+    return last[1]
+
+
 class KnownTruth:
     """A clip's truth as one stage needs it."""
 
@@ -68,10 +76,7 @@ class KnownTruth:
         return self._known(frame, person.gaze_direction, f"gaze direction of {person.name!r}")
 
     def _truth(self, frame: int) -> Truth:
-        last = _last_truths.get(self._clip)
-        if last is None or last[0] != frame:
-            last = _last_truths[self._clip] = frame, self._clip.truth(frame)
-        return last[1]
+        return truth_of(self._clip, frame)
 
     def _known(self, frame: int, value: T | None, what: str, reason: str | None = None) -> T:
         if value is not None:

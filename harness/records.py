@@ -9,6 +9,7 @@ from harness.results import (
     AttentionRecord,
     BoxPx,
     BoxRecord,
+    FrameMeasures,
     FrameRecord,
     SubjectRecord,
     TargetRecord,
@@ -17,7 +18,9 @@ from harness.results import (
 from vfoa.types import Attention, Box3D, Float, FrameResult, Target
 
 
-def to_record(clip: str, configuration: str, result: FrameResult, names: Names) -> FrameRecord:
+def to_record(
+    clip: str, configuration: str, result: FrameResult, names: Names, measures: FrameMeasures | None = None
+) -> FrameRecord:
     """The record of one frame, every number exactly as computed."""
     return FrameRecord(
         clip=clip,
@@ -28,6 +31,7 @@ def to_record(clip: str, configuration: str, result: FrameResult, names: Names) 
         subjects=tuple(
             _subject(attention, names.subjects.get(attention.subject.track_id)) for attention in result.attentions
         ),
+        measures=measures,
     )
 
 

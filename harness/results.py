@@ -82,8 +82,60 @@ class SubjectRecord:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DisparityMeasure:
+    """A disparity map against the true one, over the pixels where the truth is known.
+
+    ``error_px`` is the median error, ``over_2_px`` the share of errors above 2 px, both where a disparity was found;
+    None where none was. ``known`` is the share of pixels with one.
+    """
+
+    error_px: float | None
+    over_2_px: float | None
+    known: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetMeasure:
+    """A true thing or person against the instance found for it; ``instance_id`` is None where none was.
+
+    The IoUs are those of the masks and of the 3D boxes, along the camera's axes; ``center_error_m`` is between the
+    boxes' centres. None: no true box, or none found.
+    """
+
+    truth_id: int
+    label: str
+    instance_id: int | None
+    mask_iou: float
+    box_iou: float | None
+    center_error_m: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PersonMeasure:
+    """What was measured on a true person's head, before any filter; None: not measured, or the truth is not known.
+
+    ``head_box_iou`` is 0 where no head was found.
+    """
+
+    name: str
+    head_box_iou: float
+    eye_error_m: float | None
+    head_error_deg: float | None
+    gaze_error_deg: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameMeasures:
+    """Each stage of one frame against the truth, as far as the clip knows it."""
+
+    disparity: DisparityMeasure | None
+    targets: tuple[TargetMeasure, ...]
+    people: tuple[PersonMeasure, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FrameRecord:
-    """All of one frame of one clip under one configuration."""
+    """All of one frame of one clip under one configuration. ``measures`` is None where the clip knows no truth."""
 
     clip: str
     configuration: str
@@ -91,6 +143,7 @@ class FrameRecord:
     time_ns: int
     targets: tuple[TargetRecord, ...]
     subjects: tuple[SubjectRecord, ...]
+    measures: FrameMeasures | None = None
 
     def __post_init__(self) -> None:
         known = {target.instance_id for target in self.targets}

@@ -17,6 +17,7 @@ from harness.executors import Progress
 from harness.experiment import Configuration
 from harness.lane import Lane
 from harness.manifest import ClipManifest
+from harness.measures import Measurer
 from harness.recording import Size
 from harness.run_directory import Pair, RunDirectory
 from harness.sharing import SharedPipeline
@@ -64,7 +65,8 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
     except VfoaError as error:
         return ClipOutcome(failures=dict.fromkeys(job.pairs, str(error)))
     pipeline = SharedPipeline(job.configurations, clip, job.cache)
-    lanes = [Lane(job, configuration, clip.rate_hz) for configuration in job.configurations]
+    measurer = Measurer(clip)
+    lanes = [Lane(job, configuration, clip.rate_hz, measurer) for configuration in job.configurations]
     with ExitStack() as stack:
         for lane in lanes:
             stack.enter_context(lane)

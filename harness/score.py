@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from harness.annotations import Labels
 from harness.baselines import RULES
 from harness.events import EventCounts, count_events
+from harness.measure_log import MeasureLog
 from harness.outcomes import Outcomes, collect_outcomes
 from harness.published import Published
 from harness.results import FrameRecord
@@ -29,6 +30,7 @@ from harness.statistics import (
     wilson_interval,
 )
 from harness.verdicts import CAUSES, Verdict, judge
+from vfoa.types import Float
 
 __all__ = ["CAUSES", "ScoreRow", "Scores", "Verdict", "judge", "score"]
 
@@ -41,7 +43,8 @@ class ScoreRow:
     prediction. Macro F1 is the mean over the labels that occur in the truth; for kappa, "no prediction" and "a target
     that is never the truth" are answers of their own. Measures are NaN where they have no value. ``baselines`` are
     the rates of the rules of :mod:`harness.baselines`, ``causes`` the wrong frames by cause, in the order of
-    :data:`CAUSES`, zeros included.
+    :data:`CAUSES`, zeros included. ``resampled`` (replicates,) are the correct frames in each resample of the
+    bootstrap: the same resamples for every configuration, so that two rows can be compared pair by pair.
     """
 
     clip: str | None
@@ -57,6 +60,7 @@ class ScoreRow:
     events: EventCounts
     baselines: Mapping[str, float]
     causes: Mapping[str, int]
+    resampled: Float = field(compare=False, repr=False)
 
     @property
     def frr(self) -> float:
@@ -80,6 +84,7 @@ class Scores:
 
     Clips and configurations are in the order of the results; verdicts by clip, configuration, subject, frame. ``notes``
     are what every table must say of the clips and the experiment, ``published`` somebody's figures to set beside.
+    ``measures`` are the stages' against the truth.
     """
 
     clips: tuple[str, ...]
@@ -88,6 +93,7 @@ class Scores:
     rows: tuple[ScoreRow, ...]
     notes: tuple[str, ...] = ()
     published: Published | None = None
+    measures: MeasureLog = field(default_factory=MeasureLog, compare=False, repr=False)
 
     def by_clip(self) -> list[ScoreRow]:
         """The rows of whole clips, and those of all clips together where there are several."""
@@ -126,7 +132,8 @@ def score(
     published
         Handed on.
     """
-    outcomes = collect_outcomes(records, labels_by_clip, frames_by_clip or {})
+    measures = MeasureLog()
+    outcomes = collect_outcomes(measures.watch(records), labels_by_clip, frames_by_clip or {})
     clips = tuple(dict.fromkeys(each.clip for each in outcomes))
     configurations = tuple(dict.fromkeys(each.configuration for each in outcomes))
     rows = [row for group in _groups(outcomes, clips, configurations) if (row := _row(*group)) is not None]
@@ -138,6 +145,7 @@ def score(
         rows=tuple(rows),
         notes=tuple(notes),
         published=published,
+        measures=measures,
     )
 
 
@@ -166,6 +174,7 @@ def _row(clip: str | None, subject: str | None, configuration: str, group: list[
         return None
     correct, baselines = np.concatenate([each.correct for each in group]), _baselines(group)
     confusion = _confusion(group)
+    resampled: Float = np.sum([each.resampled for each in group], axis=0)
     causes = Counter(cause for each in group for cause in each.causes)
     return ScoreRow(
         clip=clip,
@@ -175,12 +184,13 @@ def _row(clip: str | None, subject: str | None, configuration: str, group: list[
         correct=int(correct.sum()),
         predicted=int(sum(np.count_nonzero(each.predicted >= 0) for each in group)),
         wilson=wilson_interval(int(correct.sum()), len(correct)),
-        bootstrap=bootstrap_interval([each.resampled for each in group], len(correct)),
+        bootstrap=bootstrap_interval([resampled], len(correct)),
         macro_f1=macro_f1(confusion),
         kappa=cohen_kappa(confusion),
         events=count_events((each.truth, each.predicted, each.positions) for each in group),
         baselines=baselines,
         causes={cause: causes[cause] for cause in CAUSES},
+        resampled=resampled,
     )
 
 

@@ -10,7 +10,6 @@ outlier  points far from their neighbours, for this cloud: single mismatches, pi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -18,7 +17,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from vfoa.boxes import axis_aligned_box, oriented_box
-from vfoa.geometry import back_project, depth_from_disparity
+from vfoa.eye_origin import EyeMethod, eye_origin
+from vfoa.pixels import Seen, Window, known_pixels, points_of, window_of
 from vfoa.settings import Settings
 from vfoa.types import (
     Box3D,
@@ -36,15 +36,6 @@ from vfoa.types import (
     Target,
 )
 
-Window = tuple[slice, slice]
-"""Rows and columns of a part of the image."""
-
-EYE_HEIGHT = 0.35
-"""Height of the eyes in a head's box, from its top (Simões and Moreno 2022: 65 % from the bottom)."""
-
-EYE_PATCH = 0.2
-"""Side of the patch about the eyes, in widths of the head's box (ditto)."""
-
 GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
 
 
@@ -55,7 +46,8 @@ class ReconstructionSettings(Settings):
     ``person``. ``boxes`` are along the camera's axes (the paper) or the smallest in any orientation. The gate keeps
     points nearer to the median depth than ``gate_mads`` times the median absolute deviation, or than the thing is
     wide or high. An outlier is ``outlier_ratio`` times as far from its ``outlier_neighbours`` nearest as is usual. A
-    cloud of fewer than ``min_points`` has no box; one of more than ``max_points`` is thinned out.
+    cloud of fewer than ``min_points`` has no box; one of more than ``max_points`` is thinned out. ``eyes``: where gaze
+    begins, from the head's direction or the paper's patch (:mod:`vfoa.eye_origin`), of at least ``min_eye_points``.
     """
 
     stuff: tuple[str, ...] = ()
@@ -67,6 +59,7 @@ class ReconstructionSettings(Settings):
     outlier_ratio: float = Field(default=5, ge=1)
     min_points: int = Field(default=20, ge=1)
     max_points: int = Field(default=1000, ge=100)
+    eyes: EyeMethod = "head"
     min_eye_points: int = Field(default=9, ge=1)
 
 
@@ -74,15 +67,6 @@ def reconstruct(percepts: Percepts, settings: ReconstructionSettings) -> Scene:
     """Place the instances and the heads of one frame in the camera frame, in metres."""
     targets = place_targets(percepts.disparity, percepts.instances, percepts.rig, settings)
     return place_people(percepts, targets, settings)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Seen:
-    """What a cloud is made of."""
-
-    disparity: Disparity
-    instances: Instances
-    rig: StereoRig
 
 
 # Targets
@@ -97,7 +81,7 @@ def place_targets(
     """
     from scipy.ndimage import find_objects
 
-    seen = _Seen(disparity=disparity, instances=instances, rig=rig)
+    seen = Seen(disparity=disparity, instances=instances, rig=rig)
     windows = find_objects(instances.ids)
     targets = []
     for instance in instances.instances:
@@ -107,11 +91,11 @@ def place_targets(
     return tuple(targets)
 
 
-def _target(instance: Instance, window: Window, seen: _Seen, settings: ReconstructionSettings) -> Target:
+def _target(instance: Instance, window: Window, seen: Seen, settings: ReconstructionSettings) -> Target:
     rows, columns = window
     mask = np.equal(seen.instances.ids[window], instance.id)
-    pixels = _pixels(_eroded(mask, settings.erode_px), window, seen)
-    points = _points(_thinned(pixels, settings.max_points), seen)
+    pixels = known_pixels(_eroded(mask, settings.erode_px), window, seen)
+    points = points_of(_thinned(pixels, settings.max_points), seen)
     points = _without_outliers(_gated(points, settings, seen.rig, max(mask.shape)), settings)
     return Target(
         instance=instance,
@@ -119,21 +103,6 @@ def _target(instance: Instance, window: Window, seen: _Seen, settings: Reconstru
         points_left=points.astype(np.float32),
         box=_box(points, settings),
     )
-
-
-def _pixels(mask: Mask, window: Window, seen: _Seen) -> NDArray[np.intp]:
-    """Pixels (N, 2), as (v, u), where the mask of a window is set and the disparity is known."""
-    rows, columns = window
-    pixels = np.argwhere(mask & np.isfinite(seen.disparity.disparity_px[window]))
-    return pixels + np.array([rows.start, columns.start])
-
-
-def _points(pixels: NDArray[np.intp], seen: _Seen) -> Float:
-    """Points (N, 3) of pixels (v, u), less those with a disparity that no depth has."""
-    v, u = pixels.T
-    depth = depth_from_disparity(seen.disparity.disparity_px[v, u], seen.rig)
-    points = back_project(u, v, depth, seen.rig)
-    return points[np.isfinite(depth)]
 
 
 def _eroded(mask: Mask, radius_px: int) -> Mask:
@@ -201,7 +170,7 @@ def _box(points: Float, settings: ReconstructionSettings) -> Box3D | None:
 
 def place_people(percepts: Percepts, targets: tuple[Target, ...], settings: ReconstructionSettings) -> Scene:
     """The scene of these targets and of the people whose heads were seen: the other half of :func:`reconstruct`."""
-    seen = _Seen(disparity=percepts.disparity, instances=percepts.instances, rig=percepts.rig)
+    seen = Seen(disparity=percepts.disparity, instances=percepts.instances, rig=percepts.rig)
     return Scene(
         index=percepts.index,
         time_ns=percepts.time_ns,
@@ -210,43 +179,18 @@ def place_people(percepts: Percepts, targets: tuple[Target, ...], settings: Reco
     )
 
 
-def _person(view: HeadView, seen: _Seen, settings: ReconstructionSettings) -> Person:
+def _person(view: HeadView, seen: Seen, settings: ReconstructionSettings) -> Person:
     instance_id = view.head.instance_id
     if instance_id is None:
         instance_id = _covering_person(view.head, seen, settings)
-    origin = _eye_origin(view.head, instance_id, seen, settings)
+    origin = eye_origin(view, instance_id, seen, method=settings.eyes, min_points=settings.min_eye_points)
     return Person(view=view, instance_id=instance_id, eye_origin_left=origin)
 
 
-def _covering_person(head: Head, seen: _Seen, settings: ReconstructionSettings) -> int | None:
+def _covering_person(head: Head, seen: Seen, settings: ReconstructionSettings) -> int | None:
     """The person whose mask covers most of the head's box; the first of equals; None if none covers any of it."""
     u0, v0, u1, v1 = head.box_px
-    window = _window(u0, v0, u1, v1, seen.rig)
+    window = window_of(u0, v0, u1, v1, seen.rig)
     covered = np.bincount(seen.instances.ids[window].ravel(), minlength=2**16)
     people = [it.id for it in seen.instances.instances if it.label in settings.person and covered[it.id] > 0]
     return max(people, key=lambda it: covered[it], default=None)
-
-
-def _eye_origin(head: Head, instance_id: int | None, seen: _Seen, settings: ReconstructionSettings) -> Float | None:
-    """The median (3,) of the points of the patch about the eyes; else of one twice as wide; else of the head's mask."""
-    u0, v0, u1, v1 = head.box_px
-    center_u, center_v, side = (u0 + u1) / 2, v0 + EYE_HEIGHT * (v1 - v0), EYE_PATCH * (u1 - u0)
-    patches = [(center_u - half, center_v - half, center_u + half, center_v + half) for half in (side / 2, side)]
-    regions = patches if instance_id is None else [*patches, (u0, v0, u1, v1)]
-    for region in regions:
-        window = _window(*region, seen.rig)
-        ids = seen.instances.ids[window]
-        mask = np.full(ids.shape, True) if instance_id is None else np.equal(ids, instance_id)
-        points = _points(_pixels(mask, window, seen), seen)
-        if len(points) >= settings.min_eye_points:
-            return np.median(points, axis=0)
-    return None
-
-
-def _window(u0: float, v0: float, u1: float, v1: float, rig: StereoRig) -> Window:
-    """The rows and columns of the pixels whose centres lie in a region, as far as it is in the image."""
-    rows, columns = (
-        slice(min(max(math.ceil(low), 0), size), min(max(math.floor(high) + 1, 0), size))
-        for low, high, size in ((v0, v1, rig.height_px), (u0, u1, rig.width_px))
-    )
-    return rows, columns

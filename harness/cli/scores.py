@@ -15,6 +15,7 @@ def print_scores(scores: Scores) -> None:
     from harness.report.formats import to_rich
     from harness.report.oracle import ladder_table
     from harness.report.published import published_table
+    from harness.report.stage_measures import pooled_measures_table
     from harness.report.tables import terminal_table
 
     table = terminal_table(scores)
@@ -22,6 +23,6 @@ def print_scores(scores: Scores) -> None:
     console.print(to_rich(table))
     for note in table.notes:
         console.print(f"- {note}", highlight=False, markup=False)
-    for more in (published_table(scores), ladder_table(scores)):
+    for more in (published_table(scores), ladder_table(scores), pooled_measures_table(scores)):
         if more.rows:
             console.print(to_rich(more))

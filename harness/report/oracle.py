@@ -11,21 +11,42 @@ def ladder_table(scores: Scores) -> Table:
     """Points of FRR that each stage costs, over all clips; no rows for a run without ``--oracle``."""
     return Table(
         title="Oracle ladder: what each stage costs",
-        columns=("Configuration", "Replaced by truth", "n", "FRR %", "Wilson", "Points"),
+        columns=("Rung", "Against the rung below", "n", "FRR %", "Points", "Bootstrap"),
         words=2,
         rows=tuple(
             (
-                step.configuration,
-                (step.replaced or "nothing").replace("_", " "),
+                step.configuration if step.replaced is None else f"+ true {step.replaced.replace('_', ' ')}",
+                step.reads,
                 str(step.row.n),
                 f"{100 * step.row.frr:.1f}",
-                f"{100 * step.row.wilson.low:.0f}–{100 * step.row.wilson.high:.0f}",
                 "" if step.gained is None else f"{100 * step.gained:+.1f}",
+                "" if step.interval is None else f"{100 * step.interval.low:+.1f} to {100 * step.interval.high:+.1f}",
             )
             for step in steps(scores)
         ),
         notes=(
             "Each row replaces one stage more by the truth. Points: FRR gained by that, given the rows above: errors "
-            "interact, and a stage's error can hide another's (boxes that are too large forgive a gaze that is off).",
+            "interact, and a stage's error can hide another's (boxes that are too large forgive a gaze that is off). "
+            "Bootstrap: 95 % interval of the points, both rungs on the same resamples (moving blocks of one second).",
+            "A true head pose can cost frames: the head need not point at what the eyes look at, and where it points "
+            "at something else, a head that is measured well draws more attention there.",
+        ),
+    )
+
+
+def ladder_csv(scores: Scores) -> Table:
+    """The same for programs: shares with six decimals, empty for the lowest rung."""
+    return Table(
+        title="Oracle ladder",
+        columns=("configuration", "replaced", "n", "frr", "gained", "gained_low", "gained_high", "reads"),
+        words=2,
+        rows=tuple(
+            (
+                *(step.configuration, step.replaced or "", str(step.row.n), f"{step.row.frr:.6f}"),
+                "" if step.gained is None else f"{step.gained:.6f}",
+                *(("", "") if step.interval is None else (f"{step.interval.low:.6f}", f"{step.interval.high:.6f}")),
+                step.reads,
+            )
+            for step in steps(scores)
         ),
     )

@@ -15,6 +15,7 @@ from harness.report.formats import Table
 from harness.report.oracle import ladder_table
 from harness.report.page_data import AttentionLog, confusions, differing_settings, page_data
 from harness.report.published import published_table
+from harness.report.stage_measures import stage_measures_table, thing_measures_table
 from harness.report.tables import baselines_table, causes_table, frr_table, measures_table, subjects_table
 from harness.run_directory import Pair
 from harness.score import Scores
@@ -71,8 +72,15 @@ def render_page(
         ],
         ladder=ladder_table(scores),
         published=published_table(scores),
+        measures=stage_measures_table(scores),
         causes=causes_table(scores),
-        more=[subjects_table(scores), measures_table(scores), baselines_table(scores), *tables],
+        more=[
+            subjects_table(scores),
+            measures_table(scores),
+            baselines_table(scores),
+            thing_measures_table(scores),
+            *tables,
+        ],
         confusions=confusions(scores.verdicts),
         letters=LETTERS,
         served=bool(recordings),

@@ -31,8 +31,8 @@ def score_run(
 ) -> Scores:
     """Score a ``results.jsonl`` and write the tables and the page beside it, each whole or not at all.
 
-    ``frr.csv .md .tex``, ``frames.csv``, ``compared.csv .md``, ``report.html``. Nothing is written unless all of them
-    could be made.
+    ``frr.csv .md .tex``, ``ladder.csv``, ``measures.csv``, ``things.csv``, ``frames.csv``, ``compared.csv .md``,
+    ``report.html``. Nothing is written unless all of them could be made.
 
     Parameters
     ----------

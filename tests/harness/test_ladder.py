@@ -1,13 +1,19 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
+from harness.conduct import conduct, prepare
 from harness.experiment import load_experiment
 from harness.ladder import steps, with_ladder
+from harness.rescore import rescore
+from harness.results import FrameMeasures
 from harness.score import score
+from harness.statistics import Interval
 from tests.records import answers, labels
 from vfoa.errors import VfoaError
 
@@ -50,5 +56,65 @@ def test_points_are_the_difference_to_the_rung_below() -> None:
     assert above.gained == pytest.approx(0.25)
 
 
+@pytest.mark.parametrize(
+    ("wrong_below", "wrong_above", "reads"),
+    [
+        (60, 0, "better"),
+        (0, 60, "falls"),
+        (2, 3, "as good, within the interval"),
+        (5, 5, "as good, within the interval"),
+    ],
+)
+def test_a_rung_is_read_by_the_interval_of_its_own_difference(wrong_below: int, wrong_above: int, reads: str) -> None:
+    found = {"bm": wrong_below, "bm+gaze": wrong_above}
+    said = {name: ["none" if i % 100 < wrong else "cup" for i in range(200)] for name, wrong in found.items()}
+    records = [record for name, each in said.items() for record in answers(each, clip="c", configuration=name)]
+    below, above = steps(score(records, {"c": labels(*["cup"] * 200)}))
+    assert (below.reads, above.reads) == ("", reads)
+    assert above.interval is not None
+    assert above.gained is not None
+    assert above.interval.low <= above.gained <= above.interval.high
+
+
+def test_both_rungs_are_resampled_alike() -> None:
+    """Two rungs that agree in every frame differ by nothing, however uncertain each of them is."""
+    said = ["none" if i // 20 % 3 else "cup" for i in range(300)]
+    records = [r for name in ("bm", "bm+gaze") for r in answers(said, clip="c", configuration=name)]
+    _, above = steps(score(records, {"c": labels(*["cup"] * 300)}))
+    assert above.interval == Interval(low=0.0, high=0.0)
+    assert above.row.bootstrap.high - above.row.bootstrap.low > 0.1
+
+
 def test_a_run_without_rungs_has_no_ladder() -> None:
     assert steps(score(answers(["cup"], clip="c", configuration="a+b"), {"c": labels("cup")})) == []
+
+
+def test_on_a_rendered_clip_no_rung_falls_and_the_truth_is_all_right(tmp_path: Path) -> None:
+    """End to end: frames, rungs, scores, stage measures, tables."""
+    experiment = load_experiment("demo", clips=("studio_table",), overrides=("stereo.matcher=sgbm",))
+    only = replace(experiment, configurations=tuple(c for c in experiment.configurations if c.name == "sgbm-two"))
+    plan = prepare(with_ladder(only), limit=16, recording=None)
+    directory = conduct(plan, tmp_path / "run", workers=1, progress=lambda clip: None)
+    scores = rescore(directory)
+    climbed = steps(scores)
+    assert [step.replaced for step in climbed] == [None, "disparity", "head_pose", "gaze"]
+    assert "falls" not in [step.reads for step in climbed]
+    assert climbed[-1].row.frr == 1
+    measured = {name: frames for (_, name), frames in scores.measures.pooled().items()}
+    wrong = {
+        what: [any(of(frame) for frame in measured[step.configuration]) for step in climbed]
+        for what, of in _ERRORS.items()
+    }
+    assert wrong == {
+        "disparity": [True, False, False, False],
+        "head pose": [True, True, False, False],
+        "gaze": [True, True, True, False],
+    }
+    assert {"ladder.csv", "measures.csv", "things.csv"} <= {path.name for path in directory.path.iterdir()}
+
+
+_ERRORS: dict[str, Callable[[FrameMeasures], float | None]] = {
+    "disparity": lambda frame: frame.disparity and frame.disparity.error_px,
+    "head pose": lambda frame: frame.people[0].head_error_deg,
+    "gaze": lambda frame: frame.people[0].gaze_error_deg,
+}

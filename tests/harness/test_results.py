@@ -13,8 +13,12 @@ from hypothesis import strategies as st
 from harness.results import (
     AttentionRecord,
     BoxRecord,
+    DisparityMeasure,
+    FrameMeasures,
     FrameRecord,
+    PersonMeasure,
     SubjectRecord,
+    TargetMeasure,
     TargetRecord,
     read_results,
     to_line,
@@ -28,6 +32,36 @@ numbers = st.floats(allow_nan=False, allow_infinity=False)
 vectors = st.tuples(numbers, numbers, numbers)
 boxes_px = st.tuples(numbers, numbers, numbers, numbers)
 ids = st.integers(1, 2**16 - 1)
+
+
+measures = st.builds(
+    FrameMeasures,
+    disparity=st.none()
+    | st.builds(DisparityMeasure, error_px=st.none() | numbers, over_2_px=st.none() | numbers, known=numbers),
+    targets=st.lists(
+        st.builds(
+            TargetMeasure,
+            truth_id=ids,
+            label=st.text(),
+            instance_id=st.none() | ids,
+            mask_iou=numbers,
+            box_iou=st.none() | numbers,
+            center_error_m=st.none() | numbers,
+        ),
+        max_size=2,
+    ).map(tuple),
+    people=st.lists(
+        st.builds(
+            PersonMeasure,
+            name=st.text(),
+            head_box_iou=numbers,
+            eye_error_m=st.none() | numbers,
+            head_error_deg=st.none() | numbers,
+            gaze_error_deg=st.none() | numbers,
+        ),
+        max_size=2,
+    ).map(tuple),
+)
 
 
 @st.composite
@@ -78,6 +112,7 @@ def records(draw: st.DrawFn) -> FrameRecord:
         time_ns=draw(st.integers(0, 2**62)),
         targets=tuple(targets),
         subjects=tuple(draw(st.lists(subjects, max_size=2))),
+        measures=draw(st.none() | measures),
     )
 
 

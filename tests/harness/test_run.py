@@ -25,7 +25,7 @@ from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
 from vfoa.errors import VfoaError
 from vfoa.types import Instances
 
-TABLES = ("frr.csv", "frr.md", "frr.tex", "frames.csv", "compared.csv")
+TABLES = ("frr.csv", "frr.md", "frr.tex", "measures.csv", "things.csv", "frames.csv", "compared.csv")
 
 
 def _run(

@@ -91,7 +91,7 @@ def run(
         seen = Seen(**given)
         models = {"head_pose": TrueHeadPose(**given) if cues else None, "gaze": TrueGaze(**given) if cues else None}
         stages = Stages(matcher=seen, segmenter=seen, heads=seen, **models)
-        scene = reconstruct(perceive(frame, stages), ReconstructionSettings())
+        scene = reconstruct(perceive(frame, stages), ReconstructionSettings(eyes="patch"))
         result, memory = attend(scene, memory, settings or AttendSettings())
         results.append(result)
     return results

@@ -1,0 +1,105 @@
+"""Each stage against the truth, over a run: how far off disparities, boxes, heads, eyes and directions are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from harness.report.all_scores import ALL
+from harness.report.formats import UNKNOWN, Table
+from harness.results import FrameMeasures, PersonMeasure, TargetMeasure
+from harness.score import Scores
+
+_Value = float | None
+
+_NOTES = (
+    "Against the clip's truth, before any filter over time. Disparity: median over frames of the frame's median error, "
+    "mean share of errors over 2 px, mean share of pixels with a disparity.",
+    "IoU: mean; a thing without mask, box or head counts 0. Centre: median distance of the boxes' centres. A true box "
+    "is of the whole body, seen or not, so that what is seen cannot reach 1.",
+    "Eyes, head, gaze: median and 95th percentile of the eye origin's distance and of the directions' angles.",
+)
+
+
+def stage_measures_table(scores: Scores) -> Table:
+    """A row per clip and configuration, and one over all clips; no rows where no clip knows any truth."""
+    return Table(
+        title="Stages against the truth",
+        columns=(
+            *("Clip", "Configuration", "Disparity px", "Over 2 px %", "Known %", "Mask IoU", "Box IoU", "Centre cm"),
+            *("Head box IoU", "Eyes cm", "Eyes 95 %", "Head deg", "Head 95 %", "Gaze deg", "Gaze 95 %"),
+        ),
+        words=2,
+        rows=tuple(
+            (clip or ALL, configuration, *_cells(frames))
+            for (clip, configuration), frames in scores.measures.pooled().items()
+        ),
+        notes=_NOTES,
+    )
+
+
+_TERMINAL = ("Disparity px", "Over 2 px %", "Known %", "Box IoU", "Eyes cm", "Head deg", "Gaze deg")
+
+
+def pooled_measures_table(scores: Scores) -> Table:
+    """What fits a terminal: the rows over all clips, without spread."""
+    table = stage_measures_table(scores)
+    rows = [row for row in table.rows if row[0] == ALL] or table.rows
+    places = [table.columns.index(name) for name in ("Configuration", *_TERMINAL)]
+    columns = tuple(table.columns[place] for place in places)
+    return Table(title=table.title, columns=columns, rows=tuple(tuple(row[i] for i in places) for row in rows), words=1)
+
+
+def thing_measures_table(scores: Scores) -> Table:
+    """A row per clip, thing and configuration: how well its mask and its box were found."""
+    return Table(
+        title="Things against the truth",
+        columns=("Clip", "Thing", "Configuration", "Frames", "Mask IoU", "Box IoU", "Centre cm"),
+        words=3,
+        rows=tuple(
+            (*key, str(len(measures)), *_thing_cells(measures)) for key, measures in scores.measures.by_thing().items()
+        ),
+        notes=_NOTES[1:2],
+    )
+
+
+def _cells(frames: Sequence[FrameMeasures]) -> tuple[str, ...]:
+    disparities = [each.disparity for each in frames if each.disparity is not None]
+    people = [each for frame in frames for each in frame.people]
+
+    def angles(of: Callable[[PersonMeasure], _Value], scale: float = 1) -> tuple[str, str]:
+        values = [of(each) for each in people]
+        return _printed(values, np.median, scale, 1), _printed(values, _percentile_95, scale, 1)
+
+    return (
+        _printed([each.error_px for each in disparities], np.median, 1, 2),
+        _printed([each.over_2_px for each in disparities], np.mean, 100, 1),
+        _printed([each.known for each in disparities], np.mean, 100, 1),
+        *_thing_cells([each for frame in frames for each in frame.targets]),
+        _printed([each.head_box_iou for each in people], np.mean, 1, 2),
+        *angles(lambda each: each.eye_error_m, 100),
+        *angles(lambda each: each.head_error_deg),
+        *angles(lambda each: each.gaze_error_deg),
+    )
+
+
+def _thing_cells(measures: Sequence[TargetMeasure]) -> tuple[str, str, str]:
+    boxes: list[_Value] = [each.box_iou for each in measures]
+    if any(iou is not None for iou in boxes):
+        boxes = [iou or 0.0 for iou in boxes]
+    return (
+        _printed([each.mask_iou for each in measures], np.mean, 1, 2),
+        _printed(boxes, np.mean, 1, 2),
+        _printed([each.center_error_m for each in measures], np.median, 100, 1),
+    )
+
+
+def _printed(values: Iterable[_Value], of: Callable[[Sequence[float]], object], scale: float, digits: int) -> str:
+    """A statistic of the values that are known."""
+    known = [value for value in values if value is not None]
+    return f"{scale * float(of(known)):.{digits}f}" if known else UNKNOWN  # type: ignore[arg-type]
+
+
+def _percentile_95(values: Sequence[float]) -> float:
+    return float(np.percentile(values, 95))

@@ -1,0 +1,57 @@
+"""The tables of stages against the truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from harness.report.stage_measures import pooled_measures_table, stage_measures_table, thing_measures_table
+from harness.results import DisparityMeasure, FrameMeasures, FrameRecord, PersonMeasure, TargetMeasure
+from harness.score import Scores, score
+from tests.records import answers, labels
+
+
+def measured(record: FrameRecord, *, error_px: float, eyes_m: float | None, box_iou: float | None) -> FrameRecord:
+    thing = TargetMeasure(
+        truth_id=9, label="cup", instance_id=1, mask_iou=0.5, box_iou=box_iou, center_error_m=box_iou and 0.02
+    )
+    person = PersonMeasure(name="girl", head_box_iou=0.8, eye_error_m=eyes_m, head_error_deg=None, gaze_error_deg=12.0)
+    disparity = DisparityMeasure(error_px=error_px, over_2_px=0.1, known=0.75)
+    return replace(record, measures=FrameMeasures(disparity=disparity, targets=(thing,), people=(person,)))
+
+
+@pytest.fixture
+def scores() -> Scores:
+    records = [
+        measured(record, error_px=error, eyes_m=eyes, box_iou=iou)
+        for clip in ("a", "b")
+        for record, error, eyes, iou in zip(
+            answers(["mug"] * 3, clip=clip), (0.5, 1.0, 2.5), (0.05, None, 0.07), (0.6, None, 0.3), strict=True
+        )
+    ]
+    return score(records, {clip: labels(*["mug"] * 3) for clip in ("a", "b")})
+
+
+def test_medians_shares_and_percentiles_by_clip_and_over_all(scores: Scores) -> None:
+    table = stage_measures_table(scores)
+    assert [row[:2] for row in table.rows] == [("a", "one"), ("b", "one"), ("(all)", "one")]
+    row = dict(zip(table.columns, table.rows[0], strict=True))
+    assert row["Disparity px"] == "1.00"
+    assert (row["Over 2 px %"], row["Known %"]) == ("10.0", "75.0")
+    assert (row["Mask IoU"], row["Box IoU"], row["Centre cm"]) == ("0.50", "0.30", "2.0")
+    assert (row["Eyes cm"], row["Eyes 95 %"]) == ("6.0", "6.9")
+    assert (row["Head deg"], row["Gaze deg"]) == ("–", "12.0")
+    assert [row[0] for row in pooled_measures_table(scores).rows] == ["one"]
+
+
+def test_a_true_thing_bears_the_runs_own_name_for_it(scores: Scores) -> None:
+    assert [row[:4] for row in thing_measures_table(scores).rows] == [
+        ("a", "mug", "one", "3"),
+        ("b", "mug", "one", "3"),
+    ]
+
+
+def test_a_run_that_knows_no_truth_has_no_rows() -> None:
+    unknown = score(answers(["mug"]), {"clip": labels("mug")})
+    assert stage_measures_table(unknown).rows == thing_measures_table(unknown).rows == ()

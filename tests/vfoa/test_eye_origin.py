@@ -1,0 +1,136 @@
+"""Where gaze begins, on heads that are balls: the truth is where the head's direction leaves them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.scenes import make_rig
+from vfoa.eye_origin import eye_origin
+from vfoa.geometry import back_project, disparity_from_depth, unit
+from vfoa.types import Disparity, Float, Head, HeadPose, HeadView, Instance, Instances, Percepts
+
+RIG = make_rig(400, 300, fx_px=800)
+RADIUS_M = 0.1
+CENTER = np.array([0.03, -0.02, 1.2])
+SIDEWAYS = unit([-1.0, 0.5, -0.6])
+
+
+def ball(center: Float = CENTER, radius_m: float = RADIUS_M) -> Percepts:
+    """A ball, instance 1, before a wall at 3 m."""
+    v, u = np.mgrid[: RIG.height_px, : RIG.width_px]
+    rays = unit(back_project(u, v, np.ones(u.shape), RIG))
+    along = rays @ center
+    inside = along**2 - center @ center + radius_m**2
+    hit = inside >= 0
+    depth = np.where(hit, (along - np.sqrt(np.maximum(inside, 0))) * rays[..., 2], 3.0)
+    person = Instance(id=1, label="person", category_id=1, is_thing=True, score=1.0)
+    return Percepts(
+        index=1,
+        time_ns=0,
+        rig=RIG,
+        disparity=Disparity(disparity_px=disparity_from_depth(depth, RIG).astype(np.float32)),
+        instances=Instances(ids=hit.astype(np.uint16), instances=(person,)),
+        views=(),
+    )
+
+
+def view(percepts: Percepts, direction: Float | None) -> HeadView:
+    """The head in the box about instance 1."""
+    v, u = np.nonzero(percepts.instances.ids == 1)
+    box = np.array([u.min() - 0.5, v.min() - 0.5, u.max() + 0.5, v.max() + 0.5])
+    pose = None if direction is None else HeadPose(direction=direction)
+    return HeadView(head=Head(box_px=box, score=1.0), head_pose=pose, gaze=None)
+
+
+def found(percepts: Percepts, direction: Float | None, *, of: Percepts | None = None, **changes) -> Float | None:
+    given = {"instance_id": 1, "method": "head", "min_points": 9} | changes
+    return eye_origin(view(of or percepts, direction), given.pop("instance_id"), percepts, **given)
+
+
+def with_unknown(percepts: Percepts, unknown: np.ndarray) -> Percepts:
+    disparity = np.where(unknown, np.nan, percepts.disparity.disparity_px).astype(np.float32)
+    return replace(percepts, disparity=Disparity(disparity_px=disparity))
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    x=st.floats(-0.08, 0.08),
+    y=st.floats(-0.03, 0.03),
+    z=st.floats(0.95, 2.5),
+    radius=st.floats(0.06, 0.13),
+    turn=st.floats(-1.4, 1.4),
+    nod=st.floats(-1.0, 1.0),
+)
+def test_the_eyes_are_where_the_heads_direction_leaves_it(
+    x: float, y: float, z: float, radius: float, turn: float, nod: float
+) -> None:
+    center = np.array([x, y, z])
+    direction = unit([np.sin(turn), np.sin(nod), -np.cos(turn)])
+    origin = found(ball(center, radius), direction)
+    # its outline is taken for that of a distant ball, which is off by r^2 / 2z; and a pixel is z / f wide
+    assert origin is not None
+    assert np.linalg.norm(origin - (center + radius * direction)) < radius**2 / (2 * z) + z / RIG.fx_px
+
+
+def test_the_patch_is_far_off_for_a_head_turned_away() -> None:
+    truth = CENTER + RADIUS_M * SIDEWAYS
+    by_head, by_patch = found(ball(), SIDEWAYS), found(ball(), SIDEWAYS, method="patch")
+    assert by_head is not None
+    assert by_patch is not None
+    assert np.linalg.norm(by_head - truth) < 0.01
+    assert np.linalg.norm(by_patch - truth) > 0.07
+
+
+def test_half_a_head_is_enough() -> None:
+    """The other half has no disparity: the middle does not move with what is left."""
+    columns = np.broadcast_to(np.arange(RIG.width_px), (RIG.height_px, RIG.width_px))
+    half = with_unknown(ball(), columns < RIG.cx_px + 20)
+    whole, rest = found(ball(), SIDEWAYS), found(half, SIDEWAYS)
+    assert whole is not None
+    assert rest is not None
+    np.testing.assert_allclose(rest, whole, atol=0.004)
+
+
+def test_mismatches_on_a_third_of_the_head_do_not_count() -> None:
+    noise = np.random.default_rng(1).uniform(size=(RIG.height_px, RIG.width_px)) < 0.33
+    clean = ball()
+    wild = np.where(noise, 5.0, clean.disparity.disparity_px).astype(np.float32)
+    disturbed, undisturbed = (
+        found(each, SIDEWAYS) for each in (replace(clean, disparity=Disparity(disparity_px=wild)), clean)
+    )
+    assert disturbed is not None
+    assert undisturbed is not None
+    np.testing.assert_allclose(disturbed, undisturbed, atol=0.03)
+
+
+def test_what_is_not_the_person_does_not_count() -> None:
+    """A hand before the lower half, another instance, half a metre nearer."""
+    clean = ball()
+    rows = np.broadcast_to(np.arange(RIG.height_px)[:, None], (RIG.height_px, RIG.width_px))
+    hand = (rows > 150) & (clean.instances.ids == 1)
+    near = np.where(hand, disparity_from_depth(0.7, RIG), clean.disparity.disparity_px).astype(np.float32)
+    ids = np.where(hand, 2, clean.instances.ids).astype(np.uint16)
+    instances = tuple(replace(clean.instances.instances[0], id=number) for number in (1, 2))
+    covered = replace(clean, disparity=Disparity(disparity_px=near), instances=Instances(ids=ids, instances=instances))
+    one, other = found(covered, SIDEWAYS, of=clean), found(clean, SIDEWAYS)
+    assert one is not None
+    assert other is not None
+    np.testing.assert_allclose(one, other, atol=0.005)
+
+
+@pytest.mark.parametrize("changes", [{"method": "patch"}, {"direction": None}], ids=["chosen", "no direction"])
+def test_without_a_direction_the_patch_decides(changes) -> None:
+    origin = found(ball(), changes.pop("direction", SIDEWAYS), **changes)
+    assert origin is not None
+    assert np.linalg.norm(origin - CENTER) == pytest.approx(RADIUS_M, abs=0.01)
+    assert origin[2] < CENTER[2] - 0.08
+
+
+def test_a_head_of_which_nothing_is_known_has_no_eyes() -> None:
+    unknown = with_unknown(ball(), np.ones((RIG.height_px, RIG.width_px), bool))
+    assert found(unknown, SIDEWAYS) is None

@@ -1,0 +1,48 @@
+"""Parts of the image, and the points of their pixels in space."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfoa.geometry import back_project, depth_from_disparity
+from vfoa.types import Disparity, Float, Instances, Mask, StereoRig
+
+Window = tuple[slice, slice]
+"""Rows and columns of a part of the image."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """What clouds and eye origins are made of: the disparities and the masks of one view."""
+
+    disparity: Disparity
+    instances: Instances
+    rig: StereoRig
+
+
+def window_of(u0: float, v0: float, u1: float, v1: float, rig: StereoRig) -> Window:
+    """The rows and columns of the pixels whose centres lie in a region, as far as it is in the image."""
+    rows, columns = (
+        slice(min(max(math.ceil(low), 0), size), min(max(math.floor(high) + 1, 0), size))
+        for low, high, size in ((v0, v1, rig.height_px), (u0, u1, rig.width_px))
+    )
+    return rows, columns
+
+
+def known_pixels(mask: Mask, window: Window, seen: Seen) -> NDArray[np.intp]:
+    """Pixels (N, 2), as (v, u), where the mask of a window is set and the disparity is known."""
+    rows, columns = window
+    pixels = np.argwhere(mask & np.isfinite(seen.disparity.disparity_px[window]))
+    return pixels + np.array([rows.start, columns.start])
+
+
+def points_of(pixels: NDArray[np.intp], seen: Seen) -> Float:
+    """Points (N, 3), metres, camera frame, of pixels (v, u), less those with a disparity that no depth has."""
+    v, u = pixels.T
+    depth = depth_from_disparity(seen.disparity.disparity_px[v, u], seen.rig)
+    points = back_project(u, v, depth, seen.rig)
+    return points[np.isfinite(depth)]
