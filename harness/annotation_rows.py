@@ -35,6 +35,7 @@ class RowReader:
         self._with_points, self._with_states = POINT_COLUMNS[0] in columns, STATE_COLUMN in columns
         self._timeline = timeline
         self._subjects, self._targets = subjects, {*targets, *subjects, *RESERVED}
+        self._labels: dict[tuple[str, ...], Label] = {}
 
     def read(self, cells: list[str], path: Path, line: int) -> LabelRange | None:
         """One row; None for a range of time in which a clip that is known in part has no frame.
@@ -47,18 +48,30 @@ class RowReader:
         if len(cells) != self._width:
             raise VfoaError(f"{path}:{line}: found {len(cells)} cells; expected {self._width}, as in the header")
         ends = self._times(cells, path, line) if self.in_time else self._frames(cells, path, line)
-        check_text(cells, f"{path}:{line}")
+        words = tuple(cells[2:])
+        label = self._labels.get(words)
+        if label is None:  # long files say the same few things again and again
+            label = self._labels[words] = self._label(cells, f"{path}:{line}")
         if ends is None:
             return None
         first, last, span_ns = ends
-        label = Label(
-            target=cells[3],
-            note=cells[4],
-            point_px=_point(cells[5:7], f"{path}:{line}") if self._with_points else None,
-            is_suggested=self._with_states and _state(cells[-1], f"{path}:{line}"),
-        )
-        self._check_names(cells[2], label.target, path, line)
         return LabelRange(first_frame=first, last_frame=last, subject=cells[2], label=label, span_ns=span_ns)
+
+    def _label(self, cells: list[str], where: str) -> Label:
+        check_text(cells, where)
+        subject, target, note = cells[2:5]
+        if subject not in self._subjects:
+            raise VfoaError(f"{where}: unknown subject {subject!r}; {did_you_mean(subject, self._subjects)}")
+        if target not in self._targets:
+            raise VfoaError(f"{where}: unknown target {target!r}; {did_you_mean(target, self._targets)}")
+        if target == subject:
+            raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target, or none")
+        return Label(
+            target=target,
+            note=note,
+            point_px=_point(cells[5:7], where) if self._with_points else None,
+            is_suggested=self._with_states and _state(cells[-1], where),
+        )
 
     def _frames(self, cells: list[str], path: Path, line: int) -> tuple[int, int, None]:
         for name, cell in zip(FRAME_COLUMNS, cells, strict=False):
@@ -91,14 +104,6 @@ class RowReader:
                 f"{path}:{line}: no frame lies in {cells[0]} to {cells[1]} s; the clip's times: {clip or 'none'} s"
             )
         return (*found, (start_ns, end_ns)) if found else None
-
-    def _check_names(self, subject: str, target: str, path: Path, line: int) -> None:
-        if subject not in self._subjects:
-            raise VfoaError(f"{path}:{line}: unknown subject {subject!r}; {did_you_mean(subject, self._subjects)}")
-        if target not in self._targets:
-            raise VfoaError(f"{path}:{line}: unknown target {target!r}; {did_you_mean(target, self._targets)}")
-        if target == subject:
-            raise VfoaError(f"{path}:{line}: {subject!r} looks at {subject!r}; expected another target, or none")
 
 
 def check_text(cells: Iterable[str], where: str) -> None:
