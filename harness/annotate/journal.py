@@ -19,14 +19,17 @@ class Journal:
     Raises
     ------
     VfoaError
-        If another process holds it, or a line is not JSON.
+        If it cannot be written, another process holds it, or a line is not JSON.
     """
 
     def __init__(self, path: Path, *, of: str) -> None:
         """``of`` is what the journal is about, for messages."""
-        path.parent.mkdir(parents=True, exist_ok=True)
         self._path = path
-        self._file = path.open("a+b")
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("a+b")
+        except OSError as error:
+            raise VfoaError(f"{path}: cannot be written: {error.strerror}") from None
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

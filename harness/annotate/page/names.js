@@ -3,6 +3,7 @@
 import { post } from "./api.js";
 
 const COLOURS = 10;
+const PATTERNS = 4; // with ten colours, twenty names look different
 const DIGITS = "1234567890";
 
 export class Names {
@@ -23,7 +24,7 @@ export class Names {
   className(name) {
     if (name === "none" || name === "ignore") return `is-${name}`;
     const place = this.free.indexOf(name);
-    return place < 0 ? "unknown" : `c${place % COLOURS} p${Math.floor(place / COLOURS) % 3}`;
+    return place < 0 ? "unknown" : `c${place % COLOURS} p${(place + Math.floor(place / 20)) % PATTERNS}`;
   }
 
   key(name) {

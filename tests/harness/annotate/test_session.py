@@ -1,0 +1,217 @@
+"""What the page is told of a clip: outlines and names, a run's predictions, new targets; and what is refused."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from harness.annotate.pictures import colour, head
+from harness.annotate.scene import outline
+from harness.annotate.server import PageServer
+from harness.annotate.session import Session
+from harness.annotate.targets import add_target
+from harness.cli import app
+from harness.manifest import load_manifest
+from harness.naming import NameRule
+from tests.annotating import MANIFEST
+from tests.disk import HEIGHT, WIDTH, write_image, write_text
+from vfoa.errors import VfoaError
+from vfoa.types import Disparity
+
+
+@pytest.fixture
+def opened(work: Path) -> Iterator[Any]:
+    """Opens the clip ``noise`` with the choices it is given."""
+    sessions: list[Session] = []
+
+    def start(**choices: Any) -> Session:
+        sessions.append(Session(str(work / "datasets" / "noise.toml"), **choices))
+        return sessions[-1]
+
+    yield start
+    for session in sessions:
+        session.close()
+
+
+def test_an_outline_is_the_edge_of_the_mask() -> None:
+    mask = np.zeros((40, 60), bool)
+    mask[10:30, 20:50] = True
+    (polygon,) = outline(mask)
+    drawn = cv2.fillPoly(np.zeros(mask.shape, np.uint8), [np.array(polygon)], (1,))
+    assert np.array_equal(drawn.astype(bool), mask)
+
+
+def test_a_run_without_saved_masks_shows_its_boxes_and_names(opened: Any, work: Path) -> None:
+    scene = opened(run=work / "run").scene(0)
+    names = [each["name"] for each in scene["objects"]]
+    assert sorted(names) == ["ann", "book", "clock#4", "cup"]
+    boxes = [
+        (each["box_px"][2] - each["box_px"][0]) * (each["box_px"][3] - each["box_px"][1]) for each in scene["objects"]
+    ]
+    assert boxes == sorted(boxes, reverse=True)  # what is small lies on top
+    cup = next(each for each in scene["objects"] if each["name"] == "cup")
+    assert cup["outline"] == [[[4, 30], [14, 30], [14, 44], [4, 44]]]
+    assert scene["heads_px"] == {"ann": (0.0, 0.0, 5.0, 5.0)}
+
+
+def test_a_run_with_saved_masks_shows_their_edges(opened: Any, work: Path) -> None:
+    ids = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    ids[32:40, 5:12, 0] = 2
+    folder = work / "run" / "signals" / "noise" / "one"
+    for number in range(1, 13):
+        write_image(folder / "png" / f"frame_{number:04d}.png", ids)
+    segments = [{"id": 2, "category_id": 1}]
+    content = {
+        "annotations": [{"file_name": f"frame_{n:04d}.png", "segments_info": segments} for n in range(1, 13)],
+        "categories": [{"id": 1, "name": "cup", "isthing": 1}],
+    }
+    write_text(folder / "panoptic.json", json.dumps(content))
+    table = '{ model = "coco_panoptic", root = "${VFOA_SIGNALS}/${CLIP}/one", stuff = "all" }'
+    write_text(work / "run" / "signals" / "e.toml", f'[[configuration]]\nname = "one"\nsegmentation = {table}\n')
+    objects = {each["name"]: each["outline"] for each in opened(run=work / "run").scene(0)["objects"]}
+    assert objects["cup"] == [[[5, 32], [5, 39], [11, 39], [11, 32]]]
+    assert objects["book"] == [[[40, 28], [60, 28], [60, 46], [40, 46]]]  # no mask: its box
+
+
+def test_without_a_run_the_clips_own_masks_are_shown_by_the_manifests_names(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[3] / "datasets" / "studio_table.toml").read_text()
+    text = text.replace("studio_table", "tabletop").replace("frames = 60", "frames = 1")
+    session = Session(str(write_text(tmp_path / "datasets" / "tabletop.toml", text)))
+    try:
+        scene = session.scene(0)
+        assert {each["name"] for each in scene["objects"]} == {"anna", "laptop", "mug", "book", "bottle", "vase"}
+        u0, v0, u1, v1 = scene["heads_px"]["anna"]
+        assert u0 < u1
+        assert v0 < v1
+        assert session.picture("head", 0, "anna") is not None
+    finally:
+        session.close()
+
+
+def test_a_clip_of_which_nothing_is_known_has_an_empty_scene(opened: Any) -> None:
+    assert opened().scene(3) == {"objects": (), "heads_px": {}}
+
+
+def test_the_head_is_enlarged_and_cut_at_the_edge() -> None:
+    image = np.zeros((100, 200, 3), np.uint8)
+    image[:, :20] = 255
+    enlarged = head(image, (0.0, 40.0, 20.0, 60.0))
+    assert enlarged.shape[0] == 360
+    assert enlarged[:, : enlarged.shape[1] // 2].mean() > 250
+    assert head(image, (500.0, 500.0, 600.0, 600.0)).max() == 0
+
+
+def test_unknown_disparity_is_black_and_near_is_not_far() -> None:
+    values = np.full((4, 4), np.nan, np.float32)
+    assert colour(Disparity(disparity_px=values)).max() == 0
+    values = values.copy()
+    values[0], values[1] = 5, 50
+    shown = colour(Disparity(disparity_px=values))
+    assert shown[2:].max() == 0
+    assert shown[1, 0, 0] > shown[1, 0, 2]  # near: red
+    assert shown[0, 0, 0] < shown[1, 0, 0]
+
+
+def test_predictions_come_with_their_attention_and_unsure_frames_first(opened: Any, work: Path) -> None:
+    about = opened(run=work / "run", uncertain_first=True).about()
+    assert about["suggestions"]["ann"][:5] == [("cup", 0.9)] * 2 + [("cup", 0.8), ("cup", 0.3), ("book", 0.9)]
+    assert about["suggestions"]["ann"][-1] == ("none", 0.0)
+    assert about["suggestions"]["ben"] == [None] * 12
+    assert about["order"]["ann"] == [8, 9, 10, 11, 7, 3, 5, 6, 2, 0, 1, 4]
+
+
+def test_a_new_target_keeps_comments_and_order(work: Path) -> None:
+    path = work / "datasets" / "noise.toml"
+    add_target(path, "wall clock", NameRule(category="clock", at_px=(1.5, 2)))
+    assert path.read_text() == MANIFEST + '\n[targets."wall clock"]\ncategory = "clock"\nat_px = [1.5, 2.0]\n'
+    assert load_manifest(str(path)).targets["wall clock"] == NameRule(category="clock", at_px=(1.5, 2))
+
+
+def test_a_first_target_opens_the_table_of_targets(tmp_path: Path) -> None:
+    text = 'name = "x"\nadapter = "studio"\n\n[subjects.ann]\ncategory = "person"\n'
+    path = write_text(tmp_path / "x.toml", text)
+    add_target(path, "cup", NameRule(category="cup"))
+    assert path.read_text().startswith(text)
+    assert load_manifest(str(path)).targets == {"cup": NameRule(category="cup")}
+
+
+@pytest.mark.parametrize(
+    ("name", "rule", "found"),
+    [
+        ("cup", NameRule(category="clock"), "targets.cup: there already"),
+        ("none", NameRule(category="clock"), "found the name 'none'"),
+        ("ann", NameRule(category="clock"), "a subject has this name"),
+        (" ", NameRule(category="clock"), "found the name ' '"),
+        ("mug", NameRule(category="cup"), "every 'cup' is 'cup' already"),
+    ],
+)
+def test_a_target_that_the_manifest_cannot_have_is_not_written(
+    work: Path, name: str, rule: NameRule, found: str
+) -> None:
+    path = work / "datasets" / "noise.toml"
+    with pytest.raises(VfoaError, match=found):
+        add_target(path, name, rule)
+    assert path.read_text() == MANIFEST
+
+
+@pytest.mark.parametrize(
+    ("choices", "found"),
+    [
+        ({"annotator": "../ann"}, "expected a name of letters, digits"),
+        ({"configuration": "one"}, "need --run"),
+        ({"uncertain_first": True}, "need --run"),
+        ({"run": "run", "configuration": "oen"}, "no configuration 'oen'; did you mean 'one'"),
+        ({"run": "run", "blind": True, "uncertain_first": True}, "--blind shows nothing"),
+        ({"run": "elsewhere"}, "elsewhere/results.jsonl: cannot be read"),
+    ],
+)
+def test_wrong_choices_are_one_line(opened: Any, work: Path, choices: dict[str, Any], found: str) -> None:
+    with pytest.raises(VfoaError, match=found):
+        opened(**{**choices, **({"run": work / choices["run"]} if "run" in choices else {})})
+
+
+def test_a_clip_in_which_nobody_looks_is_refused(work: Path) -> None:
+    path = work / "datasets" / "noise.toml"
+    path.write_text(MANIFEST.replace("subjects.ann", "targets.ann").replace("subjects.ben", "targets.ben"))
+    with pytest.raises(VfoaError, match="subjects: none; expected whoever is to be labelled"):
+        Session(str(path))
+
+
+def test_a_port_that_is_taken_is_one_line(opened: Any) -> None:
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        with pytest.raises(VfoaError, match=r"--port .*: cannot be used"):
+            PageServer(opened(), taken.getsockname()[1])
+
+
+def test_the_server_listens_on_this_machine_alone(opened: Any) -> None:
+    server = PageServer(opened())
+    assert server.address.startswith(f"http://127.0.0.1:{server.port}/?token=")
+    assert server._socket.getsockname()[0] == "127.0.0.1"
+    server._socket.close()
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_cannot_be_written_is_one_line(work: Path) -> None:
+    (work / "annotations").mkdir(mode=0o500)
+    with pytest.raises(VfoaError, match="cannot be written"):
+        Session(str(work / "datasets" / "noise.toml"))
+
+
+def test_the_verb_says_what_is_wrong_before_it_serves(work: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(work)
+    shutil.rmtree(work / "pairs")
+    result = CliRunner().invoke(app, ["annotate", "noise", "--no-open"])
+    assert isinstance(result.exception, VfoaError)
+    assert "noise.toml" in str(result.exception)
