@@ -69,7 +69,7 @@ class RowReader:
         return Label(
             target=target,
             note=note,
-            point_px=_point(cells[5:7], where) if self._with_points else None,
+            point_px=parse_point(cells[5:7], where) if self._with_points else None,
             is_suggested=self._with_states and _state(cells[-1], where),
         )
 
@@ -145,7 +145,8 @@ def _missing_between(last: int, first: int, timeline: Timeline | None) -> tuple[
     return (frames[low], frames[high - 1]) if high > low else None
 
 
-def _point(cells: list[str], where: str) -> tuple[float, float] | None:
+def parse_point(cells: Sequence[str], where: str) -> tuple[float, float] | None:
+    """Two finite numbers; None where both cells are empty; :class:`VfoaError` for anything else."""
     if not any(cells):
         return None
     try:

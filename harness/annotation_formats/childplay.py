@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from harness.annotation_formats.exchange import Exchange, Imported, left_out
-from harness.annotation_formats.gaze_points import GazePoint, Shown, from_points, to_points
+from harness.annotation_formats.gaze_points import GazePoint, Shown, from_points, point_of, to_points
 from harness.annotation_formats.tables import read_table
 from harness.files import atomic_write
 from harness.labels import IGNORED, NOWHERE, Label, Labels
@@ -75,15 +75,14 @@ def _rows(path: Path, exchange: Exchange) -> Iterator[GazePoint]:
             raise VfoaError(f"{where}: found the clips {', '.join(sorted(clips))}; expected one clip a file")
         try:
             position = int(row["frame"]) - 1 - exchange.first_number
-            u, v = float(row["gaze_x"]), float(row["gaze_y"])
         except (ValueError, KeyError):
-            raise VfoaError(f"{where}: frame, gaze_x, gaze_y: expected numbers") from None
+            raise VfoaError(f"{where}: frame: found {row.get('frame')!r}; expected a number") from None
         known, inside = row["gaze_class"], 0 <= position < len(exchange.frames)
         judged = known in (_VISIBLE, _OUTSIDE)
         yield GazePoint(
             frame=exchange.frames[position] if inside else None,
             subject=exchange.subject(row["person_id"], where),
-            point_px=(u, v) if known == _VISIBLE else None,
+            point_px=point_of((row["gaze_x"], row["gaze_y"]), where) if known == _VISIBLE else None,
             where=where,
             why=None if judged else ("" if known == _NOT_ANNOTATED else known),
         )

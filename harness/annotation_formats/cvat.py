@@ -16,7 +16,7 @@ from pathlib import Path
 
 from harness.annotation_formats.bodies import Box
 from harness.annotation_formats.exchange import Exchange, Imported, one_line
-from harness.annotation_rows import SUGGESTED
+from harness.annotation_rows import SUGGESTED, parse_point
 from harness.files import atomic_write, read_bytes
 from harness.labels import IGNORED, Label, LabelRange, Labels, ranges_of
 from vfoa.errors import VfoaError
@@ -102,11 +102,7 @@ def _label(found: dict[str, str], subject: str, exchange: Exchange, where: str) 
     if "target" not in found:
         raise VfoaError(f"{where}: no attribute 'target'; found {', '.join(found) or 'none'}")
     target = IGNORED if found["target"] in (_UNDEFINED, "") else exchange.target(found["target"], subject, where)
-    point = found.get("u_px", ""), found.get("v_px", "")
-    try:
-        point_px = (float(point[0]), float(point[1])) if any(point) else None
-    except ValueError:
-        raise VfoaError(f"{where}: u_px, v_px: found {', '.join(point)!r}; expected two numbers") from None
+    point_px = parse_point((found.get("u_px", ""), found.get("v_px", "")), where)
     state = found.get("state") == SUGGESTED
     return Label(target=target, note=found.get("note", ""), point_px=point_px, is_suggested=state)
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from harness.annotation_formats.exchange import Exchange, Imported, one_line
 from harness.annotation_formats.spans import Span, from_spans, to_spans
-from harness.annotation_rows import SUGGESTED
+from harness.annotation_rows import SUGGESTED, parse_point
 from harness.files import atomic_write, read_bytes
 from harness.labels import Label, Labels
 from vfoa.errors import VfoaError
@@ -89,7 +89,7 @@ def _spans(document: Any, tier: str, subject: str, exchange: Exchange, path: Pat
         label = Label(
             target=exchange.target(value.strip(), subject, where),
             note=one_line(notes.get((start, end))),
-            point_px=_point(points.get((start, end)), where),
+            point_px=parse_point(points.get((start, end), "").split(","), where),
             is_suggested=states.get((start, end)) == SUGGESTED,
         )
         yield Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where)
@@ -108,13 +108,3 @@ def _beside(document: Any, tier: str) -> dict[tuple[int, int], str]:
     if tier not in document.tiers:
         return {}
     return {(start, end): value for start, end, value in document.get_annotation_data_for_tier(tier)}
-
-
-def _point(text: str | None, where: str) -> tuple[float, float] | None:
-    if text is None:
-        return None
-    try:
-        u, v = (float(each) for each in text.split(","))
-    except ValueError:
-        raise VfoaError(f"{where}: point {text!r}; expected two numbers, such as 12.5,40") from None
-    return u, v

@@ -146,9 +146,7 @@ class Exchange:
     def _known(self, name: str, known: Collection[str], kind: str, where: str) -> str:
         found = self.renamed.get(name, name)
         if found not in known:
-            raise VfoaError(
-                f"{where}: unknown {kind} {found!r}; {did_you_mean(found, known)} (--rename {found!r}=OURS)"
-            )
+            raise VfoaError(f"{where}: unknown {kind} {found!r}; {did_you_mean(found, known)} (--rename {name!r}=OURS)")
         return found
 
 

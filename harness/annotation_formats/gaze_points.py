@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
 from harness.annotation_formats.bodies import Box, Point
 from harness.annotation_formats.exchange import Exchange, Imported
+from harness.annotation_rows import parse_point
 from harness.labels import IGNORED, NOWHERE, Label, LabelRange, Labels, ranges_of
 from vfoa.errors import VfoaError
 
@@ -67,6 +68,14 @@ def from_points(points: Iterable[GazePoint], exchange: Exchange, path: object) -
     found = exchange.labels(rows, path)
     said = [f"{path}: {count} {words}." for words, count in sorted(counts.items())]
     return Imported(labels=found.labels, notes=(*found.notes, *said))
+
+
+def point_of(cells: Sequence[str], where: str) -> Point:
+    """A gaze point from its two cells; :class:`VfoaError` if they hold none."""
+    point = parse_point(cells, where)
+    if point is None:
+        raise VfoaError(f"{where}: no gaze point; expected two numbers")
+    return point
 
 
 def to_points(labels: Labels, exchange: Exchange) -> tuple[list[Shown], list[str]]:

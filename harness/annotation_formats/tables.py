@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 from pathlib import Path
 
 from harness.files import read_bytes
@@ -12,27 +13,41 @@ from harness.timeline import parse_seconds
 from vfoa.errors import VfoaError
 
 
+def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line and cells of every row that is not empty: commas or tabs, with or without a byte-order mark.
+
+    Raises
+    ------
+    VfoaError
+        If the file is not such text.
+    """
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise VfoaError(f"{path}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter="\t" if "\t" in text else ",")
+    try:
+        for row in reader:
+            if any(row):
+                yield reader.line_num, row
+    except csv.Error as error:
+        raise VfoaError(f"{path}:{reader.line_num}: not CSV: {error}") from None
+
+
 def read_table(path: Path, required: Sequence[str]) -> Iterator[tuple[int, dict[str, str]]]:
     """Line and cells by column of every row below the header: the first row that holds all ``required`` columns.
 
-    Commas or tabs, with or without a byte-order mark. What stands above the header is passed over.
+    What stands above the header is passed over. A short row has empty cells at its end.
 
     Raises
     ------
     VfoaError
         If the file is not text, or has no such header.
     """
-    try:
-        text = read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise VfoaError(f"{path}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
-    delimiter = "\t" if "\t" in text else ","
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
     header: list[str] | None = None
-    for row in reader:
+    for line, row in csv_rows(path):
         if header is not None:
-            if any(row):
-                yield reader.line_num, dict(zip(header, row, strict=False))
+            yield line, dict(zip_longest(header, row[: len(header)], fillvalue=""))
         elif set(required) <= set(row):
             header = row
     if header is None:

@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import re
 from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
 from harness.annotation_formats.exchange import Exchange, Imported, left_out
-from harness.annotation_formats.gaze_points import GazePoint, from_points, to_points
-from harness.files import atomic_write, read_bytes
+from harness.annotation_formats.gaze_points import GazePoint, from_points, point_of, to_points
+from harness.annotation_formats.tables import csv_rows
+from harness.files import atomic_write
 from harness.labels import IGNORED, Labels
 from vfoa.errors import VfoaError
 
@@ -55,19 +55,10 @@ class VideoAttentionTarget:
 
 def _lines(path: Path, exchange: Exchange) -> Iterator[GazePoint]:
     subject = exchange.subject(path.stem, str(path))
-    try:
-        text = read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError:
-        raise VfoaError(f"{path}: not UTF-8 text") from None
-    for line, cells in enumerate(csv.reader(io.StringIO(text)), start=1):
-        if not cells:
-            continue
+    for line, cells in csv_rows(path):
         where, name = f"{path}:{line}", _NUMBER.search(Path(cells[0]).stem)
-        try:
-            *_, u, v = (float(cell) for cell in cells[1:])
-        except ValueError:
-            u = v = math.nan
-        if len(cells) != 7 or name is None or not (math.isfinite(u) and math.isfinite(v)):
-            raise VfoaError(f"{where}: found {','.join(cells)[:80]!r}; expected IMAGE.jpg and six numbers")
-        point = None if (u, v) == (-1.0, -1.0) else (u, v)
-        yield GazePoint(frame=int(name[1]) - exchange.first_number, subject=subject, point_px=point, where=where)
+        if len(cells) != 7 or name is None:
+            raise VfoaError(f"{where}: found {','.join(cells)[:80]!r}; expected IMAGE_NUMBER.jpg and six numbers")
+        point = point_of(cells[5:], where)
+        frame, seen = int(name[1]) - exchange.first_number, None if point == (-1.0, -1.0) else point
+        yield GazePoint(frame=frame, subject=subject, point_px=seen, where=where)

@@ -65,7 +65,7 @@ def test_the_offset_is_in_frames_and_what_lies_outside_is_said(tmp_path: Path) -
         (_track(_box(0, target="bird"), label="gril"), "track '7': unknown subject 'gril'; did you mean 'girl'"),
         (_track(_box(0, target="brid")), "track '7', frame 0: unknown target 'brid'; did you mean 'bird'"),
         (_track(_box(0, colour="red")), "track '7', frame 0: no attribute 'target'; found colour"),
-        (_track(_box(0, target="bird", u_px="x", v_px="")), "frame 0: u_px, v_px: found 'x, '"),
+        (_track(_box(0, target="bird", u_px="x", v_px="")), "frame 0: u_px,v_px: found 'x,'"),
         (_track(_box(0, target="bird")) * 2, "'girl' has two labels in frame 0 of CVAT"),
         (_track("<box/>"), "<box> has the frame None; expected a number"),
         ("<image/>", "expected CVAT for video 1.1"),

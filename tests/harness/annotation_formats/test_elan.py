@@ -67,7 +67,7 @@ def test_frames_without_a_label_are_filled_and_counted(tmp_path: Path, gaps: str
             [("girl", 0, 80, "bird"), ("girl", 40, 90, "cup")],
             r"two labels in frame 2: overlaps with .*0.000 to 0.080 s",
         ),
-        ([("girl", 0, 80, "bird"), ("girl:point_px", 0, 80, "here")], r"point 'here'; expected two numbers"),
+        ([("girl", 0, 80, "bird"), ("girl:point_px", 0, 80, "here")], r"u_px,v_px: found 'here'; expected two numbers"),
     ],
 )
 def test_a_mistake_is_one_line_with_its_place(

@@ -105,9 +105,11 @@ def test_classes_of_gaze_that_are_no_target_are_ignored_under_their_name(tmp_pat
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("001.jpg,1,1,2,2,3\n", r"girl\.txt:1: found '001\.jpg,1,1,2,2,3'; expected IMAGE\.jpg and six numbers"),
-        ("001.jpg,1,1,2,2,3,x\n", r"girl\.txt:1: .*expected IMAGE\.jpg and six numbers"),
-        ("image.jpg,1,1,2,2,3,4\n", r"girl\.txt:1: .*expected IMAGE\.jpg and six numbers"),
+        ("001.jpg,1,1,2,2,3\n", r"girl\.txt:1: found '001\.jpg,1,1,2,2,3'; expected IMAGE_NUMBER\.jpg and six numbers"),
+        ("001.jpg,1,1,2,2,3,x\n", r"girl\.txt:1: u_px,v_px: found '3,x'; expected two numbers"),
+        ("001.jpg,1,1,2,2,,\n", r"girl\.txt:1: no gaze point; expected two numbers"),
+        ("001.jpg,1,1,2,2,nan,1\n", r"girl\.txt:1: u_px,v_px: found 'nan,1'; expected two numbers"),
+        ("image.jpg,1,1,2,2,3,4\n", r"girl\.txt:1: .*expected IMAGE_NUMBER\.jpg and six numbers"),
         ("1.jpg,1,1,2,2,-1,-1\n01.jpg,1,1,2,2,-1,-1\n", r"girl\.txt:2: 'girl' has two labels in frame 1"),
     ],
 )
@@ -121,7 +123,7 @@ def test_a_mistake_is_one_line_with_its_place(tmp_path: Path, text: str, message
     [
         (HEAD.replace("gaze_x", "gx"), r"no header with the columns clip, frame, person_id"),
         (HEAD + "a,1,gril,1,2,3,4,outside_frame,-1,-1,1\n", r"a\.csv:2: unknown subject 'gril'; did you mean 'girl'"),
-        (HEAD + "a,one,girl,1,2,3,4,outside_frame,-1,-1,1\n", r"a\.csv:2: frame, gaze_x, gaze_y: expected numbers"),
+        (HEAD + "a,one,girl,1,2,3,4,outside_frame,-1,-1,1\n", r"a\.csv:2: frame: found 'one'; expected a number"),
         (
             HEAD + "a,1,girl,1,2,3,4,outside_frame,-1,-1,1\nb,1,girl,1,2,3,4,x,1,1,1\n",
             r"a\.csv:3: found the clips a, b",
