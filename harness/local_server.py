@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
+    import uvicorn
     from starlette.applications import Starlette
     from starlette.routing import BaseRoute
 
@@ -52,12 +53,19 @@ def listen(port: int) -> socket.socket:
     return listener
 
 
-def serve(app: Starlette, listener: socket.socket) -> None:
-    """Answer until Ctrl-C, or until SIGTERM where :func:`ended_by_sigterm` is on."""
+def make_server(app: Starlette, *, patience_s: int = 1) -> uvicorn.Server:
+    """A server; its end waits this long for what it is answering."""
     import uvicorn
 
-    config = uvicorn.Config(app, log_level="warning", access_log=False, lifespan="off", timeout_graceful_shutdown=1)
-    uvicorn.Server(config).run(sockets=[listener])
+    config = uvicorn.Config(
+        app, log_level="warning", access_log=False, lifespan="off", ws="none", timeout_graceful_shutdown=patience_s
+    )
+    return uvicorn.Server(config)
+
+
+def serve(app: Starlette, listener: socket.socket) -> None:
+    """Answer until Ctrl-C, or until SIGTERM where :func:`ended_by_sigterm` is on."""
+    make_server(app).run(sockets=[listener])
 
 
 @contextmanager

@@ -21,6 +21,8 @@ DOORS = {
     "typer": ("harness/cli/",),
     "pympi": ("harness/annotation_formats/elan.py",),
     "torch": ("harness/export/",),
+    "uvicorn": ("harness/local_server.py",),
+    "tomlkit": ("harness/annotate/targets.py",),
 }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 from typing import Annotated
 
@@ -24,10 +23,9 @@ def annotate(
     no_open: Annotated[bool, typer.Option("--no-open", help="Print the address only; open no browser.")] = False,
 ) -> None:
     """Serve a page on which to say who looks at what. Every change is saved at once; Ctrl-C ends it."""
-    import webbrowser
-
     from harness.annotate.server import PageServer
     from harness.annotate.session import Session
+    from harness.local_server import ended_by_sigterm, open_browser
 
     session = Session(
         clip, run=run, configuration=config, annotator=annotator, blind=blind, uncertain_first=uncertain_first
@@ -35,11 +33,9 @@ def annotate(
     server = PageServer(session, port)
     typer.echo(f"{session.path}\n{server.address}")
     if not no_open:
-        webbrowser.open(server.address)
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # both end it alike, without a traceback
+        open_browser(server.address)
     try:
-        server.run()
-    except KeyboardInterrupt:
-        pass
+        with ended_by_sigterm():
+            server.run()
     finally:
         session.close()
