@@ -43,6 +43,7 @@ def check_contract(clip: Clip, *, spawn: bool = False) -> None:
     _expect(again == before, "frame: found other content when a frame was read again")
     _check_times([clip.frame(number).time_ns for number in numbers])
     _check_outside(clip)
+    _check_clock(clip, numbers)
     _check_copies(clip, before, spawn)
 
 
@@ -89,6 +90,12 @@ def _check_truth(truth: Truth, frame: StereoFrame) -> None:
 
 def _check_times(times_ns: list[int]) -> None:
     _expect(all(a < b for a, b in itertools.pairwise(times_ns)), f"time_ns: {times_ns} do not ascend")
+
+
+def _check_clock(clip: Clip, numbers: list[int]) -> None:
+    for number in numbers:
+        asked, read = clip.time_ns(number), clip.frame(number).time_ns
+        _expect(asked == read, f"time_ns: found {asked} for frame {number}; expected {read}, as the frame has it")
 
 
 def _check_outside(clip: Clip) -> None:

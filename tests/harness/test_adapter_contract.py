@@ -93,6 +93,9 @@ class Good:
     rate_hz: float | None = 10.0
     notes: tuple[str, ...] = ("made up",)
 
+    def time_ns(self, number: int) -> int:
+        return number * 10**8
+
     def frame(self, number: int) -> StereoFrame:
         if number not in (2, 5):
             raise VfoaError(f"made up: no frame {number}; expected 2 or 5")
@@ -156,6 +159,11 @@ class Timeless(Good):
         return replace(super().frame(number), time_ns=0)
 
 
+class AnotherClock(Good):
+    def time_ns(self, number: int) -> int:
+        return number
+
+
 class Endless(Good):
     def frame(self, number: int) -> StereoFrame:
         return replace(super().frame(2), index=number, time_ns=number)
@@ -208,6 +216,7 @@ class Twins(Good):
         (Mirrored, "the left image is not contiguous"),
         (Drifting, "when a frame was read again"),
         (Timeless, "do not ascend"),
+        (AnotherClock, "time_ns: found 2 for frame 2; expected 200000000, as the frame has it"),
         (Endless, "frame 1, which is not in frames: expected a VfoaError"),
         (Nameless, "expected one line that names the clip and 'frame 1'"),
         (Digestless, "expected a hexadecimal sha256"),

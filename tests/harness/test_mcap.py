@@ -12,7 +12,9 @@ from mcap.writer import CompressionType, IndexType
 from numpy.typing import NDArray
 
 from harness.adapters.mcap.clip import McapClip, McapSettings
-from tests.disk import HEIGHT, WIDTH, picture, write_bytes
+from harness.annotations import VERSION_LINE, read_annotations, write_annotations
+from harness.timeline import format_seconds, timeline_of
+from tests.disk import HEIGHT, WIDTH, picture, write_bytes, write_text
 from tests.recordings import Camera, Family, Pixels, recorder, rectified_camera, write_pairs
 from vfoa.errors import VfoaError
 
@@ -52,6 +54,17 @@ def test_every_family_gives_back_what_was_recorded(tmp_path: Path, family: Famil
         rig = frame.rig
         assert (rig.fx_px, rig.cx_px, rig.cx_right_px, rig.cy_px) == (100.0, 31.5, 30.0, 23.5)
         assert rig.baseline_m == pytest.approx(0.12)
+
+
+def test_labels_may_be_written_by_stamp(tmp_path: Path) -> None:
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs()))
+    change = format_seconds(stamp(3))
+    rows = f"1700000000.0,{change},girl,bird,\n{change},1700000009,girl,none,\n"
+    path = write_text(tmp_path / "a.csv", f"{VERSION_LINE}\nstart_s,end_s,subject,target,note\n{rows}")
+    labels = read_annotations(path, timeline=timeline_of(clip), subjects=["girl"], targets=["bird"])
+    assert [label.target for _, _, label in labels.labelled(clip.frames)] == ["bird"] * 2 + ["none"] * 3
+    write_annotations(tmp_path / "b.csv", labels)
+    assert (tmp_path / "b.csv").read_text() == path.read_text().replace("1700000000.0,", "1700000000,")
 
 
 def test_jpeg_is_close(tmp_path: Path) -> None:
