@@ -48,7 +48,11 @@ class Lane:
         try:
             pair = (self._job.manifest.name, self.name)
             self._part = self._files.enter_context(self._job.directory.part(pair))
-            observers = [*_recorder(self._job, pair, self._rate_hz), *_signal_writer(self._job, self.name)]
+            observers = [
+                _still_writer(self._job, pair),
+                *_recorder(self._job, pair, self._rate_hz),
+                *_signal_writer(self._job, self.name),
+            ]
             self._observer = self._files.enter_context(Observers(*observers))
         except VfoaError as error:
             self.fail(error)
@@ -104,6 +108,12 @@ class Lane:
         labels = self._job.labels
         subjects = self._job.manifest.subjects
         return tuple(judge(record, name, labels.at(record.frame, name) if labels else None) for name in subjects)
+
+
+def _still_writer(job: ClipJob, pair: Pair) -> FrameObserver:
+    from harness.stills.writer import StillWriter
+
+    return StillWriter(job.directory.path, *pair)
 
 
 def _recorder(job: ClipJob, pair: Pair, rate_hz: float | None) -> list[FrameObserver]:

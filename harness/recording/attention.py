@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import partial
 
@@ -10,15 +9,13 @@ import numpy as np
 import rerun as rr
 
 from harness.recording import entities
+from harness.recording.cones import cone_wire, reach_m
 from harness.recording.frame_log import FrameLog
 from harness.recording.labels import CUE_COLOURS, Colour, Colours, attention_by_name, subject_names
 from harness.results import FrameRecord
-from vfoa.geometry import CONE_HEIGHT_M, left_from_crop
-from vfoa.types import CUES, Attention, Cone, Float, FrameResult, Rays, Scene
+from vfoa.types import CUES, Attention, Cone, FrameResult, Rays
 
 ARROW_M = 0.25
-_RIM = 48
-_RIBS = 4
 
 
 def log_attention(log: FrameLog, result: FrameResult, record: FrameRecord, colours: Colours) -> None:
@@ -26,22 +23,12 @@ def log_attention(log: FrameLog, result: FrameResult, record: FrameRecord, colou
     names = subject_names(record)
     for attention in result.attentions:
         name = names[attention.subject.track_id]
-        reach = _reach_m(attention, result.scene)
+        reach = reach_m(attention, result.scene)
         _log_eyes(log, attention, name)
         _log_cones(log, attention, name, reach)
         if attention.rays is not None:
             _log_rays(log, attention.cones, attention.rays, name, reach)
     _log_curves(log, record, names, colours)
-
-
-def _reach_m(attention: Attention, scene: Scene) -> float:
-    """How far a subject's cones and missing rays are drawn: to the middling target; without one, the paper's height."""
-    eyes = attention.subject.person.eye_origin_left
-    attended = {value.instance_id for value in attention.values}
-    boxes = [target.box for target in scene.targets if target.instance.id in attended and target.box is not None]
-    if eyes is None or not boxes:
-        return CONE_HEIGHT_M
-    return float(np.median([np.linalg.norm(box.center_m - eyes) for box in boxes]))
 
 
 def _log_eyes(log: FrameLog, attention: Attention, name: str) -> None:
@@ -66,20 +53,6 @@ def _log_cones(log: FrameLog, attention: Attention, name: str, reach: float) -> 
             lines = np.stack(wires).astype(np.float32)
             strips = rr.LineStrips3D(lines, colors=[_dim(CUE_COLOURS[cue], 0.7)], radii=rr.Radius.ui_points(0.75))
             log.log(entities.cue_3d(name, cue, "cones"), strips)
-
-
-def cone_wire(cone: Cone, reach_m: float) -> Float:
-    """A cone as one line (N, 3) in the camera frame, metres: four ribs of length ``reach_m``, then the rim they end on.
-
-    One line, because Rerun takes an array of lines ten times faster than a list of lines of several lengths.
-    """
-    half = cone.fov_rad / 2
-    turn = np.linspace(0, 2 * math.pi, _RIM + 1)
-    local = np.stack([math.sin(half) * np.cos(turn), math.sin(half) * np.sin(turn), np.full_like(turn, math.cos(half))])
-    rim = cone.apex_left + reach_m * (left_from_crop(cone.axis) @ local).T
-    ends = rim[: -1 : _RIM // _RIBS]
-    ribs = np.stack([ends, np.broadcast_to(cone.apex_left, ends.shape)], axis=1).reshape(-1, 3)
-    return np.concatenate([ribs, rim])
 
 
 def _log_rays(log: FrameLog, cones: Sequence[Cone], rays: Rays, name: str, reach: float) -> None:

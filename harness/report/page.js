@@ -53,9 +53,50 @@
         element("p", {}, `Truth: ${truth(one, i)}. Predicted: ${predicted(one, i)}.`),
         element("code", {}, command),
         ...link(one, i)),
+      ...still(one, i),
       values(one, i)));
     box.hidden = false;
     for (const other of strips) moveCursor(other, other.group === group ? other.strip.frames.indexOf(frame) : -1);
+  }
+
+  // The picture of a wrong frame: what was seen, the truth (solid, thick, a tick) and the answer (dashed, a cross)
+
+  function still(one, i) {
+    const frame = one.strip.frames[i];
+    const seen = one.strip.seen[frame];
+    const picture = data.pictures[one.group.clip]?.[frame];
+    if (!seen || !picture) return [];
+    const [width, height] = seen.size;
+    const svg = drawn("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", class: "still" });
+    svg.setAttribute("aria-label", `The left image of frame ${frame}: boxes, the head of ${one.group.subject}, cones; ` +
+      `truth ${truth(one, i)}, predicted ${predicted(one, i)}`);
+    svg.append(drawn("image", { href: picture, width, height }));
+    const roles = seen.boxes.map(([id, name]) =>
+      id === seen.focus ? "predicted" : name === one.strip.truth[i] ? "truth" : "other");
+    const inOrder = ["other", "truth", "predicted"].flatMap((role) =>
+      seen.boxes.filter((_, at) => roles[at] === role).map(([, name, box]) => [role, name, box]));
+    const texts = [];
+    const outline = (kind, text, [left, top, right, bottom]) => {
+      const place = { x: left, y: top, width: right - left, height: bottom - top };
+      svg.append(drawn("rect", { class: "casing", ...place }), drawn("rect", { class: kind, ...place }));
+      const low = Math.min(Math.max(top - 3, 11), height - 3);
+      const label = drawn("text", { class: kind, x: Math.max(2, Math.min(left, width - 6.2 * text.length)), y: low });
+      label.append(text);
+      texts.push(label);
+    };
+    for (const [role, name, box] of inOrder) {
+      if (role === "other") outline(role, name === one.group.subject ? "" : name, box);
+    }
+    for (const [cue, line] of seen.lines) {
+      const points = Array.from({ length: line.length / 2 }, (_, k) => `${line[2 * k]},${line[2 * k + 1]}`).join(" ");
+      svg.append(drawn("polyline", { class: cue, points }));
+    }
+    if (seen.head) outline("face", one.group.subject, seen.head);
+    for (const [role, name, box] of inOrder) {
+      if (role !== "other") outline(role, `${role === "truth" ? "✓ truth" : "✗ predicted"}: ${name}`, box);
+    }
+    svg.append(...texts);
+    return [element("figure", {}, svg, element("figcaption", {}, "✓ solid: truth; ✗ dashed: answer; yellow: gaze; blue, dotted: head"))];
   }
 
   function link(one, i) {

@@ -19,6 +19,7 @@ from harness.report.stage_measures import stage_measures_table, thing_measures_t
 from harness.report.tables import baselines_table, causes_table, frr_table, measures_table, subjects_table
 from harness.run_directory import Pair
 from harness.score import Scores
+from harness.stills.reader import Stills
 
 LETTERS = {
     "correct": "",
@@ -42,6 +43,7 @@ def render_page(
     *,
     manifest: Mapping[str, Any] | None = None,
     tables: Sequence[Table] = (),
+    stills: Stills | None = None,
     recordings: Mapping[Pair, str] | None = None,
 ) -> str:
     """The page as text, the same for the same arguments.
@@ -54,11 +56,14 @@ def render_page(
         The run's, as :meth:`harness.run_directory.RunDirectory.read_manifest` gives it; None leaves out what was run.
     tables
         What else stands under "More measures"; those without rows are left out.
+    stills
+        What is shown of wrong frames.
     recordings
         For a page that a server gives out: by (clip, configuration), the name under which the server opens its
         recording. Without them no cell leads anywhere, and the page knows no address.
     """
     frr = frr_table(scores)
+    stills = stills or Stills()
     return _template().render(
         title=f"Run {manifest['experiment']}" if manifest else "Run",
         clips=_clips(manifest["clips"]) if manifest else None,
@@ -83,8 +88,9 @@ def render_page(
         ],
         confusions=confusions(scores.verdicts),
         letters=LETTERS,
+        stills=stills,
         served=bool(recordings),
-        data={**page_data(scores.verdicts, attention, recordings or {}), "letters": LETTERS},
+        data={**page_data(scores.verdicts, attention, stills, recordings or {}), "letters": LETTERS},
     )
 
 

@@ -13,6 +13,7 @@ from harness.recording.labels import Colours, attention_by_name
 from harness.report.formats import UNKNOWN, Table
 from harness.results import FrameRecord
 from harness.run_directory import Pair
+from harness.stills.reader import Stills
 from harness.verdicts import CAUSES, Verdict, find_subject
 
 STATES = ("correct", "unscored", *CAUSES)
@@ -52,19 +53,28 @@ class AttentionLog:
         return self._colours.setdefault(clip, Colours(()))
 
 
-def page_data(verdicts: Sequence[Verdict], attention: AttentionLog, recordings: Mapping[Pair, str]) -> dict[str, Any]:
+def page_data(
+    verdicts: Sequence[Verdict], attention: AttentionLog, stills: Stills, recordings: Mapping[Pair, str]
+) -> dict[str, Any]:
     """Everything the page's script draws, each (clip, subject) with one strip per configuration.
 
     A strip holds equally long lists over its frames; ``values`` is, by target, the lists of gaze, head and total in
     thousandths, None where unknown. Colours are CSS. ``recording`` is the name of the one that the cells lead to.
+    ``pictures`` are by clip and frame; what a configuration saw in them is in its strips, by frame.
     """
     groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for (clip, configuration, subject), each in groupby(verdicts, key=lambda v: (v.clip, v.configuration, v.subject)):
-        strip = _strip(configuration, list(each), attention)
+        judged = list(each)
+        strip = _strip(configuration, judged, attention)
+        strip["seen"] = _seen(judged, stills)
         strip["recording"] = recordings.get((clip, configuration))
         groups.setdefault((clip, subject), []).append(strip)
+    pictures: dict[str, dict[int, str]] = {}
+    for (clip, frame), picture in stills.pictures.items():
+        pictures.setdefault(clip, {})[frame] = picture
     return {
         "states": STATES,
+        "pictures": pictures,
         "groups": [
             {"clip": clip, "subject": subject, "strips": strips, "colours": _colours(attention.colours(clip), strips)}
             for (clip, subject), strips in groups.items()
@@ -84,6 +94,23 @@ def _strip(configuration: str, verdicts: list[Verdict], attention: AttentionLog)
         "predicted": [verdict.predicted for verdict in verdicts],
         "values": {name: list(zip(*(each.get(name, unknown) for each in values), strict=True)) for name in names},
     }
+
+
+def _seen(verdicts: list[Verdict], stills: Stills) -> dict[int, dict[str, Any]]:
+    """By frame, what is drawn over the picture of a subject who was judged wrong."""
+    drawn = {}
+    for each in verdicts:
+        still = stills.seen.get((each.clip, each.configuration, each.frame))
+        if still is not None and each.outcome == "wrong":
+            subject = next((found for found in still.subjects if found.name == each.subject), None)
+            drawn[each.frame] = {
+                "size": still.size,
+                "boxes": still.boxes,
+                "head": subject and subject.head,
+                "focus": subject and subject.focus,
+                "lines": subject.lines if subject else [],
+            }
+    return drawn
 
 
 def _colours(colours: Colours, strips: list[dict[str, Any]]) -> dict[str, str]:

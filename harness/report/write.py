@@ -17,6 +17,7 @@ from harness.report.tables import render_tables
 from harness.results import FrameRecord, read_results
 from harness.run_directory import Pair
 from harness.score import Scores, score
+from harness.stills.reader import read_stills
 
 
 def score_run(
@@ -105,4 +106,5 @@ def _page(
     recordings: Mapping[Pair, str] | None = None,
 ) -> str:
     tables = [stage_times_table(results.parent / "timings.csv")]
-    return render_page(scores, attention, manifest=manifest, tables=tables, recordings=recordings)
+    stills = read_stills(results.parent, scores.verdicts)
+    return render_page(scores, attention, manifest=manifest, tables=tables, stills=stills, recordings=recordings)

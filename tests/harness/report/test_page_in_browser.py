@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
+import numpy as np
 import pytest
+from PIL import Image
 
+from harness.files import atomic_write
 from harness.report.write import score_run
 from harness.results import to_line
+from harness.stills import Still, StillSubject, lines_path, picture_path
+from harness.stills.writer import picture
 from tests.browser import chromium, requested, set_width
 from tests.records import answers, labels
 
@@ -22,6 +29,14 @@ GIVEN = {
     "one": ("cup", "dragon", "dragon", "cup", "cup", None),
     "it's two": ("cup", "cup", "dragon", "none", "cup", "cup"),
 }
+PICTURE_RGB = (200, 40, 160)
+SEEN = Still(
+    frame=2,
+    size=(200, 100),
+    boxes=[(1, "cup", (20, 30, 60, 70)), (2, "dragon", (120, 30, 160, 70)), (3, "lamp", (180, 10, 190, 30))],
+    subjects=[StillSubject(name="girl", head=(90, 5, 110, 25), focus=2, lines=[("gaze", [100, 15, 140, 50])])],
+)
+"""What was seen in frame 2, where the truth is the cup and the answer the dragon."""
 
 
 @pytest.fixture(scope="module")
@@ -29,6 +44,8 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = tmp_path_factory.mktemp("a run")
     records = [each for name, given in GIVEN.items() for each in answers(given, configuration=name)]
     (run / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
+    atomic_write(picture_path(run, "clip", 2), picture(np.full((100, 200, 3), PICTURE_RGB, dtype=np.uint8)))
+    atomic_write(lines_path(run, "clip", "one"), msgspec.json.encode(SEEN) + b"\n")
     score_run(run / "results.jsonl", {"clip": labels(*TRUTH)})
     return run / "report.html"
 
@@ -104,6 +121,33 @@ def test_pointing_at_a_cell_shows_the_attention_of_its_frame(browser: Chrome) ->
     ActionChains(browser).move_to_element(cell).perform()
     rows = _box(browser).find_elements("css selector", "tr")
     assert [row.text for row in rows] == ["Attention total gaze head", "dragon (predicted) 0.500 0.500 –"]
+
+
+def test_a_wrong_cell_shows_its_frame_with_truth_and_answer_marked(browser: Chrome) -> None:
+    browser.execute_script("arguments[0].focus()", _cell(browser, "one", 2))
+    still = _box(browser).find_element("css selector", "svg.still")
+    browser.execute_script("arguments[0].scrollIntoView()", still)
+    shown = np.asarray(Image.open(io.BytesIO(still.screenshot_as_png)).convert("RGB"))
+    height, width = shown.shape[:2]
+    assert width / height == pytest.approx(2, rel=0.02)
+    corner = shown[int(0.9 * height), int(0.3 * width)]
+    assert np.abs(corner.astype(int) - PICTURE_RGB).max() < 12  # lossy, but it is that picture
+    marked = {
+        role: [still.find_element("css selector", f"rect.{role}").get_dom_attribute(name) for name in ("x", "width")]
+        for role in ("truth", "predicted", "face", "other")
+    }
+    assert marked == {"truth": ["20", "40"], "predicted": ["120", "40"], "face": ["90", "20"], "other": ["180", "10"]}
+    words = [each.text for each in still.find_elements("tag name", "text")]
+    assert {"✓ truth: cup", "✗ predicted: dragon", "girl", "lamp"} == set(words)
+    dashes = still.find_element("css selector", "rect.predicted").value_of_css_property("stroke-dasharray")
+    assert dashes != "none"
+    assert still.find_element("css selector", "polyline.gaze").get_dom_attribute("points") == "100,15 140,50"
+
+
+def test_a_cell_without_a_picture_has_none(browser: Chrome) -> None:
+    for config, frame in (("one", 4), ("it's two", 2)):
+        browser.execute_script("arguments[0].focus()", _cell(browser, config, frame))
+        assert _box(browser).find_elements("css selector", "svg.still") == []
 
 
 def test_a_strip_is_one_stop_of_the_tab_key(browser: Chrome) -> None:

@@ -1,0 +1,50 @@
+"""Stills: a small picture of every frame of a run, and what each configuration saw in it, for the report page.
+
+Every frame has one, right or wrong: labels that are edited later decide which of them the page shows, and the page is
+then made without a clip or a model::
+
+    stills/<clip>/<frame>.webp                  the left image, made small, once for all configurations
+    stills/<clip>__<configuration>.jsonl        a line a frame: boxes, heads and cones in the picture's pixels
+
+``writer.py`` is the observer that writes them in a run, ``reader.py`` finds those of the wrong frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+FOLDER = "stills"
+
+Box = tuple[int, int, int, int]
+"""Left, top, right, bottom in a picture's pixels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StillSubject:
+    """A person in a picture. ``lines`` are a cue (``gaze``, ``head``) and the x, y, x, y ... of a line each."""
+
+    name: str | None
+    head: Box
+    focus: int | None
+    lines: list[tuple[str, list[int]]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Still:
+    """What one configuration saw in a frame. ``boxes`` are an instance's id, its name and its box each."""
+
+    frame: int
+    size: tuple[int, int]
+    boxes: list[tuple[int, str, Box]]
+    subjects: list[StillSubject]
+
+
+def picture_path(run: Path, clip: str, frame: int) -> Path:
+    """The picture of a frame."""
+    return run / FOLDER / clip / f"{frame}.webp"
+
+
+def lines_path(run: Path, clip: str, configuration: str) -> Path:
+    """What a configuration saw in a clip."""
+    return run / FOLDER / f"{clip}__{configuration}.jsonl"

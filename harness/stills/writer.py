@@ -1,0 +1,120 @@
+"""The observer that keeps a still of every frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self
+
+import cv2
+import msgspec
+import numpy as np
+
+from harness.recording.cones import cone_wire, reach_m
+from harness.results import FrameRecord
+from harness.stills import Box, Still, StillSubject, lines_path, picture_path
+from harness.verdicts import Verdict
+from vfoa.geometry import project
+from vfoa.types import CUES, Attention, Float, FrameResult, Image, Percepts, Scene, StereoFrame, StereoRig
+
+WIDTH_PX = 360
+QUALITY = 55
+ARROW_M = 0.25
+NEAR_M = 0.05
+"""A line that comes nearer to the camera's plane than this is not drawn: it would run off to infinity."""
+RIM = 16
+
+
+class StillWriter:
+    """Writes the stills of one clip under one configuration, as a context manager; complete ones replace older ones."""
+
+    def __init__(self, run: Path, clip: str, configuration: str) -> None:
+        self._run, self._clip = run, clip
+        self._path = lines_path(run, clip, configuration)
+        self._partial = self._path.with_name(self._path.name + ".partial")
+        self._encoder = msgspec.json.Encoder()
+        self._file: BinaryIO
+
+    def __enter__(self) -> Self:
+        picture_path(self._run, self._clip, 0).parent.mkdir(parents=True, exist_ok=True)
+        self._file = self._partial.open("wb")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+        if kind is None:
+            self._partial.replace(self._path)
+
+    def log(
+        self,
+        frame: StereoFrame,
+        percepts: Percepts,
+        result: FrameResult,
+        record: FrameRecord,
+        verdicts: tuple[Verdict, ...],
+    ) -> None:
+        """Write one frame."""
+        path = picture_path(self._run, self._clip, frame.index)
+        if not path.exists():  # another configuration has written it
+            draft = path.with_suffix(".partial")
+            draft.write_bytes(picture(frame.left))
+            draft.replace(path)
+        self._file.write(self._encoder.encode(still(frame.rig, result, record)) + b"\n")
+
+
+def picture(left: Image) -> bytes:
+    """A left image as a small WebP file."""
+    height, width = left.shape[:2]
+    scale = min(1.0, WIDTH_PX / width)
+    small = cv2.resize(left, _size(width, height), interpolation=cv2.INTER_AREA) if scale < 1 else left
+    _, encoded = cv2.imencode(".webp", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    return encoded.tobytes()
+
+
+def still(rig: StereoRig, result: FrameResult, record: FrameRecord) -> Still:
+    """Everything seen in a frame, in the pixels of its picture."""
+    size = _size(rig.width_px, rig.height_px)
+    scale = size[0] / rig.width_px
+    attentions = {each.subject.track_id: each for each in result.attentions}
+    return Still(
+        frame=record.frame,
+        size=size,
+        boxes=[(each.instance_id, each.name, _box(each.box_px, scale)) for each in record.targets],
+        subjects=[
+            StillSubject(
+                name=each.name,
+                head=_box(each.head_box_px, scale),
+                focus=each.focus,
+                lines=_lines(attentions[each.track_id], result.scene, rig, scale),
+            )
+            for each in record.subjects
+        ],
+    )
+
+
+def _lines(attention: Attention, scene: Scene, rig: StereoRig, scale: float) -> list[tuple[str, list[int]]]:
+    """The cones and directions of a subject as they are seen in the picture."""
+    reach = reach_m(attention, scene)
+    lines: list[tuple[str, Float]] = [(each.cue, cone_wire(each, reach, rim=RIM)) for each in attention.cones]
+    eyes = attention.subject.person.eye_origin_left
+    for cue in CUES:
+        direction = attention.subject.direction(cue)
+        if eyes is not None and direction is not None:
+            lines.append((cue, np.stack([eyes, eyes + ARROW_M * direction])))
+    return [(cue, _projected(points, rig, scale)) for cue, points in lines if (points[:, 2] > NEAR_M).all()]
+
+
+def _projected(points_left: Float, rig: StereoRig, scale: float) -> list[int]:
+    return [int(value) for value in np.rint((project(points_left, rig) + 0.5) * scale - 0.5).ravel()]
+
+
+def _size(width: int, height: int) -> tuple[int, int]:
+    scale = min(1.0, WIDTH_PX / width)
+    return round(scale * width), max(round(scale * height), 1)
+
+
+def _box(box_px: tuple[float, float, float, float], scale: float) -> Box:
+    left, top, right, bottom = (round(scale * value) for value in box_px)
+    return left, top, right, bottom
