@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from harness.experiment import Configuration
+from harness.hindsight import Hindsight
 from harness.measures import Measurer
 from harness.naming import SubjectNames, name_frame
 from harness.parts import Part
@@ -23,6 +24,9 @@ from vfoa.types import FrameResult, Percepts, Scene, StereoFrame
 if TYPE_CHECKING:
     from harness.run import ClipJob
 
+_Seen = tuple[StereoFrame, Percepts, FrameMeasures | None, Bill]
+"""What goes with a result to the files."""
+
 
 class Lane:
     """Takes a clip's frames in order under one configuration, as a context manager.
@@ -35,6 +39,7 @@ class Lane:
         self._job, self._configuration, self._rate_hz = job, configuration, rate_hz
         self._measurer = measurer
         self._memory, self._names = Memory(), SubjectNames()
+        self._hindsight: Hindsight[_Seen] = Hindsight(configuration.attend)
         self._files = ExitStack()
         self._part: Part
         self._observer: FrameObserver
@@ -61,6 +66,12 @@ class Lane:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        if kind is None and self.error is None:
+            try:
+                for waited in self._hindsight.finish():
+                    self._write(*waited)
+            except VfoaError as late:
+                self.fail(late)
         try:
             self._files.__exit__(kind, error, trace)
         except VfoaError as late:
@@ -91,6 +102,13 @@ class Lane:
             result, self._memory = attend(scene, self._memory, self._configuration.attend)
         with timed(bill, "measures"):
             measures = self._measurer.measure(percepts, scene)
+        with timed(bill, "attention"):
+            ready = list(self._hindsight.add(result, (frame, percepts, measures, bill)))
+        for waited in ready:
+            self._write(*waited)
+
+    def _write(self, result: FrameResult, seen: _Seen) -> None:
+        frame, percepts, measures, bill = seen
         record = self._record(result, measures)
         with timed(bill, "recording"):
             self._observer.log(frame, percepts, result, record, self._judge(record))

@@ -29,7 +29,7 @@ class SurfaceSettings(Settings):
     is how many directions a target's outline is sampled with.
     """
 
-    surface: Literal["box", "cloud"] = "box"
+    surface: Literal["box", "cloud"] = "cloud"
     occlusion: Literal["ignore", "first_hit"] = "ignore"
     faces: bool = True
     directions: int = Field(default=128, ge=16, le=10_000)
@@ -47,8 +47,10 @@ class Views:
 def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], settings: SurfaceSettings) -> Views:
     """What is seen of each target from ``origin`` (3,); a target that others hide altogether is left out.
 
-    ``eyes`` are the eye origins of other people by instance id; every target has a box.
+    ``eyes`` are the eye origins of other people by instance id. Targets without a box, or without a cloud where that is
+    what is looked at, are left out, too.
     """
+    targets = tuple(each for each in targets if each.box and (settings.surface == "box" or len(each.points_left)))
     boxes = tuple(target.box for target in targets if target.box is not None)
     found: dict[int, tuple[Float, float]] = {}
     if boxes:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from harness.baselines import RULES
 from harness.comparison import compare
+from harness.reliability import Reliability
 from harness.report.all_scores import ALL, scores_table
 from harness.report.compared import comparison_table, comparisons_csv
 from harness.report.formats import UNKNOWN, Table, to_csv, to_latex, to_markdown
 from harness.report.oracle import ladder_csv, ladder_table
 from harness.report.published import published_table
+from harness.report.reliability import reliability_table
 from harness.report.stage_measures import stage_measures_table, thing_measures_table
 from harness.score import CAUSES, ScoreRow, Scores
 from harness.statistics import LEVEL, REPLICATES, Interval
@@ -26,14 +29,14 @@ FRR_NOTES = (
 )
 
 
-def render_tables(scores: Scores) -> dict[str, str]:
+def render_tables(scores: Scores, reliabilities: Sequence[Reliability] = ()) -> dict[str, str]:
     """Every table but ``frames.csv``, by file name; those of the ladder and of the truth only where there is one."""
     comparisons = compare({name: scores.verdicts_of(name) for name in scores.configurations})
     compared = comparison_table(comparisons)
     sections = (paper_table, measures_table, baselines_table, causes_table, subjects_table)
     pages = [to_markdown(frr_table(scores)), *(to_markdown(make(scores), level=2) for make in sections)]
     ladder, measures = ladder_table(scores), stage_measures_table(scores)
-    more = (published_table(scores), ladder, measures)
+    more = (published_table(scores), ladder, measures, reliability_table(reliabilities))
     pages += [to_markdown(table, level=2) for table in more if table.rows]
     papers = [(frr_table(scores), "frr"), (paper_table(scores), "paper"), (ladder, "ladder"), (measures, "measures")]
     programs = {"ladder.csv": ladder_csv(scores), "measures.csv": measures, "things.csv": thing_measures_table(scores)}

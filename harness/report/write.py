@@ -9,9 +9,11 @@ from typing import Any
 from harness.annotations import Labels
 from harness.files import atomic_write
 from harness.published import Published
+from harness.reliability import BeliefLog
 from harness.report.frames import FrameRows
 from harness.report.page import render_page
 from harness.report.page_data import AttentionLog
+from harness.report.reliability import reliability_figure
 from harness.report.stage_times import stage_times_table
 from harness.report.tables import render_tables
 from harness.results import FrameRecord, read_results
@@ -33,7 +35,8 @@ def score_run(
     """Score a ``results.jsonl`` and write the tables and the page beside it, each whole or not at all.
 
     ``frr.csv .md .tex``, ``ladder.csv``, ``measures.csv``, ``things.csv``, ``frames.csv``, ``compared.csv .md``,
-    ``report.html``. Nothing is written unless all of them could be made.
+    ``report.html``, and ``reliability.svg .png`` where a configuration gives probabilities. Nothing is written unless
+    all of them could be made.
 
     Parameters
     ----------
@@ -49,16 +52,21 @@ def score_run(
     VfoaError
         If the results, or the ``timings.csv`` that a run has beside them, cannot be read.
     """
-    frames = FrameRows()
-    watched = frames.watch(records if records is not None else read_results(results))
+    frames, beliefs = FrameRows(), BeliefLog(_probabilistic(manifest), labels_by_clip)
+    watched = beliefs.watch(frames.watch(records if records is not None else read_results(results)))
     scores, attention = _scored(watched, labels_by_clip, frames_by_clip, notes, published)
+    reliabilities = beliefs.reliabilities()
     texts = {
-        **render_tables(scores),
+        **render_tables(scores, reliabilities),
         "frames.csv": frames.to_csv(scores.verdicts),
         "report.html": _page(results, scores, attention, manifest),
     }
     for name, text in texts.items():
         atomic_write(results.parent / name, text)
+    if reliabilities:
+        from harness.figures import write_figure
+
+        write_figure(results.parent / "reliability", reliability_figure(reliabilities))
     return scores
 
 
@@ -108,3 +116,9 @@ def _page(
     tables = [stage_times_table(results.parent / "timings.csv")]
     stills = read_stills(results.parent, scores.verdicts)
     return render_page(scores, attention, manifest=manifest, tables=tables, stills=stills, recordings=recordings)
+
+
+def _probabilistic(manifest: Mapping[str, Any] | None) -> list[str]:
+    """The configurations whose attention is a probability."""
+    configurations = manifest["configurations"] if manifest else {}
+    return [name for name, each in configurations.items() if each.get("attention", {}).get("method") == "bayes"]

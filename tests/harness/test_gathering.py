@@ -15,6 +15,7 @@ from harness.adapters.studio.scenario import CAMERA
 from harness.adapters.studio.stage import RIG, Stage
 from harness.manifest import load_manifest
 from harness.oracle import true_labels
+from harness.timeline import timeline_of
 from vfoa.geometry import project
 
 REPOSITORY = Path(__file__).parent.parent.parent
@@ -78,5 +79,5 @@ def test_committed_clips_name_everyone_and_have_the_true_labels(name, seed):
     assert (settings.scenario, settings.seed) == ("gathering", seed)
     named = {key: rule.instance for key, rule in {**manifest.subjects, **manifest.targets}.items()}
     assert named == {each.name: each.id for each in (*scenario.actors, *scenario.things)}
-    labels = manifest.labels(clip)
+    labels = manifest.labels(timeline_of(clip))
     assert labels == true_labels(PeopleAlone(settings)), "the labels follow from the seed: write them again"

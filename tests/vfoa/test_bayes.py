@@ -14,7 +14,7 @@ from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
 from vfoa.pipeline import AttendSettings, Memory, attend
 from vfoa.types import NoAttention, Scene
 
-BAYES = BayesSettings(method="bayes")
+BAYES = BayesSettings(method="bayes", surface="box")
 SMOOTHED = BAYES.model_copy(update={"smoothing": "forward", "dwell_frames": 10.0})
 AHEAD = (0, 0, 1)
 

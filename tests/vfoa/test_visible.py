@@ -11,7 +11,7 @@ from tests.scenes import make_box, make_target
 from vfoa.geometry import angle_between
 from vfoa.visible import FACE_RADIUS_M, SurfaceSettings, views_of
 
-BOXES = SurfaceSettings(directions=1000)
+BOXES = SurfaceSettings(surface="box", directions=1000)
 CLOUDS = BOXES.model_copy(update={"surface": "cloud"})
 FIRST = {"occlusion": "first_hit"}
 EYES = np.zeros(3)
@@ -74,3 +74,7 @@ def test_nothing_to_see_is_no_view():
     views = views_of(EYES, (), {}, BOXES)
     assert views.ids == ()
     assert views.directions.shape == (0, 3)
+
+
+def test_a_target_without_a_cloud_is_not_seen_by_its_cloud():
+    assert views_of(EYES, (make_target(1, make_box((0, 0, 2))), plate(2, 0.5, 0.1)), {}, CLOUDS).ids == (2,)
