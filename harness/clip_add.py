@@ -47,6 +47,7 @@ class Added:
     rate_hz: float | None
     rig: StereoRig
     notes: tuple[str, ...]
+    subjects: tuple[str, ...]
     manifest: Path
     annotations: Path
 
@@ -99,6 +100,7 @@ def add_clip(
         rate_hz=clip.rate_hz,
         rig=rig,
         notes=clip.notes,
+        subjects=tuple(manifest.subjects),
         manifest=manifest_path,
         annotations=annotations_path,
     )

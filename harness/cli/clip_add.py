@@ -88,7 +88,11 @@ def _print(added: Added) -> None:
     for note in added.notes:
         typer.echo(f"  note         {note}")
     typer.echo(f"wrote {added.manifest}\nwrote {added.annotations}")
-    typer.echo(f"next: vfoa clips check {added.name}\n      vfoa run {added.name}")
+    # Who is in the clip is not seen in its files: without subjects there is nothing to label.
+    for verb in ("clips check", "annotate", "run") if added.subjects else ("clips check", "run"):
+        typer.echo(f"next: vfoa {verb} {added.name}")
+    if not added.subjects:
+        typer.echo(f"to label it, say who is there: [subjects.NAME] in {added.manifest.name}, or add it with --subject")
 
 
 def _print_json(added: Added) -> None:

@@ -177,8 +177,13 @@ def test_what_was_found_is_said_and_the_next_commands_work(tmp_path: Path) -> No
     assert "  size         64x48" in lines
     assert "  rate         24 Hz" in lines
     assert "  calibration  camdata_left, read for every frame: fx 101 px, baseline 0.1 m" in lines
-    (verb,) = [line.removeprefix("next: vfoa clips ") for line in lines if line.startswith("next")]
-    assert CliRunner().invoke(app, verb.split()).exit_code == 0
+    verbs = [line.removeprefix("next: vfoa ") for line in lines if line.startswith("next")]
+    assert verbs == ["clips check sintel_alley", "run sintel_alley"]
+    assert CliRunner().invoke(app, verbs[0].split()[1:]).exit_code == 0
+    named = CliRunner().invoke(
+        app, ["add", str(tmp_path), "--name", "mine", "--subject", "ann"], catch_exceptions=False
+    )
+    assert "next: vfoa annotate mine" in named.stdout.splitlines()
 
 
 def test_a_manifest_is_never_overwritten(tmp_path: Path) -> None:
