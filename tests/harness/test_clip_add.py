@@ -165,8 +165,12 @@ def test_what_is_added_passes_the_check(tmp_path: Path, kind: Kind) -> None:
     assert (checked["frames"], checked["size_px"]) == (kind.frames, [WIDTH, HEIGHT])
     assert checked["baseline_m"] == pytest.approx(kind.baseline_m)
     assert checked["labels"] == kind.frames
+
+
+def test_what_is_added_is_listed(tmp_path: Path) -> None:
+    vfoa("add", scene_folder(tmp_path), "--name", "mine", "--subject", "ann", "--target", "mug=cup")
     (listed,) = [row for row in vfoa("list") if row["name"] == "mine"]
-    assert (listed["subjects"], listed["targets"]) == (["ann"], ["mug"])
+    assert (listed["subjects"], listed["targets"], listed["labels"]) == (["ann"], ["mug"], 3)
 
 
 def test_what_was_found_is_said_and_the_next_commands_work(tmp_path: Path) -> None:

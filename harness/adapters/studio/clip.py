@@ -111,6 +111,7 @@ class StudioClip:
         return left, right
 
 
+@lru_cache(maxsize=4)  # asked for the rate of every frame, and a gathering is drawn anew
 def _scenario(settings: StudioSettings) -> Scenario:
     return gathering(settings.seed) if settings.scenario == "gathering" else SCENARIOS[settings.scenario]
 
