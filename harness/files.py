@@ -15,10 +15,8 @@ def read_bytes(path: Path) -> bytes:
     """Read a file whole; a :class:`VfoaError` that names it where that fails."""
     try:
         return path.read_bytes()
-    except FileNotFoundError:
-        raise VfoaError(f"{path}: no such file") from None
     except OSError as error:
-        raise VfoaError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise _unread(path, error) from None
 
 
 def atomic_write(path: Path, content: str | bytes) -> None:
@@ -43,9 +41,12 @@ def atomic_write(path: Path, content: str | bytes) -> None:
 
 
 def file_digest(path: Path) -> str:
-    """Hexadecimal sha256 of a file's content."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """Hexadecimal sha256 of a file's content; a :class:`VfoaError` that names it where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise _unread(path, error) from None
 
 
 def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
@@ -54,6 +55,12 @@ def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
     for role, path in parts:
         total.update(f"{role}\0{file_digest(path)}\n".encode())
     return total.hexdigest()
+
+
+def _unread(path: Path, error: OSError) -> VfoaError:
+    if isinstance(error, FileNotFoundError):
+        return VfoaError(f"{path}: no such file")
+    return VfoaError(f"{path}: cannot be read: {error.strerror or error}")
 
 
 def _umask() -> int:

@@ -42,7 +42,7 @@ def names(kind: Kind) -> dict[str, Path]:
     """All files of this kind by name, sorted; where two folders have the same name, the one :func:`find` takes."""
     found: dict[str, Path] = {}
     for folder in reversed(folders(kind)):
-        found.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}"))
+        found.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}") if path.is_file())
     return dict(sorted(found.items()))
 
 

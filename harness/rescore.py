@@ -65,9 +65,25 @@ def _records(directory: RunDirectory, run: dict[str, Any]) -> Iterator[FrameReco
     clips, configurations, _notes = _left_out(run)
     if not run["configurations"].keys() - configurations:
         raise VfoaError(f"{directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again")
+    found: Counter[Pair] = Counter()
     for record in read_results(directory.results):
+        found[record.clip, record.configuration] += 1
         if record.clip not in clips and record.configuration not in configurations:
             yield record
+    _check_complete(directory, run, found)
+
+
+def _check_complete(directory: RunDirectory, run: dict[str, Any], found: Counter[Pair]) -> None:
+    """A run's results that have lost lines would be scored as frames without a prediction."""
+    failed = {(each["clip"], each["configuration"]) for each in run.get("failed", [])}
+    for clip in run["clips"]:
+        for configuration in run["configurations"]:
+            pair, expected = (clip["name"], configuration), len(clip["frames"])
+            if pair not in failed and found[pair] != expected:
+                raise VfoaError(
+                    f"{directory.results}: found {found[pair]} frames of {clip['name']} under {configuration}; "
+                    f"expected {expected}, as the run had"
+                )
 
 
 def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:

@@ -5,7 +5,9 @@ A known error is one line on stderr and exit code 2; anything else is a bug and 
 
 from __future__ import annotations
 
+import os
 import sys
+from typing import NoReturn
 
 import typer
 
@@ -54,5 +56,17 @@ def main() -> None:
     try:
         app()
     except VfoaError as error:
-        print(f"vfoa: {error}", file=sys.stderr)  # noqa: T201
-        raise SystemExit(2) from None
+        _refuse(str(error))
+    except BrokenPipeError:
+        # whoever read the output has enough of it; the interpreter would complain when it closes stdout
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        raise SystemExit(1) from None
+    except OSError as error:
+        # a full disk, a folder that may not be written: nothing of the program's, and nothing half-written is left
+        place = f"{error.filename}: " if error.filename else ""
+        _refuse(f"{place}{error.strerror or error}")
+
+
+def _refuse(message: str) -> NoReturn:
+    print(f"vfoa: {message}", file=sys.stderr)  # noqa: T201
+    raise SystemExit(2) from None

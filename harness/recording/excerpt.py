@@ -22,7 +22,7 @@ def write_excerpt(recording: Path, frame: int, margin: int, excerpt: Path) -> No
     Raises
     ------
     VfoaError
-        If the recording does not have that frame, or the margin is negative.
+        If the recording cannot be read, does not have that frame, or the margin is negative.
     """
     if margin < 0:
         raise VfoaError(f"--margin: expected at least 0 frames, found {margin}")
@@ -43,9 +43,12 @@ def write_excerpt(recording: Path, frame: int, margin: int, excerpt: Path) -> No
 def _times(recording: Path) -> dict[int, Any]:
     """Time by frame."""
     found: dict[int, Any] = {}
-    for chunk in RrdReader(recording).stream().filter(content=entities.IMAGE, has_timeline="frame"):
-        batch = chunk.to_record_batch()
-        found |= dict(zip(batch.column("frame").to_pylist(), batch.column("time").to_pylist(), strict=True))
+    try:
+        for chunk in RrdReader(recording).stream().filter(content=entities.IMAGE, has_timeline="frame"):
+            batch = chunk.to_record_batch()
+            found |= dict(zip(batch.column("frame").to_pylist(), batch.column("time").to_pylist(), strict=True))
+    except RuntimeError as error:
+        raise VfoaError(f"{recording}: not a whole recording: {error}") from None
     if not found:
         raise VfoaError(f"{recording}: expected a recording of frames, found none")
     return found

@@ -35,7 +35,6 @@ class Page {
     find("note").addEventListener("submit", (event) => { event.preventDefault(); this.setNote(); });
     find("note").querySelector('[value="cancel"]').addEventListener("click", () => { find("note").hidden = true; });
     find("plenty").hidden = !this.hasRun;
-    find("plenty").addEventListener("pointerup", (event) => event.target.blur());
     find("plenty").addEventListener("input", (event) => { find("plenty").lastElementChild.value = event.target.value; });
     addEventListener("pagehide", () => this.tellSeen(true));
     addEventListener("focus", () => this.queue.add(async () => this.update(await get("/api/state"))));

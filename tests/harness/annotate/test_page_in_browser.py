@@ -202,19 +202,6 @@ def test_suggestions_are_taken_over_where_attention_is_high_and_count_when_confi
     assert "".join(_targets(page)) == "ccc-bbb....."
 
 
-def test_from_which_attention_suggestions_are_taken_can_be_set(browser: Chrome, noise: Start, work: Path) -> None:
-    page = noise(run=work / "run")
-    _open(browser, page)
-    slider = browser.find_element("css selector", "#plenty input")
-    slider.send_keys(*["\ue012"] * 6)  # from 0.5 to 0.2 by the left arrow
-    assert shown(browser) == 1
-    browser.execute_script("arguments[0].blur()", slider)
-    _keys(browser, "a")
-    drawn = [each.text for each in browser.find_elements("css selector", "#strips .current .suggested")]
-    assert drawn == ["? cup", "? book"]
-    assert [stretch[:2] for stretch in page.session.state()["tracks"]["ann"]] == [[0, 3], [4, 7], [8, 11]]
-
-
 def test_brackets_go_to_the_changes_that_the_run_suggests(browser: Chrome, noise: Start, work: Path) -> None:
     page = noise(run=work / "run")
     _open(browser, page)

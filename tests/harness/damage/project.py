@@ -1,0 +1,89 @@
+"""A small project in which every kind of input file stands and works, to be damaged one file at a time."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from harness.conduct import conduct, prepare
+from harness.experiment import load_experiment
+from harness.manifest import load_manifest
+from tests.calibrations import write_opencv
+from tests.disk import write_image, write_text
+
+MANIFEST = """\
+name = "mine"
+adapter = "stereo_folder"
+root = "../images"
+
+[source]
+left = "left"
+right = "right"
+calibration = "stereo.yml"
+rectified = true
+rate_hz = 25.0
+
+[subjects.anna]
+category = "person"
+
+[targets.mug]
+category = "cup"
+
+[targets.book]
+category = "book"
+"""
+
+EXPERIMENT = """\
+clips = ["mine"]
+
+[[configuration]]
+name = "only"
+stereo = { matcher = "files", root = "signals", pattern = "disparity/frame_%04d.npy", partial = true }
+segmentation = { model = "coco_panoptic", root = "signals", partial = true }
+heads = { detector = "files", root = "signals" }
+head_pose = { model = "files", root = "signals" }
+gaze = { model = "files", root = "signals" }
+"""
+
+LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,3,anna,mug,\n"
+
+
+def build(folder: Path) -> Path:
+    """Render three frames, save what every stage finds in them, and lay all of it out as somebody's own clip."""
+    project, rendered = folder / "project", folder / "rendered"
+    experiment = load_experiment("demo", clips=("studio_table",), overrides=("stereo.matcher=bm",))
+    experiment = type(experiment)(
+        name=experiment.name, clips=experiment.clips, configurations=experiment.configurations[:1]
+    )
+    plan = prepare(experiment, limit=3, recording=None, save_signals=True)
+    saved = conduct(plan, rendered, workers=1, progress=lambda clip: None).signals / "studio_table" / "bm-one"
+    shutil.copytree(saved, project / "signals")
+    clip = load_manifest("studio_table").open()
+    for number in (1, 2, 3):
+        frame = clip.frame(number)
+        write_image(project / "images" / "left" / f"{number:06d}.png", frame.left)
+        write_image(project / "images" / "right" / f"{number:06d}.png", frame.right)
+    rig = frame.rig
+    k = np.array([[rig.fx_px, 0, rig.cx_px], [0, rig.fy_px, rig.cy_px], [0, 0, 1]])
+    nodes = {"K1": k, "D1": np.zeros((1, 5)), "K2": k, "D2": np.zeros((1, 5)), "R": np.eye(3)}
+    nodes["T"] = np.array([[-rig.baseline_m], [0], [0]])
+    write_opencv(project / "images" / "stereo.yml", nodes, (rig.width_px, rig.height_px))
+    write_text(project / "datasets" / "mine.toml", MANIFEST)
+    write_text(project / "annotations" / "mine.csv", LABELS)
+    write_text(project / "e.toml", EXPERIMENT)
+    return project
+
+
+def copy(project: Path, to: Path) -> Path:
+    """The project once more, its files linked: whoever damages one replaces it (:func:`put`)."""
+    shutil.copytree(project, to, copy_function=os.link)
+    return to
+
+
+def put(path: Path, data: bytes | str) -> None:
+    """Give a file another content, and only this copy of it."""
+    path.unlink(missing_ok=True)
+    path.write_bytes(data.encode() if isinstance(data, str) else data)

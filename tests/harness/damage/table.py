@@ -1,0 +1,346 @@
+"""Every kind of input file, damaged in every usual way, and what vfoa says of it.
+
+A row: the name, what is done to a working project, and what the one line on stderr has in it. The command is a run
+where none is named. ``SURVIVED`` are the cases that must work all the same.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from tests.disk import write_text
+from tests.graphs import mean_color
+from tests.harness.damage.project import EXPERIMENT, LABELS, put
+
+Damage = Callable[[Path], object]
+
+RUN = ("run", "e.toml", "--out", "out", "--workers", "1", "--recording", "none")
+CHECK = ("clips", "check", "mine")
+
+ONNX = "weights/yolo.onnx"
+LEFT = "images/left/000002.png"
+MASK = "signals/png/frame_0002.png"
+DISPARITY = "signals/disparity/frame_0002.npy"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One kind of damage: what is done, what is run, and what is said of it (all of ``says``)."""
+
+    name: str
+    damage: Damage
+    says: tuple[str, ...] = ()
+    command: tuple[str, ...] = RUN
+
+
+def case(name: str, damage: Damage, *says: str, command: tuple[str, ...] = RUN) -> Case:
+    return Case(name=name, damage=damage, says=says, command=command)
+
+
+# The ways
+
+
+def empty(path: str) -> Damage:
+    return lambda root: put(root / path, b"")
+
+
+def cut(path: str, share: float = 0.6) -> Damage:
+    def damage(root: Path) -> None:
+        data = (root / path).read_bytes()
+        put(root / path, data[: int(share * len(data))])
+
+    return damage
+
+
+def flipped(path: str, share: float = 0.5) -> Damage:
+    def damage(root: Path) -> None:
+        data = bytearray((root / path).read_bytes())
+        data[int(share * len(data))] ^= 0xFF
+        put(root / path, bytes(data))
+
+    return damage
+
+
+def text(path: str, content: str | bytes = "not what it says it is\n") -> Damage:
+    return lambda root: put(root / path, content)
+
+
+def replaced(path: str, old: str, new: str) -> Damage:
+    def damage(root: Path) -> None:
+        content = (root / path).read_text()
+        assert old in content, (path, old)
+        put(root / path, content.replace(old, new))
+
+    return damage
+
+
+def gone(path: str) -> Damage:
+    return lambda root: (root / path).unlink()
+
+
+def a_folder(path: str) -> Damage:
+    def damage(root: Path) -> None:
+        (root / path).unlink()
+        (root / path).mkdir()
+
+    return damage
+
+
+def dangling(path: str) -> Damage:
+    def damage(root: Path) -> None:
+        (root / path).unlink()
+        (root / path).symlink_to("nowhere")
+
+    return damage
+
+
+def image(path: str, pixels: np.ndarray) -> Damage:
+    def damage(root: Path) -> None:
+        (root / path).unlink(missing_ok=True)
+        assert cv2.imwrite(str(root / path), pixels)
+
+    return damage
+
+
+def array(path: str, values: np.ndarray, *, pickled: bool = False) -> Damage:
+    content = BytesIO()
+    np.save(content, values, allow_pickle=pickled)
+    return lambda root: put(root / path, content.getvalue())
+
+
+def both(*damages: Damage) -> Damage:
+    def damage(root: Path) -> None:
+        for each in damages:
+            each(root)
+
+    return damage
+
+
+def pixels(path: str, change: Callable[[np.ndarray], np.ndarray]) -> Damage:
+    def damage(root: Path) -> None:
+        image(path, change(cv2.imread(str(root / path), cv2.IMREAD_UNCHANGED)))(root)
+
+    return damage
+
+
+def _no_categories(root: Path) -> None:
+    path = root / "signals" / "panoptic.json"
+    content = json.loads(path.read_text())
+    del content["categories"]
+    put(path, json.dumps(content))
+
+
+def _no_length(root: Path) -> None:
+    path = root / "signals" / "gaze.csv"
+    header, *rows = path.read_text().splitlines()
+    columns = header.split(",")
+    first = rows[0].split(",")
+    for name in ("x", "y", "z"):
+        first[columns.index(name)] = "0"
+    put(path, "\n".join([header, ",".join(first), *rows[1:]]) + "\n")
+
+
+def _learned(root: Path) -> None:
+    files = 'model = "coco_panoptic", root = "signals", partial = true'
+    replaced("e.toml", files, f'model = "yolo_seg", weights = "{ONNX}"')(root)
+    (root / ONNX).parent.mkdir()
+
+
+def _other_model(root: Path) -> None:
+    mean_color(root / ONNX, "image", (1, 3, 8, 8), "colour", 1.0)
+
+
+_ALL_IMAGES = [f"images/{side}/00000{number}.png" for side in ("left", "right") for number in (1, 2, 3)]
+
+
+def _gray(colours: np.ndarray) -> np.ndarray:
+    return cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)
+
+
+def _deep(colours: np.ndarray) -> np.ndarray:
+    return colours.astype(np.uint16) * 257
+
+
+def _with_mark(root: Path) -> None:
+    put(root / TOML, b"\xef\xbb\xbf" + (root / TOML).read_bytes())
+
+
+def _linked(root: Path) -> None:
+    (root / "images" / "left").rename(root / "elsewhere")
+    (root / "images" / "left").symlink_to("../elsewhere")
+
+
+def _renamed(root: Path) -> None:
+    (root / "images").rename(root / "Bilder vom Frühstück")
+    replaced(TOML, "../images", "../Bilder vom Frühstück")(root)
+
+
+def _stray(root: Path) -> None:
+    Path(os.fsdecode(os.fsencode(root / "images" / "left") + b"/\xff\xfe.png")).write_bytes(b"")
+
+
+def _without_last_line(root: Path) -> None:
+    path = root / "run" / "results.jsonl"
+    put(path, "".join(path.read_text().splitlines(keepends=True)[:-1]))
+
+
+# The table
+
+_IMAGES = [
+    case("image empty", empty(LEFT), "000002.png"),
+    case("image cut", cut(LEFT), "000002.png", "truncated"),
+    case("image with a flipped bit", flipped(LEFT), "000002.png"),
+    case("image is text", text(LEFT), "000002.png"),
+    case("image of another size", image(LEFT, np.zeros((48, 64, 3), np.uint8)), "000002.png", "64", "1024"),
+    case("image of one pixel", image(LEFT, np.zeros((1, 1, 3), np.uint8)), "000002.png"),
+    case("image gone on one side", gone("images/right/000002.png"), "frame 2: not in the clip"),
+    case("image is a folder", a_folder(LEFT), "000002.png", "directory"),
+    case("image is a dangling link", dangling(LEFT), "000002.png", "no such file"),
+    case("no images on one side", lambda root: [each.unlink() for each in (root / "images/left").iterdir()], "left"),
+    case("a stray image whose name is not UTF-8", _stray, "do not share one numbering"),
+    case("folder of images gone", lambda root: os.rename(root / "images/left", root / "images/links"), "left"),
+]
+
+YML = "images/stereo.yml"
+_CALIBRATION = [
+    case("calibration empty", empty(YML), "stereo.yml"),
+    case("calibration cut", cut(YML), "stereo.yml"),
+    case("calibration is binary", text(YML, bytes(range(256))), "stereo.yml"),
+    case("calibration is prose", text(YML), "stereo.yml"),
+    case("calibration gone", gone(YML), "stereo.yml", "no such file"),
+    case("calibration with NaN", replaced(YML, "800.", ".Nan"), "stereo.yml", "K"),
+    case("calibration without a baseline", replaced(YML, "-0.059999999999999998", "0."), "stereo.yml: T:", "not all 0"),
+    case("calibration with swapped views", replaced(YML, "-0.059999999999999998", "0.06"), "stereo.yml"),
+    case(
+        "calibration of another size",
+        replaced(YML, "image_width: 1024", "image_width: 640"),
+        "calibration",
+        "640",
+        "1024",
+    ),
+    case("calibration lacks a matrix", replaced(YML, "K2:", "Q2:"), "stereo.yml", "K2"),
+]
+
+TOML = "datasets/mine.toml"
+_MANIFEST = [
+    case("manifest empty", empty(TOML), "mine.toml"),
+    case("manifest cut", cut(TOML, 0.3), "mine.toml"),
+    case("manifest not UTF-8", text(TOML, b'name = "m\xff"'), "mine.toml", "UTF-8"),
+    case("manifest with a wrong type", replaced(TOML, "rate_hz = 25.0", 'rate_hz = "fast"'), "mine.toml", "rate_hz"),
+    case("manifest with an unknown key", replaced(TOML, "rate_hz", "rate_herz"), "mine.toml", "rate_hz"),
+    case("manifest of an unknown adapter", replaced(TOML, '"stereo_folder"', '"stereo_fodler"'), "stereo_folder"),
+    case("manifest is a folder", a_folder(TOML), "no clip 'mine'"),
+]
+
+CSV = "annotations/mine.csv"
+_ANNOTATIONS = [
+    case("annotations empty", empty(CSV), "mine.csv"),
+    case("annotations without their version", text(CSV, LABELS.partition("\n")[2]), "mine.csv"),
+    case("annotations of another version", replaced(CSV, "annotations 1", "annotations 9"), "mine.csv", "9"),
+    case("annotations cut", text(CSV, LABELS[:-8]), "mine.csv:3"),
+    case("annotations not UTF-8", text(CSV, LABELS.encode() + b"\xff\xfe\n"), "mine.csv"),
+    case("annotations overlap", text(CSV, LABELS + "2,3,anna,book,\n"), "mine.csv:4"),
+    case("annotations name an unknown target", replaced(CSV, "mug", "mgu"), "mine.csv:3", "'mug'"),
+    case("annotations of frames not there", replaced(CSV, "1,3", "1,30"), "mine.csv:3", "30"),
+    case("annotations of no number", replaced(CSV, "1,3", "one,3"), "mine.csv:3", "one"),
+]
+
+_EXPERIMENT = [
+    case("experiment empty", empty("e.toml"), "e.toml", "clip"),
+    case("experiment cut", cut("e.toml", 0.5), "e.toml"),
+    case("experiment with a wrong word", replaced("e.toml", '"coco_panoptic"', '"coco_panotpic"'), "coco_panoptic"),
+    case("experiment with an impossible number", text("e.toml", EXPERIMENT + "attention.n_rays = 0\n"), "n_rays"),
+]
+
+_SIGNALS = [
+    case("mask empty", empty(MASK), "frame_0002.png"),
+    case("mask cut", cut(MASK), "frame_0002.png"),
+    case("mask of another size", image(MASK, np.zeros((10, 10, 3), np.uint8)), "frame_0002.png", "10"),
+    case("mask with an unknown id", pixels(MASK, lambda ids: np.full_like(ids, 77)), "frame_0002.png"),
+    case("panoptic.json empty", empty("signals/panoptic.json"), "panoptic.json"),
+    case("panoptic.json cut", cut("signals/panoptic.json"), "panoptic.json"),
+    case("panoptic.json is a list", text("signals/panoptic.json", "[1, 2]"), "panoptic.json"),
+    case("panoptic.json without categories", _no_categories, "panoptic.json", "categories"),
+    case("disparity empty", empty(DISPARITY), "frame_0002.npy"),
+    case("disparity cut", cut(DISPARITY), "frame_0002.npy"),
+    case("disparity of another size", array(DISPARITY, np.ones((5, 5), np.float32)), "frame_0002.npy", "5"),
+    case("disparity of words", array(DISPARITY, np.array([["a", "b"]])), "frame_0002.npy"),
+    case(
+        "disparity is a pickle",
+        array(DISPARITY, np.array([[{}]], dtype=object), pickled=True),
+        "frame_0002.npy",
+    ),
+    case("disparity gone", gone(DISPARITY), "frame_0002.npy"),
+    case("heads empty", empty("signals/heads.csv"), "heads.csv"),
+    case("heads lack a column", replaced("signals/heads.csv", "u0_px", "u_px"), "heads.csv", "u0_px"),
+    case("heads with NaN", replaced("signals/heads.csv", "\n2,", "\nnan,"), "heads.csv:3"),
+    case("heads cut", cut("signals/heads.csv"), "heads.csv"),
+    case("gaze empty", empty("signals/gaze.csv"), "gaze.csv"),
+    case("gaze of no length", _no_length, "gaze.csv:2"),
+    case("gaze is binary", text("signals/gaze.csv", bytes(range(256))), "gaze.csv"),
+]
+
+_WEIGHTS = [
+    case("weights empty", both(_learned, empty(ONNX)), "yolo.onnx"),
+    case("weights are text", both(_learned, text(ONNX)), "yolo.onnx"),
+    case("weights gone", _learned, "yolo.onnx"),
+    case("weights of another model", both(_learned, _other_model), "yolo.onnx"),
+]
+
+_OUTPUT = [
+    case("output is a file", text("out", ""), "out"),
+    case("output under a file", lambda root: None, "e.toml", command=(*RUN[:3], "e.toml/out", *RUN[4:])),
+    case("output holds something else", lambda root: write_text(root / "out" / "notes.txt", "mine"), "out"),
+]
+
+REFUSED = [*_IMAGES, *_CALIBRATION, *_MANIFEST, *_ANNOTATIONS, *_EXPERIMENT, *_SIGNALS, *_WEIGHTS, *_OUTPUT]
+SURVIVED = [
+    case("annotations with a byte-order mark", text(CSV, b"\xef\xbb\xbf" + LABELS.encode())),
+    case("annotations with CRLF", text(CSV, LABELS.replace("\n", "\r\n"))),
+    case("manifest with a byte-order mark", _with_mark),
+    case("gray images", both(*(pixels(each, _gray) for each in _ALL_IMAGES))),
+    case("16-bit images", both(*(pixels(each, _deep) for each in _ALL_IMAGES))),
+    case("images behind a link", _linked),
+    case("a folder with spaces and umlauts", _renamed),
+]
+
+
+# Runs that stand already
+
+
+_SCORE = ("score", "run")
+_EXPORT = ("export-failure", "run", "--clip", "mine", "--frame", "2")
+_RESULTS = "run/results.jsonl"
+_RUN_MANIFEST = "run/manifest.json"
+
+RUNS = [
+    case("results empty", empty(_RESULTS), "results.jsonl", "found 0", "expected 3", command=_SCORE),
+    case("results cut", cut(_RESULTS, 0.5), "results.jsonl, line", command=_SCORE),
+    case("results lack a line", _without_last_line, "results.jsonl", "found 2", command=_SCORE),
+    case("results with a flipped bit", flipped(_RESULTS, 0.0), "results.jsonl, line 1", command=_SCORE),
+    case("results are binary", text(_RESULTS, bytes(range(256))), "results.jsonl, line 1", command=_SCORE),
+    case(
+        "results with a wrong type",
+        replaced(_RESULTS, '"frame":1', '"frame":"one"'),
+        "results.jsonl, line 1",
+        command=_SCORE,
+    ),
+    case("results gone", gone(_RESULTS), "results.jsonl", command=_SCORE),
+    case("run's manifest empty", empty(_RUN_MANIFEST), "manifest.json", command=_SCORE),
+    case("run's manifest cut", cut(_RUN_MANIFEST), "manifest.json", command=_SCORE),
+    case("run's manifest gone", gone(_RUN_MANIFEST), "run", command=_SCORE),
+    case("annotations spoilt since", text(CSV, LABELS + "2,3,anna,book,\n"), "mine.csv:4", command=_SCORE),
+    case("timings cut", cut("run/timings.csv", 0.53), "timings.csv", command=_SCORE),
+    case("recording gone", gone("run/mine__only.rrd"), "*.rrd", command=_EXPORT),
+    case("recording empty", empty("run/mine__only.rrd"), "mine__only.rrd", command=_EXPORT),
+    case("recording is text", text("run/mine__only.rrd"), "mine__only.rrd", command=_EXPORT),
+]
+"""What is said of a finished run whose files are damaged; the tables that stood stay as they were."""

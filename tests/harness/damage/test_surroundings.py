@@ -1,0 +1,141 @@
+"""What goes wrong about a run, not in its files: no room, no right to read, a file that vanishes while it goes on."""
+
+from __future__ import annotations
+
+import os
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from harness.adapters.stereo_folder import StereoFolderClip
+from harness.cli import main
+from tests.harness.damage import project as projects
+from tests.harness.damage.table import RUN
+from vfoa.types import StereoFrame
+
+NOBODY = 65534
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return projects.build(tmp_path_factory.mktemp("surroundings"))
+
+
+@pytest.fixture
+def project(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    copied = projects.copy(whole, tmp_path / "project")
+    monkeypatch.chdir(copied)
+    return copied
+
+
+def _vfoa(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
+    monkeypatch.setattr(sys, "argv", ["vfoa", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0), capsys.readouterr().err
+
+
+def _little_room() -> None:
+    """No file may grow beyond 2 kB, as on a disk that is full; Python ignores the signal that comes with it."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2_000, 2_000))
+
+
+def test_a_full_disk_is_said_in_one_line_and_the_run_goes_on_when_there_is_room(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code = "import harness.cli; harness.cli.main()"
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", code, *RUN, "--no-cache"],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=_little_room,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+    )
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert "File too large" in done.stderr
+    assert not (project / "out" / "frr.csv").exists()
+    assert _vfoa(monkeypatch, capsys, *RUN) == (0, "")
+    assert (project / "out" / "frr.csv").is_file()
+
+
+def test_an_image_that_vanishes_in_mid_run_is_named_and_nothing_before_it_is_lost(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    read = StereoFolderClip.frame
+
+    def frame(self: StereoFolderClip, number: int) -> StereoFrame:
+        if number == 3:
+            (project / "images" / "left" / "000003.png").unlink(missing_ok=True)
+        return read(self, number)
+
+    kept = (project / "images" / "left" / "000003.png").read_bytes()
+    monkeypatch.setattr(StereoFolderClip, "frame", frame)
+    code, said = _vfoa(monkeypatch, capsys, *RUN)
+    assert code in (1, 2)
+    assert "000003.png" in said
+    assert said.count("\n") == 1
+    monkeypatch.setattr(StereoFolderClip, "frame", read)
+    (project / "images" / "left" / "000003.png").write_bytes(kept)
+    assert _vfoa(monkeypatch, capsys, *RUN, "--retry-failed") == (0, "")
+
+
+@pytest.fixture
+def open_project(whole: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A copy in a folder that everybody may enter, unlike pytest's own."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can step down to a user without rights")
+    folder = Path(tempfile.mkdtemp())
+    folder.chmod(0o755)
+    try:
+        copied = shutil.copytree(whole, folder / "project")
+        monkeypatch.chdir(copied)
+        yield copied
+    finally:
+        shutil.rmtree(folder)
+
+
+def _as_nobody(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
+    os.seteuid(NOBODY)
+    try:
+        return _vfoa(monkeypatch, capsys, *words)
+    finally:
+        os.seteuid(0)
+
+
+@pytest.mark.parametrize(
+    "path", ["images/left/000002.png", "images/stereo.yml", "annotations/mine.csv", "signals/heads.csv", "e.toml"]
+)
+def test_a_file_that_may_not_be_read_is_named(
+    path: str, open_project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _vfoa(monkeypatch, capsys, *RUN, "--no-cache") == (0, "")  # and so everything is imported
+    shutil.rmtree("out")
+    (open_project / "out").mkdir()
+    os.chown(open_project / "out", NOBODY, NOBODY)
+    (open_project / path).chmod(0o600)
+    code, said = _as_nobody(monkeypatch, capsys, *RUN, "--no-cache")
+    assert code == 2
+    assert Path(path).name in said
+    assert "Permission denied" in said
+    assert said.count("\n") == 1
+
+
+def test_an_output_that_may_not_be_written_is_named(
+    open_project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _vfoa(monkeypatch, capsys, *RUN, "--no-cache") == (0, "")
+    shutil.rmtree("out")
+    code, said = _as_nobody(monkeypatch, capsys, *RUN, "--no-cache")
+    assert code == 2
+    assert "out" in said
+    assert "Permission denied" in said
+    assert said.count("\n") == 1
+    assert not (open_project / "out").exists()
