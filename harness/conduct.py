@@ -11,7 +11,7 @@ from typing import Any
 from harness import provenance
 from harness.cache.account import cache_lines
 from harness.cache.store import Store
-from harness.executors import Progress
+from harness.executors import Progress, executor
 from harness.experiment import Experiment
 from harness.files import digest_files
 from harness.plan import Plan, PreparedClip, describe, prepare
@@ -29,6 +29,7 @@ def conduct(
     *,
     workers: int,
     progress: Progress,
+    scheduler: str | None = None,
     cache: Store | None = None,
     tell: Callable[[str], None] = lambda line: None,
     beside: bool = False,
@@ -41,6 +42,10 @@ def conduct(
 
     Parameters
     ----------
+    workers
+        Processes on this machine.
+    scheduler
+        The address of a Dask scheduler, whose workers do the work instead.
     cache
         Where results of perception are kept; None for nowhere.
     tell
@@ -68,7 +73,8 @@ def conduct(
         return directory
     started = _now()
     directory.write_manifest(identity)
-    done = work_off(plan, directory, cache=cache, workers=workers, progress=progress)
+    with executor(workers, scheduler) as chosen:
+        done = work_off(plan, directory, cache=cache, executor=chosen, progress=progress)
     failures = done.failures
     finished = [pair for pair in plan.pairs if pair not in failures]
     if not finished:

@@ -1,8 +1,8 @@
 """The only loop over frames.
 
-A run is cut into jobs, one a clip. A job reads each frame once, computes each distinct stage once, and writes one
-part file and one recording per configuration, which are moved into place when the clip is done. A configuration that
-fails is dropped, and the others go on.
+A run is cut into jobs (:mod:`harness.work`). A job reads each frame once, computes each distinct stage once, and writes
+one part file and one recording per configuration, which are moved into place when the clip is done. A configuration
+that fails is dropped, and the others go on.
 """
 
 from __future__ import annotations
@@ -56,6 +56,17 @@ class ClipOutcome:
 
     failures: Mapping[Pair, str]
     tallies: Mapping[str, Tally] = field(default_factory=dict)
+
+
+def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
+    """Perceive the job's frames, in whichever order, so that the cache holds what :func:`run_clip` will look for."""
+    try:
+        pipeline = SharedPipeline(job.configurations, job.manifest.open(), job.cache)
+    except VfoaError:  # run_clip will say so
+        return ClipOutcome(failures={})
+    for _ in pipeline.warm(job.frames):
+        progress(job.manifest.name)
+    return ClipOutcome(failures={}, tallies=pipeline.tallies)
 
 
 def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:

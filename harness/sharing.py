@@ -13,7 +13,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
@@ -186,6 +186,20 @@ class SharedPipeline:
             yield
         except VfoaError as error:
             self._failed[name] = error
+
+    def warm(self, numbers: Iterable[int]) -> Iterator[int]:
+        """Only perceive frames, in any order, for what the cache keeps of it; yield each number when it is done.
+
+        What fails here fails again, and is said, where the frame's result is wanted.
+        """
+        for number in numbers:
+            with suppress(VfoaError):
+                frame = self._clip.frame(number)
+                self._ledger.outputs = {}
+                for stages in self._same.values():
+                    with suppress(VfoaError):
+                        self._ledger.call("perceive", perceive, frame, stages)
+            yield number
 
     def frames(self, numbers: Iterable[int]) -> Iterator[SharedFrame]:
         """Read frames, in ascending order, and run every configuration on each; they come in the same order."""

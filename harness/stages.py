@@ -75,6 +75,10 @@ class Slot:
         cls = self.stage_class(choice.name)
         return cls(choice.settings, clip) if choice.name in self.of_clip else cls(choice.settings)
 
+    def is_temporal(self, choice: StageChoice) -> bool:
+        """Whether the stage is a gaze model that looks at several frames."""
+        return hasattr(self.stage_class(choice.name), "estimate_sequence")
+
     def files_digest(self, choice: StageChoice, clip: Clip) -> str | None:
         """Hexadecimal sha256 of the files that the stage reads for a clip; None for a stage that reads none."""
         if choice.name not in self.of_clip or not hasattr(self.stage_class(choice.name), "digest"):

@@ -2,18 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from harness.cache.account import Account
 from harness.cache.identity import identify
 from harness.cache.stage import ClipCache
 from harness.cache.store import Store
-from harness.executors import Progress, work_through
+from harness.executors import Executor, Progress
+from harness.experiment import Configuration
 from harness.plan import Plan, PreparedClip
-from harness.run import ClipJob, run_clip
+from harness.run import ClipJob, ClipOutcome, run_clip, warm_clip
 from harness.run_directory import Pair, RunDirectory
 from harness.signals.saved import owned_slots
+from harness.stages import SLOTS
+
+CLIPS_PER_WORKER = 2
+"""With fewer clips than this for each worker, clips are cut."""
+
+STRETCHES_PER_WORKER = 4
+"""Into how many stretches a clip is cut for each worker: few enough to open models seldom, enough to end together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,27 +32,70 @@ class Done:
     account: Account
 
 
-def work_off(plan: Plan, directory: RunDirectory, *, cache: Store | None, workers: int, progress: Progress) -> Done:
-    """Do what is not done of a plan."""
+def work_off(
+    plan: Plan, directory: RunDirectory, *, cache: Store | None, executor: Executor, progress: Progress
+) -> Done:
+    """Do what is not done of a plan.
+
+    Where there are clips enough to keep every worker at work, a job is a clip. Else workers help each other through
+    the cache: first all perceive, a stretch of a clip each under all its configurations, so that nothing is decoded or
+    computed twice; then a job is a (clip, configuration).
+    """
     account = Account()
     jobs = [_job(plan, one, directory, cache, account) for one in plan.clips]
-    todo = [job for job in jobs if job.configurations]
-    for one, job in zip(plan.clips, jobs, strict=True):
+    for job in jobs:
         if not job.configurations:
-            skip(one, progress)
+            skip(job, progress)
+    todo = [job for job in jobs if job.configurations]
+    if cache and not plan.save_signals and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
+        _perceive(todo, executor, account, progress)
+        todo, progress = [each for job in todo for each in _by_configuration(job)], _silent
     failures: dict[Pair, str] = {}
-    for job, outcome in zip(todo, work_through(run_clip, todo, workers, progress), strict=True):
+    for job, outcome in zip(todo, executor.run(run_clip, todo, progress, _lost), strict=True):
         failures.update(outcome.failures)
-        for key, tally in outcome.tallies.items():
-            account.add(job.manifest.name, key, tally)
+        account.add(job.manifest.name, outcome.tallies)
     if cache:
         cache.trim()
     return Done(failures=failures, account=account)
 
 
-def skip(one: PreparedClip, progress: Progress) -> None:
-    """Tell the progress of a clip that is done already."""
-    for _ in one.frames:
+def _perceive(jobs: Sequence[ClipJob], executor: Executor, account: Account, progress: Progress) -> None:
+    """Fill the cache with what it lacks of the jobs' frames."""
+    stretches: list[ClipJob] = []
+    for job in jobs:
+        lacking = [frame for frame in job.frames if job.cache and job.cache.lacks(frame)]
+        skip(job, progress, len(job.frames) - len(lacking))
+        length = max(1, -(-len(lacking) // (STRETCHES_PER_WORKER * executor.workers)))
+        stretches += [replace(job, frames=tuple(lacking[at : at + length])) for at in range(0, len(lacking), length)]
+    for stretch, outcome in zip(stretches, executor.run(warm_clip, stretches, progress, _given_up), strict=True):
+        account.add(stretch.manifest.name, outcome.tallies)
+
+
+def _by_configuration(job: ClipJob) -> list[ClipJob]:
+    """A job for each configuration; those that share a temporal gaze stay together, since it is not perceived alone."""
+    groups: dict[str, list[Configuration]] = {}
+    for each in job.configurations:
+        gaze = each.choices["gaze"]
+        temporal = gaze is not None and SLOTS["gaze"].is_temporal(gaze)
+        groups.setdefault(gaze.key if gaze and temporal else each.name, []).append(each)
+    return [replace(job, configurations=tuple(group)) for group in groups.values()]
+
+
+def _lost(job: ClipJob, why: str) -> ClipOutcome:
+    return ClipOutcome(failures=dict.fromkeys(job.pairs, why))
+
+
+def _given_up(job: ClipJob, why: str) -> ClipOutcome:
+    return ClipOutcome(failures={})  # whoever wants a frame's result computes it, and fails as loudly
+
+
+def _silent(clip: str) -> None:
+    """Every frame has been told of already."""
+
+
+def skip(one: PreparedClip | ClipJob, progress: Progress, frames: int | None = None) -> None:
+    """Tell the progress of frames, all of a clip's if not given, that are done already."""
+    for _ in range(len(one.frames) if frames is None else frames):
         progress(one.manifest.name)
 
 

@@ -32,10 +32,10 @@ class Account:
         absent = None if stored else difference(identity.parts, store.described(identity.slot))
         self._entries[clip, key] = _Entry(identity, absent)
 
-    def add(self, clip: str, key: str, tally: Tally) -> None:
-        """Count what a job took and computed."""
-        entry = self._entries[clip, key]
-        entry.tally = entry.tally + tally
+    def add(self, clip: str, tallies: Mapping[str, Tally]) -> None:
+        """Count what a job took and computed, by the keys of its stages."""
+        for key, tally in tallies.items():
+            self._entries[clip, key].tally |= tally
 
     def rows(self) -> list[dict[str, Any]]:
         """A row a stage and clip, as it stands in the run's manifest; ``why`` something was computed, None: nothing."""
@@ -44,9 +44,9 @@ class Account:
                 "clip": clip,
                 "slot": entry.identity.slot,
                 "stage": entry.identity.parts["stage"],
-                "reused": entry.tally.reused,
-                "computed": entry.tally.computed,
-                "damaged": entry.tally.damaged,
+                "reused": len(entry.tally.found - entry.tally.computed),
+                "computed": len(entry.tally.computed),
+                "damaged": len(entry.tally.damaged),
                 "why": _why(entry),
             }
             for (clip, _key), entry in self._entries.items()
@@ -54,7 +54,7 @@ class Account:
 
 
 def _why(entry: _Entry) -> str | None:
-    if entry.tally.computed == 0:
+    if not entry.tally.computed:
         return None
     if entry.tally.computed == entry.tally.damaged:
         return "damaged"

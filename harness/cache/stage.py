@@ -6,6 +6,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from harness.cache.identity import Identity
@@ -18,16 +19,16 @@ from vfoa.types import Disparity, Gaze, Head, HeadPose, Image, Instances, Stereo
 _log = logging.getLogger(__name__)
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class Tally:
-    """How often one stage's results were reused and computed, and how many files were damaged."""
+    """Which of one stage's results were found, computed, and found damaged, by the names of their files."""
 
-    reused: int = 0
-    computed: int = 0
-    damaged: int = 0
+    found: set[str] = field(default_factory=set)
+    computed: set[str] = field(default_factory=set)
+    damaged: set[str] = field(default_factory=set)
 
-    def __add__(self, other: Tally) -> Tally:
-        return Tally(self.reused + other.reused, self.computed + other.computed, self.damaged + other.damaged)
+    def __or__(self, other: Tally) -> Tally:
+        return Tally(self.found | other.found, self.computed | other.computed, self.damaged | other.damaged)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +47,16 @@ class ClipCache:
         cls = CachedTemporalGaze if isinstance(stage, TemporalGazeModel) else CachedStage
         return cls(stage, _Shelf(store=self.store, identity=identity, charge=charge, tally=tally))
 
+    def lacks(self, frame: int) -> bool:
+        """Whether something of a frame is not stored, as far as that can be told before anything is read."""
+        alone = [each for each in self.identities.values() if each.slot in ("stereo", "segmentation")]
+        return not alone or not all(_place(self.store, each, frame, ()).exists() for each in alone)
+
+
+def _place(store: Store, identity: Identity, frame: int | None, inputs: tuple[object, ...]) -> Path:
+    name = "any" if frame is None else f"{frame:06d}"
+    return store.folder(identity.slot, identity.digest) / f"{name}-{content_digest(*inputs)}.bin"
+
 
 Charge = Callable[[str, float], None]
 """Told the stage's slot and the seconds that a result took when it was computed, whenever that was."""
@@ -63,25 +74,24 @@ class _Shelf:
 
     def get(self, frame: int | None, inputs: tuple[object, ...], compute: Callable[[], Any]) -> Any:
         """What was stored for a frame and for what else the stage is given; else computed, and stored."""
-        slot, name = self.identity.slot, "any" if frame is None else f"{frame:06d}"
-        path = self.store.folder(slot, self.identity.digest) / f"{name}-{content_digest(*inputs)}.bin"
+        slot, path = self.identity.slot, _place(self.store, self.identity, frame, inputs)
         data, damaged = self.store.load(path)
         if data is not None:
             seconds, value = decode(data)
-            self.tally.reused += 1
+            self.tally.found.add(path.name)
         else:
             if damaged:
-                self.tally.damaged += 1
+                self.tally.damaged.add(path.name)
                 _log.warning("%s: damaged; its result is computed again", path)
             started = time.perf_counter()
             value = compute()
             seconds = time.perf_counter() - started
-            self.tally.computed += 1
+            self.tally.computed.add(path.name)
             self._keep(path, (seconds, value))
         self.charge(slot, seconds)
         return value
 
-    def _keep(self, path: Any, content: tuple[float, Any]) -> None:
+    def _keep(self, path: Path, content: tuple[float, Any]) -> None:
         if self.unwritable:
             return
         try:

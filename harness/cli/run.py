@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from harness.recording import Size
 
 OUT_HELP = "The run's directory; if not given, runs/<experiment>, or beside it where that holds another run."
-WORKERS_HELP = "Processes, one clip each at a time; 0 means one a core."
+WORKERS_HELP = "Processes, one thread each; 0 means one a core."
 
 
 class Recording(StrEnum):
@@ -44,6 +44,9 @@ def run(
     ] = None,
     out: Annotated[Path | None, typer.Option(help=OUT_HELP)] = None,
     workers: Annotated[int, typer.Option(min=0, help=WORKERS_HELP)] = 0,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Work on the cluster of this Dask scheduler, tcp://HOST:PORT, instead.")
+    ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first frames of each clip.")] = None,
     recording: Annotated[Recording, typer.Option(help="Size of the Rerun recordings.")] = Recording.light,
     oracle: Annotated[
@@ -90,6 +93,7 @@ def run(
             plan,
             wanted,
             workers=workers,
+            scheduler=scheduler,
             progress=progress,
             cache=None if no_cache else Store(cache or cache_root(), cache_limit()),
             tell=notices.append,
