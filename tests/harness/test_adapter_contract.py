@@ -14,7 +14,17 @@ from hypothesis import strategies as st
 
 from harness.adapters import ADAPTERS, Clip, PersonTruth, Truth
 from harness.adapters.contract import check_contract
-from tests.disk import HEIGHT, WIDTH, picture, sintel_disparity, sintel_scene, stereo_pair_folder, write_image
+from tests.disk import (
+    HEIGHT,
+    WIDTH,
+    moving_picture,
+    picture,
+    sintel_disparity,
+    sintel_scene,
+    stereo_pair_folder,
+    write_image,
+    write_video,
+)
 from tests.recordings import rectified_camera, write_pairs
 from tests.scenes import make_rig
 from vfoa.errors import VfoaError
@@ -38,6 +48,13 @@ def stereo_folder(root: Path, frames: tuple[int, ...]) -> Clip:
     return opened("stereo_folder", {"left": "left", "right": "right", "camera": CAMERA}, root)
 
 
+def packed_video(root: Path, frames: tuple[int, ...]) -> Clip:
+    """Numbered from 0 whatever the frames were."""
+    images = [np.concatenate([moving_picture(n), moving_picture(n + 1)], axis=1) for n in frames]
+    write_video(root / "wide.avi", images, "MJPG")
+    return opened("stereo_folder", {"layout": "video_side_by_side", "both": "wide.avi", "camera": CAMERA}, root)
+
+
 def mcap(root: Path, frames: tuple[int, ...]) -> Clip:
     """Numbered from 1 whatever the frames were."""
     left, right = (rectified_camera(WIDTH, HEIGHT, 100.0, 31.5, 23.5, baseline) for baseline in (0.0, 0.12))
@@ -55,7 +72,9 @@ def opened(name: str, source: dict[str, Any], root: Path | None) -> Clip:
     return clip
 
 
-BUILDERS: dict[str, Callable[[Path, tuple[int, ...]], Clip]] = {
+Builder = Callable[[Path, tuple[int, ...]], Clip]
+
+BUILDERS: dict[str, Builder] = {
     "mcap": mcap,
     "sintel": sintel,
     "stereo_folder": stereo_folder,
@@ -67,10 +86,10 @@ def test_every_adapter_is_among_them() -> None:
     assert set(BUILDERS) == set(ADAPTERS.builtin)
 
 
-@pytest.mark.parametrize("name", BUILDERS)
-def test_an_adapter_keeps_the_contract(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("build", [*BUILDERS.values(), packed_video])
+def test_an_adapter_keeps_the_contract(build: Builder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VFOA_CACHE", str(tmp_path / "cache"))
-    clip = BUILDERS[name](tmp_path / "clip", FRAMES)
+    clip = build(tmp_path / "clip", FRAMES)
     assert len(clip.frames) == len(FRAMES)
     check_contract(clip, spawn=True)
 

@@ -404,6 +404,9 @@ class Slides:
         black = np.zeros((3, 4, 3), np.uint8)
         return StereoFrame(index=1, time_ns=0, left=black, right=black, rig=rig)
 
+    def time_ns(self, number):
+        return 0
+
     def truth(self, number):
         return Truth()
 
