@@ -22,15 +22,20 @@ VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".m
 STEP = 32
 """Frames ahead that are decoded one by one rather than sought."""
 
+RATE_TOLERANCE = 0.01
+"""A stated rate is believed if it is this near to the mean of the times, which some containers round to ms."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoIndex:
-    """What a file really holds: the stamp of each frame in the order of display, in the file's own unit.
+    """What a file really holds: the time of each frame in the order of display, as the file has it.
 
-    ``claimed`` is the number of frames that the container states, 0 where it states none; ``rate_hz`` likewise.
+    ``claimed`` is the number of frames that the container states (what FFmpeg makes of a duration that the frames fill
+    is no such number), 0 where it states none. ``rate_hz`` is what it states where the times agree, else their mean
+    rate: phones film with varying steps.
     """
 
-    stamps: tuple[float, ...]
+    stamps_ns: tuple[int, ...]
     claimed: int
     rate_hz: float | None
     size_px: tuple[int, int]
@@ -57,10 +62,14 @@ class Video:
     @property
     def notes(self) -> tuple[str, ...]:
         """What the container says wrongly."""
-        found, claimed = len(self.index.stamps), self.index.claimed
+        found, claimed = len(self.index.stamps_ns), self.index.claimed
         if found == claimed or claimed <= 0:
             return ()
         return (f"{self.path.name}: the container says {claimed} frames, {found} can be read",)
+
+    def time_ns(self, place: int) -> int:
+        """Since the first frame."""
+        return self.index.stamps_ns[place] - self.index.stamps_ns[0]
 
     def read(self, place: int) -> Image:
         """The frame (H, W, 3) uint8 RGB at this place.
@@ -70,8 +79,8 @@ class Video:
         VfoaError
             If there is no such frame, or it cannot be decoded.
         """
-        if not 0 <= place < len(self.index.stamps):
-            raise VfoaError(f"{self.path}: no frame {place}; expected 0 to {len(self.index.stamps) - 1}")
+        if not 0 <= place < len(self.index.stamps_ns):
+            raise VfoaError(f"{self.path}: no frame {place}; expected 0 to {len(self.index.stamps_ns) - 1}")
         self._go(place)
         found, image = self._capture.retrieve()
         if not found:
@@ -87,7 +96,7 @@ class Video:
                 self._capture = None
                 raise self._undecodable(place)
             self._position += 1
-        if _stamp(self._capture) != self.index.stamps[place]:
+        if _stamp(self._capture) != self.index.stamps_ns[place]:
             self._capture = None
             raise self._undecodable(place)
 
@@ -96,8 +105,8 @@ class Video:
         if place > STEP:
             self._capture = self._capture or _open(self.path)
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, place)
-            places = {stamp: each for each, stamp in enumerate(self.index.stamps)}
-            if len(places) == len(self.index.stamps) and self._capture.grab():
+            places = {stamp: each for each, stamp in enumerate(self.index.stamps_ns)}
+            if len(places) == len(self.index.stamps_ns) and self._capture.grab():
                 self._position = places.get(_stamp(self._capture), place + 1)
                 if self._position <= place:
                     return
@@ -116,21 +125,31 @@ def index_video(path: Path) -> VideoIndex:
         As :class:`Video`.
     """
     capture = _open(path)
-    rate = float(capture.get(cv2.CAP_PROP_FPS))
     stamps = tuple(sorted(_grabbed(_open(path, packets=True))))
     if not _are_frames(path, stamps):
         stamps = tuple(_grabbed(_open(path)))
     if not stamps:
         raise VfoaError(f"{path}: no frame can be read; expected a video")
+    stated, claimed = float(capture.get(cv2.CAP_PROP_FPS)), int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    measured = _mean_rate_hz(stamps)
+    agrees = measured is None or abs(stated / measured - 1) < RATE_TOLERANCE
+    rate = stated if agrees and np.isfinite(stated) and stated > 0 else measured
+    if not agrees and measured and abs(claimed / stated * measured / len(stamps) - 1) < RATE_TOLERANCE:
+        claimed = 0
     return VideoIndex(
-        stamps=stamps,
-        claimed=int(capture.get(cv2.CAP_PROP_FRAME_COUNT)),
-        rate_hz=rate if np.isfinite(rate) and rate > 0 else None,
+        stamps_ns=stamps,
+        claimed=claimed,
+        rate_hz=rate,
         size_px=(int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))),
     )
 
 
-def _are_frames(path: Path, stamps: tuple[float, ...]) -> bool:
+def _mean_rate_hz(stamps: tuple[int, ...]) -> float | None:
+    span_s = (stamps[-1] - stamps[0]) / 1e9
+    return round((len(stamps) - 1) / span_s, 3) if span_s > 0 else None
+
+
+def _are_frames(path: Path, stamps: tuple[int, ...]) -> bool:
     """Whether decoding starts and ends with the first and the last packet: edit lists and cuts hide some of them."""
     if not stamps or len(set(stamps)) != len(stamps):
         return False
@@ -141,13 +160,14 @@ def _are_frames(path: Path, stamps: tuple[float, ...]) -> bool:
     return bool(last.grab() and _stamp(last) == stamps[-1] and not last.grab())
 
 
-def _grabbed(capture: Any) -> Iterator[float]:
+def _grabbed(capture: Any) -> Iterator[int]:
     while capture.grab():
         yield _stamp(capture)
 
 
-def _stamp(capture: Any) -> float:
-    return float(capture.get(cv2.CAP_PROP_PTS))
+def _stamp(capture: Any) -> int:
+    """Nanoseconds, of the frame that was grabbed last."""
+    return round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
 
 
 def _open(path: Path, packets: bool = False) -> Any:

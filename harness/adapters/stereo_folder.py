@@ -111,7 +111,7 @@ class StereoFolderClip:
 
     @property
     def rate_hz(self) -> float | None:
-        """As the manifest says, else as the video does."""
+        """As the manifest says, else as the files do."""
         return self._settings.rate_hz or self._views.rate_hz
 
     @property
@@ -120,11 +120,12 @@ class StereoFolderClip:
         return self._views.notes
 
     def time_ns(self, number: int) -> int:
-        """Its number over the rate."""
+        """As the files say, else (or if the manifest says a rate) its number over the rate."""
         if number not in self._numbers:
             expected = f"{self.frames[0]} to {self.frames[-1]}"
             raise VfoaError(f"{self._folder}: no frame {number}; expected {expected}")
-        return round(number * 1e9 / (self.rate_hz or 1.0))
+        stamp_ns = None if self._settings.rate_hz else self._views.time_ns(number)
+        return round(number * 1e9 / (self.rate_hz or 1.0)) if stamp_ns is None else stamp_ns
 
     def frame(self, number: int) -> StereoFrame:
         """Read one pair."""

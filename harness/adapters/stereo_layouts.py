@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from harness.adapters.side_names import Sides, pair_names
 from harness.adapters.stereo_views import ImagePairs, PackedImages, PackedVideo, Packing, VideoPair, Views
-from harness.adapters.view_files import Layout
+from harness.adapters.view_files import TICKS_NS, Layout, StampUnit
 from harness.frame_files import IMAGE_SUFFIXES, find_frames
 from harness.video import VIDEO_SUFFIXES
 from vfoa.errors import VfoaError
@@ -111,11 +111,20 @@ def _pair_of_images(root: Path, sides: Sides, prefix: str = "") -> Iterator[Foun
     left, right = prefix + sides.left, prefix + sides.right
     try:
         lefts, rights = find_frames(root, left, str(root)), find_frames(root, right, str(root))
-        views = ImagePairs(lefts, rights)
+        stamps = _stamps(lefts)
+        views = ImagePairs(lefts, rights, TICKS_NS[stamps] if stamps else None)
     except VfoaError:
         return  # names that say a side but share no numbering are no pair
     alone = len(lefts.keys() - rights.keys()), len(rights.keys() - lefts.keys())
-    yield _found(root, {"layout": "images", "left": left, "right": right}, views, alone)
+    source = {"layout": "images", "left": left, "right": right} | ({"stamps": stamps} if stamps else {})
+    yield _found(root, source, views, alone)
+
+
+def _stamps(frames: Iterable[int]) -> StampUnit | None:
+    """The unit of numbers that are times since 1970: today's have 13 digits in ms, 16 in us, 19 in ns."""
+    units: dict[int, StampUnit] = {13: "ms", 16: "us", 19: "ns"}
+    lengths = {len(str(number)) for number in frames}
+    return units.get(lengths.pop()) if len(lengths) == 1 else None
 
 
 def _video_pairs(root: Path, videos: dict[str, list[str]]) -> Iterator[FoundLayout]:

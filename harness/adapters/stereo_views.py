@@ -39,6 +39,10 @@ class Views(Protocol):
         """What was left out."""
         ...
 
+    def time_ns(self, number: int) -> int | None:
+        """When the frame was taken, where the files tell."""
+        ...
+
     def where(self, number: int) -> str:
         """The file (and frame) that messages name."""
         ...
@@ -53,7 +57,7 @@ class Views(Protocol):
 
 
 class ImagePairs:
-    """Two image files a frame, joined by number.
+    """Two image files a frame, joined by number; with ``tick_ns`` the number is a time in this unit.
 
     Raises
     ------
@@ -61,9 +65,8 @@ class ImagePairs:
         If no number is on both sides.
     """
 
-    rate_hz: float | None = None
-
-    def __init__(self, left: dict[int, Path], right: dict[int, Path]) -> None:
+    def __init__(self, left: dict[int, Path], right: dict[int, Path], tick_ns: int | None = None) -> None:
+        self._tick_ns = tick_ns
         self.frames = tuple(sorted(left.keys() & right.keys()))
         if not self.frames:
             side = next(iter(left.values())), next(iter(right.values()))
@@ -75,6 +78,15 @@ class ImagePairs:
             for side, files, other, others in alone
             if files.keys() - others.keys()
         )
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Of the stamps in the names."""
+        return _rate_hz(self.frames, self._tick_ns)
+
+    def time_ns(self, number: int) -> int | None:
+        """The stamp in the name."""
+        return None if self._tick_ns is None else number * self._tick_ns
 
     def where(self, number: int) -> str:
         """The left file."""
@@ -91,14 +103,23 @@ class ImagePairs:
 
 
 class PackedImages:
-    """One image file a frame, which holds both views."""
+    """One image file a frame, which holds both views; ``tick_ns`` as above."""
 
-    rate_hz: float | None = None
     notes: tuple[str, ...] = ()
 
-    def __init__(self, files: dict[int, Path], packing: Packing) -> None:
+    def __init__(self, files: dict[int, Path], packing: Packing, tick_ns: int | None = None) -> None:
+        self._tick_ns = tick_ns
         self.frames = tuple(files)
         self._files, self._packing = files, packing
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Of the stamps in the names."""
+        return _rate_hz(self.frames, self._tick_ns)
+
+    def time_ns(self, number: int) -> int | None:
+        """The stamp in the name."""
+        return None if self._tick_ns is None else number * self._tick_ns
 
     def where(self, number: int) -> str:
         """The file."""
@@ -127,12 +148,16 @@ class VideoPair:
         rates = self._left.index.rate_hz, self._right.index.rate_hz
         if None not in rates and not math.isclose(*rates, rel_tol=_RATES_DIFFER):  # type: ignore[arg-type]
             raise VfoaError(f"{right}: {rates[1]:g} frames per second, {left} has {rates[0]:g}; expected the same rate")
-        counts = len(self._left.index.stamps), len(self._right.index.stamps)
+        counts = len(self._left.index.stamps_ns), len(self._right.index.stamps_ns)
         self.frames = tuple(range(min(counts)))
         self.rate_hz = rates[0] or rates[1]
         longer = (left, right)[counts[1] > counts[0]]
         rest = (f"{longer.name}: {abs(counts[0] - counts[1])} frames after the other video's end are left out",)
         self.notes = (*self._left.notes, *self._right.notes, *(rest if counts[0] != counts[1] else ()))
+
+    def time_ns(self, number: int) -> int:
+        """As the left video says, from 0."""
+        return self._left.time_ns(number)
 
     def where(self, number: int) -> str:
         """The left file and the frame."""
@@ -154,9 +179,13 @@ class PackedVideo:
 
     def __init__(self, path: Path, packing: Packing) -> None:
         self._video, self._packing = Video(path), packing
-        self.frames = tuple(range(len(self._video.index.stamps)))
+        self.frames = tuple(range(len(self._video.index.stamps_ns)))
         self.rate_hz = self._video.index.rate_hz
         self.notes = self._video.notes
+
+    def time_ns(self, number: int) -> int:
+        """As the video says, from 0."""
+        return self._video.time_ns(number)
 
     def where(self, number: int) -> str:
         """The file and the frame."""
@@ -199,6 +228,13 @@ def split(image: Image, packing: Packing, where: str) -> tuple[Image, Image]:
         raise VfoaError(f"{where}: the {name} is {length} pixels; expected an even number, for two views {packing}")
     first, second = np.split(image, 2, axis=axis)
     return np.ascontiguousarray(first), np.ascontiguousarray(second)
+
+
+def _rate_hz(frames: tuple[int, ...], tick_ns: int | None) -> float | None:
+    """From the median step of stamps."""
+    if tick_ns is None or len(frames) < 2:
+        return None
+    return round(1e9 / (float(np.median(np.diff(frames))) * tick_ns), 3)
 
 
 def _check_sizes(left: Image, right: Image, left_name: str, right_path: Path) -> None:

@@ -70,6 +70,17 @@ def test_sides_in_names_are_found_and_read(tmp_path: Path, left: str, right: str
     _assert_same_frames(_open(found), FRAMES)
 
 
+@pytest.mark.parametrize(("unit", "second"), [("ns", 10**9), ("us", 10**6), ("ms", 10**3)])
+def test_stamps_in_names_are_times(tmp_path: Path, unit: str, second: int) -> None:
+    frames = tuple(1_700_000_000 * second + number * second // 20 for number in (0, 1, 2, 4))
+    (found,) = find_layouts(_write_pairs(tmp_path, "left/{}.png", "right/{}.png", frames))
+    assert (found.source["stamps"], found.rate_hz, found.first_frame) == (unit, 20.0, frames[0])
+    clip = _open(found)
+    assert clip.rate_hz == 20.0
+    assert [clip.time_ns(frame) - clip.time_ns(frames[0]) for frame in frames] == [0, 50_000_000, 10**8, 2 * 10**8]
+    assert clip.frame(frames[1]).time_ns == 1_700_000_000_050_000_000
+
+
 def test_images_without_a_partner_are_counted(tmp_path: Path) -> None:
     _write_pairs(tmp_path, "l_{}.png", "r_{}.png", (1, 2, 3, 4))
     for name in ("l_1.png", "r_2.png", "r_3.png"):
@@ -158,6 +169,7 @@ def test_a_sequence_is_no_pair_of_cameras() -> None:
         ({"layout": "video_side_by_side", "left": "x"}, "found left; expected both for the layout"),
         ({"left": "x"}, "found left; expected left and right"),
         ({"layout": "sbs", "both": "x"}, "video_top_bottom"),
+        ({"layout": "video_top_bottom", "both": "x", "stamps": "ms"}, "stamps: found 'ms'; expected none"),
     ],
 )
 def test_the_keys_fit_the_layout(settings: dict[str, str], message: str) -> None:
