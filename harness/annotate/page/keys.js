@@ -17,11 +17,11 @@ const rows = (page) => [
   ["earlier", [","], "move the last change a frame earlier", "", () => page.nudge(-1)],
   ["later", ["."], "move the last change a frame later", "", () => page.nudge(1)],
   ["clear", ["Delete", "Backspace"], "take the label away: of the range, else from here to the next change", "", () => page.clear()],
-  ["subject", ["s"], "the next subject", "s", () => page.nextSubject(1)],
-  ["subject-before", ["Shift+s"], "the subject before", "", () => page.nextSubject(-1)],
-  ["confirm", ["Enter"], "confirm the suggestion here, go to the next", "✓", () => page.confirm(), "run"],
-  ["accept", ["a"], "take over suggestions with high attention", "a", () => page.accept(), "run"],
-  ["unsure", ["u"], "to the next frame in which the run was unsure", "u", () => page.unsure(1), "run"],
+  ["subject", ["s"], "the next subject", "next subject", () => page.nextSubject(1), "several"],
+  ["subject-before", ["Shift+s"], "the subject before", "", () => page.nextSubject(-1), "several"],
+  ["confirm", ["Enter"], "confirm the suggestion here, go to the next", "confirm", () => page.confirm(), "run"],
+  ["accept", ["a"], "take over suggestions with high attention", "accept", () => page.accept(), "run"],
+  ["unsure", ["u"], "to the next frame in which the run was unsure", "unsure", () => page.unsure(1), "run"],
   ["unsure-before", ["Shift+u"], "back to the one before", "", () => page.unsure(-1), "run"],
   ["right", ["r"], "the right view", "right", () => page.beside("right")],
   ["disparity", ["d"], "the disparity", "disparity", () => page.beside("disparity")],
@@ -39,10 +39,11 @@ function pressed(event) {
   return `${event.ctrlKey || event.metaKey ? "Ctrl+" : ""}${shift}${key}`;
 }
 
-const typing = (element) => element && element.tagName === "INPUT" && element.type !== "range";
+const typing = (element) => element && element.tagName === "INPUT";
 
 export function bind(page, names) {
-  const actions = rows(page).filter((row) => row[5] !== "run" || page.hasRun);
+  const possible = { run: page.hasRun, several: page.about.subjects.length > 1 };
+  const actions = rows(page).filter((row) => possible[row[5]] ?? true);
   const byKey = new Map(actions.flatMap((row) => row[1].map((key) => [key, row[4]])));
   addEventListener("keydown", (event) => {
     if (typing(document.activeElement) || event.altKey) return;

@@ -1,22 +1,24 @@
 // The labelling page: where it is in the clip, who is labelled, and what a key or a click does.
 
 import { Queue, get, post } from "./api.js";
-import { bind } from "./keys.js";
 import { Names } from "./names.js";
+import { askNote } from "./note.js";
 import { drawLabel, drawPlace, drawProgress, drawSubjects } from "./panel.js";
 import { Player } from "./player.js";
+import { Seen } from "./seen.js";
 import { Stage } from "./stage.js";
 import { Strip } from "./strip.js";
-import { at, changes, read, runs } from "./tracks.js";
+import { at, changes, nudged, read, runs } from "./tracks.js";
 
 const NEAR = 10; // a jump further than this does not count as having seen what lies between
 const find = (id) => document.getElementById(id);
 
-class Page {
+export class Page {
   constructor(about, state) {
     this.subject = about.subjects[0];
     this.selection = null;
     this.queue = new Queue({ refused: (error) => this.refused(error), moved: () => this.settle() });
+    this.seen = new Seen((seen) => this.queue.add(async () => this.update(await post("/api/seen", seen))));
     this.names = new Names({
       look: (name) => this.look(name), changed: (next) => this.renew(next), failed: (error) => this.say(error.message),
     });
@@ -32,11 +34,10 @@ class Page {
     this.wanted = this.shown = 0;
     this.state = read(state);
     this.take(about);
-    find("note").addEventListener("submit", (event) => { event.preventDefault(); this.setNote(); });
-    find("note").querySelector('[value="cancel"]').addEventListener("click", () => { find("note").hidden = true; });
     find("plenty").hidden = !this.hasRun;
+    find("plenty").addEventListener("pointerup", (event) => event.target.blur());
     find("plenty").addEventListener("input", (event) => { find("plenty").lastElementChild.value = event.target.value; });
-    addEventListener("pagehide", () => this.tellSeen(true));
+    addEventListener("pagehide", () => this.seen.leave());
     addEventListener("focus", () => this.queue.add(async () => this.update(await get("/api/state"))));
   }
 
@@ -68,6 +69,7 @@ class Page {
       const [image, scene] = await this.stage.load(wanted);
       if (wanted !== this.wanted) return;
       this.shown = wanted;
+      document.body.dataset.frame = this.about.frames[wanted];
       this.stage.show(image, scene, wanted, this.subject);
       this.see(wanted, near);
       this.draw();
@@ -78,7 +80,7 @@ class Page {
 
   // Whether all that was asked for is shown, and all that was said is saved.
   settle() {
-    document.body.setAttribute("aria-busy", this.wanted !== this.shown || this.queue.waiting > 0 || !!this.unsaid);
+    document.body.setAttribute("aria-busy", this.wanted !== this.shown || this.queue.waiting > 0 || this.seen.waits);
   }
 
   step(by) {
@@ -106,7 +108,7 @@ class Page {
   }
 
   turnTo(subject) {
-    this.tellSeen();
+    this.seen.tell();
     this.subject = subject;
     this.select(null);
     return this.go(this.start(), true);
@@ -130,34 +132,23 @@ class Page {
     const seen = this.state.seen;
     if (!near || position <= seen[this.subject] || position > seen[this.subject] + NEAR) return;
     seen[this.subject] = position;
-    this.unsaid = { subject: this.subject, at: position };
-    if (!this.timer) this.timer = setTimeout(() => this.tellSeen(), this.player.playing ? 600 : 250);
-  }
-
-  tellSeen(leaving = false) {
-    clearTimeout(this.timer);
-    this.timer = null;
-    const seen = this.unsaid;
-    this.unsaid = null;
-    if (!seen) return;
-    if (leaving) post("/api/seen", seen, true).catch(() => {});
-    else this.queue.add(async () => this.update(await post("/api/seen", seen)));
+    this.seen.note(this.subject, position, this.player.playing);
   }
 
   // What is said
 
   change(what) {
-    const seen = this.unsaid && this.unsaid.subject === this.subject;
-    if (seen) this.tellSeen();
+    const { subject } = this;
+    this.seen.tell();
     return this.queue.add(async () => {
-      const state = await post("/api/change", { revision: this.state.revision, subject: this.subject, ...what });
+      const state = await post("/api/change", { revision: this.state.revision, subject, ...what });
       this.say("");
       this.update(state, state.revision);
     });
   }
 
   look(target, point_px = null) {
-    if (target === this.subject) return;
+    if (target === this.subject || !this.stage.scene) return; // nobody can judge what was never shown
     const here = this.player.playing ? this.shown : this.wanted;
     if (this.selection) {
       const [first, last] = this.selection;
@@ -179,15 +170,10 @@ class Page {
   }
 
   nudge(by) {
-    const all = runs(this.track);
-    const place = all.findIndex((each) => each.first <= this.wanted && this.wanted <= each.last);
-    if (place < 1 || all[place].suggested || all[place - 1].suggested) return;
-    const [before, here] = [all[place - 1], all[place]];
-    if (by < 0 && before.first < here.first) this.change({ kind: "range", at: here.first - 1, last: here.first - 1, target: here.target });
-    if (by > 0 && here.first < here.last) {
-      this.change({ kind: "range", at: here.first, last: here.first, target: before.target });
-      if (this.wanted === here.first) this.go(this.wanted + 1, true);
-    }
+    const moved = nudged(runs(this.track), this.wanted, by);
+    if (!moved) return;
+    this.change({ kind: "range", at: moved.at, last: moved.at, target: moved.target });
+    if (by > 0 && this.wanted === moved.at) this.go(this.wanted + 1, true);
   }
 
   accept() { if (this.suggestions) this.change({ kind: "accept", attention: Number(find("plenty").firstElementChild.value) }); }
@@ -200,16 +186,9 @@ class Page {
 
   note() {
     const here = at(this.track, this.wanted);
-    if (here.target === null) return this.say("there is no label here to put a note on");
-    find("note").hidden = false;
-    find("note").elements.note.value = here.note || "";
-    return find("note").elements.note.focus();
-  }
-
-  setNote() {
-    this.change({ kind: "note", at: this.wanted, note: find("note").elements.note.value.trim() });
-    find("note").hidden = true;
-    document.activeElement.blur();
+    const position = this.wanted;
+    if (here.target === null) this.say("there is no label here to put a note on");
+    else askNote(here.note, (note) => this.change({ kind: "note", at: position, note }));
   }
 
   newTarget() { this.names.ask(null, []); }
@@ -224,8 +203,7 @@ class Page {
   update(plain, expected = this.state.revision) {
     this.state = read(plain);
     if (plain.revision !== expected) this.overtaken();
-    // What was seen but not yet told is not forgotten.
-    if (this.unsaid) this.state.seen[this.unsaid.subject] = Math.max(this.state.seen[this.unsaid.subject], this.unsaid.at);
+    this.seen.keep(this.state.seen);
     this.draw();
   }
 
@@ -256,11 +234,8 @@ class Page {
   }
 
   draw() {
-    if (!this.stage.scene) return;
     const here = at(this.track, this.shown);
-    document.body.dataset.frame = this.about.frames[this.shown];
-    document.body.dataset.revision = this.state.revision;
-    drawPlace(this.about.frames[this.shown], this.shown, this.total, this.player.speed);
+    drawPlace(this.stage.scene ? this.about.frames[this.shown] : null, this.shown, this.total, this.player.speed);
     drawLabel(this.subject, here);
     this.names.draw(this.subject, here.target);
     this.strip.draw({
@@ -270,12 +245,7 @@ class Page {
     this.strip.point(this.shown);
     drawSubjects(this.about.subjects, this.subject, (name) => this.turnTo(name));
     drawProgress(this.state);
-    this.stage.draw(this.stage.scene, this.subject);
+    if (this.stage.scene) this.stage.draw(this.stage.scene, this.subject);
     for (const [id, can] of [["undo", this.state.can_undo], ["redo", this.state.can_redo]]) find(`do-${id}`).disabled = !can;
   }
 }
-
-const [about, state] = await Promise.all([get("/api/clip"), get("/api/state")]);
-const page = new Page(about, state);
-bind(page, page.names);
-await page.go(page.start(), true);

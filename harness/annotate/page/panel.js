@@ -3,7 +3,7 @@
 const find = (id) => document.getElementById(id);
 
 export function drawPlace(number, position, total, speed) {
-  find("frame").value = `Frame ${number}, ${position + 1} of ${total}, ×${speed}`;
+  find("frame").value = number === null ? "Loading the first frame …" : `Frame ${number}, ${position + 1} of ${total}, ×${speed}`;
 }
 
 export function drawLabel(subject, { target, suggested, note }) {

@@ -44,6 +44,7 @@ export class Stage {
     this.overlay = document.getElementById("overlay");
     this.extra = document.getElementById("extra");
     this.head = document.getElementById("head");
+    this.scene = null;
     this.beside = null;
     this.zoomed = false;
   }

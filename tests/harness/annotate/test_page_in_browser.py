@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from harness.adapters import Clip
 from harness.annotations import read_annotations
 from harness.manifest import load_manifest
 from harness.timeline import Timeline
 from tests.annotating import FRAMES, Page, shown, wait_for
 from tests.browser import chromium, requested, set_width
+from vfoa.types import StereoFrame
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
@@ -202,6 +205,19 @@ def test_suggestions_are_taken_over_where_attention_is_high_and_count_when_confi
     assert "".join(_targets(page)) == "ccc-bbb....."
 
 
+def test_from_which_attention_suggestions_are_taken_can_be_set(browser: Chrome, noise: Start, work: Path) -> None:
+    page = noise(run=work / "run")
+    _open(browser, page)
+    slider = browser.find_element("css selector", "#plenty input")
+    slider.send_keys(*["\ue012"] * 6)  # from 0.5 to 0.2 by the left arrow
+    assert shown(browser) == 1
+    browser.execute_script("arguments[0].blur()", slider)
+    _keys(browser, "a")
+    drawn = [each.text for each in browser.find_elements("css selector", "#strips .current .suggested")]
+    assert drawn == ["? cup", "? book"]
+    assert [stretch[:2] for stretch in page.session.state()["tracks"]["ann"]] == [[0, 3], [4, 7], [8, 11]]
+
+
 def test_brackets_go_to_the_changes_that_the_run_suggests(browser: Chrome, noise: Start, work: Path) -> None:
     page = noise(run=work / "run")
     _open(browser, page)
@@ -267,3 +283,29 @@ def test_every_tool_is_a_button_that_says_what_it_does(browser: Chrome, noise: S
     assert "not labelled" in browser.find_element("id", "label").text
     _click(browser, "#do-redo")
     assert "ann: none" in browser.find_element("id", "label").text
+
+
+def test_a_key_says_nothing_of_a_clip_that_is_not_shown_yet(browser: Chrome, noise: Start) -> None:
+    from selenium.webdriver import ActionChains
+
+    closed = threading.Lock()
+
+    class Slow:
+        def __init__(self, clip: Clip) -> None:
+            self._clip = clip
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._clip, name)
+
+        def frame(self, number: int) -> StereoFrame:
+            with closed:
+                return self._clip.frame(number)
+
+    with closed:
+        page = noise(open_clip=lambda manifest: Slow(manifest.open()))
+        browser.get(page.address)
+        wait_for(lambda: "Loading" in browser.find_element("id", "frame").text)
+        ActionChains(browser).send_keys("1").perform()
+        assert browser.find_elements("css selector", "#strips .piece") == []
+    wait_for(lambda: shown(browser) == 1 and _is_settled(browser))
+    assert page.session.state()["labelled"] == 0
