@@ -9,6 +9,7 @@ from typing import Any
 
 from harness.manifest import ClipManifest, load_manifest
 from harness.published import Published
+from harness.report.page_data import Served
 from harness.report.write import render_run, score_run
 from harness.results import FrameRecord, read_results
 from harness.run_directory import Pair, RunDirectory
@@ -50,7 +51,8 @@ def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:
     run = _finished_manifest(directory)
     inputs = _inputs(directory, run, None)
     records = _records(directory, run)
-    return render_run(directory.results, records=records, **inputs, manifest=run, recordings=recordings)
+    served = Served(run=str(directory.path.resolve()), recordings=recordings)
+    return render_run(directory.results, records=records, **inputs, manifest=run, served=served)
 
 
 def _finished_manifest(directory: RunDirectory) -> dict[str, Any]:

@@ -17,7 +17,7 @@ def report(
             "--serve", help="Serve it on this machine: a click on a cell opens the recording; Ctrl-C ends it."
         ),
     ] = False,
-    port: Annotated[int, typer.Option(help="Port to serve on; 0 means any that is free.")] = 0,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0 means any that is free.")] = 0,
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
 ) -> None:
     """Write a run's page from its results and the present annotations, and say where it is."""

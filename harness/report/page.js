@@ -19,9 +19,9 @@
   const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", `'"'"'`)}'`);
 
   // A page on disk lies in its run's directory.
-  const run = location.protocol === "file:"
+  const run = data.run ?? (location.protocol === "file:"
     ? decodeURIComponent(location.pathname).replace(/^\/(?=[A-Za-z]:)/, "").replace(/\/[^/]*$/, "") || "/"
-    : "RUN";
+    : "RUN");
 
   // A page that a server gives out knows where recordings open; one tab is enough for all of them.
   const VIEWER = "vfoa-viewer";

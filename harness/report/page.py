@@ -13,11 +13,10 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from harness.comparison import compare
 from harness.report.formats import Table
 from harness.report.oracle import ladder_table
-from harness.report.page_data import AttentionLog, confusions, differing_settings, page_data
+from harness.report.page_data import AttentionLog, Served, confusions, differing_settings, page_data
 from harness.report.published import published_table
 from harness.report.stage_measures import stage_measures_table, thing_measures_table
 from harness.report.tables import baselines_table, causes_table, frr_table, measures_table, subjects_table
-from harness.run_directory import Pair
 from harness.score import Scores
 from harness.stills.reader import Stills
 
@@ -44,7 +43,7 @@ def render_page(
     manifest: Mapping[str, Any] | None = None,
     tables: Sequence[Table] = (),
     stills: Stills | None = None,
-    recordings: Mapping[Pair, str] | None = None,
+    served: Served | None = None,
 ) -> str:
     """The page as text, the same for the same arguments.
 
@@ -58,9 +57,8 @@ def render_page(
         What else stands under "More measures"; those without rows are left out.
     stills
         What is shown of wrong frames.
-    recordings
-        For a page that a server gives out: by (clip, configuration), the name under which the server opens its
-        recording. Without them no cell leads anywhere, and the page knows no address.
+    served
+        For a page that a server gives out. Without it no cell leads anywhere, and the page knows no address.
     """
     frr = frr_table(scores)
     stills = stills or Stills()
@@ -89,8 +87,8 @@ def render_page(
         confusions=confusions(scores.verdicts),
         letters=LETTERS,
         stills=stills,
-        served=bool(recordings),
-        data={**page_data(scores.verdicts, attention, stills, recordings or {}), "letters": LETTERS},
+        served=served is not None,
+        data={**page_data(scores.verdicts, attention, stills, served), "letters": LETTERS},
     )
 
 

@@ -53,8 +53,16 @@ class AttentionLog:
         return self._colours.setdefault(clip, Colours(()))
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Served:
+    """What a page knows that a server gives out: its run's directory, and under which name each recording opens."""
+
+    run: str
+    recordings: Mapping[Pair, str]
+
+
 def page_data(
-    verdicts: Sequence[Verdict], attention: AttentionLog, stills: Stills, recordings: Mapping[Pair, str]
+    verdicts: Sequence[Verdict], attention: AttentionLog, stills: Stills, served: Served | None
 ) -> dict[str, Any]:
     """Everything the page's script draws, each (clip, subject) with one strip per configuration.
 
@@ -67,13 +75,14 @@ def page_data(
         judged = list(each)
         strip = _strip(configuration, judged, attention)
         strip["seen"] = _seen(judged, stills)
-        strip["recording"] = recordings.get((clip, configuration))
+        strip["recording"] = served and served.recordings.get((clip, configuration))
         groups.setdefault((clip, subject), []).append(strip)
     pictures: dict[str, dict[int, str]] = {}
     for (clip, frame), picture in stills.pictures.items():
         pictures.setdefault(clip, {})[frame] = picture
     return {
         "states": STATES,
+        "run": served and served.run,
         "pictures": pictures,
         "groups": [
             {"clip": clip, "subject": subject, "strips": strips, "colours": _colours(attention.colours(clip), strips)}

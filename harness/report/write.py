@@ -12,12 +12,11 @@ from harness.published import Published
 from harness.reliability import BeliefLog
 from harness.report.frames import FrameRows
 from harness.report.page import render_page
-from harness.report.page_data import AttentionLog
+from harness.report.page_data import AttentionLog, Served
 from harness.report.reliability import reliability_figure
 from harness.report.stage_times import stage_times_table
 from harness.report.tables import render_tables
 from harness.results import FrameRecord, read_results
-from harness.run_directory import Pair
 from harness.score import Scores, score
 from harness.stills.reader import read_stills
 
@@ -79,18 +78,18 @@ def render_run(
     frames_by_clip: Mapping[str, Iterable[int]] | None = None,
     published: Published | None = None,
     manifest: Mapping[str, Any] | None = None,
-    recordings: Mapping[Pair, str] | None = None,
+    served: Served | None = None,
 ) -> str:
-    """The page that :func:`score_run` writes, as text, with its cells leading to recordings; nothing is written.
+    """The page that :func:`score_run` writes, as text; nothing is written.
 
     Parameters
     ----------
-    recordings
+    served
         As for :func:`harness.report.page.render_page`; all else as for :func:`score_run`.
     """
     wanted = records if records is not None else read_results(results)
     scores, attention = _scored(wanted, labels_by_clip, frames_by_clip, notes, published)
-    return _page(results, scores, attention, manifest, recordings)
+    return _page(results, scores, attention, manifest, served)
 
 
 def _scored(
@@ -111,11 +110,11 @@ def _page(
     scores: Scores,
     attention: AttentionLog,
     manifest: Mapping[str, Any] | None,
-    recordings: Mapping[Pair, str] | None = None,
+    served: Served | None = None,
 ) -> str:
     tables = [stage_times_table(results.parent / "timings.csv")]
     stills = read_stills(results.parent, scores.verdicts)
-    return render_page(scores, attention, manifest=manifest, tables=tables, stills=stills, recordings=recordings)
+    return render_page(scores, attention, manifest=manifest, tables=tables, stills=stills, served=served)
 
 
 def _probabilistic(manifest: Mapping[str, Any] | None) -> list[str]:
