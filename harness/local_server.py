@@ -71,7 +71,7 @@ def serve(app: Starlette, listener: socket.socket) -> None:
 @contextmanager
 def ended_by_sigterm() -> Iterator[None]:
     """Within the block SIGTERM is like Ctrl-C: what was started is stopped on the way out. Both end the block."""
-    before = signal.signal(signal.SIGTERM, signal.getsignal(signal.SIGINT))
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
     except KeyboardInterrupt:

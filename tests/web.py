@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING
 
-from harness.local_server import listen
+from harness.local_server import listen, make_server
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -85,10 +85,8 @@ def _handler(site: Site) -> type[BaseHTTPRequestHandler]:
 @contextmanager
 def running(app: Starlette) -> Iterator[str]:
     """Run an application on 127.0.0.1 until the block ends; gives its address."""
-    import uvicorn
-
     listener = listen(0)
-    server = uvicorn.Server(uvicorn.Config(app, log_level="warning", lifespan="off", timeout_graceful_shutdown=1))
+    server = make_server(app)
     thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
     thread.start()
     try:

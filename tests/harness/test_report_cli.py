@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
+from harness.local_server import ended_by_sigterm
 from harness.results import to_line
 from tests.records import answers
 from vfoa.errors import VfoaError
@@ -52,24 +53,35 @@ def test_options_of_the_server_alone_are_refused_without_it(run: Path) -> None:
             CliRunner().invoke(app, ["report", str(run), *options], catch_exceptions=False)
 
 
-@pytest.fixture(params=[signal.SIGINT, signal.SIGTERM])
-def served(run: Path, request: pytest.FixtureRequest) -> Iterator[tuple[subprocess.Popen[str], str, signal.Signals]]:
-    """A process that serves the run, its address, and the signal to end it with."""
-    command = [sys.executable, "-c", MAIN, "report", str(run), "--serve", "--no-open"]
+REPORT = ("report", "--serve", "--no-open")
+VIEW = ("view", "--web", "--frame", "2")
+
+
+@pytest.fixture
+def served(run: Path, request: pytest.FixtureRequest) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A process that serves the run, and the address it says."""
+    (run / "clip__one.rrd").write_bytes(b"cut")
+    verb, *options = request.param
+    command = [sys.executable, "-c", MAIN, verb, str(run), *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
             assert process.stdout.readline() == "Serving until Ctrl-C:\n"
-            yield process, process.stdout.readline().strip(), request.param
+            yield process, process.stdout.readline().strip()
         finally:
             process.kill()
 
 
+@pytest.mark.parametrize(
+    ("served", "sign", "said"),
+    [(REPORT, signal.SIGINT, "Run small"), (VIEW, signal.SIGTERM, "clip__one.rrd: not a recording")],
+    indirect=["served"],
+)
 def test_it_serves_on_this_machine_until_it_is_told_to_end(
-    served: tuple[subprocess.Popen[str], str, signal.Signals],
+    served: tuple[subprocess.Popen[str], str], sign: signal.Signals, said: str
 ) -> None:
-    process, address, sign = served
-    assert "Run small" in httpx.get(address, trust_env=False).text
+    process, address = served
+    assert said in httpx.get(address, trust_env=False).text
     listening = [each.laddr for each in psutil.Process(process.pid).net_connections() if each.status == "LISTEN"]
     assert {place.ip for place in listening} == {"127.0.0.1"}
     assert psutil.Process(process.pid).children() == []
@@ -83,3 +95,15 @@ def test_it_serves_on_this_machine_until_it_is_told_to_end(
         process.send_signal(sign)
         _, complaints = process.communicate(timeout=30)
     assert (process.returncode, complaints) == (0, "")
+
+
+def test_sigterm_ends_it_where_ctrl_c_is_ignored_as_in_the_background() -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ended = True
+    try:
+        with ended_by_sigterm():
+            signal.raise_signal(signal.SIGTERM)
+            ended = False
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert ended
