@@ -82,7 +82,7 @@ def add_clip(
         If nothing or several readings fit (the message lists them and the option that decides), no calibration was
         found or given, the first pair cannot be read, or a clip of this name is there. Nothing is written then.
     """
-    path = path.expanduser().absolute()
+    path = Path(os.path.abspath(path.expanduser()))  # without .., but with links as they are named
     chosen, found = recognise(path, adapter, source or {})
     name = name or _as_name(found.name)
     manifest_path, annotations_path = _free_paths(name)
@@ -140,9 +140,8 @@ def _manifest_text(name: str, adapter: str, found: Recognised, subjects: Names, 
 
 def _portable(root: Path) -> str:
     """The root by ``${VFOA_DATA}`` where it stands below that, else absolute."""
-    data = os.environ.get("VFOA_DATA")
-    base = Path(data).expanduser().absolute() if data else None
-    if base is None or not root.is_relative_to(base):
+    base = Path(os.path.normpath(Path(os.environ.get("VFOA_DATA", "")).expanduser()))
+    if not base.is_absolute() or not root.is_relative_to(base):  # a relative one counts from the manifest
         return str(root)
     return "/".join(["${VFOA_DATA}", *root.relative_to(base).parts])
 

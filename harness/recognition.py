@@ -100,7 +100,7 @@ def _alternatives(readings: Sequence[Reading]) -> str:
         f"{_option(key)}({' | '.join(dict.fromkeys(values[key]))})"
         for key in deciding or [key for key in keys if len(set(values[key])) > 1]
     ]
-    return f"{len(readings)} clips are there; expected {' and '.join(choices)}"
+    return f"it can be read in {len(readings)} ways; expected {' and '.join(choices)}"
 
 
 def _worded(key: str, value: Any) -> str:

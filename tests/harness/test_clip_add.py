@@ -212,7 +212,7 @@ def test_several_scenes_and_passes_are_listed_with_the_options_that_decide(tmp_p
     sintel_scene(tmp_path, "market")
     message = refused(tmp_path)
     assert message == (
-        f"{tmp_path}: 3 clips are there; expected --set scene=(alley | market) and --set pass=(clean | final)"
+        f"{tmp_path}: it can be read in 3 ways; expected --set scene=(alley | market) and --set pass=(clean | final)"
     )
     assert "--set scene=(alley | market)" in refused(tmp_path, "--set", "scene=aley")
     vfoa("add", tmp_path, "--set", "scene=market")
@@ -288,7 +288,9 @@ def test_a_calibration_is_never_guessed(tmp_path: Path) -> None:
 
 def test_both_pairs_of_kitti_are_listed(tmp_path: Path) -> None:
     kitti(kitti(tmp_path), "image_0/{:06d}.png", "image_1/{:06d}.png")
-    assert refused(tmp_path).endswith("2 clips are there; expected --set left=(image_0 | image_2)")
+    assert refused(tmp_path).endswith("it can be read in 2 ways; expected --set left=(image_0 | image_2)")
+    vfoa("add", tmp_path, "--set", "left=image_0", *NUMBERS, "--name", "gray")
+    assert vfoa("check", "gray")[0]["problems"] == []
     vfoa("add", tmp_path, "--set", "left=image_2", "--name", "colour")
     assert vfoa("check", "colour")[0]["baseline_m"] == pytest.approx(0.125)
 
@@ -297,7 +299,7 @@ def test_halves_that_are_alike_both_ways_are_asked_for(tmp_path: Path) -> None:
     for number in (1, 2):
         tile = views(number)[0]
         write_image(tmp_path / f"{number}.png", np.tile(tile, (2, 2, 1)))
-    assert "2 clips are there; expected --set layout=(" in refused(tmp_path, *NUMBERS)
+    assert "it can be read in 2 ways; expected --set layout=(" in refused(tmp_path, *NUMBERS)
     vfoa("add", tmp_path, *NUMBERS, "--set", "layout=images_top_bottom", "--name", "mine")
     assert vfoa("check", "mine")[0]["size_px"] == [2 * WIDTH, HEIGHT]
 
@@ -305,7 +307,7 @@ def test_halves_that_are_alike_both_ways_are_asked_for(tmp_path: Path) -> None:
 def test_several_calibrations_are_listed(tmp_path: Path) -> None:
     opencv_file(tmp_path)
     shutil.copy(tmp_path / "stereo.yml", tmp_path / "left" / "older.yml")
-    assert refused(tmp_path).endswith("2 clips are there; expected --calibration (stereo.yml | left/older.yml)")
+    assert refused(tmp_path).endswith("it can be read in 2 ways; expected --calibration (stereo.yml | left/older.yml)")
     added = vfoa("add", tmp_path, "--calibration", tmp_path / "stereo.yml", "--name", "mine")
     assert added["calibration"] == "as given"
 
@@ -363,12 +365,26 @@ def test_an_unreadable_first_frame_writes_nothing(tmp_path: Path) -> None:
 
 def test_the_root_follows_vfoa_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = scene_folder(tmp_path / "all" / "sintel")
-    monkeypatch.setenv("VFOA_DATA", str(tmp_path / "all"))
+    monkeypatch.setenv("VFOA_DATA", "../all")
+    vfoa("add", path, "--name", "absolute")
+    assert f'root = "{tmp_path}/all/sintel"' in (Path.cwd() / "datasets" / "absolute.toml").read_text()
+    monkeypatch.setenv("VFOA_DATA", f"{tmp_path}/work/../all")
     vfoa("add", path)
     assert 'root = "${VFOA_DATA}/sintel"' in (Path.cwd() / "datasets" / "sintel_alley.toml").read_text()
     (tmp_path / "all").rename(tmp_path / "moved")
     monkeypatch.setenv("VFOA_DATA", str(tmp_path / "moved"))
     assert vfoa("check", "sintel_alley")[0]["problems"] == []
+
+
+def test_a_path_is_read_from_where_one_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    images(tmp_path / "clip", "left/{}.png", "right/{}.png")
+    opencv_file(tmp_path / "other")
+    assert vfoa("add", "../clip", "--calibration", "../other/stereo.yml")["name"] == "clip"
+    text = (Path.cwd() / "datasets" / "clip.toml").read_text()
+    assert f'root = "{tmp_path}/clip"' in text
+    assert f'calibration = "{tmp_path}/other/stereo.yml"' in text
+    monkeypatch.chdir(tmp_path / "clip")
+    assert vfoa("add", ".", *NUMBERS, "--name", "here")["frames"] == 3
 
 
 def test_odd_names_survive(tmp_path: Path) -> None:

@@ -77,6 +77,8 @@ class McapClip:
         index = index_recording(files, window, by_log_time=settings.stamps == "log")
         self._files, self._losses = index.files, index.losses
         topics = index.topics.values()
+        if window is not None and not any(topic.places for topic in topics if topic.type.kind in ("raw", "compressed")):
+            raise VfoaError(f"{self._where}: source.start_s, source.end_s: no images in that part of the recording")
         self._topics = find_pair(topics, settings.left, settings.right, self._where)
         left, right = self._topics
         self._pairs = join(left.places, right.places, round(settings.tolerance_ms * 1e6))
