@@ -45,11 +45,10 @@ class CameraNumbers(Settings):
 class StereoFolderSettings(ViewFiles):
     """Where the views are, under the manifest's root, and how they were calibrated: a file or four numbers.
 
-    ``calibration`` is a file, or two (left and right of ROS,
-    intrinsics and extrinsics of OpenCV); what such files do not tell: which two of their ``calibration_cameras`` (KITTI
-    (2, 3), Kalibr (0, 1) if unsaid), the ``calibration_unit`` of their translation, that they are for ``fisheye``
-    lenses, that the images are ``rectified`` already. ``rate_hz`` is the videos' own where it is not given; images
-    without it are a second apart.
+    ``calibration`` is a file, or two (left and right of ROS, intrinsics and extrinsics of OpenCV); what such files do
+    not tell: which two of their ``calibration_cameras`` (KITTI (2, 3), Kalibr (0, 1) if unsaid), the
+    ``calibration_unit`` of their translation, that they are for ``fisheye`` lenses, that the images are ``rectified``
+    already. Without ``rate_hz`` times are the video's, or those in the names; images without either are a second apart.
     """
 
     calibration: str | tuple[str, str] | None = None
@@ -143,8 +142,8 @@ class StereoFolderClip:
         return Truth()
 
     def digest(self) -> str:
-        """Of the files' bytes, the frames' numbers, the calibration and the rate."""
-        digest = hashlib.sha256(f"{self._views.digest()} {self.rate_hz} ".encode())
+        """Of the files' bytes, the frames' numbers, the calibration, the rate and the unit of stamps."""
+        digest = hashlib.sha256(f"{self._views.digest()} {self.rate_hz} {self._settings.stamps} ".encode())
         cameras = self._cameras
         digest.update(
             str(cameras).encode() if isinstance(cameras, Calibration) else cameras.left.key + cameras.right.key

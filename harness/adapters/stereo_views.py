@@ -56,8 +56,27 @@ class Views(Protocol):
         ...
 
 
-class ImagePairs:
-    """Two image files a frame, joined by number; with ``tick_ns`` the number is a time in this unit.
+class _NumberedImages:
+    """Frames that have their numbers from names; with ``tick_ns`` the numbers are times in this unit."""
+
+    def __init__(self, frames: tuple[int, ...], tick_ns: int | None) -> None:
+        self.frames = frames
+        self._tick_ns = tick_ns
+
+    @property
+    def rate_hz(self) -> float | None:
+        """From the median step of the times."""
+        if self._tick_ns is None or len(self.frames) < 2:
+            return None
+        return round(1e9 / (float(np.median(np.diff(self.frames))) * self._tick_ns), 3)
+
+    def time_ns(self, number: int) -> int | None:
+        """The number as a time."""
+        return None if self._tick_ns is None else number * self._tick_ns
+
+
+class ImagePairs(_NumberedImages):
+    """Two image files a frame, joined by number.
 
     Raises
     ------
@@ -66,8 +85,7 @@ class ImagePairs:
     """
 
     def __init__(self, left: dict[int, Path], right: dict[int, Path], tick_ns: int | None = None) -> None:
-        self._tick_ns = tick_ns
-        self.frames = tuple(sorted(left.keys() & right.keys()))
+        super().__init__(tuple(sorted(left.keys() & right.keys())), tick_ns)
         if not self.frames:
             side = next(iter(left.values())), next(iter(right.values()))
             raise VfoaError(f"no frame number is on both sides: left starts with {side[0]}, right with {side[1]}")
@@ -78,15 +96,6 @@ class ImagePairs:
             for side, files, other, others in alone
             if files.keys() - others.keys()
         )
-
-    @property
-    def rate_hz(self) -> float | None:
-        """Of the stamps in the names."""
-        return _rate_hz(self.frames, self._tick_ns)
-
-    def time_ns(self, number: int) -> int | None:
-        """The stamp in the name."""
-        return None if self._tick_ns is None else number * self._tick_ns
 
     def where(self, number: int) -> str:
         """The left file."""
@@ -102,24 +111,14 @@ class ImagePairs:
         return digest_files((f"{number} {side}", files[number]) for number in self.frames for side, files in sides)
 
 
-class PackedImages:
-    """One image file a frame, which holds both views; ``tick_ns`` as above."""
+class PackedImages(_NumberedImages):
+    """One image file a frame, which holds both views."""
 
     notes: tuple[str, ...] = ()
 
     def __init__(self, files: dict[int, Path], packing: Packing, tick_ns: int | None = None) -> None:
-        self._tick_ns = tick_ns
-        self.frames = tuple(files)
+        super().__init__(tuple(files), tick_ns)
         self._files, self._packing = files, packing
-
-    @property
-    def rate_hz(self) -> float | None:
-        """Of the stamps in the names."""
-        return _rate_hz(self.frames, self._tick_ns)
-
-    def time_ns(self, number: int) -> int | None:
-        """The stamp in the name."""
-        return None if self._tick_ns is None else number * self._tick_ns
 
     def where(self, number: int) -> str:
         """The file."""
@@ -230,13 +229,6 @@ def split(image: Image, packing: Packing, where: str) -> tuple[Image, Image]:
     return np.ascontiguousarray(first), np.ascontiguousarray(second)
 
 
-def _rate_hz(frames: tuple[int, ...], tick_ns: int | None) -> float | None:
-    """From the median step of stamps."""
-    if tick_ns is None or len(frames) < 2:
-        return None
-    return round(1e9 / (float(np.median(np.diff(frames))) * tick_ns), 3)
-
-
 def _check_sizes(left: Image, right: Image, left_name: str, right_path: Path) -> None:
     if left.shape != right.shape:
         raise VfoaError(
@@ -247,4 +239,5 @@ def _check_sizes(left: Image, right: Image, left_name: str, right_path: Path) ->
 
 def _unpaired(side: str, other: str, numbers: list[int]) -> str:
     shown = ", ".join(map(str, numbers[:_SHOWN])) + (" ..." if len(numbers) > _SHOWN else "")
-    return f"{len(numbers)} {side} images have no {other} one and are left out: frame {shown}"
+    images = f"1 {side} image has" if len(numbers) == 1 else f"{len(numbers)} {side} images have"
+    return f"{images} no {other} one, left out: frame {shown}"

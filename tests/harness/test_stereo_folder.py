@@ -47,7 +47,7 @@ def test_images_without_a_partner_are_left_out_and_said(tmp_path: Path, side: st
     (tmp_path / side / "000002.png").unlink()
     clip = StereoFolderClip(SETTINGS, tmp_path)
     assert clip.frames == (1, 3)
-    assert clip.notes == (f"1 {other} images have no {side} one and are left out: frame 2",)
+    assert clip.notes == (f"1 {other} image has no {side} one, left out: frame 2",)
     with pytest.raises(VfoaError, match="no frame 2; expected 1 to 3"):
         clip.frame(2)
 

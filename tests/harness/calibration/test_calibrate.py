@@ -19,6 +19,8 @@ from harness.calibration.solve import rectified_rows_px, solve
 from harness.calibration.views import View, find_views
 from harness.cli import app
 from harness.images import read_rgb
+from tests.calibrations import write_opencv
+from tests.disk import write_image
 from vfoa.errors import VfoaError
 
 BOARD = Chessboard(columns=9, rows=6, square_m=0.025)
@@ -95,6 +97,24 @@ def test_the_result_drives_a_clip_whose_corners_lie_on_the_same_rows(shared_data
     assert np.median(rows_apart) <= 0.15
     assert frames[0].rig.baseline_m > 0
     assert clip.digest() != StereoFolderClip(clip.Settings(**settings, rectified=True), tmp_path).digest()
+
+
+def test_opencv_s_two_files_rectify_real_pairs_in_one_picture(shared_data: Path, tmp_path: Path) -> None:
+    """intrinsics.yml and extrinsics.yml without R1 to P2: the rectification is computed."""
+    pictures = _pictures(shared_data / "chessboard")
+    found = solve(find_views(pictures, BOARD)[0], pictures.size_px)
+    write_opencv(tmp_path / "intrinsics.yml", {"M1": found.K1, "D1": found.D1, "M2": found.K2, "D2": found.D2})
+    write_opencv(tmp_path / "extrinsics.yml", {"R": found.R, "T": found.T})
+    for number, left, right in pictures:
+        write_image(tmp_path / f"{number}.png", np.hstack([left, right]))
+    settings = {"layout": "images_side_by_side", "both": "*.png", "calibration": ["intrinsics.yml", "extrinsics.yml"]}
+    clip = StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)
+    frames = [clip.frame(number) for number in clip.frames]
+    views, _ = find_views(((frame.index, frame.left, frame.right) for frame in frames), BOARD)
+    rows_apart = np.abs(np.concatenate([view.left_px[:, 1] - view.right_px[:, 1] for view in views]))
+    assert len(views) >= 10
+    assert np.median(rows_apart) <= 0.15
+    assert frames[0].rig.baseline_m == pytest.approx(np.linalg.norm(found.T))
 
 
 def test_the_verb_writes_the_file_and_a_picture(shared_data: Path, tmp_path: Path) -> None:

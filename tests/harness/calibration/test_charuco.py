@@ -156,7 +156,7 @@ def test_pictures_that_cannot_be_used_are_said_and_the_rest_is_calibrated(tmp_pa
     out = tmp_path / "stereo.yml"
     result = CliRunner().invoke(app, ["calibrate", str(tmp_path), *ARGUMENTS, "--out", str(out)])
     assert result.exit_code == 0, result.output
-    assert "1 left images have no right one and are left out: frame 3" in result.output
+    assert "1 left image has no right one, left out: frame 3" in result.output
     assert "frame 5 dropped: " in result.output
     assert "frame 7 dropped: (640, 400) pixels; expected (640, 480)" in result.output
     assert "frame 9 dropped: blurred in the right image" in result.output
