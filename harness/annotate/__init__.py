@@ -1,14 +1,16 @@
 """The labelling page: a server on this machine, for one person and one clip.
 
 marks       what a frame is marked with, and how marks stand in the CSV
+edits       what a person does, as new marks
+history     the state as the sum of all changes: undo, redo, revisions
 journal     every change on disk before it is answered
-store       the state of a clip's labels: changes, undo, revisions
+store       the three together with the CSV: checked, never lost, never overwritten unseen
 suggestions what a run predicted, and how sure it was
 scene       outlines, heads and names in a frame
 pictures    the views as JPEG
 targets     new targets, written into the manifest
 session     all of it for one clip
 app, guard  addresses, and who may ask
-server      the socket, and an end by Ctrl-C
+server      the socket and the token
 page/       HTML, CSS and JavaScript, as they are
 """

@@ -28,7 +28,7 @@ export class Page {
       total: this.total,
       look: (name) => this.names.className(name),
       select: (range) => this.select(range),
-      seek: (position, subject) => { if (subject) this.subject = subject; this.go(position); },
+      seek: (position, subject) => this.seek(position, subject || this.subject),
     });
     this.player = new Player(this, about.rate_hz);
     this.wanted = this.shown = 0;
@@ -108,10 +108,15 @@ export class Page {
   }
 
   turnTo(subject) {
+    this.seek(null, subject);
+    return this.go(this.start(), true);
+  }
+
+  seek(position, subject) {
     this.seen.tell();
     this.subject = subject;
     this.select(null);
-    return this.go(this.start(), true);
+    if (position !== null) this.go(position);
   }
 
   // Where a subject's work goes on: the first frame that is not labelled, or not confirmed.
