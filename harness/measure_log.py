@@ -44,8 +44,14 @@ class MeasureLog:
         """The measures of each (clip, true thing, configuration), the thing by the run's own name for it."""
         found: dict[tuple[str, str, str], list[TargetMeasure]] = {}
         for (clip, configuration), frames in self._by_pair.items():
+            by_id: dict[int, list[TargetMeasure]] = {}
             for frame in frames:
                 for each in frame.targets:
-                    name = self._names.get((clip, each.truth_id), f"{each.label}#{each.truth_id}")
-                    found.setdefault((clip, name, configuration), []).append(each)
+                    if each.truth_id in by_id:
+                        by_id[each.truth_id].append(each)
+                    else:
+                        by_id[each.truth_id] = [each]
+            for number, measures in by_id.items():
+                name = self._names.get((clip, number), f"{measures[0].label}#{number}")
+                found.setdefault((clip, name, configuration), []).extend(measures)
         return dict(sorted(found.items(), key=lambda item: item[0][:2]))

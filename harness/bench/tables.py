@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from harness.bench.attention import AttentionTiming
+from harness.bench.scoring import ScoringTiming
 from harness.bench.stages import STAGES, StageCosts
 from harness.bench.stereo import OFF_PX, StereoQuality
 from harness.bench.sweep import SweepTiming
@@ -90,6 +91,27 @@ def sweep_table(row: SweepTiming) -> Table:
         ),
         words=0,
         notes=("The whole of `vfoa run sensitivity` prints its own time.",),
+    )
+
+
+def scoring_table(rows: Sequence[ScoringTiming]) -> Table:
+    """Scoring after a label was edited, against reading the results alone."""
+    return Table(
+        title="Scoring a run after an edited label, seconds",
+        columns=("frames", "configurations", "subjects", "tables and page", "reading alone", "times reading"),
+        rows=tuple(
+            (
+                str(row.frames),
+                str(row.configurations),
+                str(row.subjects),
+                f"{row.score_s:.2f}",
+                f"{row.read_s:.2f}",
+                f"{row.score_s / row.read_s:.1f}",
+            )
+            for row in rows
+        ),
+        words=0,
+        notes=("Six things a frame, every stage measured against a truth; no images, no models.",),
     )
 
 

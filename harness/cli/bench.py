@@ -14,16 +14,17 @@ def bench(
     limit: Annotated[int, typer.Option(min=2, help="Frames to measure.")] = 20,
     out: Annotated[Path | None, typer.Option(help="Write the tables to this Markdown file too.")] = None,
 ) -> None:
-    """Measure ms per stage, frames a second, disparity errors, attention against a plain loop, the gaze filter."""
+    """Measure ms per stage, frames a second, disparity errors, attention, scoring, the gaze filter."""
     from rich.console import Console
 
     from harness import provenance
     from harness.bench.attention import time_attention
     from harness.bench.gaze_filter import gaze_filter_table, measure_gaze_filter
+    from harness.bench.scoring import time_scoring
     from harness.bench.stages import measure_stages
     from harness.bench.stereo import measure_stereo
     from harness.bench.sweep import time_sweep
-    from harness.bench.tables import attention_table, stages_table, stereo_table, sweep_table
+    from harness.bench.tables import attention_table, scoring_table, stages_table, stereo_table, sweep_table
     from harness.experiment import load_experiment
     from harness.files import atomic_write
     from harness.manifest import load_manifest
@@ -46,6 +47,7 @@ def bench(
         )
     )
     tables.append(sweep_table(time_sweep()))
+    tables.append(scoring_table([time_scoring(subjects=1), time_scoring(subjects=3)]))
     tables.append(gaze_filter_table(measure_gaze_filter()))
     for table in tables:
         Console().print(to_rich(table))

@@ -77,9 +77,10 @@ def target_names(record: FrameRecord) -> dict[int, str]:
 
 def attention_by_name(record: FrameRecord, subject: SubjectRecord) -> dict[str, AttentionRecord]:
     """A subject's attention by the target's manifest name: of instances that share a name, the one with the most."""
+    names = {target.instance_id: target.name for target in record.targets}
     strongest: dict[str, AttentionRecord] = {}
     for value in subject.attention:
-        name = record.target(value.instance_id).name
+        name = names[value.instance_id]
         if name not in strongest or value.total > strongest[name].total:
             strongest[name] = value
     return strongest
