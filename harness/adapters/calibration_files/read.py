@@ -12,7 +12,7 @@ from harness.adapters.calibration import Calibration
 from harness.adapters.calibration_files import kalibr, kitti, opencv, ros, zed
 from harness.adapters.calibration_files.documents import SUFFIXES, read_document
 from harness.adapters.calibration_files.options import METRES, Cameras, ImageSize, Options
-from harness.adapters.rectification import RawCamera
+from harness.adapters.rectification import RawCalibration, RawCamera
 from vfoa.errors import VfoaError
 
 NO_OPTIONS = Options()
@@ -62,7 +62,7 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
         if len(documents) != 2:
             raise VfoaError(f'{where}: one camera of ROS; expected the pair: calibration = ["left.yaml", "right.yaml"]')
         left, right = (ros.camera(document, str(path)) for document, path in zip(documents, paths, strict=True))
-        return ros.pair(left, right, where)
+        return RawCalibration(left=left, right=right, where=where)
     merged = {name: value for document in documents for name, value in document.items()}
     if kalibr.is_camchain(merged):
         return kalibr.pair(merged, options.cameras or (0, 1), where)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from harness.adapters.calibration_files.documents import numbers
-from harness.adapters.rectification import ROS_MODELS, RawCalibration, RawCamera
+from harness.adapters.rectification import ROS_MODELS, RawCamera
 from vfoa.errors import VfoaError
 
 _MATRICES = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
@@ -18,7 +18,7 @@ def is_camera_info(document: Mapping[str, Any]) -> bool:
 
 
 def camera(document: Mapping[str, Any], where: str) -> RawCamera:
-    """One camera.
+    """One camera; P of a pair's right one holds -fx B, without which the two have no baseline.
 
     Raises
     ------
@@ -38,14 +38,3 @@ def camera(document: Mapping[str, Any], where: str) -> RawCamera:
     width, height = (int(numbers(document[f"image_{name}"], f"{where}: {name}", 1)[0]) for name in ("width", "height"))
     d = numbers(document["distortion_coefficients"], f"{where}: distortion_coefficients")
     return RawCamera(size_px=(width, height), k=k, d=d, r=r, p=p, model=ROS_MODELS[model])
-
-
-def pair(left: RawCamera, right: RawCamera, where: str) -> RawCalibration:
-    """Both; P of the right one holds -fx B.
-
-    Raises
-    ------
-    VfoaError
-        As :class:`RawCalibration`: cameras that were calibrated one by one have no baseline.
-    """
-    return RawCalibration(left=left, right=right, where=where)
