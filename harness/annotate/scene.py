@@ -6,6 +6,7 @@ Outlines come from a run's saved masks, else from its boxes; without a run from 
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,12 @@ from harness.adapters import Clip
 from harness.annotate.suggestions import Predictions
 from harness.manifest import ClipManifest
 from harness.naming import SubjectNames, name_targets
-from harness.results import FrameRecord
+from harness.results import BoxPx, FrameRecord
 from harness.run_directory import RunDirectory
 from harness.signals.coco_panoptic import CocoPanoptic, CocoPanopticSettings
 from harness.signals.saved import VARIABLE
 from harness.stages import CLIP_VARIABLE
-from vfoa.types import FrameResult, Instances, Mask, Scene, StereoFrame, Target
+from vfoa.types import FrameResult, Instance, Instances, Mask, Scene, StereoFrame, Target
 
 _SMOOTHING_PX = 0.8
 """How far an outline may be from the mask's own edge."""
@@ -39,7 +40,7 @@ class SceneObject:
     name: str
     label: str
     score: float
-    box_px: tuple[float, float, float, float]
+    box_px: BoxPx
     outline: Outline
 
 
@@ -48,7 +49,7 @@ class SceneView:
     """The objects of a frame, the nearest to be clicked last, and the subjects' head boxes by name."""
 
     objects: tuple[SceneObject, ...]
-    heads_px: dict[str, tuple[float, float, float, float]]
+    heads_px: dict[str, BoxPx]
 
     def plain(self) -> dict[str, Any]:
         """As JSON."""
@@ -58,9 +59,9 @@ class SceneView:
 class Scenes:
     """The scene of each frame of a clip, from a run where there is one."""
 
-    def __init__(self, manifest: ClipManifest, clip: Clip, predictions: Predictions | None, run: Path | None) -> None:
-        self._manifest, self._clip, self._predictions = manifest, clip, predictions
-        folder = None if run is None or predictions is None else saved_folder(run, manifest.name, predictions)
+    def __init__(self, name: str, clip: Clip, predictions: Predictions | None, run: Path | None) -> None:
+        self._clip, self._predictions = clip, predictions
+        folder = None if run is None or predictions is None else saved_folder(run, name, predictions)
         settings = None if folder is None else CocoPanopticSettings(root=str(folder), stuff="all", partial=True)
         self._saved = None if settings is None else CocoPanoptic(settings, clip)
 
@@ -68,16 +69,17 @@ class Scenes:
         """What is in a frame; ``manifest`` has the names of the moment."""
         if self._predictions is not None:
             record = self._predictions.records.get(frame.index)
-            return SceneView(objects=(), heads_px={}) if record is None else self._of_run(record, frame)
+            return SceneView(objects=(), heads_px={}) if record is None else self._of_run(record, frame, manifest)
         return self._of_truth(frame.index, manifest)
 
-    def _of_run(self, record: FrameRecord, frame: StereoFrame) -> SceneView:
+    def _of_run(self, record: FrameRecord, frame: StereoFrame, manifest: ClipManifest) -> SceneView:
+        names = _names_of_run(record, manifest)
         saved = None if self._saved is None else self._saved.segment(frame)
         drawn = set() if saved is None else {each.id for each in saved.instances}
         objects = [
             SceneObject(
                 instance_id=each.instance_id,
-                name=each.name,
+                name=names[each.instance_id],
                 label=each.label,
                 score=each.score,
                 box_px=each.box_px,
@@ -118,12 +120,7 @@ def _named(number: int, instances: Instances, manifest: ClipManifest) -> list[Sc
     """Instances with their names by the manifest's rules, as a run would name them; stuff is left out."""
     things = [each for each in instances.instances if each.is_thing and (instances.ids == each.id).any()]
     boxes = {each.id: _extent(instances.mask(each.id)) for each in things}
-    empty = np.zeros((0, 3), np.float32)
-    targets = tuple(
-        Target(instance=each, box_px=np.array(boxes[each.id], float), points_left=empty, box=None) for each in things
-    )
-    result = FrameResult(scene=Scene(index=number, time_ns=0, targets=targets, people=()), attentions=())
-    names = name_targets(result, manifest.subjects, manifest.targets, SubjectNames())
+    names = _by_rules(number, [(each, boxes[each.id]) for each in things], manifest)
     return [
         SceneObject(
             instance_id=each.id,
@@ -137,25 +134,51 @@ def _named(number: int, instances: Instances, manifest: ClipManifest) -> list[Sc
     ]
 
 
+def _names_of_run(record: FrameRecord, manifest: ClipManifest) -> dict[int, str]:
+    """The names that the run gave, and those of targets that the manifest has learned since."""
+    found = [
+        (Instance(id=each.instance_id, label=each.label, category_id=0, is_thing=True, score=each.score), each.box_px)
+        for each in record.targets
+    ]
+    fresh = _by_rules(record.frame, found, manifest)
+    known = {*manifest.targets, *manifest.subjects}
+    return {
+        each.instance_id: fresh[each.instance_id]
+        if each.name not in known and fresh[each.instance_id] in manifest.targets
+        else each.name
+        for each in record.targets
+    }
+
+
+def _by_rules(number: int, found: Sequence[tuple[Instance, BoxPx]], manifest: ClipManifest) -> Mapping[int, str]:
+    """Names by instance id."""
+    empty = np.zeros((0, 3), np.float32)
+    targets = tuple(
+        Target(instance=each, box_px=np.array(box_px, float), points_left=empty, box=None) for each, box_px in found
+    )
+    result = FrameResult(scene=Scene(index=number, time_ns=0, targets=targets, people=()), attentions=())
+    return name_targets(result, manifest.subjects, manifest.targets, SubjectNames())
+
+
 def _small_last(objects: list[SceneObject]) -> tuple[SceneObject, ...]:
     """In the order of drawing: what is small lies on top, where it can be clicked."""
     return tuple(sorted(objects, key=lambda each: (-_area(each.box_px), each.instance_id)))
 
 
-def _area(box_px: tuple[float, float, float, float]) -> float:
+def _area(box_px: BoxPx) -> float:
     return (box_px[2] - box_px[0]) * (box_px[3] - box_px[1])
 
 
-def _extent(mask: Mask) -> tuple[float, float, float, float]:
+def _extent(mask: Mask) -> BoxPx:
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return float(columns[0]), float(rows[0]), float(columns[-1]), float(rows[-1])
 
 
-def _box(array: np.ndarray[Any, np.dtype[np.float64]]) -> tuple[float, float, float, float]:
+def _box(array: np.ndarray[Any, np.dtype[np.float64]]) -> BoxPx:
     u0, v0, u1, v1 = array.tolist()
     return u0, v0, u1, v1
 
 
-def _rectangle(box_px: tuple[float, float, float, float]) -> Outline:
+def _rectangle(box_px: BoxPx) -> Outline:
     u0, v0, u1, v1 = (round(each) for each in box_px)
     return [[[u0, v0], [u1, v0], [u1, v1], [u0, v1]]]

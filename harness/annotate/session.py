@@ -67,7 +67,7 @@ class Session:
             raise VfoaError(f"{self.manifest.path}: the clip has no frames")
         self._annotator, self._blind, self._uncertain_first = annotator, blind, uncertain_first
         self._predictions = Predictions(run, self.manifest.name, configuration) if run else None
-        self._scenes = Scenes(self.manifest, self._clip, self._predictions, run)
+        self._scenes = Scenes(self.manifest.name, self._clip, self._predictions, run)
         saved = (
             saved_folder(run, self.manifest.name, self._predictions, "stereo") if run and self._predictions else None
         )

@@ -255,14 +255,13 @@ def test_a_new_target_is_named_in_place_and_stands_in_the_manifest(browser: Chro
     form = browser.find_element("id", "new-target")
     assert form.find_element("name", "category").get_attribute("value") == "thing"
     form.find_element("name", "name").send_keys("wall clock")
-    form.find_element("name", "category").clear()
-    form.find_element("name", "category").send_keys("clock")
     form.find_element("xpath", ".//button[text()='Add']").click()
     wait_for(lambda: browser.find_elements("css selector", '[data-target="wall clock"]'))
     text = page.session.manifest.path.read_text()
     assert text.startswith(before)
-    assert load_manifest(str(page.session.manifest.path)).targets["wall clock"].category == "clock"
-    _click(browser, '[data-target="wall clock"]')
+    rule = load_manifest(str(page.session.manifest.path)).targets["wall clock"]
+    assert (rule.category, rule.at_px) == ("thing", (55, 7))  # several of this category: by its place
+    _click(browser, '[data-name="wall clock"]')
     assert _targets(page)[0] == "w"
 
 
