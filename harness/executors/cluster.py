@@ -42,6 +42,16 @@ def connect(address: str) -> Iterator[Client]:
         yield client
 
 
+@contextmanager
+def local_cluster(workers: int) -> Iterator[str]:
+    """Yield the address of a scheduler on this machine with so many workers: processes of one thread."""
+    from distributed import LocalCluster
+
+    options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "host": "127.0.0.1"}
+    with LocalCluster(**options, silence_logs=50) as cluster:
+        yield cluster.scheduler_address
+
+
 def _check_workers(client: Client, address: str) -> None:
     try:
         client.wait_for_workers(1, timeout=PATIENCE_SECONDS)

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from harness.executors import InProcess, executor, work_through
+from harness.executors.cluster import local_cluster
 from vfoa.errors import VfoaError
 
 
@@ -126,10 +127,8 @@ def test_one_worker_needs_no_pool() -> None:
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     """The address of a scheduler with two workers, each a process with one thread."""
-    distributed = pytest.importorskip("distributed")
-    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
-    with distributed.LocalCluster(**options) as cluster:
-        yield cluster.scheduler_address
+    with local_cluster(2) as address:
+        yield address
 
 
 def test_a_cluster_does_the_work_in_order_and_tells_of_it(scheduler: str) -> None:

@@ -8,24 +8,29 @@ import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from harness.cache.store import Store
 from harness.conduct import conduct, prepare
+from harness.executors.cluster import local_cluster
 from harness.experiment import load_experiment
 from harness.rescore import rescore
+from harness.results import read_results
 from harness.run_directory import RunDirectory
+from harness.signals.coco_panoptic_writer import write_coco_panoptic
 from tests import graphs
-from tests.disk import write_text
+from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
+from vfoa.types import Instance, Instances
 
 FRAMES = 8
 TABLES = ("results.jsonl", "frr.csv", "frames.csv", "compared.csv", "frr.tex")
 
 # one clip, so that workers have to share it; stages that are cached and that are not, a window over frames, tracks
 EXPERIMENT = """
-clips = ["studio_talk"]
-defaults.stereo.min_depth_m = 0.8
-defaults.segmentation.model = "truth"
+clips = ["alley"]
+defaults.stereo.min_depth_m = 1.0
+defaults.segmentation = {{ model = "coco_panoptic", root = "{masks}" }}
 defaults.heads.detector = "person_mask"
 defaults.head_pose.model = "none"
 defaults.gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
@@ -36,18 +41,35 @@ stereo.matcher = "bm"
 name = "sgbm"
 stereo.matcher = "sgbm"
 [[configuration]]
-name = "true-gaze"
+name = "wider"
 stereo.matcher = "bm"
-heads.detector = "truth"
-gaze.model = "truth"
+gaze.stride = 2
+"""
+MANIFEST = """
+name = "alley"
+adapter = "sintel"
+root = "{root}"
+[source]
+scene = "alley"
 """
 
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("parallel")
+    numbers = range(1, FRAMES + 1)
+    root = sintel_scene(folder / "data", frames=tuple(numbers))
+    write_text(folder / "datasets" / "alley.toml", MANIFEST.format(root=root.as_posix()))
+    person = Instance(id=1, label="person", category_id=1, is_thing=True, score=0.9)
+    cup = Instance(id=2, label="cup", category_id=47, is_thing=True, score=0.9)
+    ids = np.zeros((HEIGHT, WIDTH), np.uint16)
+    ids[10:, 8:28], ids[20:35, 40:55] = 1, 2
+    write_coco_panoptic(folder / "masks", [(n, Instances(ids=ids, instances=(person, cup))) for n in numbers])
     weights = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
-    return write_text(folder / "parallel.toml", EXPERIMENT.format(weights=weights))
+    text = EXPERIMENT.format(weights=weights, masks=(folder / "masks").as_posix())
+    return write_text(
+        folder / "parallel.toml", text.replace('"alley"', f'"{folder.as_posix()}/datasets/alley.toml"', 1)
+    )
 
 
 def _run(
@@ -75,8 +97,9 @@ def test_workers_share_a_clip_and_change_nothing(
 ) -> None:
     told: list[str] = []
     shared = _run(experiment, tmp_path, workers, told=told.append)
+    assert all(record.subjects and record.subjects[0].gaze for record in read_results(shared.results))
     assert _same(shared, alone)
-    assert told == ["studio_talk"] * FRAMES
+    assert told == ["alley"] * FRAMES
     stereo = [row for row in shared.read_manifest()["cache"] if row["slot"] == "stereo"]
     assert [(row["stage"], row["reused"], row["computed"]) for row in stereo] == [
         ("bm", 0, FRAMES),
@@ -84,9 +107,8 @@ def test_workers_share_a_clip_and_change_nothing(
     ]
 
 
-def _killer(pids: Callable[[], list[int]]) -> Callable[[str], None]:
+def _killer(pids: Callable[[], list[int]], killed: list[int]) -> Callable[[str], None]:
     """Kills one of the workers when the first frame is done."""
-    killed: list[int] = []
 
     def told(_clip: str) -> None:
         if not killed:
@@ -99,17 +121,17 @@ def _killer(pids: Callable[[], list[int]]) -> Callable[[str], None]:
 def test_a_worker_of_the_pool_that_is_killed_changes_nothing(
     experiment: Path, alone: RunDirectory, tmp_path: Path
 ) -> None:
+    killed: list[int] = []
     children = lambda: [child.pid for child in multiprocessing.active_children() if child.pid]  # noqa: E731
-    assert _same(_run(experiment, tmp_path, 2, told=_killer(children)), alone)
+    assert _same(_run(experiment, tmp_path, 2, told=_killer(children, killed)), alone)
+    assert killed
 
 
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     """The address of a scheduler with two workers, each a process with one thread."""
-    distributed = pytest.importorskip("distributed")
-    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None, "silence_logs": 50}
-    with distributed.LocalCluster(**options) as cluster:
-        yield cluster.scheduler_address
+    with local_cluster(2) as address:
+        yield address
 
 
 def test_a_cluster_changes_nothing(experiment: Path, alone: RunDirectory, tmp_path: Path, scheduler: str) -> None:
@@ -123,4 +145,6 @@ def test_a_worker_of_a_cluster_that_is_killed_changes_nothing(
 
     with distributed.Client(scheduler, set_as_default=False) as client:
         pids = list(client.run(os.getpid).values())
-    assert _same(_run(experiment, tmp_path, 1, scheduler=scheduler, told=_killer(lambda: pids)), alone)
+    killed: list[int] = []
+    assert _same(_run(experiment, tmp_path, 1, scheduler=scheduler, told=_killer(lambda: pids, killed)), alone)
+    assert killed
