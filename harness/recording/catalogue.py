@@ -16,7 +16,7 @@ from rerun.catalog import CatalogClient, DatasetEntry, NotFoundError
 from rerun.chunk import RrdReader
 from rerun.server import Server
 
-from harness.recording.viewer import HOST
+from harness.local_server import HOST
 from vfoa.errors import VfoaError
 
 _PATIENCE_S = 1.0
@@ -34,7 +34,7 @@ class Catalogue:
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
-        self._server = Server(host=HOST)
+        self._server = Server(host=HOST)  # its default is every network interface
         self._client: CatalogClient = self._server.client()
         return self
 

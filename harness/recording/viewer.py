@@ -15,10 +15,8 @@ from typing import BinaryIO
 import rerun_cli
 from rerun.experimental import ViewerClient
 
+from harness.local_server import HOST
 from vfoa.errors import VfoaError
-
-HOST = "127.0.0.1"
-"""Every bind names it: Rerun's own default is every network interface."""
 
 _CONNECT_S = 30.0
 _DRAWN_S = 60.0

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import httpx
 
-from harness.recording.viewer import HOST, free_port, stopped_at_end, viewer_binary
+from harness.local_server import HOST
+from harness.recording.viewer import free_port, stopped_at_end, viewer_binary
 from vfoa.errors import VfoaError
 
 NAMES = ("index.html", "re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
