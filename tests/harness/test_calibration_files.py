@@ -167,6 +167,24 @@ def test_a_calibration_for_another_size_is_not_found(tmp_path: Path, name: str) 
     assert find_calibrations(tmp_path, lambda: (64, 48)) == ()
 
 
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        (
+            "opencv yaml",
+            Options(cameras=(0, 1)),
+            r"c\.yml: calibration_cameras: found \(0, 1\); expected none for Op",
+        ),
+        ("zed", Options(cameras=(0, 1)), r"SN1\.conf: calibration_cameras: .* expected none for the ZED's"),
+        ("ros", Options(fisheye=True), r"right\.yaml: fisheye: found true; .* this is ROS's"),
+        ("kalibr", Options(fisheye=True), r"camchain\.yaml: fisheye: found true; .* this is Kalibr's"),
+    ],
+)
+def test_what_means_nothing_for_a_file_is_refused(tmp_path: Path, name: str, options: Options, message: str) -> None:
+    with pytest.raises(VfoaError, match=message):
+        read_cameras(FORMATS[name](tmp_path), _size, options)
+
+
 small = st.floats(-0.03, 0.03)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,8 @@ def find_calibrations(
 ) -> tuple[FoundCalibration, ...]:
     """Every file, or pair of files, that can be read as a calibration of images of this (width, height).
 
-    ``candidates`` are paths relative to ``root``; unsaid, all that could be in the folder and the folders in it.
+    ``options.cameras`` holds for KITTI's files. ``candidates`` are paths relative to ``root``; unsaid, all that
+    could be one in the folder and the folders in it.
     """
     found = (_read(root, names, size, options) for names in candidates or _candidates(root))
     return tuple(each for each in found if each is not None)
@@ -59,6 +60,8 @@ def _candidates(root: Path) -> Iterator[tuple[str, ...]]:
 
 
 def _read(root: Path, names: tuple[str, ...], size: ImageSize, options: Options) -> FoundCalibration | None:
+    if not names[0].endswith(".txt"):  # numbers of KITTI's cameras mean nothing for another file
+        options = replace(options, cameras=None)
     try:
         cameras = read_cameras([root / name for name in names], size, options)
     except VfoaError:

@@ -52,7 +52,11 @@ def _read(paths: Sequence[Path], size: ImageSize, options: Options) -> Cameras:
         return _read_documents(paths, size, options)
     if len(paths) > 1:
         raise VfoaError(f"{paths[1]}: a second calibration file; expected one, or two in YAML or XML")
-    return zed.read(path, size) if path.suffix.lower() == ".conf" else kitti.read(path, options.cameras or (2, 3))
+    if path.suffix.lower() == ".conf":
+        _refuse_unused(options, path, "the ZED's")
+        return zed.read(path, size)
+    _refuse_unused(options, path, "KITTI's", cameras=True)
+    return kitti.read(path, options.cameras or (2, 3))
 
 
 def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) -> Cameras:
@@ -61,12 +65,25 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
     if all(ros.is_camera_info(document) for document in documents):
         if len(documents) != 2:
             raise VfoaError(f'{where}: one camera of ROS; expected the pair: calibration = ["left.yaml", "right.yaml"]')
+        _refuse_unused(options, where, "ROS's")
         left, right = (ros.camera(document, str(path)) for document, path in zip(documents, paths, strict=True))
         return RawCalibration(left=left, right=right, where=where)
     merged = {name: value for document in documents for name, value in document.items()}
     if kalibr.is_camchain(merged):
+        _refuse_unused(options, where, "Kalibr's", cameras=True)
         return kalibr.pair(merged, options.cameras or (0, 1), where)
+    _refuse_unused(options, where, "OpenCV's", fisheye=True)
     return opencv.pair(merged, size, options, where)
+
+
+def _refuse_unused(
+    options: Options, where: Path | str, whose: str, *, cameras: bool = False, fisheye: bool = False
+) -> None:
+    """Refuse what is said of a file but means nothing for its kind."""
+    if options.cameras is not None and not cameras:
+        raise VfoaError(f"{where}: calibration_cameras: found {options.cameras}; expected none for {whose} calibration")
+    if options.fisheye and not fisheye:
+        raise VfoaError(f"{where}: fisheye: found true; expected it for OpenCV's calibration only, this is {whose}")
 
 
 def _in_metres(cameras: Cameras, scale: float) -> Cameras:
