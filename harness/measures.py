@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from harness.adapters import Clip, PersonTruth, Truth
@@ -36,19 +38,26 @@ class Measurer:
         call = self._ledger.call
         return FrameMeasures(
             disparity=call("disparity", measure_disparity, percepts.disparity, truth.disparity),
-            targets=call("targets", measure_targets, percepts.instances, scene.targets, truth),
+            targets=self._targets(percepts.instances, scene.targets, truth),
             people=call("people", measure_people, scene, truth),
         )
 
+    def _targets(self, found: Instances, targets: tuple[Target, ...], truth: Truth) -> tuple[TargetMeasure, ...]:
+        if truth.instances is None:
+            return ()
+        matches = self._ledger.call("masks", match_masks, found, truth.instances)
+        return self._ledger.call("targets", measure_targets, matches, targets, truth.instances, truth.boxes)
+
 
 def measure_disparity(found: Disparity, true: Disparity | None) -> DisparityMeasure | None:
-    """A disparity map against the true one; None where the truth is not known anywhere."""
-    if true is None or true.known_share == 0:
+    """A disparity map against the true one, on every second row and column; None where no truth is known."""
+    if true is None:
         return None
-    if found is true:
-        return DisparityMeasure(error_px=0.0, over_2_px=0.0, known=1.0)
-    expected = np.isfinite(true.disparity_px)
-    error = np.abs(found.disparity_px - true.disparity_px)[expected]
+    sampled = true.disparity_px[::2, ::2]
+    expected = np.isfinite(sampled)
+    if not expected.any():
+        return None
+    error = np.abs(found.disparity_px[::2, ::2] - sampled)[expected]
     error = error[np.isfinite(error)]
     return DisparityMeasure(
         error_px=float(np.median(error)) if len(error) else None,
@@ -57,19 +66,32 @@ def measure_disparity(found: Disparity, true: Disparity | None) -> DisparityMeas
     )
 
 
-def measure_targets(found: Instances, targets: tuple[Target, ...], truth: Truth) -> tuple[TargetMeasure, ...]:
-    """Every true thing and person that is seen, against the instance whose mask is the same; () without true masks."""
-    if truth.instances is None:
-        return ()
+Matches = Mapping[int, tuple[int, float]]
+"""By true id, the id of the instance that was found for it, and the IoU of their masks."""
+
+
+def match_masks(found: Instances, true: Instances) -> Matches:
+    """Pair the masks that overlap by more than :data:`MATCH_IOU`."""
+    width = int(found.ids.max()) + 1
+    common = np.bincount(true.ids.ravel().astype(np.intp) * width + found.ids.ravel())
+    common = np.pad(common, (0, -len(common) % width)).reshape(-1, width)
+    union = common.sum(axis=1, keepdims=True) + np.bincount(found.ids.ravel(), minlength=width) - common
+    iou = common / np.maximum(union, 1)
+    return {int(t): (int(f), float(iou[t, f])) for t, f in np.argwhere(iou > MATCH_IOU) if t > 0 and f > 0}
+
+
+def measure_targets(
+    matches: Matches, targets: tuple[Target, ...], true: Instances, true_boxes: Mapping[int, Box3D] | None
+) -> tuple[TargetMeasure, ...]:
+    """Every true thing and person that is seen, against the instance whose mask is the same."""
     boxes = {target.instance.id: target.box for target in targets}
-    matches = _matches(found, truth.instances)
     measures = []
-    for instance in truth.instances.instances:
+    for instance in true.instances:
         if not instance.is_thing:
             continue
         found_id, mask_iou = matches.get(instance.id, (None, 0.0))
         box = boxes.get(found_id) if found_id is not None else None
-        true_box = (truth.boxes or {}).get(instance.id)
+        true_box = (true_boxes or {}).get(instance.id)
         measures.append(
             TargetMeasure(
                 truth_id=instance.id,
@@ -81,16 +103,6 @@ def measure_targets(found: Instances, targets: tuple[Target, ...], truth: Truth)
             )
         )
     return tuple(measures)
-
-
-def _matches(found: Instances, true: Instances) -> dict[int, tuple[int, float]]:
-    """By true id, the found id whose mask overlaps it by more than :data:`MATCH_IOU`, and by how much."""
-    width = int(found.ids.max()) + 1
-    common = np.bincount(true.ids.ravel().astype(np.intp) * width + found.ids.ravel())
-    common = np.pad(common, (0, -len(common) % width)).reshape(-1, width)
-    union = common.sum(axis=1, keepdims=True) + np.bincount(found.ids.ravel(), minlength=width) - common
-    iou = common / np.maximum(union, 1)
-    return {int(t): (int(f), float(iou[t, f])) for t, f in np.argwhere(iou > MATCH_IOU) if t > 0 and f > 0}
 
 
 def measure_people(scene: Scene, truth: Truth) -> tuple[PersonMeasure, ...]:

@@ -28,6 +28,7 @@ STAGES = (
     "gaze",
     "reconstruction",
     "attention",
+    "measures",
     "recording",
 )
 

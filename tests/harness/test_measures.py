@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from harness.adapters import PersonTruth, Truth
-from harness.measures import Measurer, box_iou_3d, measure_disparity, measure_people, measure_targets
+from harness.measures import Measurer, box_iou_3d, match_masks, measure_disparity, measure_people, measure_targets
+from harness.results import TargetMeasure
 from tests.scenes import make_box, make_person, make_rig, make_target
 from vfoa.geometry import perturb
-from vfoa.types import Disparity, Instance, Instances, Percepts, Person, Scene
+from vfoa.types import Disparity, Instance, Instances, Percepts, Person, Scene, Target
 
 SHAPE = (40, 60)
 
@@ -40,13 +41,13 @@ class TestDisparity:
     def test_error_bad_share_and_known_share(self) -> None:
         """Of a true map that is known on three quarters: half is right, a quarter 3 px off, a quarter unknown."""
         columns = np.arange(SHAPE[1])
-        true = disparity(np.where(columns < 45, 20.0, np.nan))
-        found = disparity(np.select([columns < 24, columns < 36, columns < 45], [20.25, 23.0, np.nan], 99.0))
+        true = disparity(np.where(columns < 44, 20.0, np.nan))
+        found = disparity(np.select([columns < 24, columns < 36, columns < 44], [20.25, 23.0, np.nan], 99.0))
         measure = measure_disparity(found, true)
         assert measure is not None
         assert measure.error_px == pytest.approx(0.25)
         assert measure.over_2_px == pytest.approx(12 / 36)
-        assert measure.known == pytest.approx(36 / 45)
+        assert measure.known == pytest.approx(36 / 44)
 
     def test_a_map_without_any_value_has_no_error(self) -> None:
         measure = measure_disparity(disparity(np.nan), disparity(5.0))
@@ -60,27 +61,32 @@ class TestDisparity:
         assert measure_disparity(disparity(5.0), None) is None
 
 
+def measured(found: Instances, targets: tuple[Target, ...], truth: Truth) -> tuple[TargetMeasure, ...]:
+    assert truth.instances is not None
+    return measure_targets(match_masks(found, truth.instances), targets, truth.instances, truth.boxes)
+
+
 class TestTargets:
     def test_a_thing_is_measured_against_the_mask_that_is_the_same(self) -> None:
         """Another number, five of twenty columns too few; the box is as large, a quarter of its width aside."""
         true, found = masks((3, 10, 30)), masks((7, 10, 25), (8, 40, 50))
         shifted = make_target(7, make_box((0.1, 0, 2), 0.2))
         truth = Truth(instances=true, boxes={3: make_box((0, 0, 2), 0.2)})
-        (measure,) = measure_targets(found, (shifted,), truth)
+        (measure,) = measured(found, (shifted,), truth)
         assert (measure.truth_id, measure.instance_id, measure.label) == (3, 7, "cup")
         assert measure.mask_iou == pytest.approx(15 / 20)
         assert measure.box_iou == pytest.approx(0.75 / 1.25)
         assert measure.center_error_m == pytest.approx(0.1)
 
     def test_a_mask_that_is_half_another_thing_is_not_the_same(self) -> None:
-        (measure,) = measure_targets(masks((7, 20, 40)), (), Truth(instances=masks((3, 10, 30))))
+        (measure,) = measured(masks((7, 20, 40)), (), Truth(instances=masks((3, 10, 30))))
         assert (measure.instance_id, measure.mask_iou, measure.box_iou) == (None, 0.0, None)
 
     def test_stuff_is_no_target_and_an_unsegmented_frame_is_missed(self) -> None:
         true = masks((3, 10, 30), (4, 30, 50))
         floor = replace(true.instances[1], is_thing=False)
         truth = Truth(instances=replace(true, instances=(true.instances[0], floor)))
-        (measure,) = measure_targets(masks(), (), truth)
+        (measure,) = measured(masks(), (), truth)
         assert (measure.truth_id, measure.instance_id) == (3, None)
 
 
