@@ -89,7 +89,11 @@ def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str
     for folder, subfolders, files in os.walk(root):
         relative = Path(folder).relative_to(root)
         subfolders[:] = sorted(n for n in subfolders if not n.startswith(".") and len(relative.parts) < DEPTH)
-        names = sorted(n for n in files if Path(n).suffix.lower() in suffixes and not n.startswith("."))
+        # What vfoa calibrate shows beside its stereo.yml is a picture of a rectified pair, but no frame.
+        previews = {Path(name).stem + ".png" for name in files if Path(name).suffix == ".yml"}
+        names = sorted(
+            n for n in files if Path(n).suffix.lower() in suffixes and not n.startswith(".") and n not in previews
+        )
         if names:
             found[relative.as_posix()] = [(relative / name).as_posix() for name in names]
     return found

@@ -123,6 +123,13 @@ def test_a_video_that_holds_both_views(tmp_path: Path, packing: str, stack: Any)
     _assert_like(clip)
 
 
+def test_the_preview_of_a_calibration_is_no_frame(tmp_path: Path) -> None:
+    write_image(tmp_path / "stereo.png", np.hstack(_pair(1)))
+    assert [each.source["both"] for each in find_layouts(tmp_path)] == ["."]
+    write_text(tmp_path / "stereo.yml", "")
+    assert find_layouts(tmp_path) == ()
+
+
 def test_two_videos(tmp_path: Path) -> None:
     for side in (0, 1):
         images = [_pair(number)[side] for number in (*FRAMES, 11, 12)]
