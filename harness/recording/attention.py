@@ -35,15 +35,15 @@ def _log_eyes(log: FrameLog, attention: Attention, name: str) -> None:
     eyes = attention.subject.person.eye_origin_left
     if eyes is None:
         return
-    marker = rr.Points3D([eyes], radii=rr.Radius.ui_points(5), colors=[(255, 255, 255)])
-    log.log(entities.subject_3d(name, "origin"), marker)
+    path = entities.subject_3d(name, "origin")
+    log.keep(path, _marker_style, key="style")
+    log.log(path, rr.Points3D.from_fields(positions=eyes[None]))
     for cue in CUES:
         direction = attention.subject.direction(cue)
         if direction is not None:
-            arrow = rr.Arrows3D(
-                origins=[eyes], vectors=[ARROW_M * direction], colors=[CUE_COLOURS[cue]], radii=rr.Radius.ui_points(3)
-            )
-            log.log(entities.cue_3d(name, cue, "direction"), arrow)
+            path = entities.cue_3d(name, cue, "direction")
+            log.keep(path, partial(_arrow_style, CUE_COLOURS[cue]), key="style")
+            log.log(path, rr.Arrows3D.from_fields(origins=eyes[None], vectors=ARROW_M * direction[None]))
 
 
 def _log_cones(log: FrameLog, attention: Attention, name: str, reach: float) -> None:
@@ -51,8 +51,9 @@ def _log_cones(log: FrameLog, attention: Attention, name: str, reach: float) -> 
         wires = [cone_wire(cone, reach) for cone in attention.cones if cone.cue == cue]
         if wires:
             lines = np.stack(wires).astype(np.float32)
-            strips = rr.LineStrips3D(lines, colors=[_dim(CUE_COLOURS[cue], 0.7)], radii=rr.Radius.ui_points(0.75))
-            log.log(entities.cue_3d(name, cue, "cones"), strips)
+            path = entities.cue_3d(name, cue, "cones")
+            log.keep(path, partial(_line_style, 0.75, _dim(CUE_COLOURS[cue], 0.7)), key="style")
+            log.log(path, rr.LineStrips3D.from_fields(strips=lines))
 
 
 def _log_rays(log: FrameLog, cones: Sequence[Cone], rays: Rays, name: str, reach: float) -> None:
@@ -70,13 +71,15 @@ def _log_rays(log: FrameLog, cones: Sequence[Cone], rays: Rays, name: str, reach
         bright, dim = CUE_COLOURS[cue], _dim(CUE_COLOURS[cue], 0.2)
         colours = np.where(hit[ours, None], bright, dim).astype(np.uint8)
         # one array of strips costs a tenth of a list of them
-        strips = rr.LineStrips3D(lines[ours], colors=colours, radii=rr.Radius.ui_points(0.5))
-        log.log(entities.cue_3d(name, cue, "rays"), strips)
+        path = entities.cue_3d(name, cue, "rays")
+        log.keep(path, partial(_line_style, 0.5), key="style")
+        log.log(path, rr.LineStrips3D.from_fields(strips=lines[ours], colors=colours))
         ray, target = np.nonzero(np.isfinite(entry) & ours[:, None])
         if len(ray):
             points = rays.origin_left + rays.directions[ray] * entry[ray, target, None]
-            hits = rr.Points3D(points, colors=[bright], radii=rr.Radius.ui_points(2.5))
-            log.log(entities.cue_3d(name, cue, "hits"), hits)
+            path = entities.cue_3d(name, cue, "hits")
+            log.keep(path, partial(_hit_style, bright), key="style")
+            log.log(path, rr.Points3D.from_fields(positions=points))
 
 
 def _log_curves(log: FrameLog, record: FrameRecord, names: dict[int, str], colours: Colours) -> None:
@@ -88,7 +91,26 @@ def _log_curves(log: FrameLog, record: FrameRecord, names: dict[int, str], colou
                 if number is not None:
                     path = entities.curve(name, what, target)
                     log.keep(path, partial(_style, target, colours.of(target)), key="style")
-                    log.log(path, rr.Scalars(number))
+                    log.number(path, number)
+
+
+# What never changes of an entity is logged once, and not by time: it also outlives the entity's clearing.
+
+
+def _marker_style() -> rr.Points3D:
+    return rr.Points3D.from_fields(radii=rr.Radius.ui_points(5), colors=[(255, 255, 255)])
+
+
+def _hit_style(colour: Colour) -> rr.Points3D:
+    return rr.Points3D.from_fields(radii=rr.Radius.ui_points(2.5), colors=[colour])
+
+
+def _arrow_style(colour: Colour) -> rr.Arrows3D:
+    return rr.Arrows3D.from_fields(radii=rr.Radius.ui_points(3), colors=[colour])
+
+
+def _line_style(points: float, colour: Colour | None = None) -> rr.LineStrips3D:
+    return rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(points), colors=None if colour is None else [colour])
 
 
 def _style(target: str, colour: Colour) -> rr.SeriesLines:

@@ -49,6 +49,7 @@ def _record(folder: Path, case: Case) -> Path:
         log_targets(log, result.scene, record, colours, "light")
         log_attention(log, result, record, colours)
         log.end()
+    log.close()
     stream.flush()
     stream.disconnect()
     partial.replace(path)

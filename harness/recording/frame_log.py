@@ -7,21 +7,31 @@ from collections.abc import Callable
 import numpy as np
 import rerun as rr
 
+COLUMN_FRAMES = 25
+"""Frames whose numbers wait to be sent together: a second's, which is what a kill can lose of the curves."""
+
 
 class FrameLog:
     """A stream in which an entity that a frame does not log is cleared.
 
     Rerun shows the latest value of an entity; without the clearing, a box would stay where its thing was last seen.
+
+    Numbers wait for :data:`COLUMN_FRAMES` frames and are then sent as one column a curve: a call to Rerun costs more
+    than a number. :meth:`close` sends the last of them.
     """
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self._stream = stream
+        self._time = (0, 0)
+        self._waiting: dict[str, list[tuple[int, int, float]]] = {}
+        self._frames_waiting = 0
         self._before: set[str] = set()
         self._now: set[str] = set()
         self._kept: dict[str, object] = {}
 
     def begin(self, frame: int, time_ns: int) -> None:
         """Set the time of all that follows: the source's own frame number and time."""
+        self._time = (frame, time_ns)
         self._stream.set_time("frame", sequence=frame)
         self._stream.set_time("time", duration=np.timedelta64(time_ns, "ns"))
 
@@ -29,6 +39,11 @@ class FrameLog:
         """Log an entity of this frame."""
         self._now.add(path)
         self._stream.log(path, entity)
+
+    def number(self, path: str, value: float) -> None:
+        """Log one number of a curve."""
+        self._now.add(path)
+        self._waiting.setdefault(path, []).append((*self._time, value))
 
     def keep(self, path: str, build: Callable[[], rr.AsComponents], *, key: object, static: bool = True) -> None:
         """Build and log what outlives the frame, and only when its ``key`` differs from that of the last time."""
@@ -41,3 +56,17 @@ class FrameLog:
         for path in sorted(self._before - self._now):
             self._stream.log(path, rr.Clear(recursive=True))
         self._before, self._now = self._now, set()
+        self._frames_waiting += 1
+        if self._frames_waiting >= COLUMN_FRAMES:
+            self.close()
+
+    def close(self) -> None:
+        """Send the numbers that wait."""
+        for path, rows in self._waiting.items():
+            frames, times_ns, values = zip(*rows, strict=True)
+            times = [
+                rr.TimeColumn("frame", sequence=frames),
+                rr.TimeColumn("time", duration=np.array(times_ns, dtype="timedelta64[ns]")),
+            ]
+            self._stream.send_columns(path, indexes=times, columns=rr.Scalars.columns(scalars=values))
+        self._waiting, self._frames_waiting = {}, 0

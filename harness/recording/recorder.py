@@ -94,6 +94,7 @@ class Recorder:
                 self._open(None)
             self._send_properties()
         if self._opened:
+            self._log.close()
             self._stream.flush()
         self._stream.disconnect()
         if error is None:

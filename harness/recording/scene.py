@@ -12,7 +12,7 @@ from harness.recording import Size, entities
 from harness.recording.frame_log import FrameLog
 from harness.recording.labels import Colours, target_names
 from harness.results import FrameRecord
-from vfoa.types import Box3D, Scene
+from vfoa.types import Box3D, Float, Scene
 
 LIGHT_POINTS = 15_000
 """Most points of all clouds of a frame in a light recording."""
@@ -29,26 +29,47 @@ def log_targets(log: FrameLog, scene: Scene, record: FrameRecord, colours: Colou
         points = target.points_left
         if size == "light" and len(points) > kept:
             points = points[np.linspace(0, len(points) - 1, kept).astype(np.intp)]
+        class_id = colours.class_of(base[number])
         if len(points):
-            cloud = rr.Points3D(points, class_ids=colours.class_of(base[number]), radii=rr.Radius.ui_points(1.5))
-            log.log(entities.points(number), cloud)
+            path = entities.points(number)
+            log.keep(path, _cloud_style, key="style")
+            log.log(path, rr.Points3D.from_fields(positions=points, class_ids=class_id))
         if target.box is not None:
-            log.log(entities.box(number), _box(target.box, captions[number], colours.class_of(base[number])))
+            path = entities.box(number)
+            log.keep(path, _box_style, key="style")
+            log.log(path, _box(target.box, captions[number], class_id))
     _log_extents(log, record, captions, colours)
+
+
+# What never changes of an entity is logged once, and not by time: it also outlives the entity's clearing.
+
+
+def _cloud_style() -> rr.Points3D:
+    return rr.Points3D.from_fields(radii=rr.Radius.ui_points(1.5))
+
+
+def _box_style() -> rr.Boxes3D:
+    return rr.Boxes3D.from_fields(
+        fill_mode=rr.components.FillMode.MajorWireframe, radii=rr.Radius.ui_points(1.5), show_labels=True
+    )
 
 
 def _box(box: Box3D, caption: str, class_id: int) -> rr.Boxes3D:
     # arrays and a class instead of Rerun's own values and a colour: half the time
-    return rr.Boxes3D(
+    return rr.Boxes3D.from_fields(
         centers=box.center_m[None],
         half_sizes=box.half_size_m[None],
-        quaternions=Rotation.from_matrix(box.left_from_box).as_quat()[None],
-        fill_mode=rr.components.FillMode.MajorWireframe,
-        radii=rr.Radius.ui_points(1.5),
+        quaternions=_quaternion(box.left_from_box)[None],
         labels=[caption],
-        show_labels=True,
         class_ids=class_id,
     )
+
+
+def _quaternion(rotation: Float) -> Float:
+    """The quaternion (4,), as (x, y, z, w); that of a box along the camera's axes without the work."""
+    if np.array_equal(rotation, np.eye(3)):
+        return np.array([0.0, 0.0, 0.0, 1.0])
+    return np.asarray(Rotation.from_matrix(rotation).as_quat())
 
 
 def _log_extents(log: FrameLog, record: FrameRecord, captions: Mapping[int, str], colours: Colours) -> None:

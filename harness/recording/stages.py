@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import cv2
 import numpy as np
 import rerun as rr
@@ -82,10 +84,17 @@ def log_heads(log: FrameLog, record: FrameRecord) -> None:
     names = subject_names(record)
     for subject in record.subjects:
         name = names[subject.track_id]
-        box = rr.Boxes2D(
-            array=[subject.head_box_px], array_format=rr.Box2DFormat.XYXY, labels=[name], colors=[(255, 255, 255)]
+        path = entities.head_box(name)
+        log.keep(path, partial(_head_style, name), key="style")
+        u0, v0, u1, v1 = subject.head_box_px
+        corners = np.array([[u0, v0], [u1, v1]])
+        log.log(
+            path, rr.Boxes2D.from_fields(centers=corners.mean(axis=0)[None], half_sizes=np.diff(corners, axis=0) / 2)
         )
-        log.log(entities.head_box(name), box)
+
+
+def _head_style(name: str) -> rr.Boxes2D:
+    return rr.Boxes2D.from_fields(labels=[name], colors=[(255, 255, 255)])
 
 
 def _jpeg(image: Image) -> rr.EncodedImage:

@@ -83,14 +83,18 @@ def _log_lines(log: FrameLog, record: FrameRecord, verdict: Verdict) -> None:
         centre = _centre(record, target, subject)
         if centre is None:
             continue
-        line = rr.LineStrips3D(
-            [np.stack([subject.eye_origin_m, centre])],
-            colors=[colour],
-            radii=rr.Radius.ui_points(2.5),
+        path = entities.subject_3d(verdict.subject, what)
+        log.keep(path, partial(_line_style, colour), key="style")
+        line = rr.LineStrips3D.from_fields(
+            strips=np.array([[subject.eye_origin_m, centre]], dtype=np.float32),
             labels=[f"{what}: {target}"],
             show_labels=len(record.subjects) == 1,
         )
-        log.log(entities.subject_3d(verdict.subject, what), line)
+        log.log(path, line)
+
+
+def _line_style(colour: Colour) -> rr.LineStrips3D:
+    return rr.LineStrips3D.from_fields(colors=[colour], radii=rr.Radius.ui_points(2.5))
 
 
 def _centre(record: FrameRecord, name: str | None, subject: SubjectRecord) -> tuple[float, float, float] | None:

@@ -19,14 +19,15 @@ from tests.disk import write_text
 from tests.recordings import Camera, Family, Pixels, rectified_camera, write_pairs
 
 NUMBERS = range(1, 4)
+SPREAD = range(1, 51, 9)
 
 MANIFEST = """
-name = "recorded"
+name = "{name}"
 adapter = "mcap"
 root = "."
 
 [source]
-recording = "recorded.mcap"
+recording = "{name}.mcap"
 
 [subjects.girl]
 category = "person"
@@ -36,8 +37,6 @@ category = "bird"
 """
 
 EXPERIMENT = """
-clips = ["recorded", "sintel_bandage_2"]
-
 [defaults]
 stereo.min_depth_m = 0.45
 stereo.matcher = "sgbm"
@@ -46,9 +45,8 @@ heads.detector = "yunet"
 head_pose.model = "fsanet"
 gaze.model = "adas_0002"
 
-[[configuration]]
-name = "sgbm-90deg"
-attention.cones_deg = [90]
+[grid]
+"attention.cones_deg" = { narrow = [50], wide = [90] }
 """
 
 
@@ -58,8 +56,10 @@ def sintel(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> SintelClip:
     return SintelClip(SintelSettings.model_validate({"scene": "bandage_2"}), shared_data.resolve() / "sintel")
 
 
-def _pairs(clip: SintelClip) -> Iterator[tuple[int, NDArray[np.uint8], NDArray[np.uint8], Camera, Camera]]:
-    for number in NUMBERS:
+def _pairs(
+    clip: SintelClip, numbers: range = NUMBERS
+) -> Iterator[tuple[int, NDArray[np.uint8], NDArray[np.uint8], Camera, Camera]]:
+    for number in numbers:
         frame = clip.frame(number)
         rig = frame.rig
         left, right = (
@@ -90,28 +90,54 @@ def test_a_recording_of_real_frames_is_those_frames(
         assert found.rig.baseline_m == pytest.approx(expected.rig.baseline_m, rel=1e-12)
 
 
-@pytest.mark.parametrize("pixels", ["raw", "png"])
-def test_a_run_on_the_recording_gives_the_same_table(
-    sintel: SintelClip, shared_models: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pixels: Pixels
-) -> None:
+@pytest.fixture
+def work(tmp_path: Path, shared_models: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with an experiment in it."""
     monkeypatch.setenv("VFOA_MODELS", str(shared_models.resolve()))
     monkeypatch.chdir(tmp_path)
-    labels = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
-    write_text(tmp_path / "datasets" / "recorded.toml", MANIFEST)
-    write_text(tmp_path / "annotations" / "recorded.csv", f"{labels}{NUMBERS[0]},{NUMBERS[-1]},girl,bird,\n")
     write_text(tmp_path / "both.toml", EXPERIMENT)
-    write_pairs(tmp_path / "datasets" / "recorded.mcap", _pairs(sintel), "ros2", pixels)
+    return tmp_path
 
-    plan = prepare(load_experiment("both.toml"), limit=len(NUMBERS), recording=None)
-    directory = conduct(plan, tmp_path / "run", workers=1, progress=lambda clip: None)
+
+def _add(work: Path, sintel: SintelClip, name: str, pixels: Pixels, numbers: range) -> None:
+    """A recording as a clip of that name, labelled in all frames."""
+    labels = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+    write_text(work / "datasets" / f"{name}.toml", MANIFEST.format(name=name))
+    write_text(work / "annotations" / f"{name}.csv", f"{labels}1,{len(numbers)},girl,bird,\n")
+    write_pairs(work / "datasets" / f"{name}.mcap", _pairs(sintel, numbers), "ros2", pixels)
+
+
+def _run(work: Path, clips: tuple[str, ...], frames: range, table: str) -> list[dict[str, str]]:
+    """The rows of one of the run's tables."""
+    plan = prepare(load_experiment("both.toml", clips=clips), limit=len(frames), recording=None)
+    directory = conduct(plan, work / "run", workers=1, progress=lambda clip: None)
     rescore(directory)
+    with (directory.path / table).open(newline="") as file:
+        return list(csv.DictReader(file))
 
-    with (directory.path / "frames.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    of_clip = {
-        clip: [{key: value for key, value in row.items() if key != "clip"} for row in rows if row["clip"] == clip]
-        for clip in ("recorded", "sintel_bandage_2")
+
+def test_a_run_on_the_recording_gives_the_same_table(sintel: SintelClip, work: Path) -> None:
+    _add(work, sintel, "raw", "raw", NUMBERS)
+    _add(work, sintel, "png", "png", NUMBERS)
+    clips = ("raw", "png", "sintel_bandage_2")
+    rows: dict[str, list[dict[str, str]]] = {clip: [] for clip in clips}
+    for row in _run(work, clips, NUMBERS, "frames.csv"):
+        rows[row.pop("clip")].append(row)
+    wide = [row for row in rows["raw"] if row["configuration"] == "wide"]
+    assert len(wide) == len(NUMBERS)
+    assert all(float(row["total"]) > 0 for row in wide)  # zeros would be equal whatever was read
+    assert rows["raw"] == rows["png"] == rows["sintel_bandage_2"]
+
+
+def test_jpeg_gives_nearly_the_same_rate(sintel: SintelClip, work: Path) -> None:
+    """Quality 95; frames spread over the clip, of which narrow cones hit the target in some only."""
+    _add(work, sintel, "raw", "raw", SPREAD)
+    _add(work, sintel, "jpeg", "jpeg", SPREAD)
+    rates = {
+        (row["configuration"], row["clip"]): float(row["frr"])
+        for row in _run(work, ("raw", "jpeg"), SPREAD, "frr.csv")
+        if row["subject"] == "girl"
     }
-    assert len(of_clip["recorded"]) == len(NUMBERS)
-    assert all(float(row["total"]) > 0 for row in of_clip["recorded"])  # zeros would be equal whatever was read
-    assert of_clip["recorded"] == of_clip["sintel_bandage_2"]
+    assert 0 < rates["narrow", "raw"] < rates["wide", "raw"]
+    for configuration in ("narrow", "wide"):
+        assert rates[configuration, "jpeg"] == pytest.approx(rates[configuration, "raw"], abs=0.01)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from harness.recording import Observers, entities
+from harness.recording import Observers, entities, frame_log
 from harness.recording.recorder import Recorder, recording_id
 from harness.recording.viewer import viewer_binary
 
@@ -234,3 +234,25 @@ def test_every_observer_of_several_sees_every_frame_and_how_the_run_ended(frames
 def test_no_observer_is_fine(frames):
     with Observers() as nobody:
         nobody.log(*frames[0].arguments)
+
+
+def test_curves_are_sent_together_and_none_is_lost(frames, record_run, read_back, monkeypatch):
+    """A column after every second frame, and the last one at the end, hold the same curve as one column does."""
+    path = entities.curve(ANN, "total", "book#4")
+    whole = read_back(record_run(frames)).at(path, "Scalars:scalars")
+    monkeypatch.setattr(frame_log, "COLUMN_FRAMES", 2)
+    cut = read_back(record_run(frames)).at(path, "Scalars:scalars")
+    assert cut == whole
+    assert len(whole) == 3
+
+
+def test_what_never_changes_is_logged_once_and_not_by_time(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    for path, component in (
+        (entities.box(4), "Boxes3D:radii"),
+        (entities.points(4), "Points3D:radii"),
+        (entities.cue_3d(ANN, "head", "cones"), "LineStrips3D:colors"),
+        (entities.head_box(ANN), "Boxes2D:labels"),
+    ):
+        assert columns.static(path, component)
+        assert columns.at(path, component) == {}
