@@ -91,12 +91,14 @@ def _infer(
     places = _places(origin, others, eyes, settings)
 
     if before is None:
+        evidence = 1.0
         predicted = first_fixation(places, prior(places.keys, settings), measured, settings)
     else:
+        evidence = settings.evidence
         held = dict(zip(before.keys, before.weights.tolist(), strict=True))
         weights, stay = transition(held, places.keys, settings)
         predicted = next_frame(before, places, stay, weights, measured, settings)
-    belief = weigh(predicted, places, measured, settings)
+    belief = weigh(predicted, places, measured, settings, evidence)
     return _attention(subject, others, belief, measured, settings), belief
 
 

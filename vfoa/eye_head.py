@@ -49,6 +49,7 @@ class EyeHeadSettings(Settings):
 
     ``cues`` is what is used. ``spread`` is the error that the model of a cue itself claims, where it claims one, or
     always the published one. ``bias_share`` of the errors' variance is slow, and fades within ``bias_frames``.
+    ``evidence`` is how much a frame counts that is not the first, since errors last in more ways than the model knows.
     ``rest_deg`` is how far a head at ease points from the middle of all targets. The defaults of what is not
     published were tuned on rendered clips that no table reports.
     """
@@ -58,10 +59,11 @@ class EyeHeadSettings(Settings):
     gaze_error_deg: float = Field(default=11.1, gt=0, le=60)
     head_error_deg: float = Field(default=5.0, gt=0, le=60)
     bias_share: float = Field(default=0.35, ge=0, lt=1)
-    bias_frames: float = Field(default=40.0, gt=0)
+    bias_frames: float = Field(default=20.0, gt=0)
+    evidence: float = Field(default=0.7, gt=0, le=1)
     head_share: float = Field(default=0.5, gt=0, le=1)
     head_pace: float = Field(default=0.1, gt=0, le=1)
-    aside_deg: float = Field(default=15.0, gt=0, le=90)
+    aside_deg: float = Field(default=10.0, gt=0, le=90)
     rest_deg: float = Field(default=37.0, gt=0, le=90)
 
 
@@ -149,8 +151,13 @@ def next_frame(
     return Hypotheses(keys=places.keys, weights=weights, means=means, covariances=covariances)
 
 
-def weigh(predicted: Hypotheses, places: Places, measured: Measured, settings: EyeHeadSettings) -> Hypotheses:
-    """The belief after a frame: a Kalman update of every hypothesis, and Bayes' rule over them."""
+def weigh(
+    predicted: Hypotheses, places: Places, measured: Measured, settings: EyeHeadSettings, evidence: float = 1.0
+) -> Hypotheses:
+    """The belief after a frame: a Kalman update of every hypothesis, and Bayes' rule over them.
+
+    ``evidence`` is the power to which the likelihood counts: 1 for a frame by itself.
+    """
     seen = np.zeros((len(measured), _SIZE))
     noise = np.zeros(len(measured))
     expected = np.empty((len(places.keys), len(measured), 3))
@@ -169,7 +176,7 @@ def weigh(predicted: Hypotheses, places: Places, measured: Measured, settings: E
     gain = predicted.covariances @ seen.T @ inverse
     log_likelihood = -np.linalg.slogdet(spread)[1] - np.einsum("tax,tab,tbx->t", surprise, inverse, surprise) / 2
     with np.errstate(divide="ignore"):
-        log_weights = np.log(predicted.weights) + log_likelihood
+        log_weights = np.log(predicted.weights) + evidence * log_likelihood
     weights = np.exp(log_weights - log_weights.max())
     return replace(
         predicted,
