@@ -76,6 +76,7 @@ def served(run: Path, request: pytest.FixtureRequest) -> Iterator[tuple[subproce
     ("served", "sign", "said"),
     [(REPORT, signal.SIGINT, "Run small"), (VIEW, signal.SIGTERM, "clip__one.rrd: not a recording")],
     indirect=["served"],
+    ids=["report", "view"],
 )
 def test_it_serves_on_this_machine_until_it_is_told_to_end(
     served: tuple[subprocess.Popen[str], str], sign: signal.Signals, said: str
