@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -95,7 +96,7 @@ def _from_sintel(image: NDArray[np.uint8]) -> Map:
 def _read_npy(path: Path) -> Map:
     try:
         array = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
+    except (ValueError, EOFError, OSError, SyntaxError, TokenError, MemoryError) as error:  # its header is Python
         raise VfoaError(f"{path}: not an npy file: {error}") from None
     if array.ndim != 2 or not np.issubdtype(array.dtype, np.floating):
         raise VfoaError(f"{path}: found {_kind(array)}; expected (H, W) of floating-point pixels")

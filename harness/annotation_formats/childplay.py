@@ -72,7 +72,7 @@ def _rows(path: Path, exchange: Exchange) -> Iterator[GazePoint]:
         where = f"{path}:{line}"
         clips.add(row["clip"])
         if len(clips) > 1:
-            raise VfoaError(f"{where}: found the clips {', '.join(sorted(clips))}; expected one clip a file")
+            raise VfoaError(f"{where}: found the clips {', '.join(map(repr, sorted(clips)))}; expected one clip a file")
         try:
             position = int(row["frame"]) - 1 - exchange.first_number
         except (ValueError, KeyError):

@@ -83,7 +83,7 @@ def _parse(path: Path) -> Any:
 
 
 def _spans(document: Any, tier: str, subject: str, exchange: Exchange, path: Path) -> Iterator[Span]:
-    notes, points, states = (_beside(document, tier + suffix) for suffix in (_NOTE, _POINT, _STATE))
+    notes, points, states = (_beside(document, tier + suffix, path) for suffix in (_NOTE, _POINT, _STATE))
     for start, end, value in _aligned(document, tier, path):
         where = f"{path}: tier {tier!r}, {start / 1000:.3f} to {end / 1000:.3f} s"
         label = Label(
@@ -98,13 +98,22 @@ def _spans(document: Any, tier: str, subject: str, exchange: Exchange, path: Pat
 def _aligned(document: Any, tier: str, path: Path) -> list[tuple[int, int, str]]:
     if document.tiers[tier][1]:
         raise VfoaError(f"{path}: tier {tier!r} refers to another tier; expected time-aligned annotations")
-    found = [(start, end, value) for start, end, value in document.get_annotation_data_for_tier(tier)]
+    found = _annotations(document, tier, path)
     if any(start is None or end is None for start, end, _ in found):
         raise VfoaError(f"{path}: tier {tier!r} has an annotation without times; expected time-aligned annotations")
     return found
 
 
-def _beside(document: Any, tier: str) -> dict[tuple[int, int], str]:
+def _beside(document: Any, tier: str, path: Path) -> dict[tuple[int, int], str]:
     if tier not in document.tiers:
         return {}
-    return {(start, end): value for start, end, value in document.get_annotation_data_for_tier(tier)}
+    return {(start, end): value for start, end, value in _annotations(document, tier, path)}
+
+
+def _annotations(document: Any, tier: str, path: Path) -> list[tuple[int, int, str]]:
+    try:
+        return [(start, end, value) for start, end, value in document.get_annotation_data_for_tier(tier)]
+    except KeyError as error:
+        raise VfoaError(
+            f"{path}: tier {tier!r} refers to the time slot {error}, which the file does not have"
+        ) from None

@@ -1,12 +1,15 @@
-"""YAML and XML as plain values: OpenCV's FileStorage and everybody else's YAML."""
+"""YAML and XML as plain values: OpenCV's FileStorage and everybody else's YAML.
+
+OpenCV's own reader is not used: a damaged file makes it end the whole process.
+"""
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import yaml
 
@@ -26,8 +29,7 @@ def read_document(path: Path) -> dict[str, Any]:
         If it cannot be read or parsed, or is no table of names.
     """
     data = read_bytes(path)
-    is_opencv = path.suffix.lower() == ".xml" or data.startswith(b"%YAML") or b"opencv-matrix" in data
-    document = _read_opencv(path) if is_opencv else _read_yaml(path, data)
+    document = _read_xml(path, data) if path.suffix.lower() == ".xml" else _read_yaml(path, data)
     if not isinstance(document, dict):
         raise VfoaError(f"{path}: holds no names; expected the calibration of OpenCV, ROS or Kalibr")
     return document
@@ -52,35 +54,60 @@ def numbers(value: Any, where: str, count: int | None = None) -> Float:
     return found
 
 
-def _read_yaml(path: Path, data: bytes) -> Any:
+class _Loader(yaml.SafeLoader):
+    """Also reads OpenCV's matrices."""
+
+
+def _matrix(loader: _Loader, node: yaml.Node) -> Float:
+    if not isinstance(node, yaml.MappingNode):
+        raise yaml.constructor.ConstructorError(None, None, "an opencv-matrix that is no table", node.start_mark)
     try:
-        return yaml.safe_load(data)
-    except yaml.YAMLError as error:
+        return _shaped(loader.construct_mapping(node, deep=True))
+    except (KeyError, TypeError, ValueError):
+        raise yaml.constructor.ConstructorError(
+            None, None, "an opencv-matrix whose data are not as many numbers as its size says", node.start_mark
+        ) from None
+
+
+for _kind in ("opencv-matrix", "opencv-nd-matrix"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _matrix)
+
+
+def _read_yaml(path: Path, data: bytes) -> Any:
+    lines = data.split(b"\n", 1)
+    if lines[0].startswith(b"%YAML"):  # OpenCV writes "%YAML:1.0", which is none of YAML's own directives
+        data = b"\n".join([b"", *lines[1:]])
+    try:
+        return yaml.load(data, _Loader)
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
         mark = getattr(error, "problem_mark", None)
         line = "" if mark is None else f":{mark.line + 1}"
         problem = getattr(error, "problem", None) or "cannot be parsed"
         raise VfoaError(f"{path}{line}: not YAML: {problem}") from None
 
 
-def _read_opencv(path: Path) -> dict[str, Any]:
+def _read_xml(path: Path, data: bytes) -> dict[str, Any]:
     try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        try:
-            return {name: _value(storage.getNode(name)) for name in storage.root().keys()}  # noqa: SIM118
-        finally:
-            storage.release()
-    except (cv2.error, SystemError):  # OpenCV's binding raises the latter where parsing failed
-        raise VfoaError(f"{path}: cannot be parsed; expected YAML or XML as OpenCV's FileStorage writes it") from None
+        root = ElementTree.fromstring(data)
+        return {child.tag: _value(child) for child in root}
+    except ElementTree.ParseError as error:
+        raise VfoaError(f"{path}:{error.position[0]}: not XML: {error}") from None
+    except (KeyError, TypeError, ValueError):
+        raise VfoaError(f"{path}: an opencv-matrix whose data are not as many numbers as its size says") from None
 
 
-def _value(node: Any) -> Any:
-    if node.isString():
-        return node.string()
-    if node.isInt() or node.isReal():
-        return node.real()
-    if node.isSeq():
-        return [_value(node.at(place)) for place in range(node.size())]
-    try:
-        return node.mat()
-    except cv2.error:  # a table of OpenCV's that is no matrix
-        return None
+def _value(element: ElementTree.Element) -> Any:
+    text = (element.text or "").strip()
+    if element.get("type_id") in ("opencv-matrix", "opencv-nd-matrix"):
+        parts = {child.tag: (child.text or "").split() for child in element}
+        shape = {name: parts[name][0] for name in ("rows", "cols") if name in parts}
+        return _shaped({**parts, **shape})
+    if len(element):
+        return [_value(child) for child in element]
+    return text.strip('"')
+
+
+def _shaped(matrix: Mapping[Any, Any]) -> Float:
+    """The numbers of a matrix (rows, cols), or of one of any number of dimensions (sizes)."""
+    shape = matrix["sizes"] if "sizes" in matrix else (matrix["rows"], matrix["cols"])
+    return np.asarray(matrix["data"], dtype=np.float64).reshape([int(size) for size in shape])

@@ -68,7 +68,7 @@ def _lens(document: Mapping[str, Any], number: int, where: str) -> tuple[Lens, t
 def _get(document: Mapping[str, Any], number: int, key: str, where: str) -> Any:
     camera = document.get(f"cam{number}")
     if not isinstance(camera, Mapping):
-        there = ", ".join(sorted(name for name in document if _CAMERA.fullmatch(name)))
+        there = ", ".join(sorted(name for name in map(str, document) if _CAMERA.fullmatch(name)))
         raise VfoaError(f"{where}: no cam{number}; expected one of {there}")
     if key not in camera:
         raise VfoaError(f"{where}: cam{number}: no {key}; expected Kalibr's camera chain")
