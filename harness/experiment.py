@@ -4,6 +4,7 @@ An experiment is a TOML file::
 
     clips = ["studio_table", "studio_talk"]
     notes = ["Heads and masks are the truth; gaze and head pose are simulated."]
+    preset = "realtime"                     # a bundle of settings over the defaults, see harness/presets.py
     annotator = "anna"                      # if not <clip>.csv, but <clip>@anna.csv is what is scored
 
     [defaults.stereo]                       # one table per stage, see vfoa/*/ and harness/stages.py
@@ -25,9 +26,7 @@ A grid of thousands is a sweep, of which only the scores are kept (see :mod:`har
 
 from __future__ import annotations
 
-import itertools
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -36,9 +35,11 @@ from pydantic import Field
 
 from harness.config_errors import parse, read_toml
 from harness.locate import find, names
+from harness.presets import preset_tables
 from harness.published import Published
 from harness.stages import SLOTS, StageChoice
 from harness.toml_text import parse_assignment
+from harness.variants import variants
 from vfoa.attention import AttentionSettings
 from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError, did_you_mean
@@ -54,7 +55,7 @@ _ATTEND: dict[str, type[Settings]] = {
     "attention": AttentionSettings,
 }
 _TABLES = (*SLOTS, "reconstruction", *_ATTEND)
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]*")
+_Tables = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,6 +70,12 @@ class Configuration:
     reconstruction: ReconstructionSettings
     attend: AttendSettings
     factors: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_in_region(self) -> bool:
+        """Whether disparities are asked for only where things and heads are."""
+        stereo = self.choices["stereo"]
+        return stereo is not None and getattr(stereo.settings, "region", None) == "needed"
 
     def for_clip(self, clip: str) -> Configuration:
         """The configuration with the clip's name filled in where a stage's ``root`` asks for it."""
@@ -110,6 +117,7 @@ class _File(Settings):
     clips: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     annotator: str | None = None
+    preset: str | None = None
     defaults: dict[str, dict[str, Any]] = Field(default_factory=dict)
     grid: dict[str, Any] = Field(default_factory=dict)
     configuration: tuple[dict[str, Any], ...] = ()
@@ -117,16 +125,9 @@ class _File(Settings):
     published: Published | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Variant:
-    """A configuration as the file has it: its name, its place in the grid, and how it differs from the defaults."""
-
-    name: str
-    factors: Mapping[str, str]
-    differences: tuple[tuple[str, Any], ...]
-
-
-def load_experiment(name_or_path: str, *, clips: tuple[str, ...] = (), overrides: tuple[str, ...] = ()) -> Experiment:
+def load_experiment(
+    name_or_path: str, *, clips: tuple[str, ...] = (), overrides: tuple[str, ...] = (), preset: str | None = None
+) -> Experiment:
     """Read an experiment by the name of one in the project, or by path.
 
     Parameters
@@ -136,6 +137,8 @@ def load_experiment(name_or_path: str, *, clips: tuple[str, ...] = (), overrides
     overrides
         ``"stereo.min_depth_m=0.5"``: a dotted key and a TOML value (a bare word is a string), set in every
         configuration, over its defaults and its grid.
+    preset
+        A bundle of settings by name, over the defaults of every configuration, instead of the file's own.
 
     Raises
     ------
@@ -152,12 +155,15 @@ def load_experiment(name_or_path: str, *, clips: tuple[str, ...] = (), overrides
     _check_sweep(file, where)
     configurations = []
     used: set[tuple[str, str]] = set()
-    for variant in _variants(file, where):
+    for variant in variants(file.grid, file.configuration, where):
         own = _tables([*variant.differences, *changes], where)
         inherited = _inherited(file.defaults, own)
         used |= {(table, key) for table, settings in inherited.items() for key in settings}
-        tables = {table: {**inherited.get(table, {}), **own.get(table, {})} for table in {*inherited, *own}}
-        configuration = _configuration(variant.name, tables, f"{where}: configuration {variant.name!r}")
+        bundle = preset_tables(preset or variant.preset or file.preset, where)
+        inherited = _inherited(_merged(file.defaults, bundle), own)
+        configuration = _configuration(
+            variant.name, _merged(inherited, own), f"{where}: configuration {variant.name!r}"
+        )
         configurations.append(replace(configuration, factors=variant.factors))
     _all_used(file.defaults, used, where)
     _check_published(file, [each.name for each in configurations], where)
@@ -203,55 +209,6 @@ def _check_published(file: _File, configurations: list[str], where: str) -> None
             )
 
 
-def _variants(file: _File, where: str) -> Iterator[_Variant]:
-    if file.grid and file.configuration:
-        raise VfoaError(f"{where}: expected either [grid] or [[configuration]], found both")
-    if file.configuration:
-        yield from _named(file.configuration, where)
-        return
-    axes = [_alternatives(key, values, where) for key, values in file.grid.items()]
-    for combination in itertools.product(*axes):
-        name = "-".join(label for label, _, _ in combination) or "default"
-        factors = {key: label for label, key, _ in combination}
-        yield _Variant(_checked(name, where), factors, tuple((key, value) for _, key, value in combination))
-
-
-def _named(configurations: tuple[dict[str, Any], ...], where: str) -> Iterator[_Variant]:
-    seen: set[str] = set()
-    for number, table in enumerate(configurations, start=1):
-        name = table.get("name")
-        if not isinstance(name, str):
-            raise VfoaError(f"{where}: [[configuration]] number {number}: expected a name, found {name!r}")
-        if name in seen:
-            raise VfoaError(f"{where}: [[configuration]] number {number}: the name {name!r} occurs twice")
-        seen.add(name)
-        differences = _flattened({key: value for key, value in table.items() if key != "name"})
-        yield _Variant(_checked(name, where), {}, tuple(differences))
-
-
-def _alternatives(key: str, values: Any, where: str) -> list[tuple[str, str, Any]]:
-    """(label, dotted key, value) for each alternative of one axis of the grid."""
-    if isinstance(values, list) and values:
-        return [(str(value), key, value) for value in values]
-    if isinstance(values, dict) and values:
-        return [(label, key, value) for label, value in values.items()]
-    raise VfoaError(f"{where}: grid.{key}: expected a list of values or a table of named values, found {values!r}")
-
-
-def _checked(name: str, where: str) -> str:
-    if not _NAME.fullmatch(name):
-        raise VfoaError(f"{where}: configuration {name!r}: expected a name of letters, digits and . + _ - alone")
-    return name
-
-
-def _flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, value in tables.items():
-        if isinstance(value, dict):
-            yield from _flattened(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
 def _tables(changes: list[tuple[str, Any]], where: str) -> dict[str, dict[str, Any]]:
     """Dotted keys as tables."""
     tables: dict[str, dict[str, Any]] = {}
@@ -265,7 +222,11 @@ def _tables(changes: list[tuple[str, Any]], where: str) -> dict[str, dict[str, A
     return tables
 
 
-def _inherited(defaults: dict[str, dict[str, Any]], own: dict[str, dict[str, Any]]) -> dict[str, dict[str, Any]]:
+def _merged(tables: _Tables, over: _Tables) -> _Tables:
+    return {table: {**tables.get(table, {}), **over.get(table, {})} for table in {**tables, **over}}
+
+
+def _inherited(defaults: _Tables, own: _Tables) -> _Tables:
     """The defaults that a configuration takes over: a stage takes those of its settings that it has."""
     tables = {}
     for table, settings in defaults.items():
@@ -275,7 +236,7 @@ def _inherited(defaults: dict[str, dict[str, Any]], own: dict[str, dict[str, Any
     return tables
 
 
-def _all_used(defaults: dict[str, dict[str, Any]], used: set[tuple[str, str]], where: str) -> None:
+def _all_used(defaults: _Tables, used: set[tuple[str, str]], where: str) -> None:
     for table, settings in defaults.items():
         if table not in _TABLES:
             raise VfoaError(f"{where}: defaults.{table}: unknown table; {did_you_mean(table, _TABLES)}")
@@ -284,16 +245,22 @@ def _all_used(defaults: dict[str, dict[str, Any]], used: set[tuple[str, str]], w
                 raise VfoaError(f"{where}: defaults.{table}.{key}: no configuration's {table} has such a setting")
 
 
-def _configuration(name: str, tables: dict[str, Any], where: str) -> Configuration:
+def _configuration(name: str, tables: _Tables, where: str) -> Configuration:
     choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in SLOTS.values()}
     bayes = tables.get("attention", {}).get("method") == "bayes"
     models: dict[str, type[Settings]] = {**_ATTEND, **({"attention": BayesSettings} if bayes else {})}
     settings: dict[str, Any] = {
         key: parse(model, tables.get(key, {}), f"{where}: {key}") for key, model in models.items()
     }
-    return Configuration(
+    configuration = Configuration(
         name=name,
         choices=choices,
         reconstruction=parse(ReconstructionSettings, tables.get("reconstruction", {}), f"{where}: reconstruction"),
         attend=AttendSettings(**settings),
     )
+    if configuration.is_in_region and configuration.reconstruction.stuff:
+        raise VfoaError(
+            f'{where}: stereo.region: found "needed", which leaves out stuff, and reconstruction.stuff = '
+            f'{list(configuration.reconstruction.stuff)}; expected stereo.region = "frame"'
+        )
+    return configuration

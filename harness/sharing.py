@@ -27,6 +27,7 @@ from vfoa.gaze.temporal import HeadWindow, with_gazes
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
 from vfoa.settings import Settings
+from vfoa.stereo.region import Region
 from vfoa.tracking import TrackingSettings
 from vfoa.types import Percepts, Scene, StereoFrame
 
@@ -61,11 +62,11 @@ class Ledger:
     bill: Bill = field(default_factory=dict)
 
     def call(self, name: str, function: Callable[..., T], *inputs: object) -> T:
-        """Return ``function(*inputs)``, computed once; settings are told apart by value, all else by identity.
+        """Return ``function(*inputs)``, computed once; settings and regions count by value, all else by identity.
 
         The time is billed under ``name``, or, where the function made calls of its own, under theirs.
         """
-        key = (name, function, *(value if isinstance(value, Settings) else id(value) for value in inputs))
+        key = (name, function, *(value if isinstance(value, Settings | Region) else id(value) for value in inputs))
         if key not in self.outputs:
             outer, self.bill = self.bill, {}
             started = time.perf_counter()
@@ -93,6 +94,9 @@ class _Shared:
 
     def match(self, *inputs: object) -> Any:
         return self.ledger.call(self.slot, self.stage.match, *inputs)
+
+    def match_region(self, *inputs: object) -> Any:
+        return self.ledger.call(self.slot, self.stage.match_region, *inputs)
 
     def segment(self, *inputs: object) -> Any:
         return self.ledger.call(self.slot, self.stage.segment, *inputs)
@@ -164,7 +168,7 @@ class SharedPipeline:
             if choice and choice.key not in self._built:
                 self._built[choice.key] = _Shared(slot, self._stage(choice), self._ledger)
         chosen = {slot: self._built.get(key) for slot, key in keys.items()}
-        stages = self._same.setdefault(tuple(keys.values()), _stages(chosen))
+        stages = self._same.setdefault(tuple(keys.values()), _stages(chosen, in_region=configuration.is_in_region))
         self._stages[configuration.name] = stages
         if stages.temporal_gaze:
             tracking = configuration.attend.tracking
@@ -251,7 +255,7 @@ class SharedPipeline:
         return percepts, scene, self._ledger.bill
 
 
-def _stages(chosen: Mapping[str, _Shared | None]) -> Stages:
+def _stages(chosen: Mapping[str, _Shared | None], *, in_region: bool) -> Stages:
     matcher, segmenter, heads = chosen["stereo"], chosen["segmentation"], chosen["heads"]
     if matcher is None or segmenter is None or heads is None:
         raise AssertionError("only head pose and gaze can be switched off")
@@ -264,4 +268,5 @@ def _stages(chosen: Mapping[str, _Shared | None]) -> Stages:
         head_pose=chosen["head_pose"],
         gaze=None if temporal else gaze,
         temporal_gaze=gaze if temporal else None,
+        region_matcher=matcher if in_region else None,
     )

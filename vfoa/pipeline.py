@@ -21,7 +21,8 @@ from vfoa.heads import HeadDetector
 from vfoa.reconstruction import reconstruct
 from vfoa.segmentation import Segmenter
 from vfoa.settings import Settings
-from vfoa.stereo import StereoMatcher
+from vfoa.stereo import RegionMatcher, StereoMatcher
+from vfoa.stereo.region import needed_region
 from vfoa.tracking import TrackerState, TrackingSettings, track_people
 from vfoa.types import FrameResult, HeadView, Percepts, Scene, StereoFrame
 
@@ -32,7 +33,8 @@ __all__ = ["AttendSettings", "Memory", "Stages", "attend", "perceive", "reconstr
 class Stages:
     """The models and matchers of one configuration. None: that cue is not measured.
 
-    Gaze is estimated from one frame or from several: at most one of the two models is there.
+    Gaze is estimated from one frame or from several: at most one of the two models is there. With a region matcher,
+    only the region of things and heads is matched, by that.
     """
 
     matcher: StereoMatcher
@@ -41,14 +43,19 @@ class Stages:
     head_pose: HeadPoseModel | None
     gaze: GazeModel | None
     temporal_gaze: TemporalGazeModel | None = None
+    region_matcher: RegionMatcher | None = None
 
 
 def perceive(frame: StereoFrame, stages: Stages) -> Percepts:
     """Run every model on one frame. Where gaze is temporal, the views have its crops and no gaze yet."""
-    disparity = stages.matcher.match(frame)
     instances = stages.segmenter.segment(frame)
+    heads = stages.heads.detect(frame, instances)
+    if stages.region_matcher:
+        disparity = stages.region_matcher.match_region(frame, needed_region(instances, heads, frame.rig))
+    else:
+        disparity = stages.matcher.match(frame)
     views = []
-    for head in stages.heads.detect(frame, instances):
+    for head in heads:
         head_pose = stages.head_pose.estimate(frame, head) if stages.head_pose else None
         gaze = stages.gaze.estimate(frame, head, head_pose) if stages.gaze else None
         crop = stages.temporal_gaze.crop(frame, head) if stages.temporal_gaze else None

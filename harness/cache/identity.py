@@ -33,6 +33,11 @@ class Identity:
     parts: Mapping[str, Any]
     digest: str
 
+    @property
+    def is_in_region(self) -> bool:
+        """Whether it is a matcher that is told where to match."""
+        return self.parts["settings"].get("region") == "needed"
+
 
 def identify(choice: StageChoice, clip: str, clip_digest: str) -> Identity | None:
     """The identity of a stage on the clip of this name; None for a stage that reads more than it is given."""

@@ -14,6 +14,7 @@ from harness.cache.store import Store
 from harness.cache.values import content_digest, decode, encode
 from harness.stages import StageChoice
 from vfoa.gaze import TemporalGazeModel
+from vfoa.stereo.region import Region
 from vfoa.types import Disparity, Gaze, Head, HeadPose, Image, Instances, StereoFrame, StereoRig
 
 _log = logging.getLogger(__name__)
@@ -49,7 +50,11 @@ class ClipCache:
 
     def lacks(self, frame: int) -> bool:
         """Whether something of a frame is not stored, as far as that can be told before anything is read."""
-        alone = [each for each in self.identities.values() if each.slot in ("stereo", "segmentation")]
+        alone = [
+            each
+            for each in self.identities.values()
+            if each.slot == "segmentation" or (each.slot == "stereo" and not each.is_in_region)
+        ]
         return not alone or not all(_place(self.store, each, frame, ()).exists() for each in alone)
 
 
@@ -112,6 +117,10 @@ class CachedStage:
     def match(self, frame: StereoFrame) -> Disparity:
         """As :class:`vfoa.stereo.StereoMatcher`."""
         return self.shelf.get(frame.index, (), lambda: self.stage.match(frame))
+
+    def match_region(self, frame: StereoFrame, region: Region) -> Disparity:
+        """As :class:`vfoa.stereo.RegionMatcher`."""
+        return self.shelf.get(frame.index, (region,), lambda: self.stage.match_region(frame, region))
 
     def segment(self, frame: StereoFrame) -> Instances:
         """As :class:`vfoa.segmentation.Segmenter`."""

@@ -16,9 +16,10 @@ import numpy as np
 import zstandard
 from numpy.typing import NDArray
 
+from vfoa.stereo.region import Region
 from vfoa.types import Disparity, Gaze, Head, HeadPose, Instance, Instances, StereoRig
 
-_TYPES = {each.__name__: each for each in (Disparity, Gaze, Head, HeadPose, Instance, Instances, StereoRig)}
+_TYPES = {each.__name__: each for each in (Disparity, Gaze, Head, HeadPose, Instance, Instances, Region, StereoRig)}
 _TYPE = "$type"
 _ARRAY, _SCALAR = 1, 2
 

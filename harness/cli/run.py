@@ -39,6 +39,10 @@ def run(
     overrides: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting in every configuration.")
     ] = None,
+    preset: Annotated[
+        str | None,
+        typer.Option(help="A bundle of settings over the defaults of every configuration, such as realtime."),
+    ] = None,
     clips: Annotated[
         list[str] | None, typer.Option("--clip", help="Run this clip instead of the experiment's own.")
     ] = None,
@@ -73,7 +77,7 @@ def run(
     from harness.conduct import conduct, prepare
     from harness.rescore import rescore
 
-    experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()))
+    experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
         experiment = replace(experiment, annotator=annotator)
     wanted, workers = out or Path("runs") / experiment.name, workers or os.cpu_count() or 1
@@ -118,15 +122,15 @@ def _report_failures(failed: list[dict[str, str]]) -> None:
         raise typer.Exit(1)
 
 
-def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...]) -> Experiment:
+def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...], preset: str | None) -> Experiment:
     """The experiment that is meant: one by name or file, or the default one on the clips that are named."""
     from harness.experiment import is_experiment, load_experiment
     from vfoa.errors import VfoaError
 
     if len(what) == 1 and is_experiment(what[0]):
-        return load_experiment(what[0], clips=clips, overrides=overrides)
+        return load_experiment(what[0], clips=clips, overrides=overrides, preset=preset)
     if both := [name for name in what if is_experiment(name)]:
         raise VfoaError(
             f"run: expected one experiment, or clips; found {' '.join(what)} ({both[0]!r} is an experiment)"
         )
-    return load_experiment("default", clips=(*what, *clips), overrides=overrides)
+    return load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)

@@ -120,3 +120,45 @@ def test_the_method_of_attention_decides_which_settings_are_known():
     assert {methods[name] for name in ("bayes", "bayes_forward", "bayes_viterbi")} == {"bayes"}
     with pytest.raises(VfoaError, match=r"attention.*p_nowhere"):
         load_experiment("demo", overrides=("attention.p_nowhere=0.2",))
+
+
+def test_a_preset_stands_between_the_defaults_and_what_a_configuration_says(tmp_path: Path) -> None:
+    text = (
+        'preset = "realtime"\n' + HEAD + '[[configuration]]\nname = "quick"\n'
+        '[[configuration]]\nname = "own"\nstereo.resolution = "full"\n'
+        '[[configuration]]\nname = "slow"\npreset = "none"\n'
+        '[[configuration]]\nname = "true"\nstereo.matcher = "truth"\n'
+    )
+    stereo = {
+        name: one["stereo"] for name, one in _by_name(load_experiment(_write(tmp_path, text)).configurations).items()
+    }
+    assert {name: (one.get("resolution"), one.get("region")) for name, one in stereo.items()} == {  # type: ignore[attr-defined]
+        "quick": ("half", "needed"),
+        "own": ("full", "needed"),
+        "slow": ("full", "frame"),
+        "true": (None, None),
+    }
+
+
+def test_a_preset_may_be_an_axis_or_asked_for_from_outside(tmp_path: Path) -> None:
+    grid = _write(tmp_path, HEAD + '[grid]\npreset = ["none", "realtime"]\n')
+    resolutions = {
+        name: one["stereo"]["resolution"]  # type: ignore[index]
+        for name, one in _by_name(load_experiment(grid).configurations).items()
+    }
+    assert resolutions == {"none": "full", "realtime": "half"}
+    (plain,) = load_experiment(_write(tmp_path, HEAD), preset="realtime").configurations
+    assert plain.plain()["stereo"]["resolution"] == "half"
+    assert plain.is_in_region
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('preset = "real-time"\n' + HEAD, "preset: no 'real-time'; did you mean 'realtime'"),
+        ('preset = "realtime"\n' + HEAD + '[defaults.reconstruction]\nstuff = ["road"]\n', 'stereo.region = "frame"'),
+    ],
+)
+def test_a_preset_that_is_not_there_or_does_not_fit_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(VfoaError, match=said):
+        load_experiment(_write(tmp_path, text))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from vfoa.registry import Registry
+from vfoa.stereo.region import Region
 from vfoa.types import Disparity, StereoFrame
 
 
@@ -13,6 +14,17 @@ class StereoMatcher(Protocol):
 
     def match(self, frame: StereoFrame) -> Disparity:
         """Match one pair. Pixels that could not be matched are NaN."""
+        ...
+
+
+class RegionMatcher(Protocol):
+    """What a matcher has besides that can match a part of the image in less time. Its settings ask for it.
+
+    ``region = "needed"`` in the settings has it called with the region of things and heads.
+    """
+
+    def match_region(self, frame: StereoFrame, region: Region) -> Disparity:
+        """Match one pair in a region of the left view; outside of it, all is NaN."""
         ...
 
 

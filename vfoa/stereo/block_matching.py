@@ -1,20 +1,30 @@
-"""OpenCV's block matching (Konolige 1998) and semi-global matching (Hirschmüller 2008), with or without WLS."""
+"""OpenCV's block matching (Konolige 1998) and semi-global matching (Hirschmüller 2008), with or without WLS.
+
+At half resolution the pair is averaged over 2 x 2 pixels and matched. Columns u of the half-size images are columns
+2 u + 0.5 of the pair, on both sides, so that a disparity is exactly half as large. The WLS filter is given the
+full-size image as its guide and brings the map back to full size, doubled, along the edges of that image; without WLS,
+a match stands for its 2 x 2 pixels. Either way the result is in pixels of the full-size pair.
+
+In a region, only its rows and columns (and a margin) are matched, against all that the right view has to offer them. A
+block match is the same there as in the whole frame, if the margin holds a block; a semi-global match and a WLS filter
+look as far as the image goes, but forget with distance, so that theirs is nearly the same.
+"""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Self
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field, model_validator
 
-from vfoa.errors import VfoaError
-from vfoa.geometry import disparity_from_depth
-from vfoa.settings import Settings
+from vfoa.stereo.block_matching_settings import BlockMatcherSettings, SemiGlobalMatcherSettings
+from vfoa.stereo.cut import cropped, cut, enlarged, gray, in_frame
+from vfoa.stereo.region import Region, whole
+from vfoa.stereo.search import DisparityRange, disparity_range
 from vfoa.stereo.wls import WlsFilter
 from vfoa.types import Disparity, Map, StereoFrame, StereoRig
 
@@ -32,89 +42,6 @@ SIXTEENTHS = 16
 NO_LIMIT = 1_000_000
 
 
-def _odd(value: int) -> int:
-    if value % 2 == 0:
-        raise ValueError(f"expected an odd number, found {value}")
-    return value
-
-
-class BlockMatchingSettings(Settings):
-    """What both matchers share.
-
-    Things nearer than ``min_depth_m`` are out of range. With ``wls``, both views are matched, the left map is
-    smoothed under the guidance of the colour image, and pixels with a confidence (0 to 1) below ``min_confidence``
-    are unknown. Without it, a pixel is known if its match is unique (the next best costs ``uniqueness_percent``
-    more), is found again from the right view (to ``left_right_px``) and is no speckle.
-    """
-
-    min_depth_m: float = Field(default=0.45, gt=0)
-    uniqueness_percent: int = Field(default=10, ge=0, le=100)
-    left_right_px: int = Field(default=1, ge=0)
-    speckle_size_px: int = Field(default=100, ge=0)
-    speckle_range_px: int = Field(default=2, ge=1)
-    wls: bool = True
-    wls_lambda: float = Field(default=8000, gt=0)
-    wls_sigma: float = Field(default=1.5, gt=0)
-    min_confidence: float = Field(default=0.5, ge=0, le=1)
-
-
-class BlockMatcherSettings(BlockMatchingSettings):
-    """Settings of :class:`BlockMatcher`."""
-
-    block_size_px: Annotated[int, Field(ge=5, le=255), AfterValidator(_odd)] = 15
-    pre_filter_cap: int = Field(default=31, ge=1, le=63)
-    texture_threshold: int = Field(default=10, ge=0)
-
-
-class SemiGlobalMatcherSettings(BlockMatchingSettings):
-    """Settings of :class:`SemiGlobalMatcher`.
-
-    ``p1`` and ``p2`` are the penalties, per pixel of the block, of a disparity step of one and of more than one.
-    ``3way`` follows three paths through the image, ``sgbm`` five and ``hh`` eight.
-    """
-
-    mode: Literal["sgbm", "3way", "hh"] = "3way"
-    block_size_px: Annotated[int, Field(ge=1, le=11), AfterValidator(_odd)] = 5
-    pre_filter_cap: int = Field(default=63, ge=1, le=63)
-    p1: int = Field(default=8, ge=0)
-    p2: int = Field(default=32, ge=1)
-
-    @model_validator(mode="after")
-    def _penalties(self) -> Self:
-        if self.p2 <= self.p1:
-            raise ValueError(f"p2: expected more than p1 = {self.p1}, found {self.p2}")
-        return self
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DisparityRange:
-    """The disparities ``first_px`` to ``first_px + count - 1``; ``count`` is a multiple of 16, as OpenCV wants it."""
-
-    first_px: int
-    count: int
-
-
-def disparity_range(rig: StereoRig, min_depth_m: float) -> DisparityRange:
-    """The disparities of all that a rig sees between ``min_depth_m`` and infinity.
-
-    From 0, or from the disparity of infinity where the principal points differ, to fx B / z - (cx_right - cx), up
-    to the next 16, and never beyond the image's width.
-
-    Raises
-    ------
-    VfoaError
-        If nothing at that depth has a positive disparity.
-    """
-    first = max(0, math.floor(rig.cx_px - rig.cx_right_px))
-    last = min(math.ceil(float(disparity_from_depth(min_depth_m, rig))), rig.width_px - 1)
-    if last <= first:
-        raise VfoaError(
-            f"stereo.min_depth_m: expected a depth with a disparity above {first} px on this rig, "
-            f"found {min_depth_m} m, which has {last} px"
-        )
-    return DisparityRange(first_px=first, count=16 * math.ceil((last - first + 1) / 16))
-
-
 class _Matcher(ABC):
     """The course of both matchers; subclasses build OpenCV's object. It is built once and kept while the rig stays."""
 
@@ -122,6 +49,7 @@ class _Matcher(ABC):
 
     def __init__(self, settings: BlockMatcherSettings | SemiGlobalMatcherSettings) -> None:
         self._common = settings
+        self._factor = 2 if settings.resolution == "half" else 1
         self._rig: StereoRig | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -137,23 +65,40 @@ class _Matcher(ABC):
 
         Unknown are pixels without a match, with a match outside the right image, and of low confidence.
         """
+        return self._match(frame, whole(frame.rig))
+
+    def match_region(self, frame: StereoFrame, region: Region) -> Disparity:
+        """Match a region, and a margin, of one pair (see :class:`vfoa.stereo.RegionMatcher`)."""
+        return self._match(frame, region.grown(self._common.region_margin_px, frame.rig))
+
+    def _match(self, frame: StereoFrame, region: Region) -> Disparity:
+        if region.is_empty:
+            return in_frame(np.empty((0, 0), np.float32), None, region, frame.rig)
         if frame.rig != self._rig:
             self._prepare(frame.rig)
-        left, right = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (frame.left, frame.right))
-        found, confidence = self._match_left(left, right), None
+        left, right = (gray(image, self._factor) for image in (frame.left, frame.right))
+        matched = region.shrunk(self._factor)
+        # and the columns in which its matches may lie: the filter compares both views there
+        reached = matched.from_column(max(matched.u0 - self._searched.reach_px, 0))
         if self._common.wls:
-            found, confidence = self._wls.filter(found, self._match_right(left, right), frame.left)
-        disparity: Map = found.astype(np.float32) / np.float32(SIXTEENTHS)
-        known = (disparity > self._range.first_px) & (disparity <= np.arange(frame.rig.width_px))
+            guide = cut(frame.left, reached.times(self._factor))
+            found, confidence = self._wls.filter(*self._match_both(left, right, matched, reached), guide)
+        else:
+            found, confidence = enlarged(self._match_left(left, right, matched, reached), self._factor), None
+        origin = reached.times(self._factor)
+        disparity: Map = cropped(found, origin, region).astype(np.float32) / np.float32(SIXTEENTHS)
+        known = (disparity > self._range.first_px) & (disparity <= np.arange(region.u0, region.u1))
         if confidence is not None:
+            confidence = cropped(confidence, origin, region)
             known &= confidence >= self._common.min_confidence
         disparity[~known] = np.nan
-        return Disparity(disparity_px=disparity, confidence=confidence)
+        return in_frame(disparity, confidence, region, frame.rig)
 
     def _prepare(self, rig: StereoRig) -> None:
         settings = self._common
         self._range = disparity_range(rig, settings.min_depth_m)
-        self._left_matcher = self._create(self._range)
+        self._searched = self._range.shrunk(self._factor)
+        self._left_matcher = self._create(self._searched)
         if settings.wls:
             self._right_matcher = cv2.ximgproc.createRightMatcher(self._left_matcher)
             self._wls = WlsFilter(
@@ -163,17 +108,28 @@ class _Matcher(ABC):
             )
         self._rig = rig
 
-    def _match_left(self, left: Gray, right: Gray) -> Sixteenths:
-        """Match the left view. OpenCV is blind in its first columns, as many as it searches, so they are padded."""
-        search, edge = self._range.first_px + self._range.count, self._common.block_size_px // 2
-        found = self._left_matcher.compute(_padded(left, edge, before=search), _padded(right, edge, before=search))
-        return _cropped(found, edge + search, edge, left.shape)
+    def _match_both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
+        """Both views' disparities, side by side where this process may compute with several threads."""
+        if cv2.getNumThreads() == 1:
+            return self._match_left(left, right, matched, reached), self._match_right(left, right, reached)
+        with ThreadPoolExecutor(1) as beside:
+            of_right = beside.submit(self._match_right, left, right, reached)
+            return self._match_left(left, right, matched, reached), of_right.result()
 
-    def _match_right(self, left: Gray, right: Gray) -> Sixteenths:
-        """Match the right view, whose blind columns are the last ones. Its disparities are negative."""
-        search, edge = self._range.first_px + self._range.count, self._common.block_size_px // 2
-        found = self._right_matcher.compute(_padded(right, edge, after=search), _padded(left, edge, after=search))
-        return _cropped(found, edge, edge, left.shape)
+    def _match_left(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
+        """The left view's disparities in ``reached``; what is not to be matched is below the range.
+
+        OpenCV is blind in its first columns, as many as it searches: it is given so many more.
+        """
+        given = _with_edge(matched, self._common.block_size_px // 2, before=self._searched.reach_px)
+        found = self._left_matcher.compute(cut(left, given), cut(right, given))
+        return np.ascontiguousarray(cropped(found, given, reached))
+
+    def _match_right(self, left: Gray, right: Gray, reached: Region) -> Sixteenths:
+        """The right view's disparities, which are negative. Here, OpenCV is blind in the last columns."""
+        given = _with_edge(reached, self._common.block_size_px // 2, after=self._searched.reach_px)
+        found = self._right_matcher.compute(cut(right, given), cut(left, given))
+        return np.ascontiguousarray(cropped(found, given, reached))
 
 
 class BlockMatcher(_Matcher):
@@ -235,11 +191,11 @@ class SemiGlobalMatcher(_Matcher):
         return matcher
 
 
-def _padded(image: Gray, edge: int, *, before: int = 0, after: int = 0) -> Gray:
-    return cv2.copyMakeBorder(image, edge, edge, edge + before, edge + after, cv2.BORDER_REPLICATE)
-
-
-def _cropped(disparity: Sixteenths, first_column: int, first_row: int, shape: tuple[int, ...]) -> Sixteenths:
-    height, width = shape
-    crop = disparity[first_row : first_row + height, first_column : first_column + width]
-    return np.ascontiguousarray(crop)
+def _with_edge(region: Region, edge_px: int, *, before: int = 0, after: int = 0) -> Region:
+    """A region with half a block around it, and columns before or after it."""
+    return Region(
+        u0=region.u0 - edge_px - before,
+        v0=region.v0 - edge_px,
+        u1=region.u1 + edge_px + after,
+        v1=region.v1 + edge_px,
+    )

@@ -135,3 +135,12 @@ def test_the_command_line_says_what_was_reused_and_shows_and_clears_the_cache(
     assert "stereo bm" in vfoa("cache", "info", *options)
     assert "removed 0." in vfoa("cache", "clear", *options)
     assert json.loads(vfoa("cache", "info", "--json", *options))["bytes"] == 0
+
+
+def test_matches_in_a_region_are_kept_by_that_region(experiment: Path, tmp_path: Path) -> None:
+    store, region = Store(tmp_path / "cache", 10**9), "stereo.region=needed"
+    plain = _run(experiment, tmp_path / "plain", None, region)
+    first, second = (_run(experiment, tmp_path / name, store, region) for name in ("first", "second"))
+    assert first.results.read_bytes() == second.results.read_bytes() == plain.results.read_bytes()
+    assert _uses(first)["stereo bm"] == (0, FRAMES, "first time")
+    assert _uses(second)["stereo bm"] == (FRAMES, 0, None)

@@ -1,0 +1,88 @@
+"""The configurations of an experiment, as its file has them: the combinations of a grid, or a list of named ones."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from vfoa.errors import VfoaError
+
+PRESET = "preset"
+"""The only key of a configuration, beside its name, that is not one of a table."""
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]*")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Variant:
+    """A configuration's name, its place in the grid, how it differs from the defaults, and the preset it asks for."""
+
+    name: str
+    factors: Mapping[str, str]
+    differences: tuple[tuple[str, Any], ...]
+    preset: str | None
+
+
+def variants(grid: Mapping[str, Any], configurations: Sequence[Mapping[str, Any]], where: str) -> Iterator[Variant]:
+    """Every combination of a grid, or every named configuration.
+
+    Raises
+    ------
+    VfoaError
+        If both are given, or a name or an axis is wrong; ``where`` opens the message.
+    """
+    if grid and configurations:
+        raise VfoaError(f"{where}: expected either [grid] or [[configuration]], found both")
+    if configurations:
+        yield from _named(configurations, where)
+        return
+    axes = [_alternatives(key, values, where) for key, values in grid.items()]
+    for combination in itertools.product(*axes):
+        name = "-".join(label for label, _, _ in combination) or "default"
+        factors = {key: label for label, key, _ in combination}
+        yield _variant(_checked(name, where), factors, [(key, value) for _, key, value in combination])
+
+
+def _named(configurations: Sequence[Mapping[str, Any]], where: str) -> Iterator[Variant]:
+    seen: set[str] = set()
+    for number, table in enumerate(configurations, start=1):
+        name = table.get("name")
+        if not isinstance(name, str):
+            raise VfoaError(f"{where}: [[configuration]] number {number}: expected a name, found {name!r}")
+        if name in seen:
+            raise VfoaError(f"{where}: [[configuration]] number {number}: the name {name!r} occurs twice")
+        seen.add(name)
+        differences = _flattened({key: value for key, value in table.items() if key != "name"})
+        yield _variant(_checked(name, where), {}, list(differences))
+
+
+def _variant(name: str, factors: Mapping[str, str], differences: list[tuple[str, Any]]) -> Variant:
+    preset = dict(differences).get(PRESET)
+    others = tuple((key, value) for key, value in differences if key != PRESET)
+    return Variant(name=name, factors=factors, differences=others, preset=preset)
+
+
+def _alternatives(key: str, values: Any, where: str) -> list[tuple[str, str, Any]]:
+    """(label, dotted key, value) for each alternative of one axis of the grid."""
+    if isinstance(values, list) and values:
+        return [(str(value), key, value) for value in values]
+    if isinstance(values, dict) and values:
+        return [(label, key, value) for label, value in values.items()]
+    raise VfoaError(f"{where}: grid.{key}: expected a list of values or a table of named values, found {values!r}")
+
+
+def _checked(name: str, where: str) -> str:
+    if not _NAME.fullmatch(name):
+        raise VfoaError(f"{where}: configuration {name!r}: expected a name of letters, digits and . + _ - alone")
+    return name
+
+
+def _flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tables.items():
+        if isinstance(value, dict):
+            yield from _flattened(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value

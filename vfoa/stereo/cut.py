@@ -1,0 +1,58 @@
+"""Cutting regions out of images for a matcher, and putting what it found back in place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vfoa.stereo.region import Region
+from vfoa.types import Disparity, Image, Map, StereoRig
+
+
+def gray(image: Image, factor: int) -> NDArray[np.uint8]:
+    """An image (H, W, 3) in gray, each pixel the mean of ``factor`` x ``factor``."""
+    found = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    if factor == 1:
+        return found
+    height, width = found.shape
+    # where the size is odd, the last pixels are repeated
+    even = cut(found, Region(u0=0, v0=0, u1=width, v1=height).shrunk(factor).times(factor))
+    size = (even.shape[1] // factor, even.shape[0] // factor)
+    return np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def cut(image: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:
+    """A region of an image; beyond the image's edges its last pixels are repeated."""
+    height, width = image.shape[:2]
+    inside = Region(u0=max(region.u0, 0), v0=max(region.v0, 0), u1=min(region.u1, width), v1=min(region.v1, height))
+    beyond = (inside.v0 - region.v0, region.v1 - inside.v1, inside.u0 - region.u0, region.u1 - inside.u1)
+    part = image[inside.window]
+    return np.asarray(cv2.copyMakeBorder(part, *beyond, cv2.BORDER_REPLICATE) if any(beyond) else part)
+
+
+def cropped(found: NDArray[Any], origin: Region, region: Region) -> NDArray[Any]:
+    """The region's part of a map whose first pixel is the first one of ``origin``."""
+    rows = slice(region.v0 - origin.v0, region.v1 - origin.v0)
+    return found[rows, region.u0 - origin.u0 : region.u1 - origin.u0]
+
+
+def enlarged(found: NDArray[np.int16], factor: int) -> NDArray[np.int16]:
+    """Disparities for ``factor`` times as many rows and columns: each stands for its pixels, so many times as large."""
+    return found if factor == 1 else np.kron(found, np.full((factor, factor), factor, np.int16))
+
+
+def in_frame(found: Map, confidence: Map | None, region: Region, rig: StereoRig) -> Disparity:
+    """A region's disparities in a map of the whole image; outside, they are unknown and of confidence 0."""
+    size = (rig.height_px, rig.width_px)
+    if found.shape == size:
+        return Disparity(disparity_px=found, confidence=confidence)
+    disparity = np.full(size, np.nan, np.float32)
+    disparity[region.window] = found
+    if confidence is None:
+        return Disparity(disparity_px=disparity)
+    everywhere = np.zeros(size, np.float32)
+    everywhere[region.window] = confidence
+    return Disparity(disparity_px=disparity, confidence=everywhere)

@@ -1,0 +1,83 @@
+"""The part of the left image whose disparities are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vfoa.pixels import Window, window_of
+from vfoa.types import Head, Instances, Mask, StereoRig
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Region:
+    """Pixels of the left image: columns ``u0`` to before ``u1``, rows ``v0`` to before ``v1``."""
+
+    u0: int
+    v0: int
+    u1: int
+    v1: int
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no pixel in it."""
+        return self.u0 >= self.u1 or self.v0 >= self.v1
+
+    @property
+    def window(self) -> Window:
+        """Its rows and columns as slices."""
+        return slice(self.v0, self.v1), slice(self.u0, self.u1)
+
+    def grown(self, margin_px: int, rig: StereoRig) -> Region:
+        """With a margin all around, as far as the image goes; a region without pixels stays as it is."""
+        if self.is_empty:
+            return self
+        return Region(
+            u0=max(self.u0 - margin_px, 0),
+            v0=max(self.v0 - margin_px, 0),
+            u1=min(self.u1 + margin_px, rig.width_px),
+            v1=min(self.v1 + margin_px, rig.height_px),
+        )
+
+    def shrunk(self, factor: int) -> Region:
+        """In an image with so many times fewer rows and columns: every pixel that touches the region."""
+        return Region(u0=self.u0 // factor, v0=self.v0 // factor, u1=-(-self.u1 // factor), v1=-(-self.v1 // factor))
+
+    def times(self, factor: int) -> Region:
+        """In an image with so many times more rows and columns."""
+        return Region(u0=self.u0 * factor, v0=self.v0 * factor, u1=self.u1 * factor, v1=self.v1 * factor)
+
+    def from_column(self, u0: int) -> Region:
+        """The same with another first column."""
+        return replace(self, u0=u0)
+
+
+def whole(rig: StereoRig) -> Region:
+    """All of the image."""
+    return Region(u0=0, v0=0, u1=rig.width_px, v1=rig.height_px)
+
+
+def needed_region(instances: Instances, heads: Iterable[Head], rig: StereoRig) -> Region:
+    """The smallest region with all things and all heads; empty where there are none."""
+    is_thing = np.zeros(2**16, np.bool_)
+    is_thing[[each.id for each in instances.instances if each.is_thing]] = True
+    needed = is_thing[instances.ids]
+    windows = [(_extent(np.any(needed, axis=1)), _extent(np.any(needed, axis=0)))]
+    for head in heads:
+        u0, v0, u1, v1 = head.box_px
+        windows.append(window_of(u0, v0, u1, v1, rig))
+    seen = [(rows, columns) for rows, columns in windows if rows.start < rows.stop and columns.start < columns.stop]
+    return Region(
+        u0=min((columns.start for _, columns in seen), default=0),
+        v0=min((rows.start for rows, _ in seen), default=0),
+        u1=max((columns.stop for _, columns in seen), default=0),
+        v1=max((rows.stop for rows, _ in seen), default=0),
+    )
+
+
+def _extent(marked: Mask) -> slice:
+    """From the first to the last place that is set; empty where none is."""
+    places = np.flatnonzero(marked)
+    return slice(int(places[0]), int(places[-1]) + 1) if len(places) else slice(0, 0)

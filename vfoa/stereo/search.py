@@ -1,0 +1,49 @@
+"""Which disparities are searched: those of all depths from the nearest one on."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from vfoa.errors import VfoaError
+from vfoa.geometry import disparity_from_depth
+from vfoa.types import StereoRig
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DisparityRange:
+    """The disparities ``first_px`` to ``first_px + count - 1``; ``count`` is a multiple of 16, as OpenCV wants it."""
+
+    first_px: int
+    count: int
+
+    @property
+    def reach_px(self) -> int:
+        """How far to the left the match of a pixel may be."""
+        return self.first_px + self.count
+
+    def shrunk(self, factor: int) -> DisparityRange:
+        """The same in an image with so many times fewer columns."""
+        first, end = self.first_px // factor, -(-self.reach_px // factor)
+        return DisparityRange(first_px=first, count=16 * math.ceil((end - first) / 16))
+
+
+def disparity_range(rig: StereoRig, min_depth_m: float) -> DisparityRange:
+    """The disparities of all that a rig sees between ``min_depth_m`` and infinity.
+
+    From 0, or from the disparity of infinity where the principal points differ, to fx B / z - (cx_right - cx), up
+    to the next 16, and never beyond the image's width.
+
+    Raises
+    ------
+    VfoaError
+        If nothing at that depth has a positive disparity.
+    """
+    first = max(0, math.floor(rig.cx_px - rig.cx_right_px))
+    last = min(math.ceil(float(disparity_from_depth(min_depth_m, rig))), rig.width_px - 1)
+    if last <= first:
+        raise VfoaError(
+            f"stereo.min_depth_m: expected a depth with a disparity above {first} px on this rig, "
+            f"found {min_depth_m} m, which has {last} px"
+        )
+    return DisparityRange(first_px=first, count=16 * math.ceil((last - first + 1) / 16))
