@@ -83,7 +83,7 @@ def test_a_new_fixation_forgets_how_far_the_head_stayed_aside():
     measured = measured_cues(make_subject(gaze=RIGHT, head=LEFT), SETTINGS)
     belief = after([measured] * 30)
     gone = next_frame(belief, PLACES, np.zeros(3), EVEN, measured, SETTINGS)
-    assert np.linalg.norm(belief.means[1, ASIDE]) > 0.05
+    assert np.linalg.norm(belief.means[1, ASIDE]) > 0.02
     assert np.linalg.norm(gone.means[:, ASIDE], axis=-1) == pytest.approx(0)
     assert gone.covariances[:, ASIDE, ASIDE] == pytest.approx(sigma_rad(SETTINGS.aside_deg) ** 2)
 
