@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Literal
 
+from harness.remote import is_address, local_copy
 from vfoa.errors import VfoaError
 
 Kind = Literal["datasets", "annotations", "experiments"]
@@ -47,12 +48,13 @@ def names(kind: Kind) -> dict[str, Path]:
 
 
 def expand(text: str, base: Path, where: str) -> Path:
-    """A path from a configuration file: ``${NAME}`` and ``~`` expanded, relative to ``base``.
+    """A path from a configuration file: ``${NAME}`` and ``~`` expanded, relative to ``base``; of an address, its copy.
 
     Raises
     ------
     VfoaError
-        If an environment variable is not set; ``where`` (file and key) starts the message.
+        If an environment variable is not set, or an address (:mod:`harness.remote`) cannot be read; ``where`` (file
+        and key) starts the message.
     """
 
     def value(match: re.Match[str]) -> str:
@@ -61,4 +63,5 @@ def expand(text: str, base: Path, where: str) -> Path:
             raise VfoaError(f"{where}: {text!r} needs the environment variable {match[1]}, which is not set")
         return found
 
-    return base / Path(_VARIABLE.sub(value, text)).expanduser()
+    place = _VARIABLE.sub(value, text)
+    return local_copy(place, where) if is_address(place) else base / Path(place).expanduser()
