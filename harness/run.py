@@ -66,6 +66,7 @@ def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
         return ClipOutcome(failures={})
     for _ in pipeline.warm(job.frames):
         progress(job.manifest.name)
+    _trim(job)
     return ClipOutcome(failures={}, tallies=pipeline.tallies)
 
 
@@ -82,8 +83,14 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
         for lane in lanes:
             stack.enter_context(lane)
         _drive(lanes, pipeline, job, progress)
+    _trim(job)
     failures = {pair: lane.error for pair, lane in zip(job.pairs, lanes, strict=True) if lane.error is not None}
     return ClipOutcome(failures=failures, tallies=pipeline.tallies)
+
+
+def _trim(job: ClipJob) -> None:
+    if job.cache:
+        job.cache.store.trim()
 
 
 def _drive(lanes: list[Lane], pipeline: SharedPipeline, job: ClipJob, progress: Progress) -> None:

@@ -6,8 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from harness.cache.account import Account
-from harness.cache.identity import identify
-from harness.cache.stage import ClipCache
+from harness.cache.stage import ClipCache, open_cache
 from harness.cache.store import Store
 from harness.executors import Executor, Progress
 from harness.experiment import Configuration
@@ -54,8 +53,6 @@ def work_off(
     for job, outcome in zip(todo, executor.run(run_clip, todo, progress, _lost), strict=True):
         failures.update(outcome.failures)
         account.add(job.manifest.name, outcome.tallies)
-    if cache:
-        cache.trim()
     return Done(failures=failures, account=account)
 
 
@@ -116,10 +113,7 @@ def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | 
 
 
 def _clip_cache(one: PreparedClip, job: ClipJob, store: Store, account: Account) -> ClipCache:
-    clip, digest = one.manifest.name, one.clip.digest()
-    choices = {choice.key: choice for each in job.configurations for choice in each.choices.values() if choice}
-    found = {key: identify(choice, clip, digest) for key, choice in choices.items()}
-    identities = {key: identity for key, identity in found.items() if identity is not None}
-    for key, identity in identities.items():
-        account.open(clip, key, identity, store)
-    return ClipCache(store=store, identities=identities)
+    cache = open_cache(store, one.manifest.name, one.clip.digest(), job.configurations)
+    for key, identity in cache.identities.items():
+        account.open(one.manifest.name, key, identity, store)
+    return cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -27,3 +28,12 @@ def shared_data() -> Path:
 def shared_models() -> Path:
     """The folder of real weights."""
     return _folder("VFOA_MODELS", "models")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep results of stages apart from the user's; rendered frames stay where they are: they are slow to make."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.mktemp("cache")
+        patch.setattr("harness.cache.store.cache_root", lambda: folder)
+        yield

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from harness.cache.identity import Identity
+from harness.cache.identity import Identity, identify
 from harness.cache.store import Store
 from harness.cache.values import content_digest, decode, encode
+from harness.experiment import Configuration
 from harness.stages import StageChoice
 from vfoa.gaze import TemporalGazeModel
 from vfoa.stereo.region import Region
@@ -56,6 +57,13 @@ class ClipCache:
             if each.slot == "segmentation" or (each.slot == "stereo" and not each.is_in_region)
         ]
         return not alone or not all(_place(self.store, each, frame, ()).exists() for each in alone)
+
+
+def open_cache(store: Store, clip: str, clip_digest: str, configurations: Iterable[Configuration]) -> ClipCache:
+    """The cache for all stages of these configurations on the clip of this name and content."""
+    choices = {choice.key: choice for each in configurations for choice in each.choices.values() if choice}
+    found = {key: identify(choice, clip, clip_digest) for key, choice in choices.items()}
+    return ClipCache(store=store, identities={key: each for key, each in found.items() if each is not None})
 
 
 def _place(store: Store, identity: Identity, frame: int | None, inputs: tuple[object, ...]) -> Path:

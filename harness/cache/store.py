@@ -15,6 +15,7 @@ import json
 import os
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -28,6 +29,9 @@ from vfoa.errors import VfoaError
 
 GIGABYTE = 10**9
 DEFAULT_LIMIT_GB = 10.0
+DRAFT_SECONDS = 3600.0
+"""No draft takes that long."""
+
 _CHECKSUM_BYTES = 16
 
 
@@ -120,40 +124,44 @@ class Store:
 
     def described(self, slot: str) -> Iterator[dict[str, Any]]:
         """What every identity of a slot stands for; what cannot be read is left out."""
+        return (parts for _folder, parts in self._identities(slot))
+
+    def _identities(self, slot: str) -> Iterator[tuple[Path, dict[str, Any]]]:
         for path in sorted((self.stages / slot).glob("*/identity.json")):
             try:
                 parts = json.loads(path.read_bytes())
             except (OSError, ValueError):
                 continue
             if isinstance(parts, dict):
-                yield parts
+                yield path.parent, parts
 
     def usage(self) -> list[Usage]:
         """What there is, by stage and clip, largest first."""
         found = []
-        for path in self.stages.glob("*/*/identity.json"):
-            parts = json.loads(path.read_bytes())
-            sizes = [size for _, size, _ in _results(path.parent)]
-            found.append(
-                Usage(
-                    slot=path.parent.parent.name,
-                    name=parts["stage"],
-                    clip=parts["clip"],
-                    files=len(sizes),
-                    bytes=sum(sizes),
-                )
-            )
+        for slot in sorted(path.name for path in self.stages.glob("*")):
+            for folder, parts in self._identities(slot):
+                sizes = [size for _, size, _ in _results(folder)]
+                name, clip = str(parts.get("stage")), str(parts.get("clip"))
+                found.append(Usage(slot=slot, name=name, clip=clip, files=len(sizes), bytes=sum(sizes)))
         return sorted(found, key=lambda each: -each.bytes)
 
     def trim(self) -> int:
-        """Remove what was used longest ago until the rest is within the limit; return the bytes removed."""
+        """Remove what was used longest ago until the rest is within the limit; return the bytes removed.
+
+        Drafts that a killed process left are removed, too.
+        """
+        for draft in self.stages.rglob("*.tmp"):
+            with suppress(OSError):
+                if time.time() - draft.stat().st_mtime > DRAFT_SECONDS:
+                    draft.unlink()
         results = sorted(_results(self.stages))
         excess = sum(size for _, size, _ in results) - self.limit_bytes
         removed = 0
         for _, size, path in results:
             if removed >= excess:
                 break
-            path.unlink(missing_ok=True)
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
             removed += size
         return removed
 

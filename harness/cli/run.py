@@ -80,11 +80,20 @@ def run(
     experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
         experiment = replace(experiment, annotator=annotator)
+    store = None if no_cache else Store(cache or cache_root(), cache_limit())
     wanted, workers = out or Path("runs") / experiment.name, workers or os.cpu_count() or 1
     if experiment.sweep:
         from harness.cli.sweep import run_sweep
 
-        run_sweep(experiment, out=wanted, workers=workers, limit=limit, oracle=oracle, save_signals=save_signals)
+        run_sweep(
+            experiment,
+            out=wanted,
+            workers=workers,
+            limit=limit,
+            oracle=oracle,
+            save_signals=save_signals,
+            cache=store,
+        )
         return
     if oracle:
         from harness.ladder import with_ladder
@@ -99,7 +108,7 @@ def run(
             workers=workers,
             scheduler=scheduler,
             progress=progress,
-            cache=None if no_cache else Store(cache or cache_root(), cache_limit()),
+            cache=store,
             tell=notices.append,
             beside=out is None,
             retry_failed=retry_failed,

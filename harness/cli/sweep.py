@@ -8,6 +8,7 @@ from pathlib import Path
 
 import typer
 
+from harness.cache.store import Store
 from harness.experiment import Experiment
 from harness.files import atomic_write
 from harness.plan import describe, prepare
@@ -15,7 +16,14 @@ from vfoa.errors import VfoaError
 
 
 def run_sweep(
-    experiment: Experiment, *, out: Path, workers: int, limit: int | None, oracle: bool, save_signals: bool
+    experiment: Experiment,
+    *,
+    out: Path,
+    workers: int,
+    limit: int | None,
+    oracle: bool,
+    save_signals: bool,
+    cache: Store | None,
 ) -> None:
     """Sweep, write the table and its answers, and print these."""
     from rich.console import Console
@@ -30,7 +38,7 @@ def run_sweep(
     plan = prepare(experiment, limit=limit, recording=None)
     started = time.monotonic()
     with frames_bar(plan.frames, experiment.name) as progress:
-        sweep = conduct_sweep(plan, workers=workers, progress=progress)
+        sweep = conduct_sweep(plan, workers=workers, progress=progress, cache=cache)
     seconds = time.monotonic() - started
     write_sweep(out, sweep)
     known_otherwise = "configurations"  # they are the rows of sweep.csv

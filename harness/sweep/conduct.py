@@ -6,9 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness.annotations import Labels
+from harness.cache.stage import open_cache
+from harness.cache.store import Store
 from harness.executors import Progress, work_through
-from harness.experiment import Configuration, SweepView
-from harness.plan import Plan
+from harness.experiment import Configuration, Experiment, SweepView
+from harness.plan import Plan, PreparedClip
 from harness.statistics import Interval, wilson_interval
 from harness.sweep.tally import SweepJob, Tally, sweep_clip
 from vfoa.errors import VfoaError
@@ -46,8 +49,10 @@ class Sweep:
     rows: tuple[SweepRow, ...]
 
 
-def conduct_sweep(plan: Plan, *, workers: int, progress: Progress) -> Sweep:
+def conduct_sweep(plan: Plan, *, workers: int, progress: Progress, cache: Store | None = None) -> Sweep:
     """Sweep over the plan's clips. Clips without labels take no part, and the notes say so.
+
+    ``cache`` is where results of perception are kept, None for nowhere.
 
     Raises
     ------
@@ -56,16 +61,7 @@ def conduct_sweep(plan: Plan, *, workers: int, progress: Progress) -> Sweep:
     """
     if plan.experiment.sweep is None:
         raise AssertionError("not a sweep")
-    jobs = [
-        SweepJob(
-            manifest=one.manifest,
-            frames=one.frames,
-            labels=one.labels,
-            configurations=tuple(each.for_clip(one.manifest.name) for each in plan.experiment.configurations),
-        )
-        for one in plan.clips
-        if one.labels is not None
-    ]
+    jobs = [_job(one, one.labels, plan.experiment, cache) for one in plan.clips if one.labels is not None]
     tallies = list(work_through(sweep_clip, jobs, workers, progress))
     for tally in tallies:
         if tally.error:
@@ -80,6 +76,13 @@ def conduct_sweep(plan: Plan, *, workers: int, progress: Progress) -> Sweep:
         view=plan.experiment.sweep,
         rows=_rows(plan.experiment.configurations, tallies),
     )
+
+
+def _job(one: PreparedClip, labels: Labels, experiment: Experiment, store: Store | None) -> SweepJob:
+    name = one.manifest.name
+    configurations = tuple(each.for_clip(name) for each in experiment.configurations)
+    cache = open_cache(store, name, one.clip.digest(), configurations) if store else None
+    return SweepJob(manifest=one.manifest, frames=one.frames, labels=labels, configurations=configurations, cache=cache)
 
 
 def _rows(configurations: tuple[Configuration, ...], tallies: list[Tally]) -> tuple[SweepRow, ...]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.annotations import IGNORED, Labels
+from harness.cache.stage import ClipCache
 from harness.executors import Progress
 from harness.experiment import Configuration
 from harness.manifest import ClipManifest
@@ -32,6 +33,7 @@ class SweepJob:
     frames: tuple[int, ...]
     labels: Labels
     configurations: tuple[Configuration, ...]
+    cache: ClipCache | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,7 +57,7 @@ def sweep_clip(job: SweepJob, progress: Progress) -> Tally:
     n, error = 0, None
     try:
         groups = _groups(job)
-        pipeline = SharedPipeline([group.configuration for group in groups], job.manifest.open())
+        pipeline = SharedPipeline([group.configuration for group in groups], job.manifest.open(), job.cache)
         for shared in pipeline.frames(job.frames):
             for group in groups:
                 found = shared.by_configuration[group.configuration.name]

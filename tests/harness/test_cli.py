@@ -123,7 +123,8 @@ def test_a_spoilt_clip_is_one_line_and_no_table(
     )
     write_text(tmp_path / "e.toml", f'clips = ["mine"]\n[[configuration]]\nname = "only"\n{stages}')
     monkeypatch.chdir(tmp_path)
-    code, said = _vfoa(monkeypatch, capsys, "run", "e.toml", "--out", "out", "--workers", "1", "--recording", "none")
+    options = ("--out", "out", "--workers", "1", "--recording", "none", "--no-cache")
+    code, said = _vfoa(monkeypatch, capsys, "run", "e.toml", *options)
     assert code == 2
     assert line in said, said
     assert said.count("\n") == 1, said

@@ -125,7 +125,7 @@ def test_the_command_line_says_what_failed_and_leaves_with_1(
 ) -> None:
     file = write_text(tmp_path / "two.toml", f'clips = ["studio_table"]\n{STAGES}')
     monkeypatch.chdir(tmp_path)
-    arguments = ["vfoa", "run", file.name, "--workers", "1", "--recording", "none", "--limit", "4"]
+    arguments = ["vfoa", "run", file.name, "--workers", "1", "--recording", "none", "--limit", "4", "--no-cache"]
     monkeypatch.setattr(sys, "argv", arguments)
     with pytest.raises(SystemExit) as ended:
         main()

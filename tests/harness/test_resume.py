@@ -74,7 +74,8 @@ def unbroken(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> tupl
 
 
 def _start(experiment: Path, out: Path) -> subprocess.Popen[bytes]:
-    arguments = ["vfoa", "run", str(experiment), "--out", str(out), "--workers", "1", "--limit", str(FRAMES)]
+    how = ["--workers", "1", "--limit", str(FRAMES), "--cache", str(out.with_name("cache"))]
+    arguments = ["vfoa", "run", str(experiment), "--out", str(out), *how]
     code = f"import sys; sys.argv = {arguments!r}\nfrom harness.cli import main; main()"
     return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 

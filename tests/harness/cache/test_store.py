@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -41,6 +42,23 @@ def test_what_was_used_longest_ago_is_removed_first(tmp_path: Path) -> None:
     assert store.trim() == 2 * size
     assert [path.name for path in paths if path.exists()] == ["a.bin", "d.bin"]
     assert store.trim() == 0
+
+
+def test_the_drafts_of_the_dead_are_removed_and_those_of_the_living_are_not(store: Store) -> None:
+    folder = store.folder("stereo", "abc")
+    folder.mkdir(parents=True)
+    for name, age_s in (("old", 7200), ("new", 0)):
+        (folder / f"{name}.tmp").touch()
+        os.utime(folder / f"{name}.tmp", (time.time() - age_s,) * 2)
+    store.trim()
+    assert [path.name for path in folder.iterdir()] == ["new.tmp"]
+
+
+def test_what_an_identity_stands_for_may_be_damaged(store: Store) -> None:
+    store.describe("stereo", "abc", {"stage": "bm", "clip": "table"})
+    store.describe("stereo", "def", {"stage": "bm", "clip": "talk"})
+    (store.folder("stereo", "abc") / "identity.json").write_text('{"stage": "b')
+    assert [usage.clip for usage in store.usage()] == ["talk"]
 
 
 def test_usage_says_what_each_stage_takes_and_clearing_leaves_none(store: Store) -> None:
