@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
@@ -58,7 +59,7 @@ class StillWriter:
         """Write one frame."""
         path = picture_path(self._run, self._clip, frame.index)
         if not path.exists():  # another configuration has written it
-            draft = path.with_suffix(".partial")
+            draft = path.with_suffix(f".{os.getpid()}.partial")  # or is writing it, in another process
             draft.write_bytes(picture(frame.left))
             draft.replace(path)
         self._file.write(self._encoder.encode(still(frame.rig, result, record)) + b"\n")
