@@ -28,8 +28,8 @@ def ladder_table(scores: Scores) -> Table:
             "Each row replaces one stage more by the truth. Points: FRR gained by that, given the rows above: errors "
             "interact, and a stage's error can hide another's (boxes that are too large forgive a gaze that is off). "
             "Bootstrap: 95 % interval of the points, both rungs on the same resamples (moving blocks of one second).",
-            "A true head pose can cost frames: the head need not point at what the eyes look at, and where it points "
-            "at something else, a head that is measured well draws more attention there.",
+            "A true head pose can cost frames: a head need not point at what the eyes look at, and one that stops "
+            "short of it is turned onto it by an error at times.",
         ),
     )
 
