@@ -11,7 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 
-from harness.executors import ATTEMPTS, Job, Lost, Outcome, Progress, Work, one_thread
+from harness.executors import ATTEMPTS, InProcess, Job, Lost, Outcome, Progress, Work, one_thread
 
 _SPAWN = multiprocessing.get_context("spawn")
 _END = b""
@@ -28,6 +28,9 @@ class Pool:
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
     ) -> Iterator[Outcome]:
         """As :class:`harness.executors.Executor`."""
+        if len(jobs) == 1:  # it would be waited for alone, and its process started for nothing
+            yield from InProcess().run(work, jobs, progress, lost)
+            return
         done: dict[int, Outcome] = {}
         for _ in range(ATTEMPTS - 1):
             done |= self._attempt(work, {n: job for n, job in enumerate(jobs) if n not in done}, progress)
