@@ -19,7 +19,7 @@ from harness.timeline import timeline_of
 from vfoa.geometry import project
 
 REPOSITORY = Path(__file__).parent.parent.parent
-SETS = {"tune": range(1, 7), "report": range(101, 107)}
+SETS = {"tune": range(1, 7), "report": range(201, 207)}
 CLIPS = [(f"studio_{kind}_{place}", seed) for kind, seeds in SETS.items() for place, seed in enumerate(seeds, start=1)]
 
 
