@@ -29,6 +29,7 @@ def conduct(
     *,
     workers: int,
     progress: Progress,
+    threads: int = 1,
     scheduler: str | None = None,
     cache: Store | None = None,
     tell: Callable[[str], None] = lambda line: None,
@@ -44,6 +45,8 @@ def conduct(
     ----------
     workers
         Processes on this machine.
+    threads
+        Those of a single process; several have one each.
     scheduler
         The address of a Dask scheduler, whose workers do the work instead.
     cache
@@ -73,7 +76,7 @@ def conduct(
         return directory
     started = _now()
     directory.write_manifest(identity)
-    with executor(workers, scheduler) as chosen:
+    with executor(workers, scheduler, threads=threads) as chosen:
         done = work_off(plan, directory, cache=cache, executor=chosen, progress=progress)
     failures = done.failures
     finished = [pair for pair in plan.pairs if pair not in failures]

@@ -8,9 +8,10 @@ that fails is dropped, and the others go on.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 
+from harness.ahead import ahead, one_at_a_time
 from harness.annotations import Labels
 from harness.cache.stage import ClipCache, Tally
 from harness.executors import Progress
@@ -23,13 +24,16 @@ from harness.run_directory import Pair, RunDirectory
 from harness.sharing import SharedPipeline
 from vfoa.errors import VfoaError
 
+_AHEAD = 2
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipJob:
     """All that a process needs to run one clip: settings and paths only, since it travels to another process.
 
     ``recording`` is how much the recordings hold, None for none. ``signals`` are the stages whose output is saved, by
-    configuration; ``cache`` is where results of perception are kept, None for nowhere.
+    configuration; ``cache`` is where results of perception are kept, None for nowhere. With several ``threads``, one
+    reads and one perceives the next frames while the last ones are attended to and written.
     """
 
     manifest: ClipManifest
@@ -40,6 +44,12 @@ class ClipJob:
     recording: Size | None
     signals: Mapping[str, frozenset[str]] = field(default_factory=dict)
     cache: ClipCache | None = None
+    threads: int = 1
+
+    @property
+    def ahead(self) -> int:
+        """How many frames each thread may be ahead of the next one; 0: there are none."""
+        return _AHEAD if self.threads > 1 else 0
 
     @property
     def pairs(self) -> list[Pair]:
@@ -76,8 +86,9 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
         clip = job.manifest.open()
     except VfoaError as error:
         return ClipOutcome(failures=dict.fromkeys(job.pairs, str(error)))
-    pipeline = SharedPipeline(job.configurations, clip, job.cache)
-    measurer = Measurer(clip)
+    perceived, measured = one_at_a_time(clip, 2) if job.ahead else (clip, clip)
+    pipeline = SharedPipeline(job.configurations, perceived, job.cache, ahead=job.ahead)
+    measurer = Measurer(measured)
     lanes = [Lane(job, configuration, clip.rate_hz, measurer) for configuration in job.configurations]
     with ExitStack() as stack:
         for lane in lanes:
@@ -96,12 +107,13 @@ def _trim(job: ClipJob) -> None:
 def _drive(lanes: list[Lane], pipeline: SharedPipeline, job: ClipJob, progress: Progress) -> None:
     """Lead every frame through every lane, until no lane is left."""
     try:
-        for shared in pipeline.frames(job.frames):
-            for lane in lanes:
-                lane.take(shared)
-            if all(lane.error is not None for lane in lanes):
-                return
-            progress(job.manifest.name)
+        with closing(ahead(pipeline.frames(job.frames), job.ahead)) as frames:
+            for shared in frames:
+                for lane in lanes:
+                    lane.take(shared)
+                if all(lane.error is not None for lane in lanes):
+                    return
+                progress(job.manifest.name)
     except VfoaError as error:  # a frame that cannot be read
         for lane in lanes:
             lane.fail(error)

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from harness.adapters import Clip
+from harness.ahead import ahead
 from harness.cache.stage import ClipCache, Tally
 from harness.experiment import Configuration
 from harness.stages import OFF, SLOTS, StageChoice
@@ -144,10 +145,14 @@ class SharedPipeline:
 
     All stages are built with it, behind the ``cache`` if there is one; ``tallies`` count by a stage's key what it gave
     and what was computed. A stage that cannot be built, or fails on a frame, ends the configurations that have it.
+    ``ahead`` is how many frames a thread reads before they are perceived; 0 for none.
     """
 
-    def __init__(self, configurations: Sequence[Configuration], clip: Clip, cache: ClipCache | None = None) -> None:
+    def __init__(
+        self, configurations: Sequence[Configuration], clip: Clip, cache: ClipCache | None = None, *, ahead: int = 0
+    ) -> None:
         self.tallies: dict[str, Tally] = {}
+        self._ahead = ahead
         self._configurations, self._clip, self._cache = configurations, clip, cache
         self._ledger = Ledger()
         self._failed: dict[str, VfoaError] = {}
@@ -205,20 +210,25 @@ class SharedPipeline:
                         self._ledger.call("perceive", perceive, frame, stages)
             yield number
 
-    def frames(self, numbers: Iterable[int]) -> Iterator[SharedFrame]:
+    def frames(self, numbers: Iterable[int]) -> Generator[SharedFrame]:
         """Read frames, in ascending order, and run every configuration on each; they come in the same order."""
         waiting: deque[_Waiting] = deque()
-        for number in numbers:
-            waiting.append(self._perceive(number))
-            while waiting and waiting[0].frame.index + self._look_ahead <= number:
-                yield self._finish(waiting.popleft())
+        with closing(ahead(self._read(numbers), self._ahead)) as read:
+            for frame, decoding in read:
+                waiting.append(self._perceive(frame, decoding))
+                while waiting and waiting[0].frame.index + self._look_ahead <= frame.index:
+                    yield self._finish(waiting.popleft())
         while waiting:
             yield self._finish(waiting.popleft())
 
-    def _perceive(self, number: int) -> _Waiting:
-        decoding: Bill = {}
-        with timed(decoding, "decode"):
-            frame = self._clip.frame(number)
+    def _read(self, numbers: Iterable[int]) -> Generator[tuple[StereoFrame, Bill]]:
+        for number in numbers:
+            decoding: Bill = {}
+            with timed(decoding, "decode"):
+                frame = self._clip.frame(number)
+            yield frame, decoding
+
+    def _perceive(self, frame: StereoFrame, decoding: Bill) -> _Waiting:
         self._ledger.outputs, self._ledger.bill = {}, {}
         fed: set[HeadWindow] = set()
         for name in [name for name in self._stages if name not in self._failed]:

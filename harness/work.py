@@ -41,7 +41,7 @@ def work_off(
     computed twice; then a job is a (clip, configuration).
     """
     account = Account()
-    jobs = [_job(plan, one, directory, cache, account) for one in plan.clips]
+    jobs = [replace(_job(plan, one, directory, cache, account), threads=executor.threads) for one in plan.clips]
     for job in jobs:
         if not job.configurations:
             skip(job, progress)

@@ -48,6 +48,9 @@ def run(
     ] = None,
     out: Annotated[Path | None, typer.Option(help=OUT_HELP)] = None,
     workers: Annotated[int, typer.Option(min=0, help=WORKERS_HELP)] = 0,
+    threads: Annotated[
+        int, typer.Option(min=0, help="Threads of a single process (--workers 1): read ahead; 0 means one a core.")
+    ] = 0,
     scheduler: Annotated[
         str | None, typer.Option(help="Work on the cluster of this Dask scheduler, tcp://HOST:PORT, instead.")
     ] = None,
@@ -106,6 +109,7 @@ def run(
             plan,
             wanted,
             workers=workers,
+            threads=threads or os.cpu_count() or 1,
             scheduler=scheduler,
             progress=progress,
             cache=store,

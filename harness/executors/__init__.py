@@ -1,8 +1,9 @@
 """Ways to work through jobs: in this process, in a pool of spawned ones, or on a Dask cluster.
 
-Every process computes with one thread, so that the results do not depend on who computes (a guided filter in OpenCV
-differs in its last bit with the number of threads). A worker that dies is replaced, and its jobs are done again; a
-job that takes its worker along every time is given up, and the others are finished.
+Workers compute with one thread each: that is the quickest for all together. Where one process does everything, it may
+use a few, with the same results (a guided filter in OpenCV differs in its last bit from eight threads on: four are the
+most). A worker that dies is replaced, and its jobs are done again; a job that takes its worker along every time is
+given up, and the others are finished.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ Work = Callable[[Job, Progress], Outcome]
 Lost = Callable[[Job, str], Outcome]
 """The outcome of a job that was given up, and why."""
 
+MOST_THREADS = 4
+
 ATTEMPTS = 3
 """How often a job may take its worker along."""
 
@@ -34,6 +37,11 @@ class Executor(Protocol):
         """How many jobs are done at a time."""
         ...
 
+    @property
+    def threads(self) -> int:
+        """With how many threads a job may be done."""
+        ...
+
     def run(
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
     ) -> Iterator[Outcome]:
@@ -42,22 +50,27 @@ class Executor(Protocol):
 
 
 class InProcess:
-    """One job after the other, here."""
+    """One job after the other, here, with a few threads."""
 
     workers = 1
+
+    def __init__(self, threads: int = 1) -> None:
+        self.threads = min(threads, MOST_THREADS)
 
     def run(
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
     ) -> Iterator[Outcome]:
         """As :class:`Executor`."""
-        one_thread()
+        compute_with(self.threads)
         for job in jobs:
             yield work(job, progress)
 
 
 @contextmanager
-def executor(workers: int, scheduler: str | None = None) -> Iterator[Executor]:
+def executor(workers: int, scheduler: str | None = None, *, threads: int = 1) -> Iterator[Executor]:
     """Yield the way to work with this many processes here, or with the cluster of a Dask scheduler (``tcp://host:port``).
+
+    ``threads`` are those of a single process; several have one each.
 
     Raises
     ------
@@ -70,7 +83,7 @@ def executor(workers: int, scheduler: str | None = None) -> Iterator[Executor]:
         with connect(scheduler) as client:
             yield Cluster(client)
     elif workers == 1:
-        yield InProcess()
+        yield InProcess(threads)
     else:
         from harness.executors.pool import Pool
 
@@ -83,11 +96,11 @@ def work_through(work: Work[Job, Outcome], jobs: Sequence[Job], workers: int, pr
         yield from chosen.run(work, jobs, progress, _lost)
 
 
-def one_thread() -> None:
-    """Let this process compute with one thread."""
+def compute_with(threads: int) -> None:
+    """Let this process compute with so many threads."""
     import cv2
 
-    cv2.setNumThreads(1)
+    cv2.setNumThreads(threads)
 
 
 def _lost(job: Any, why: str) -> Any:

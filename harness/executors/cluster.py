@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from harness import provenance
-from harness.executors import ATTEMPTS, Job, Lost, Outcome, Progress, Work, one_thread
+from harness.executors import ATTEMPTS, Job, Lost, Outcome, Progress, Work, compute_with
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -72,6 +72,8 @@ class Cluster:
     it works in the folder, and with the ``VFOA_`` variables, of whoever started the run.
     """
 
+    threads = 1
+
     def __init__(self, client: Client) -> None:
         self._client = client
         self.workers = len(client.nthreads())
@@ -117,6 +119,6 @@ def _on_worker(here: Surroundings, work: Callable[[Any, Progress], Any], job: An
     from distributed import get_worker
 
     here.enter()
-    one_thread()
+    compute_with(1)
     worker = get_worker()
     return work(job, lambda word: worker.log_event(TOPIC, word))

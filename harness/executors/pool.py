@@ -11,7 +11,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 
-from harness.executors import ATTEMPTS, InProcess, Job, Lost, Outcome, Progress, Work, one_thread
+from harness.executors import ATTEMPTS, InProcess, Job, Lost, Outcome, Progress, Work, compute_with
 
 _SPAWN = multiprocessing.get_context("spawn")
 _END = b""
@@ -20,6 +20,8 @@ _told: Connection | None = None
 
 class Pool:
     """So many spawned processes. A death breaks a whole pool: a new one goes on with what is not done."""
+
+    threads = 1
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
@@ -85,7 +87,7 @@ def _listen(heard: Connection, progress: Progress) -> None:
 def _start(told: Connection) -> None:
     global _told
     _told = told
-    one_thread()
+    compute_with(1)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

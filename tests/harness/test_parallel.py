@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import shutil
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -21,6 +25,7 @@ from harness.run_directory import RunDirectory
 from harness.signals.coco_panoptic_writer import write_coco_panoptic
 from tests import graphs
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
+from vfoa.errors import VfoaError
 from vfoa.types import Instance, Instances
 
 FRAMES = 8
@@ -73,7 +78,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _run(
-    experiment: Path, folder: Path, workers: int, *, cached: bool = True, told: Callable[[str], None] = len, **how: str
+    experiment: Path, folder: Path, workers: int, *, cached: bool = True, told: Callable[[str], None] = len, **how: Any
 ) -> RunDirectory:
     plan = prepare(load_experiment(str(experiment)), limit=FRAMES, recording=None)
     store = Store(folder / "cache", 10**9) if cached else None
@@ -105,6 +110,38 @@ def test_workers_share_a_clip_and_change_nothing(
         ("bm", 0, FRAMES),
         ("sgbm", 0, FRAMES),
     ]
+
+
+@pytest.mark.parametrize("cached", [False, True])
+def test_threads_that_read_and_perceive_ahead_change_nothing(
+    cached: bool, experiment: Path, alone: RunDirectory, tmp_path: Path
+) -> None:
+    threads_before, running, told = cv2.getNumThreads(), set(threading.enumerate()), list[str]()
+    try:
+        assert _same(_run(experiment, tmp_path, 1, cached=cached, told=told.append, threads=3), alone)
+    finally:
+        cv2.setNumThreads(threads_before)
+    assert told == ["alley"] * FRAMES
+    assert set(threading.enumerate()) <= running
+
+
+def test_a_frame_that_cannot_be_read_ends_a_run_with_threads_at_the_same_frame(
+    experiment: Path, tmp_path: Path
+) -> None:
+    text = experiment.read_text()
+    copies = shutil.copytree(experiment.parent, tmp_path / "copies")
+    for path in (copies / "parallel.toml", copies / "datasets" / "alley.toml"):
+        path.write_text(path.read_text().replace(experiment.parent.as_posix(), copies.as_posix()))
+    assert text != (copies / "parallel.toml").read_text()
+    next((copies / "data").rglob("clean_left/alley/frame_0006.png")).write_bytes(b"not a picture")
+    failed = []
+    for threads in (1, 3):
+        with pytest.raises(VfoaError) as error:
+            _run(copies / "parallel.toml", tmp_path / str(threads), 1, cached=False, threads=threads)
+        left = (tmp_path / str(threads) / "run" / "parts").glob("*.jsonl.partial")
+        failed.append((str(error.value), {path.name: path.read_bytes() for path in left}))
+    assert failed[0] == failed[1]
+    assert "frame_0006.png" in failed[0][0]
 
 
 def _killer(pids: Callable[[], list[int]], killed: list[int]) -> Callable[[str], None]:
