@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from harness.annotate.server import PageServer
 from harness.annotate.session import Session
-from harness.results import FrameRecord, to_line
+from harness.runs.results import FrameRecord, to_line
 from tests.disk import stereo_pair_folder, write_text
 from tests.records import frame_record, subject_record, target_record
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from harness.adapters import PersonTruth, Truth
 from harness.annotation_formats.bodies import TrueBodies
 from harness.annotation_formats.exchange import Exchange
-from harness.labels import Label, LabelRange, Labels
-from harness.naming import NameRule
+from harness.annotations.labels import Label, LabelRange, Labels
+from harness.clips.naming import NameRule
 from tests.scenes import make_rig
 from vfoa.types import Instance, Instances, StereoFrame
 

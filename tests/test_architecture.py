@@ -20,7 +20,7 @@ DOORS = {
     "onnxruntime": ("vfoa/onnx.py",),
     "typer": ("harness/cli/",),
     "pympi": ("harness/annotation_formats/elan.py",),
-    "distributed": ("harness/executors/cluster.py",),
+    "distributed": ("harness/runs/executors/cluster.py",),
     "torch": ("harness/export/",),
     "uvicorn": ("harness/local_server.py",),
     "tomlkit": ("harness/annotate/targets.py",),

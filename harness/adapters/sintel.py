@@ -13,10 +13,10 @@ from pydantic import Field
 
 from harness.adapters import Recognised, Truth
 from harness.adapters.stereo_views import read_pair
-from harness.disparity_files import read_depth, read_sintel_disparity
 from harness.files import digest_files, read_bytes
-from harness.images import read_raw
-from harness.segment_ids import relabel, small_ids
+from harness.media.disparity_files import read_depth, read_sintel_disparity
+from harness.media.images import read_raw
+from harness.media.segment_ids import relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.types import Disparity, Float, Instance, Instances, Map, Mask, StereoFrame, StereoRig

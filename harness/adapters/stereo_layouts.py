@@ -13,8 +13,8 @@ import numpy as np
 from harness.adapters.side_names import Sides, pair_names
 from harness.adapters.stereo_views import ImagePairs, PackedImages, PackedVideo, Packing, VideoPair, Views
 from harness.adapters.view_files import TICKS_NS, Layout, StampUnit
-from harness.frame_files import IMAGE_SUFFIXES, find_frames
-from harness.video import VIDEO_SUFFIXES
+from harness.media.frame_files import IMAGE_SUFFIXES, find_frames
+from harness.media.video import VIDEO_SUFFIXES
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
 

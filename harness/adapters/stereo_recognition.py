@@ -10,8 +10,8 @@ from harness.adapters import Recognised
 from harness.adapters.calibration_files.find import find_calibrations
 from harness.adapters.calibration_files.options import Options
 from harness.adapters.stereo_layouts import FoundLayout, find_layouts
-from harness.frame_files import IMAGE_SUFFIXES
-from harness.video import VIDEO_SUFFIXES
+from harness.media.frame_files import IMAGE_SUFFIXES
+from harness.media.video import VIDEO_SUFFIXES
 
 _KITTI_GRAY = re.compile(r"(^|/)image_0?0(/|$)")
 

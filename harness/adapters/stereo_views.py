@@ -10,8 +10,8 @@ from typing import Literal, Protocol
 import numpy as np
 
 from harness.files import digest_files, file_digest
-from harness.images import read_rgb
-from harness.video import Video
+from harness.media.images import read_rgb
+from harness.media.video import Video
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 

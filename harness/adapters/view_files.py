@@ -8,7 +8,7 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from harness.adapters.stereo_views import ImagePairs, PackedImages, PackedVideo, Packing, VideoPair, Views
-from harness.frame_files import find_frames
+from harness.media.frame_files import find_frames
 from vfoa.settings import Settings
 
 Layout = Literal[

@@ -19,7 +19,7 @@ from harness.annotate.guard import Guard
 from harness.annotate.pictures import View
 from harness.annotate.session import Session
 from harness.annotate.store import OutsideClipError, StaleRevisionError
-from harness.naming import NameRule
+from harness.clips.naming import NameRule
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from harness.annotate.marks import Stretch, Track, counts, stretches, to_labels
-from harness.labels import Labels
+from harness.annotations.labels import Labels
 
 Entry = dict[str, Any]
 

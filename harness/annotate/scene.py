@@ -16,13 +16,13 @@ import numpy as np
 
 from harness.adapters import Clip
 from harness.annotate.suggestions import Predictions
-from harness.manifest import ClipManifest
-from harness.naming import SubjectNames, name_targets
-from harness.results import BoxPx, FrameRecord
-from harness.run_directory import RunDirectory
+from harness.clips.manifest import ClipManifest
+from harness.clips.naming import SubjectNames, name_targets
+from harness.runs.directory import RunDirectory
+from harness.runs.results import BoxPx, FrameRecord
+from harness.runs.stages import CLIP_VARIABLE
 from harness.signals.coco_panoptic import CocoPanoptic, CocoPanopticSettings
 from harness.signals.saved import VARIABLE
-from harness.stages import CLIP_VARIABLE
 from vfoa.types import FrameResult, Instance, Instances, Mask, Scene, StereoFrame, Target
 
 _SMOOTHING_PX = 0.8

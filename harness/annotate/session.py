@@ -14,9 +14,9 @@ from harness.annotate.scene import Scenes, saved_folder
 from harness.annotate.store import LabelStore
 from harness.annotate.suggestions import Predictions
 from harness.annotate.targets import add_target
-from harness.manifest import ClipManifest, load_manifest
-from harness.naming import NameRule
-from harness.timeline import timeline_of
+from harness.annotations.timeline import timeline_of
+from harness.clips.manifest import ClipManifest, load_manifest
+from harness.clips.naming import NameRule
 from vfoa.errors import VfoaError
 from vfoa.types import StereoFrame
 

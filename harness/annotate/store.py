@@ -15,10 +15,10 @@ from typing import Any
 from harness.annotate.history import Entry, History
 from harness.annotate.journal import Journal
 from harness.annotate.marks import Mark, Stretch, from_labels, stretches
-from harness.annotations import read_annotations, write_annotations
+from harness.annotations.files import read_annotations, write_annotations
+from harness.annotations.labels import RESERVED, Labels
+from harness.annotations.timeline import Timeline
 from harness.files import file_digest
-from harness.labels import RESERVED, Labels
-from harness.timeline import Timeline
 from vfoa.errors import VfoaError, did_you_mean
 
 LONGEST_PAUSE_S = 30.0

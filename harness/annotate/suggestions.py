@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.labels import NOWHERE
-from harness.results import FrameRecord, SubjectRecord, read_results
-from harness.run_directory import RunDirectory
+from harness.annotations.labels import NOWHERE
+from harness.runs.directory import RunDirectory
+from harness.runs.results import FrameRecord, SubjectRecord, read_results
 from vfoa.errors import VfoaError, did_you_mean
 
 

@@ -9,11 +9,11 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
+from harness.clips.locate import is_packaged
+from harness.clips.manifest import ClipManifest
+from harness.clips.naming import NameRule
 from harness.config_errors import parse
 from harness.files import atomic_write, read_bytes
-from harness.locate import is_packaged
-from harness.manifest import ClipManifest
-from harness.naming import NameRule
 from vfoa.errors import VfoaError
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from harness.annotation_formats.exchange import Exchange, Imported
-from harness.labels import Labels
+from harness.annotations.labels import Labels
 from vfoa.registry import Registry
 
 

@@ -12,8 +12,8 @@ from typing import Protocol
 import numpy as np
 
 from harness.adapters import Clip, Truth
-from harness.naming import NameRule
-from harness.results import FrameRecord
+from harness.clips.naming import NameRule
+from harness.runs.results import FrameRecord
 
 Box = tuple[float, float, float, float]
 """u0, v0, u1, v1 in pixels."""

@@ -10,8 +10,8 @@ from pathlib import Path
 from harness.annotation_formats.exchange import Exchange, Imported, left_out, one_line
 from harness.annotation_formats.spans import Span, from_spans, to_spans
 from harness.annotation_formats.tables import milliseconds, read_table, said_of_points
+from harness.annotations.labels import Label, Labels
 from harness.files import atomic_write
-from harness.labels import Label, Labels
 
 _COLUMNS = (
     *("Observation id", "Observation date", "Description", "Media file", "Total length", "FPS", "Subject", "Behavior"),

@@ -16,8 +16,8 @@ from pathlib import Path
 from harness.annotation_formats.exchange import Exchange, Imported, left_out
 from harness.annotation_formats.gaze_points import GazePoint, Shown, from_points, point_of, to_points
 from harness.annotation_formats.tables import read_table
+from harness.annotations.labels import IGNORED, NOWHERE, Label, Labels
 from harness.files import atomic_write
-from harness.labels import IGNORED, NOWHERE, Label, Labels
 from vfoa.errors import VfoaError
 
 _COLUMNS = (

@@ -9,11 +9,11 @@ from typing import Literal
 from harness.annotation_formats import FORMATS, AnnotationFormat
 from harness.annotation_formats.bodies import Bodies, RunBodies, TrueBodies
 from harness.annotation_formats.exchange import Exchange, Imported
-from harness.annotations import write_annotations
-from harness.manifest import ClipManifest
-from harness.results import read_results
-from harness.run_directory import RunDirectory
-from harness.timeline import timeline_of
+from harness.annotations.files import write_annotations
+from harness.annotations.timeline import timeline_of
+from harness.clips.manifest import ClipManifest
+from harness.runs.directory import RunDirectory
+from harness.runs.results import read_results
 from vfoa.errors import VfoaError, did_you_mean
 
 

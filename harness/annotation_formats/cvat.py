@@ -16,9 +16,9 @@ from pathlib import Path
 
 from harness.annotation_formats.bodies import Box
 from harness.annotation_formats.exchange import Exchange, Imported, one_line
-from harness.annotation_rows import SUGGESTED, parse_point
+from harness.annotations.labels import IGNORED, Label, LabelRange, Labels, ranges_of
+from harness.annotations.rows import SUGGESTED, parse_point
 from harness.files import atomic_write, read_bytes
-from harness.labels import IGNORED, Label, LabelRange, Labels, ranges_of
 from vfoa.errors import VfoaError
 
 _UNDEFINED = "__undefined__"

@@ -13,9 +13,9 @@ from typing import Any
 
 from harness.annotation_formats.exchange import Exchange, Imported, one_line
 from harness.annotation_formats.spans import Span, from_spans, to_spans
-from harness.annotation_rows import SUGGESTED, parse_point
+from harness.annotations.labels import Label, Labels
+from harness.annotations.rows import SUGGESTED, parse_point
 from harness.files import atomic_write, read_bytes
-from harness.labels import Label, Labels
 from vfoa.errors import VfoaError
 
 _NOTE, _POINT, _STATE = ":note", ":point_px", ":state"

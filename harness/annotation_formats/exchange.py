@@ -12,8 +12,8 @@ import numpy as np
 
 from harness.adapters import Clip
 from harness.annotation_formats.bodies import Bodies, Box
-from harness.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, gaps
-from harness.timeline import timeline_of
+from harness.annotations.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, gaps
+from harness.annotations.timeline import timeline_of
 from vfoa.errors import VfoaError, did_you_mean
 
 

@@ -9,8 +9,8 @@ from itertools import groupby
 
 from harness.annotation_formats.bodies import Box, Point
 from harness.annotation_formats.exchange import Exchange, Imported
-from harness.annotation_rows import parse_point
-from harness.labels import IGNORED, NOWHERE, Label, LabelRange, Labels, ranges_of
+from harness.annotations.labels import IGNORED, NOWHERE, Label, LabelRange, Labels, ranges_of
+from harness.annotations.rows import parse_point
 from vfoa.errors import VfoaError
 
 UNNAMED = "looks at nothing that has a name"

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from harness.annotation_formats.exchange import Exchange, Imported
-from harness.labels import Label, LabelRange, Labels
+from harness.annotations.labels import Label, LabelRange, Labels
 from vfoa.errors import VfoaError
 
 

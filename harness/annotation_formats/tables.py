@@ -8,8 +8,8 @@ from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
 
+from harness.annotations.timeline import parse_seconds
 from harness.files import read_bytes
-from harness.timeline import parse_seconds
 from vfoa.errors import VfoaError
 
 

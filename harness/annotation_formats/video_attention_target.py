@@ -17,8 +17,8 @@ from pathlib import Path
 from harness.annotation_formats.exchange import Exchange, Imported, left_out
 from harness.annotation_formats.gaze_points import GazePoint, from_points, point_of, to_points
 from harness.annotation_formats.tables import csv_rows
+from harness.annotations.labels import IGNORED, Labels
 from harness.files import atomic_write
-from harness.labels import IGNORED, Labels
 from vfoa.errors import VfoaError
 
 _NUMBER = re.compile(r"(\d+)\D*$")

@@ -17,10 +17,10 @@ from rich.console import Console
 from rich.table import Table
 
 from harness.cache.store import Store
-from harness.conduct import conduct, prepare
-from harness.executors.cluster import local_cluster
-from harness.experiment import Configuration, Experiment, load_experiment
 from harness.recording import Size
+from harness.runs.conduct import conduct, prepare
+from harness.runs.executors.cluster import local_cluster
+from harness.runs.experiment import Configuration, Experiment, load_experiment
 from vfoa.attention import AttentionSettings
 
 CONES_CM = ((10.0,), (10.0, 25.0), (5.0,), (20.0,))

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.rescore import rescore
-from harness.results import (
+from harness.runs.directory import RunDirectory
+from harness.runs.results import (
     AttentionRecord,
     BoxRecord,
     DisparityMeasure,
@@ -25,7 +25,7 @@ from harness.results import (
     read_results,
     to_line,
 )
-from harness.run_directory import RunDirectory
+from harness.scores.rescore import rescore
 from vfoa.types import Float
 
 _THINGS = ("mug", "book", "bottle", "vase", "laptop", "ball")

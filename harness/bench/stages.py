@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.executors import work_through
-from harness.experiment import Configuration
-from harness.manifest import ClipManifest
+from harness.clips.manifest import ClipManifest
 from harness.recording import Size
-from harness.run import ClipJob, run_clip
-from harness.run_directory import RunDirectory
+from harness.runs.directory import RunDirectory
+from harness.runs.executors import work_through
+from harness.runs.experiment import Configuration
+from harness.runs.run import ClipJob, run_clip
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:

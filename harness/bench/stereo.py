@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.adapters import Clip
-from harness.experiment import Configuration
-from harness.stages import SLOTS
+from harness.runs.experiment import Configuration
+from harness.runs.stages import SLOTS
 from vfoa.types import Disparity
 
 OFF_PX = 2.0

@@ -20,8 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from harness.files import file_digest
-from harness.provenance import weights_of
-from harness.stages import SLOTS, StageChoice
+from harness.runs.provenance import weights_of
+from harness.runs.stages import SLOTS, StageChoice
 from vfoa.weights import locate
 
 

@@ -12,8 +12,8 @@ from typing import Any
 from harness.cache.identity import Identity, identify
 from harness.cache.store import Store
 from harness.cache.values import content_digest, decode, encode
-from harness.experiment import Configuration
-from harness.stages import StageChoice
+from harness.runs.experiment import Configuration
+from harness.runs.stages import StageChoice
 from vfoa.gaze import TemporalGazeModel
 from vfoa.stereo.region import Region
 from vfoa.types import Disparity, Gaze, Head, HeadPose, Image, Instances, StereoFrame, StereoRig

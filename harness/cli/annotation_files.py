@@ -10,8 +10,8 @@ import typer
 
 if TYPE_CHECKING:
     from harness.adapters import Clip as AdapterClip
-    from harness.labels import Labels
-    from harness.manifest import ClipManifest
+    from harness.annotations.labels import Labels
+    from harness.clips.manifest import ClipManifest
 
 app = typer.Typer(help="Check, exchange and compare who looks at what.", no_args_is_help=True)
 
@@ -24,7 +24,7 @@ class Gaps(StrEnum):
 
 
 class MergeRule(StrEnum):
-    """How labels are merged; :mod:`harness.annotation_merge` says what each does."""
+    """How labels are merged; :mod:`harness.annotations.merge` says what each does."""
 
     agree = "agree"
     first = "first"
@@ -72,7 +72,7 @@ def import_(
 ) -> None:
     """Read the labels of another program; say what they lose."""
     from harness.annotation_formats.convert import import_labels, open_exchange
-    from harness.manifest import load_manifest
+    from harness.clips.manifest import load_manifest
 
     manifest = load_manifest(clip)
     exchange = open_exchange(
@@ -105,7 +105,7 @@ def export(
 ) -> None:
     """Write labels for another program; say what its format cannot hold."""
     from harness.annotation_formats.convert import export_labels, open_exchange
-    from harness.manifest import load_manifest
+    from harness.clips.manifest import load_manifest
 
     manifest = load_manifest(clip)
     exchange = open_exchange(manifest, fps=fps, offset=offset, run=run, configuration=config)
@@ -117,8 +117,8 @@ def export(
 @app.command(name="check")
 def check(clip: Clip, annotator: Annotator = None) -> None:
     """Read a clip's labels, and those of each annotator unless one is named; the first mistake ends it."""
-    from harness.manifest import load_manifest
-    from harness.timeline import timeline_of
+    from harness.annotations.timeline import timeline_of
+    from harness.clips.manifest import load_manifest
 
     manifest = load_manifest(clip)
     timeline = timeline_of(manifest.open())
@@ -138,9 +138,9 @@ def agreement(
     """Compare annotators: kappa with its interval, per target, confusion, and a list of where they differ."""
     from rich.console import Console
 
-    from harness.agreement import compare_annotators
+    from harness.annotations.agreement import compare_annotators
+    from harness.clips.manifest import load_manifest
     from harness.files import atomic_write
-    from harness.manifest import load_manifest
     from harness.report.agreement import agreement_tables
     from harness.report.formats import to_csv, to_markdown, to_rich
 
@@ -171,9 +171,9 @@ def merge(
     replace: Annotated[bool, typer.Option("--replace", help="Write over labels that are there.")] = False,
 ) -> None:
     """Make one file of several annotators': agree (else ignore), first (in the order given), or adjudicate."""
-    from harness.annotation_merge import merge_labels, to_decide
-    from harness.annotations import write_annotations
-    from harness.manifest import load_manifest
+    from harness.annotations.files import write_annotations
+    from harness.annotations.merge import merge_labels, to_decide
+    from harness.clips.manifest import load_manifest
     from vfoa.errors import VfoaError
 
     manifest = load_manifest(clip)
@@ -191,7 +191,7 @@ def merge(
 
 def _labels_by_annotator(manifest: ClipManifest, clip: AdapterClip, annotators: list[str]) -> dict[str, Labels]:
     """The labels of those named (the clip's own name stands for CLIP.csv), or of all annotators the clip has."""
-    from harness.timeline import timeline_of
+    from harness.annotations.timeline import timeline_of
     from vfoa.errors import VfoaError
 
     names = annotators or list(manifest.annotations.annotators())

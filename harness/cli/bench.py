@@ -17,7 +17,6 @@ def bench(
     """Measure ms per stage, frames a second, disparity errors, attention, scoring, the gaze filter."""
     from rich.console import Console
 
-    from harness import provenance
     from harness.bench.attention import time_attention
     from harness.bench.gaze_filter import gaze_filter_table, measure_gaze_filter
     from harness.bench.scoring import time_scoring
@@ -25,10 +24,11 @@ def bench(
     from harness.bench.stereo import measure_stereo
     from harness.bench.sweep import time_sweep
     from harness.bench.tables import attention_table, scoring_table, stages_table, stereo_table, sweep_table
-    from harness.experiment import load_experiment
+    from harness.clips.manifest import load_manifest
     from harness.files import atomic_write
-    from harness.manifest import load_manifest
     from harness.report.formats import to_markdown, to_rich
+    from harness.runs import provenance
+    from harness.runs.experiment import load_experiment
 
     chosen = load_experiment(experiment, clips=(clip,) if clip else ())
     manifest = load_manifest(chosen.clips[0])

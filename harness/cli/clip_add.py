@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 if TYPE_CHECKING:
-    from harness.clip_add import Added
+    from harness.clips.add import Added
 
 
 def add_clip(
@@ -39,7 +39,7 @@ def add_clip(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
 ) -> None:
     """Look at a path, say what was found, and write a manifest and an annotation file to start from."""
-    from harness.clip_add import add_clip as add
+    from harness.clips.add import add_clip as add
     from harness.toml_text import parse_assignment
 
     source: dict[str, Any] = dict(parse_assignment(text, "pass=final") for text in overrides or ())

@@ -11,7 +11,7 @@ import typer
 from harness.cli.clip_add import add_clip
 
 if TYPE_CHECKING:
-    from harness.clip_check import ClipCheck, ClipRow
+    from harness.clips.check import ClipCheck, ClipRow
 
 app = typer.Typer(help="Add clips, list them, and check that they can be used.", no_args_is_help=True)
 app.command(name="add")(add_clip)
@@ -22,7 +22,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a tabl
 @app.command(name="list")
 def list_clips(as_json: Json = False) -> None:
     """List every clip: the working directory's own, then those that came with the package."""
-    from harness.clip_check import list_clips as find_clips
+    from harness.clips.check import list_clips as find_clips
 
     rows = find_clips()
     if as_json:
@@ -37,8 +37,8 @@ def check_clips(
     as_json: Json = False,
 ) -> None:
     """Open clips, decode three frames of each, check calibration, rectification and labels; exit 2 if one fails."""
-    from harness.clip_check import check_clip
-    from harness.locate import names
+    from harness.clips.check import check_clip
+    from harness.clips.locate import names
 
     checks = [check_clip(clip) for clip in clips or names("datasets")]
     if as_json:
@@ -56,8 +56,8 @@ def fetch_clips(
 ) -> None:
     """Download MPI Sintel's official archives and unpack them; a fetch that was cut goes on where it stopped."""
     from harness.cli.progress import bytes_bar
-    from harness.locate import expand
-    from harness.sintel_archives import ARCHIVES, fetch_sintel
+    from harness.clips.locate import expand
+    from harness.clips.sintel_archives import ARCHIVES, fetch_sintel
     from vfoa.errors import VfoaError
 
     if source != "sintel":

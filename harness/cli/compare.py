@@ -31,7 +31,7 @@ def compare(
 
     from harness.report.compared import comparison_table
     from harness.report.formats import to_rich
-    from harness.run_comparison import compare_runs, compare_with_baseline
+    from harness.scores.run_comparison import compare_runs, compare_with_baseline
     from vfoa.errors import VfoaError
 
     if fail_on is not None and baseline is None:

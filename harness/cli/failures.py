@@ -13,10 +13,10 @@ from vfoa.errors import VfoaError
 
 def step_through(run: Path, clip: str | None, configuration: str | None) -> None:
     """Open the viewer at a run's first wrong frame, and go from one to the next as the keys say."""
-    from harness.failures import KEYS, describe, failures, walk
     from harness.recording import find_recordings, viewer
-    from harness.rescore import read_scores
-    from harness.run_directory import RunDirectory
+    from harness.runs.directory import RunDirectory
+    from harness.scores.failures import KEYS, describe, failures, walk
+    from harness.scores.rescore import read_scores
 
     if not sys.stdin.isatty():
         raise VfoaError("view --failures: expected a terminal to read keys from, found none; see frames.csv instead")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from harness.model_check import ModelCheck
-    from harness.models import CatalogueEntry
+    from harness.models.catalogue import CatalogueEntry
+    from harness.models.check import ModelCheck
 
 app = typer.Typer(help="List the models, fetch them, check that they work, export checkpoints.", no_args_is_help=True)
 
@@ -36,7 +36,7 @@ class CheckpointName(StrEnum):
 @app.command(name="list")
 def list_models(as_json: Json = False) -> None:
     """List every model of the catalogue: what takes it, its licence, its size, and whether it is here."""
-    from harness.models import catalogue
+    from harness.models.catalogue import catalogue
 
     models = catalogue()
     if as_json:
@@ -63,7 +63,7 @@ def fetch(
 ) -> None:
     """Fetch models from their own homes into the cache directory; a fetch that was cut goes on where it stopped."""
     from harness.cli.progress import bytes_bar
-    from harness.models import fetch_model, find_model
+    from harness.models.catalogue import fetch_model, find_model
 
     for name, entry in [(name, find_model(name)) for name in names]:
         typer.echo(f"{name}: licence: {entry.licence}; {entry.home}")
@@ -82,8 +82,8 @@ def check(
     as_json: Json = False,
 ) -> None:
     """Load models, check their signatures, run each once and print provider and ms; exit 2 if one fails."""
-    from harness.model_check import check_model
-    from harness.models import catalogue, find_model
+    from harness.models.catalogue import catalogue, find_model
+    from harness.models.check import check_model
     from vfoa.onnx import RuntimeSettings
 
     settings = RuntimeSettings(provider=provider.value, threads=threads)

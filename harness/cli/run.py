@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from harness.experiment import Experiment
     from harness.recording import Size
+    from harness.runs.experiment import Experiment
 
 OUT_HELP = "The run's directory; if not given, runs/<experiment>, or beside it where that holds another run."
 WORKERS_HELP = "Processes, one thread each; 0 means one a core."
@@ -77,8 +77,8 @@ def run(
     from harness.cache.store import Store, cache_limit, cache_root
     from harness.cli.progress import frames_bar
     from harness.cli.scores import print_scores
-    from harness.conduct import conduct, prepare
-    from harness.rescore import rescore
+    from harness.runs.conduct import conduct, prepare
+    from harness.scores.rescore import rescore
 
     experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
@@ -99,7 +99,7 @@ def run(
         )
         return
     if oracle:
-        from harness.ladder import with_ladder
+        from harness.scores.ladder import with_ladder
 
         experiment = with_ladder(experiment)
     plan = prepare(experiment, limit=limit, recording=recording.size, save_signals=save_signals)
@@ -137,7 +137,7 @@ def _report_failures(failed: list[dict[str, str]]) -> None:
 
 def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...], preset: str | None) -> Experiment:
     """The experiment that is meant: one by name or file, or the default one on the clips that are named."""
-    from harness.experiment import is_experiment, load_experiment
+    from harness.runs.experiment import is_experiment, load_experiment
     from vfoa.errors import VfoaError
 
     if len(what) == 1 and is_experiment(what[0]):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from harness.score import Scores
+    from harness.scores.score import Scores
 
 
 def print_scores(scores: Scores) -> None:

@@ -18,7 +18,7 @@ def simulate(
     from rich.console import Console
 
     from harness.report.formats import to_rich
-    from harness.simulation_report import statements_table, write_simulation
+    from harness.report.simulation import statements_table, write_simulation
     from vfoa import simulation
 
     rows = simulation.simulate()

@@ -9,9 +9,9 @@ from pathlib import Path
 import typer
 
 from harness.cache.store import Store
-from harness.experiment import Experiment
 from harness.files import atomic_write
-from harness.plan import describe, prepare
+from harness.runs.experiment import Experiment
+from harness.runs.plan import describe, prepare
 from vfoa.errors import VfoaError
 
 

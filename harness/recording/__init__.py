@@ -16,8 +16,8 @@ from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
 if TYPE_CHECKING:
-    from harness.results import FrameRecord
-    from harness.verdicts import Verdict
+    from harness.runs.results import FrameRecord
+    from harness.scores.verdicts import Verdict
 
 Size = Literal["light", "full"]
 """How much a recording holds: ``light`` is enough to understand a failure, ``full`` is everything at full size."""

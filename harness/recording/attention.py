@@ -12,7 +12,7 @@ from harness.recording import entities
 from harness.recording.cones import cone_wire, reach_m
 from harness.recording.frame_log import FrameLog
 from harness.recording.labels import CUE_COLOURS, Colour, Colours, attention_by_name, subject_names
-from harness.results import FrameRecord
+from harness.runs.results import FrameRecord
 from vfoa.types import CUES, Attention, Cone, FrameResult, Rays
 
 ARROW_M = 0.25

@@ -8,7 +8,7 @@ from pathlib import Path
 import rerun as rr
 import rerun.blueprint as rrb
 
-from harness.naming import Names
+from harness.clips.naming import Names
 from harness.recording import entities
 from harness.recording.attention import log_attention
 from harness.recording.blueprint import eye_controls
@@ -17,7 +17,7 @@ from harness.recording.labels import Colours
 from harness.recording.recorder import APPLICATION
 from harness.recording.scene import log_targets
 from harness.recording.stages import class_context
-from harness.records import to_record
+from harness.runs.records import to_record
 from vfoa.simulation import CASES, RADII_CM, Case, look
 
 _SUBJECT = "subject"

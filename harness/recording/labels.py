@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 
-from harness.annotations import IGNORED, NOWHERE
-from harness.results import AttentionRecord, FrameRecord, SubjectRecord
+from harness.annotations.files import IGNORED, NOWHERE
+from harness.runs.results import AttentionRecord, FrameRecord, SubjectRecord
 from vfoa.types import Cue
 
 Colour = tuple[int, int, int]

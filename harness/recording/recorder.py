@@ -20,11 +20,11 @@ from harness.recording.labels import Colours
 from harness.recording.scene import log_targets
 from harness.recording.stages import log_disparity, log_heads, log_images, log_masks
 from harness.recording.verdicts import log_verdicts
-from harness.results import FrameRecord
+from harness.runs.results import FrameRecord
 from vfoa.types import FrameResult, Percepts, Scene, StereoFrame
 
 if TYPE_CHECKING:
-    from harness.verdicts import Verdict
+    from harness.scores.verdicts import Verdict
 
 APPLICATION = "vfoa"
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from harness.recording import Size, entities
 from harness.recording.frame_log import FrameLog
 from harness.recording.labels import Colours, target_names
-from harness.results import FrameRecord
+from harness.runs.results import FrameRecord
 from vfoa.types import Box3D, Float, Scene
 
 LIGHT_POINTS = 15_000

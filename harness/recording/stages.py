@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from harness.recording import Size, entities
 from harness.recording.frame_log import FrameLog
 from harness.recording.labels import Colour, Colours, subject_names
-from harness.results import FrameRecord
+from harness.runs.results import FrameRecord
 from vfoa.geometry import depth_from_disparity
 from vfoa.types import Disparity, Image, Percepts, StereoFrame, StereoRig
 

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import rerun as rr
 
-from harness.annotations import IGNORED, NOWHERE
+from harness.annotations.files import IGNORED, NOWHERE
 from harness.recording import entities
 from harness.recording.frame_log import FrameLog
 from harness.recording.labels import (
@@ -20,8 +20,8 @@ from harness.recording.labels import (
     attention_by_name,
     subject_names,
 )
-from harness.results import AttentionRecord, FrameRecord, SubjectRecord
-from harness.verdicts import Verdict
+from harness.runs.results import AttentionRecord, FrameRecord, SubjectRecord
+from harness.scores.verdicts import Verdict
 
 IN_WORDS = {
     "no_subject": "the person was not found",

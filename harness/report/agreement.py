@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from harness.agreement import Agreement, differences
-from harness.labels import Labels
+from harness.annotations.agreement import Agreement, differences
+from harness.annotations.labels import Labels
 from harness.report.formats import UNKNOWN, Table
 
 _NOTE = (

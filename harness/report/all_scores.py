@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from harness.baselines import RULES
 from harness.report.formats import Table
-from harness.score import CAUSES, ScoreRow, Scores
+from harness.scores.baselines import RULES
+from harness.scores.score import CAUSES, ScoreRow, Scores
 
 ALL = "(all)"
 """What stands for the clip, or the subject, in a row over all of them."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from harness.comparison import SIGNIFICANCE, Comparison
 from harness.report.formats import Table
+from harness.scores.comparison import SIGNIFICANCE, Comparison
 
 
 def comparison_table(comparisons: Sequence[Comparison]) -> Table:

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 from harness.report.formats import csv_cell
-from harness.results import FrameRecord, SubjectRecord
-from harness.verdicts import Verdict
+from harness.runs.results import FrameRecord, SubjectRecord
+from harness.scores.verdicts import Verdict
 
 COLUMNS = (
     *("clip", "configuration", "frame", "time_s", "subject", "track", "target", "instance"),
@@ -25,7 +25,7 @@ class FrameRows:
         self._rows: list[tuple[_Key, str | None, list[str]]] = []
 
     def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Hand the records on, for example to :func:`harness.score.score`, and keep what the table needs of them."""
+        """Hand the records on, as to :func:`harness.scores.score.score`, and keep what the table needs of them."""
         for record in records:
             key = record.clip, record.configuration, record.frame
             start = _start(*key, time=f"{record.time_ns / 1e9:.3f}")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from harness.ladder import steps
 from harness.report.formats import Table
-from harness.score import Scores
+from harness.scores.ladder import steps
+from harness.scores.score import Scores
 
 
 def ladder_table(scores: Scores) -> Table:

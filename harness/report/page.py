@@ -10,14 +10,14 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from harness.comparison import compare
 from harness.report.formats import Table
 from harness.report.oracle import ladder_table
 from harness.report.page_data import AttentionLog, Served, confusions, differing_settings, page_data
 from harness.report.published import published_table
 from harness.report.stage_measures import stage_measures_table, thing_measures_table
 from harness.report.tables import baselines_table, causes_table, frr_table, measures_table, subjects_table
-from harness.score import Scores
+from harness.scores.comparison import compare
+from harness.scores.score import Scores
 from harness.stills.reader import Stills
 
 LETTERS = {
@@ -52,7 +52,7 @@ def render_page(
     attention
         Has watched the records that were scored.
     manifest
-        The run's, as :meth:`harness.run_directory.RunDirectory.read_manifest` gives it; None leaves out what was run.
+        The run's, as :meth:`harness.runs.directory.RunDirectory.read_manifest` gives it; None leaves out what was run.
     tables
         What else stands under "More measures"; those without rows are left out.
     stills

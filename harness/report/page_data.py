@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from harness.outcomes import answer
 from harness.recording.labels import Colours, attention_by_name
 from harness.report.formats import UNKNOWN, Table
-from harness.results import FrameRecord
-from harness.run_directory import Pair
+from harness.runs.directory import Pair
+from harness.runs.results import FrameRecord
+from harness.scores.outcomes import answer
+from harness.scores.verdicts import CAUSES, Verdict, find_subject
 from harness.stills.reader import Stills
-from harness.verdicts import CAUSES, Verdict, find_subject
 
 STATES = ("correct", "unscored", *CAUSES)
 """What a cell of a strip can say; the page's data holds the place in this list."""

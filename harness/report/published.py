@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from harness.published import reproductions
 from harness.report.formats import Table
-from harness.score import Scores
-from harness.statistics import wilson_interval
+from harness.scores.published import reproductions
+from harness.scores.score import Scores
+from harness.scores.statistics import wilson_interval
 
 
 def published_table(scores: Scores) -> Table:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from harness.reliability import BINS, Reliability
 from harness.report.formats import Table
+from harness.scores.reliability import BINS, Reliability
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

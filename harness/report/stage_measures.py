@@ -8,8 +8,8 @@ import numpy as np
 
 from harness.report.all_scores import ALL
 from harness.report.formats import UNKNOWN, Table
-from harness.results import FrameMeasures, PersonMeasure, TargetMeasure
-from harness.score import Scores
+from harness.runs.results import FrameMeasures, PersonMeasure, TargetMeasure
+from harness.scores.score import Scores
 
 _Value = float | None
 

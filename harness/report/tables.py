@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from harness.baselines import RULES
-from harness.comparison import compare
-from harness.reliability import Reliability
 from harness.report.all_scores import ALL, scores_table
 from harness.report.compared import comparison_table, comparisons_csv
 from harness.report.formats import UNKNOWN, Table, to_csv, to_latex, to_markdown
@@ -15,8 +12,11 @@ from harness.report.oracle import ladder_csv, ladder_table
 from harness.report.published import published_table
 from harness.report.reliability import reliability_table
 from harness.report.stage_measures import stage_measures_table, thing_measures_table
-from harness.score import CAUSES, ScoreRow, Scores
-from harness.statistics import LEVEL, REPLICATES, Interval
+from harness.scores.baselines import RULES
+from harness.scores.comparison import compare
+from harness.scores.reliability import Reliability
+from harness.scores.score import CAUSES, ScoreRow, Scores
+from harness.scores.statistics import LEVEL, REPLICATES, Interval
 
 FRR_NOTES = (
     "FRR: correct / annotated (frame, subject) pairs that are not marked ignore; n counts these pairs. "

@@ -6,18 +6,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from harness.annotations import Labels
+from harness.annotations.files import Labels
 from harness.files import atomic_write
-from harness.published import Published
-from harness.reliability import BeliefLog
 from harness.report.frames import FrameRows
 from harness.report.page import render_page
 from harness.report.page_data import AttentionLog, Served
 from harness.report.reliability import reliability_figure
 from harness.report.stage_times import stage_times_table
 from harness.report.tables import render_tables
-from harness.results import FrameRecord, read_results
-from harness.score import Scores, score
+from harness.runs.results import FrameRecord, read_results
+from harness.scores.published import Published
+from harness.scores.reliability import BeliefLog
+from harness.scores.score import Scores, score
 from harness.stills.reader import read_stills
 
 
@@ -42,7 +42,7 @@ def score_run(
     records
         Those of the results to score; all if not given.
     labels_by_clip, frames_by_clip, notes, published
-        As for :func:`harness.score.score`.
+        As for :func:`harness.scores.score.score`.
     manifest
         As for :func:`harness.report.page.render_page`.
 

@@ -10,12 +10,12 @@ import numpy as np
 from pydantic import BaseModel, Field
 
 from harness.adapters import Clip
+from harness.clips.locate import expand
 from harness.config_errors import parse
 from harness.files import digest_files, read_bytes
-from harness.frame_files import number_names
-from harness.images import read_raw
-from harness.locate import expand
-from harness.segment_ids import relabel, small_ids
+from harness.media.frame_files import number_names
+from harness.media.images import read_raw
+from harness.media.segment_ids import relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.types import Instance, Instances, StereoFrame

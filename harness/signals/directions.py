@@ -24,11 +24,11 @@ import numpy as np
 from pydantic import Field
 
 from harness.adapters import Clip
+from harness.clips.locate import expand
 from harness.files import digest_files
-from harness.locate import expand
-from harness.oracle import LEAST_OVERLAP
 from harness.signals.heads import read_heads
 from harness.signals.tables import Row, read_table, write_table
+from harness.truth.oracle import LEAST_OVERLAP
 from vfoa.crops import center
 from vfoa.errors import VfoaError
 from vfoa.geometry import box_iou, direction_from_crop, gaze_direction_crop, head_direction_crop, pixel_ray

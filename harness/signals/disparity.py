@@ -7,10 +7,10 @@ from pathlib import Path
 from pydantic import Field
 
 from harness.adapters import Clip
-from harness.disparity_files import read_disparity
+from harness.clips.locate import expand
 from harness.files import digest_files
-from harness.frame_files import check_printf, printf_name
-from harness.locate import expand
+from harness.media.disparity_files import read_disparity
+from harness.media.frame_files import check_printf, printf_name
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Disparity, StereoFrame

@@ -16,8 +16,8 @@ from pathlib import Path
 from pydantic import Field
 
 from harness.adapters import Clip
+from harness.clips.locate import expand
 from harness.files import digest_files
-from harness.locate import expand
 from harness.signals.tables import Row, read_table, write_table
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings

@@ -18,9 +18,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from harness.experiment import Configuration, Experiment
 from harness.files import atomic_write
-from harness.stages import CLIP_VARIABLE, OFF, SLOTS
+from harness.runs.experiment import Configuration, Experiment
+from harness.runs.stages import CLIP_VARIABLE, OFF, SLOTS
 from harness.toml_text import toml_value
 
 VARIABLE = "VFOA_SIGNALS"

@@ -10,13 +10,13 @@ from typing import Self
 import numpy as np
 
 from harness.files import atomic_write
-from harness.frame_files import printf_name
-from harness.results import FrameRecord
+from harness.media.frame_files import printf_name
+from harness.runs.results import FrameRecord
+from harness.scores.verdicts import Verdict
 from harness.signals.coco_panoptic_writer import CocoPanopticWriter
 from harness.signals.directions import write_gazes, write_head_poses
 from harness.signals.heads import write_heads
 from harness.signals.saved import DISPARITY
-from harness.verdicts import Verdict
 from vfoa.errors import VfoaError
 from vfoa.geometry import depth_from_disparity
 from vfoa.types import FrameResult, Gaze, Head, HeadPose, Percepts, StereoFrame

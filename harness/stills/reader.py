@@ -9,8 +9,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from harness.scores.verdicts import Verdict
 from harness.stills import Still, lines_path, picture_path
-from harness.verdicts import Verdict
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:

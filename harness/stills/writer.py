@@ -12,9 +12,9 @@ import msgspec
 import numpy as np
 
 from harness.recording.cones import cone_wire, reach_m
-from harness.results import FrameRecord
+from harness.runs.results import FrameRecord
+from harness.scores.verdicts import Verdict
 from harness.stills import Box, Still, StillSubject, lines_path, picture_path
-from harness.verdicts import Verdict
 from vfoa.geometry import project
 from vfoa.types import CUES, Attention, Float, FrameResult, Image, Percepts, Scene, StereoFrame, StereoRig
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.annotations import Labels
+from harness.annotations.files import Labels
 from harness.cache.stage import open_cache
 from harness.cache.store import Store
-from harness.executors import Progress, work_through
-from harness.experiment import Configuration, Experiment, SweepView
-from harness.plan import Plan, PreparedClip
-from harness.statistics import Interval, wilson_interval
+from harness.runs.executors import Progress, work_through
+from harness.runs.experiment import Configuration, Experiment, SweepView
+from harness.runs.plan import Plan, PreparedClip
+from harness.scores.statistics import Interval, wilson_interval
 from harness.sweep.tally import SweepJob, Tally, sweep_clip
 from vfoa.errors import VfoaError
 

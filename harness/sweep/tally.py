@@ -7,15 +7,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.annotations import IGNORED, Labels
+from harness.annotations.files import IGNORED, Labels
 from harness.cache.stage import ClipCache
-from harness.executors import Progress
-from harness.experiment import Configuration
-from harness.manifest import ClipManifest
-from harness.naming import SubjectNames, name_frame
-from harness.records import to_record
-from harness.sharing import SharedPipeline
-from harness.verdicts import find_subject, right_answers
+from harness.clips.manifest import ClipManifest
+from harness.clips.naming import SubjectNames, name_frame
+from harness.runs.executors import Progress
+from harness.runs.experiment import Configuration
+from harness.runs.records import to_record
+from harness.runs.sharing import SharedPipeline
+from harness.scores.verdicts import find_subject, right_answers
 from vfoa.attention import AttentionSettings
 from vfoa.cone_sweep import NOWHERE, UNKNOWN, ConeSweep
 from vfoa.errors import VfoaError

@@ -9,9 +9,9 @@ import pytest
 from harness.bench import scoring
 from harness.bench.scoring import time_scoring
 from harness.bench.tables import scoring_table
-from harness.rescore import rescore
-from harness.run_directory import RunDirectory
-from harness.score import Scores
+from harness.runs.directory import RunDirectory
+from harness.scores.rescore import rescore
+from harness.scores.score import Scores
 
 
 def test_every_round_scores_a_whole_run_against_other_labels(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
-from harness.clip_check import matched_offsets_px
+from harness.clips.check import matched_offsets_px
 from tests.disk import write_bytes, write_image, write_text
 
 WIDTH, HEIGHT, DISPARITY = 320, 240, 12

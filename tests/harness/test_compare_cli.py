@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.results import to_line
+from harness.runs.results import to_line
 from tests.records import answers
 from vfoa.errors import VfoaError
 

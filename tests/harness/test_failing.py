@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 
 from harness.cli import main
-from harness.conduct import conduct, prepare
-from harness.experiment import load_experiment
-from harness.rescore import read_scores, rescore
-from harness.results import read_results
-from harness.run_directory import RunDirectory
+from harness.runs.conduct import conduct, prepare
+from harness.runs.directory import RunDirectory
+from harness.runs.experiment import load_experiment
+from harness.runs.results import read_results
+from harness.scores.rescore import read_scores, rescore
 from tests.disk import sintel_scene, write_text
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching import SemiGlobalMatcher

@@ -13,9 +13,9 @@ from harness.adapters.studio import StudioClip, StudioSettings
 from harness.adapters.studio.gathering import gathering
 from harness.adapters.studio.scenario import CAMERA
 from harness.adapters.studio.stage import RIG, Stage
-from harness.manifest import load_manifest
-from harness.oracle import true_labels
-from harness.timeline import timeline_of
+from harness.annotations.timeline import timeline_of
+from harness.clips.manifest import load_manifest
+from harness.truth.oracle import true_labels
 from vfoa.geometry import project
 
 REPOSITORY = Path(__file__).parent.parent.parent

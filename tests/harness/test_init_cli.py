@@ -6,7 +6,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.locate import names
+from harness.clips.locate import names
 from vfoa.errors import VfoaError
 
 

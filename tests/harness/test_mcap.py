@@ -12,8 +12,8 @@ from mcap.writer import CompressionType, IndexType
 from numpy.typing import NDArray
 
 from harness.adapters.mcap.clip import McapClip, McapSettings
-from harness.annotations import VERSION_LINE, read_annotations, write_annotations
-from harness.timeline import format_seconds, timeline_of
+from harness.annotations.files import VERSION_LINE, read_annotations, write_annotations
+from harness.annotations.timeline import format_seconds, timeline_of
 from tests.disk import HEIGHT, WIDTH, picture, write_bytes, write_text
 from tests.recordings import Camera, Family, Pixels, recorder, rectified_camera, write_pairs
 from vfoa.errors import VfoaError

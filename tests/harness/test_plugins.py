@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.conduct import conduct, prepare
-from harness.experiment import load_experiment
-from harness.results import read_results
+from harness.runs.conduct import conduct, prepare
+from harness.runs.experiment import load_experiment
+from harness.runs.results import read_results
 
 PLUGIN = """
 from vfoa.settings import Settings

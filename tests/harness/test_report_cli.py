@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.local_server import ended_by_sigterm
-from harness.results import to_line
+from harness.runs.results import to_line
 from tests.records import answers
 from vfoa.errors import VfoaError
 

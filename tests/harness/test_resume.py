@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from harness.conduct import conduct, prepare
-from harness.experiment import load_experiment
-from harness.parts import open_part
-from harness.rescore import rescore
-from harness.run_directory import RunDirectory
+from harness.runs.conduct import conduct, prepare
+from harness.runs.directory import RunDirectory
+from harness.runs.experiment import load_experiment
+from harness.runs.parts import open_part
+from harness.scores.rescore import rescore
 from tests import graphs
 from tests.disk import write_text
 from vfoa.errors import VfoaError
@@ -136,7 +136,7 @@ def test_a_kept_frame_that_comes_out_differently_is_refused(tmp_path: Path) -> N
 
 
 def test_a_part_has_one_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("harness.parts.LOCK_SECONDS", 0.0)
+    monkeypatch.setattr("harness.runs.parts.LOCK_SECONDS", 0.0)
     paths = tmp_path / "a.jsonl", tmp_path / "a.csv"
     with open_part(*paths), pytest.raises(VfoaError, match="another process is writing it"), open_part(*paths):
         pass

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from harness.adapters.sintel import SintelClip, SintelSettings
 from harness.adapters.stereo_folder import StereoFolderClip, StereoFolderSettings
-from harness.disparity_files import read_disparity, read_pfm
-from harness.segment_ids import relabel, small_ids
+from harness.media.disparity_files import read_disparity, read_pfm
+from harness.media.segment_ids import relabel, small_ids
 from harness.signals.coco_panoptic import CocoPanoptic, CocoPanopticSettings
 from harness.signals.disparity import FileMatcher, FileMatcherSettings
 from tests.disk import (

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from harness.adapters.sintel import SintelClip, SintelSettings
-from harness.clip_add import add_clip
-from harness.conduct import conduct, prepare
-from harness.experiment import load_experiment
-from harness.oracle import OracleSettings, TruthMatcher, TruthSegmenter
+from harness.clips.add import add_clip
+from harness.runs.conduct import conduct, prepare
+from harness.runs.experiment import load_experiment
+from harness.truth.oracle import OracleSettings, TruthMatcher, TruthSegmenter
 from tests.disk import HEIGHT, WIDTH, picture, sintel_disparity, sintel_scene, write_bytes, write_image
 from vfoa.errors import VfoaError
 from vfoa.geometry import depth_from_disparity

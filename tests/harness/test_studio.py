@@ -11,10 +11,10 @@ from harness.adapters.studio.material import Material, grain
 from harness.adapters.studio.mesh import Mesh, box, ellipsoid, tube, turned
 from harness.adapters.studio.scenario import SCENARIOS, ScenarioName
 from harness.adapters.studio.stage import RIG, Stage
-from harness.annotations import IGNORED
-from harness.manifest import load_manifest
-from harness.oracle import true_labels
-from harness.timeline import timeline_of
+from harness.annotations.files import IGNORED
+from harness.annotations.timeline import timeline_of
+from harness.clips.manifest import load_manifest
+from harness.truth.oracle import true_labels
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, entry_distance, points_in_mask, project
 from vfoa.stereo.block_matching import BlockMatcher, SemiGlobalMatcher

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from harness.adapters import Clip
-from harness.conduct import conduct, prepare
-from harness.experiment import Configuration, Experiment, load_experiment
-from harness.manifest import load_manifest
-from harness.results import FrameRecord, read_results
-from harness.sharing import SharedPipeline
+from harness.clips.manifest import load_manifest
+from harness.runs.conduct import conduct, prepare
+from harness.runs.experiment import Configuration, Experiment, load_experiment
+from harness.runs.results import FrameRecord, read_results
+from harness.runs.sharing import SharedPipeline
 from tests import graphs
 from tests.disk import write_text
 from vfoa.gaze.gaze360 import Gaze360

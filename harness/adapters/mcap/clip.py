@@ -20,7 +20,7 @@ from harness.adapters.mcap.recording import is_mcap, read_message
 from harness.adapters.mcap.topics import Place, Topic, find_camera, find_pair
 from harness.adapters.mcap.window import find_window
 from harness.files import digest_files
-from harness.images import decode_rgb
+from harness.media.images import decode_rgb
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Image, StereoFrame

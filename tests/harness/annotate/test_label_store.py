@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from harness.annotate import edits
 from harness.annotate.store import LabelStore, StaleRevisionError
-from harness.annotations import read_annotations
-from harness.labels import Label, Labels
-from harness.timeline import Timeline
+from harness.annotations.files import read_annotations
+from harness.annotations.labels import Label, Labels
+from harness.annotations.timeline import Timeline
 from vfoa.errors import VfoaError
 
 FRAMES = (1, 2, 3, 4, 5, 8, 9, 10)  # two are missing

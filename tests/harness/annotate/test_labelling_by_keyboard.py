@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from harness.adapters import Clip
-from harness.annotations import format_annotations
-from harness.labels import IGNORED, Label, Labels, ranges_of
-from harness.manifest import ClipManifest, load_manifest
+from harness.annotations.files import format_annotations
+from harness.annotations.labels import IGNORED, Label, Labels, ranges_of
+from harness.clips.manifest import ClipManifest, load_manifest
 from tests.annotating import serve, shown, wait_for
 from tests.browser import chromium, set_width
 from tests.disk import write_text

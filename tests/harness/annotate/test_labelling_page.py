@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from harness.adapters import Clip
-from harness.annotations import read_annotations
-from harness.manifest import load_manifest
-from harness.timeline import Timeline
+from harness.annotations.files import read_annotations
+from harness.annotations.timeline import Timeline
+from harness.clips.manifest import load_manifest
 from tests.annotating import FRAMES, Page, shown, wait_for
 from tests.browser import chromium, requested, set_width
 from vfoa.types import StereoFrame

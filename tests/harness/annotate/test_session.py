@@ -21,8 +21,8 @@ from harness.annotate.server import PageServer
 from harness.annotate.session import Session
 from harness.annotate.targets import add_target
 from harness.cli import app
-from harness.manifest import load_manifest
-from harness.naming import NameRule
+from harness.clips.manifest import load_manifest
+from harness.clips.naming import NameRule
 from tests.annotating import MANIFEST
 from tests.disk import HEIGHT, WIDTH, write_image, write_text
 from vfoa.errors import VfoaError

@@ -8,7 +8,7 @@ import pytest
 
 from harness.annotation_formats.boris_aggregated import BorisAggregated
 from harness.annotation_formats.boris_tabular import BorisTabular
-from harness.labels import Labels
+from harness.annotations.labels import Labels
 from tests.disk import write_text
 from tests.exchanges import exchange, row
 from vfoa.errors import VfoaError

@@ -9,7 +9,7 @@ import pytest
 from harness.adapters import PersonTruth, Truth
 from harness.annotation_formats.bodies import TrueBodies
 from harness.annotation_formats.cvat import CvatVideo
-from harness.labels import Labels
+from harness.annotations.labels import Labels
 from tests.disk import write_text
 from tests.exchanges import PlainClip, exchange, row
 from vfoa.errors import VfoaError

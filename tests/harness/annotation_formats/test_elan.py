@@ -99,7 +99,7 @@ def test_a_clip_without_a_rate_needs_one(tmp_path: Path) -> None:
 
 
 def test_what_we_write_is_read_by_the_library(tmp_path: Path) -> None:
-    from harness.labels import Labels
+    from harness.annotations.labels import Labels
 
     path = tmp_path / "a.eaf"
     Elan().write(path, Labels([row(1, 2, "bird"), row(3, 50, "cup", note="both hands")]), exchange())

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from harness.annotation_formats.bodies import RunBodies
 from harness.annotation_formats.childplay import ChildPlay
 from harness.annotation_formats.video_attention_target import VideoAttentionTarget
-from harness.labels import Label, Labels, ranges_of
+from harness.annotations.labels import Label, Labels, ranges_of
 from tests.disk import write_text
 from tests.exchanges import FRAMES, PlainClip, exchange, labels_of, row, staged
 from tests.records import frame_record, subject_record, target_record

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from harness.annotation_formats import FORMATS
-from harness.labels import Labels, ranges_of
+from harness.annotations.labels import Labels, ranges_of
 from tests.exchanges import FRAMES, PlainClip, exchange, labels_of
 
 HELD = {

@@ -11,9 +11,9 @@ import pytest
 
 from harness.cache.store import Store
 from harness.cli import main
-from harness.conduct import conduct, prepare
-from harness.experiment import load_experiment
-from harness.run_directory import RunDirectory
+from harness.runs.conduct import conduct, prepare
+from harness.runs.directory import RunDirectory
+from harness.runs.experiment import load_experiment
 from tests import graphs
 from tests.disk import write_text
 

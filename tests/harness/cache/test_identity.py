@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from harness.cache.identity import code_of, difference, identify
-from harness.experiment import load_experiment
-from harness.stages import StageChoice
+from harness.runs.experiment import load_experiment
+from harness.runs.stages import StageChoice
 from tests.disk import write_text
 
 

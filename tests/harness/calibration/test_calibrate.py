@@ -18,7 +18,7 @@ from harness.calibration.pictures import Pictures
 from harness.calibration.solve import rectified_rows_px, solve
 from harness.calibration.views import View, find_views
 from harness.cli import app
-from harness.images import read_rgb
+from harness.media.images import read_rgb
 from tests.calibrations import write_opencv
 from tests.disk import write_image
 from vfoa.errors import VfoaError

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.conduct import conduct, prepare
-from harness.experiment import load_experiment
-from harness.manifest import load_manifest
+from harness.clips.manifest import load_manifest
+from harness.runs.conduct import conduct, prepare
+from harness.runs.experiment import load_experiment
 from tests.calibrations import write_opencv
 from tests.disk import write_image, write_text
 

@@ -16,13 +16,13 @@ from harness.adapters.calibration_files.read import read_cameras
 from harness.adapters.mcap.clip import McapClip, McapSettings
 from harness.adapters.sintel import read_camera
 from harness.annotation_formats import FORMATS
-from harness.annotations import read_annotations
-from harness.disparity_files import read_depth, read_disparity, read_sintel_disparity
-from harness.experiment import load_experiment
-from harness.images import read_rgb
-from harness.labels import Labels
-from harness.manifest import load_manifest
-from harness.results import read_results, to_line
+from harness.annotations.files import read_annotations
+from harness.annotations.labels import Labels
+from harness.clips.manifest import load_manifest
+from harness.media.disparity_files import read_depth, read_disparity, read_sintel_disparity
+from harness.media.images import read_rgb
+from harness.runs.experiment import load_experiment
+from harness.runs.results import read_results, to_line
 from harness.signals.tables import read_table
 from tests.calibrations import RIG, SIZE, opencv_nodes, write_kalibr, write_opencv, write_zed
 from tests.disk import picture, sintel_camera, sintel_disparity, write_bytes, write_image, write_text

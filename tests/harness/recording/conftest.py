@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.annotations import Label
-from harness.naming import Names
-from harness.records import to_record
-from harness.results import FrameRecord
-from harness.verdicts import Verdict, judge
+from harness.annotations.files import Label
+from harness.clips.naming import Names
+from harness.runs.records import to_record
+from harness.runs.results import FrameRecord
+from harness.scores.verdicts import Verdict, judge
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.geometry import fov_from_radius
 from vfoa.types import (

@@ -18,7 +18,7 @@ from harness.recording.site import site
 from harness.recording.web_viewer import web_viewer_files
 from harness.report.page import render_page
 from harness.report.page_data import AttentionLog, Served
-from harness.score import score
+from harness.scores.score import score
 from tests.browser import WEBGL, chromium, let_out, set_width
 from tests.harness.recording.conftest import ANN
 from tests.records import labels

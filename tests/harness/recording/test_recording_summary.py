@@ -5,7 +5,7 @@ from dataclasses import replace
 from harness.recording.labels import Colours, attention_by_name, subject_names
 from harness.recording.scene import _most_points
 from harness.recording.verdicts import IN_WORDS, summary
-from harness.verdicts import CAUSES
+from harness.scores.verdicts import CAUSES
 
 
 def test_every_cause_is_put_in_words():

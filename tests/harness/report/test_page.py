@@ -5,11 +5,11 @@ from collections.abc import Iterable, Mapping
 from html.parser import HTMLParser
 from typing import Any
 
-from harness.annotations import Label, LabelRange, Labels
+from harness.annotations.files import Label, LabelRange, Labels
 from harness.report.page import LETTERS, render_page
 from harness.report.page_data import STATES, AttentionLog, confusions, differing_settings
-from harness.results import FrameRecord
-from harness.score import Scores, score
+from harness.runs.results import FrameRecord
+from harness.scores.score import Scores, score
 from harness.stills.reader import BUDGET_BYTES, Stills
 from tests.records import answers, frame_record, labels, subject_record, target_record
 

@@ -14,7 +14,7 @@ from PIL import Image
 
 from harness.files import atomic_write
 from harness.report.write import score_run
-from harness.results import to_line
+from harness.runs.results import to_line
 from harness.stills import Still, StillSubject, lines_path, picture_path
 from harness.stills.writer import picture
 from tests.browser import chromium, requested, set_width

@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 
 from harness.report.stage_measures import pooled_measures_table, stage_measures_table, thing_measures_table
-from harness.results import DisparityMeasure, FrameMeasures, FrameRecord, PersonMeasure, TargetMeasure
-from harness.score import Scores, score
+from harness.runs.results import DisparityMeasure, FrameMeasures, FrameRecord, PersonMeasure, TargetMeasure
+from harness.scores.score import Scores, score
 from tests.records import answers, labels
 
 

@@ -8,14 +8,14 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from harness.annotations import Labels
+from harness.annotations.files import Labels
 from harness.report.formats import to_rich
 from harness.report.frames import FrameRows
 from harness.report.tables import frr_table, paper_table, render_tables, terminal_table
 from harness.report.write import score_run
-from harness.results import FrameRecord, to_line
-from harness.score import score
-from harness.verdicts import CAUSES
+from harness.runs.results import FrameRecord, to_line
+from harness.scores.score import score
+from harness.scores.verdicts import CAUSES
 from tests.records import answers, frame_record, labels, subject_record, target_record
 from vfoa.errors import VfoaError
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.score import score
+from harness.scores.score import score
+from harness.scores.verdicts import Verdict
 from harness.stills import lines_path, picture_path
 from harness.stills.reader import Stills, read_stills
 from harness.stills.writer import StillWriter, picture, still
-from harness.verdicts import Verdict
 from tests.harness.recording.conftest import ANN, EYES, Shown, show
 from tests.records import labels
 from vfoa.errors import VfoaError

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from harness.cli import main
-from harness.conduct import conduct, prepare
-from harness.experiment import load_experiment
-from harness.rescore import read_scores
+from harness.runs.conduct import conduct, prepare
+from harness.runs.experiment import load_experiment
+from harness.scores.rescore import read_scores
 from harness.sweep.conduct import conduct_sweep
 from tests.disk import write_text
 from vfoa.errors import VfoaError

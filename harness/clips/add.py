@@ -1,0 +1,169 @@
+"""A path becomes a clip: what it is, its manifest, and an annotation file to start from."""
+
+from __future__ import annotations
+
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.adapters import Clip, Recognised
+from harness.annotations.files import IGNORED, Label, LabelRange, Labels, write_annotations
+from harness.annotations.labels import UNLABELLED
+from harness.clips.locate import find
+from harness.clips.manifest import ClipManifest, make_manifest
+from harness.clips.recognition import recognise
+from harness.files import atomic_write
+from harness.toml_text import toml_key, toml_value
+from vfoa.errors import VfoaError
+from vfoa.types import StereoRig
+
+_WHO = """
+# Who is there and what is looked at, in the segmentation's words (datasets/README.md):
+# [subjects.ann]
+# category = "person"
+# [targets.cup]
+# category = "cup"
+"""
+
+Names = Mapping[str, str]
+"""What the annotations call somebody or something -> its category."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Added:
+    """What was found at a path, and the two files that were written."""
+
+    name: str
+    adapter: str
+    layout: str
+    calibration: str
+    frames: int
+    first_frame: int
+    last_frame: int
+    rate_hz: float | None
+    rig: StereoRig
+    notes: tuple[str, ...]
+    subjects: tuple[str, ...]
+    manifest: Path
+    annotations: Path
+
+
+def add_clip(
+    path: Path,
+    *,
+    name: str | None = None,
+    adapter: str | None = None,
+    source: Mapping[str, Any] | None = None,
+    subjects: Names | None = None,
+    targets: Names | None = None,
+) -> Added:
+    """Write ``datasets/NAME.toml`` and ``annotations/NAME.csv`` into the working directory; nothing is overwritten.
+
+    Parameters
+    ----------
+    path
+        Any path that a registered adapter recognises.
+    name
+        What to call the clip; a word made of the path if not given.
+    adapter
+        The adapter that is to read it, where several can.
+    source
+        Settings of the adapter: they choose where the path can be read in several ways, and add to what was seen.
+    subjects, targets
+        Who and what is in the clip. Each subject starts with one label, ``ignore``, for all frames.
+
+    Raises
+    ------
+    VfoaError
+        If nothing or several readings fit (the message lists them and the option that decides), no calibration was
+        found or given, the first pair cannot be read, or a clip of this name is there. Nothing is written then.
+    """
+    path = Path(os.path.abspath(path.expanduser()))  # without .., but with links as they are named
+    chosen, found = recognise(path, adapter, source or {})
+    name = name or _as_name(found.name)
+    manifest_path, annotations_path = _free_paths(name)
+    text = _manifest_text(name, chosen, found, subjects or {}, targets or {})
+    manifest = make_manifest(tomllib.loads(text), manifest_path)
+    clip, rig = _open(path, manifest)
+    added = Added(
+        name=name,
+        adapter=chosen,
+        layout=found.layout,
+        calibration=str(found.calibration),
+        frames=len(clip.frames),
+        first_frame=clip.frames[0],
+        last_frame=clip.frames[-1],
+        rate_hz=clip.rate_hz,
+        rig=rig,
+        notes=clip.notes,
+        subjects=tuple(manifest.subjects),
+        manifest=manifest_path,
+        annotations=annotations_path,
+    )
+    try:
+        write_annotations(annotations_path, _first_labels(manifest, clip))
+        atomic_write(manifest_path, text)
+    except OSError as error:
+        raise VfoaError(f"{error.filename}: cannot be written: {error.strerror or error}") from None
+    return added
+
+
+def _as_name(text: str) -> str:
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip("._-") or "clip"
+
+
+def _free_paths(name: str) -> tuple[Path, Path]:
+    """Where the two files go, after nothing of that name was found."""
+    for taken in (find("datasets", name), find("annotations", name)):
+        if taken is not None:
+            raise VfoaError(f"{taken}: there is a clip of this name; expected another one: --name NAME")
+    return Path.cwd() / "datasets" / f"{name}.toml", Path.cwd() / "annotations" / f"{name}.csv"
+
+
+def _manifest_text(name: str, adapter: str, found: Recognised, subjects: Names, targets: Names) -> str:
+    """The manifest; several of one category are told apart by their order from the left."""
+    head = {"name": name, "adapter": adapter, "root": _portable(found.root), "licence": found.licence}
+    lines = [f"{key} = {toml_value(value)}" for key, value in head.items() if value is not None]
+    lines += ["", "[source]", *(f"{toml_key(key)} = {toml_value(value)}" for key, value in found.source.items())]
+    for table, names in (("subjects", subjects), ("targets", targets)):
+        categories = list(names.values())
+        for position, (each, category) in enumerate(names.items()):
+            lines += ["", f"[{table}.{toml_key(each)}]", f"category = {toml_value(category)}"]
+            if categories.count(category) > 1:
+                lines.append(f"from_left = {1 + categories[:position].count(category)}")
+    return "\n".join(lines) + "\n" + ("" if subjects or targets else _WHO)
+
+
+def _portable(root: Path) -> str:
+    """The root by ``${VFOA_DATA}`` where it stands below that, else absolute."""
+    base = Path(os.path.normpath(Path(os.environ.get("VFOA_DATA", "")).expanduser()))
+    if not base.is_absolute() or not root.is_relative_to(base):  # a relative one counts from the manifest
+        return str(root)
+    return "/".join(["${VFOA_DATA}", *root.relative_to(base).parts])
+
+
+def _open(path: Path, manifest: ClipManifest) -> tuple[Clip, StereoRig]:
+    """The clip, and the calibration of its first pair, which shows that it can be read."""
+    try:
+        clip = manifest.open()
+        if not clip.frames:
+            raise VfoaError("no frames")
+        return clip, clip.frame(clip.frames[0]).rig
+    except VfoaError as error:
+        text = str(error).removeprefix(f"{manifest.path}: ")
+        where = "" if text.startswith(str(path)) else f"{path}: "
+        hint = " (here as --set KEY=VALUE)" if "[source]" in text else ""
+        raise VfoaError(f"{where}{text}{hint}") from None
+
+
+def _first_labels(manifest: ClipManifest, clip: Clip) -> Labels:
+    """Every subject unscored in all frames: a row to split, and nothing that looks like a judgement."""
+    todo = Label(target=IGNORED, note=UNLABELLED)
+    first, last = clip.frames[0], clip.frames[-1]
+    return Labels(
+        LabelRange(first_frame=first, last_frame=last, subject=each, label=todo) for each in manifest.subjects
+    )

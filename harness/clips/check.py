@@ -1,0 +1,216 @@
+"""What clips there are, and whether each can be used: files, calibration, rectification, labels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from harness.adapters import Clip
+from harness.annotations.timeline import timeline_of
+from harness.clips.locate import names
+from harness.clips.manifest import ClipManifest, load_manifest
+from vfoa.errors import VfoaError
+from vfoa.types import Float, Image, StereoFrame
+
+MAX_VERTICAL_ERROR_PX = 1.5
+"""Median row difference of matched points above which block matching along rows stops working."""
+
+MIN_MATCHES = 30
+"""Fewer matches say nothing about rectification."""
+
+MAX_BASELINE_M = 10.0
+"""A baseline above this is most likely in millimetres."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClipRow:
+    """One clip of the list. ``frames`` is None where it cannot be opened; ``problem`` says why."""
+
+    name: str
+    adapter: str | None = None
+    frames: int | None = None
+    subjects: tuple[str, ...] = ()
+    targets: tuple[str, ...] = ()
+    licence: str | None = None
+    labels: int | None = None
+    problem: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClipCheck:
+    """What was found in one clip; it can be used if there are no ``problems``.
+
+    ``labels`` counts labelled (frame, subject) pairs, None without an annotation file. ``vertical_error_px`` is the
+    median row difference of matched points, None where too few were found. ``notes`` are what is to be known: what
+    the source lost, what could not be measured.
+    """
+
+    name: str
+    frames: int | None = None
+    size_px: tuple[int, int] | None = None
+    fx_px: float | None = None
+    baseline_m: float | None = None
+    vertical_error_px: float | None = None
+    matches: int | None = None
+    labels: int | None = None
+    notes: tuple[str, ...] = ()
+    problems: tuple[str, ...] = ()
+
+
+def list_clips() -> list[ClipRow]:
+    """Every clip that can be found, by name."""
+    return [_row(name, path) for name, path in names("datasets").items()]
+
+
+def check_clip(name_or_path: str) -> ClipCheck:
+    """Open a clip, decode its first, middle and last frame, and check calibration, rectification and labels."""
+    name = Path(name_or_path).stem if name_or_path.endswith(".toml") else name_or_path
+    try:
+        manifest = load_manifest(name_or_path)
+        clip = manifest.open()
+        frames = _sample(clip)
+    except VfoaError as error:
+        return ClipCheck(name=name, problems=(str(error),))
+    labels, label_problems = _labels(manifest, clip)
+    offsets = [matched_offsets_px(frame.left, frame.right) for frame in frames]
+    matches = sum(map(len, offsets))
+    error_px = float(np.median(np.abs(np.concatenate(offsets)[:, 1]))) if matches >= MIN_MATCHES else None
+    rig = frames[0].rig
+    return ClipCheck(
+        name=manifest.name,
+        frames=len(clip.frames),
+        size_px=(rig.width_px, rig.height_px),
+        fx_px=rig.fx_px,
+        baseline_m=rig.baseline_m,
+        vertical_error_px=error_px,
+        matches=matches,
+        labels=labels,
+        notes=(*clip.notes, *_unmeasured(matches)),
+        problems=(
+            *_calibration_problems(frames),
+            *_rectification_problems(error_px),
+            *(_order_problems(frames, offsets) if error_px is not None else ()),
+            *label_problems,
+        ),
+    )
+
+
+def matched_offsets_px(left: Image, right: Image) -> Float:
+    """How far apart points found in both images are, (N, 2): columns (their disparity) and rows, left minus right.
+
+    The rows are 0 in a perfectly rectified pair. SIFT features; a match must be mutual and clearly better than the
+    second best (Lowe's ratio).
+    """
+    detector = cv2.SIFT.create(nfeatures=2000)
+    grays = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (left, right)]
+    (points_left, found_left), (points_right, found_right) = (detector.detectAndCompute(gray, None) for gray in grays)
+    if found_left is None or found_right is None or len(found_left) < 2 or len(found_right) < 2:
+        return np.empty((0, 2))
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+    back = {match.queryIdx: match.trainIdx for (match,) in matcher.knnMatch(found_right, found_left, k=1)}
+    pairs = [
+        (points_left[best.queryIdx].pt, points_right[best.trainIdx].pt)
+        for best, second in matcher.knnMatch(found_left, found_right, k=2)
+        if best.distance < 0.7 * second.distance and back[best.trainIdx] == best.queryIdx
+    ]
+    points = np.array(pairs, dtype=np.float64).reshape(-1, 2, 2)
+    return points[:, 0] - points[:, 1]
+
+
+def _row(name: str, path: Path) -> ClipRow:
+    try:
+        manifest = load_manifest(path)
+    except VfoaError as error:
+        return ClipRow(name=name, problem=str(error))
+    clip, problem = _open(manifest)
+    labels, label_problems = _labels(manifest, clip)
+    return ClipRow(
+        name=manifest.name,
+        adapter=manifest.adapter,
+        frames=None if clip is None else len(clip.frames),
+        subjects=tuple(manifest.subjects),
+        targets=tuple(manifest.targets),
+        licence=manifest.licence,
+        labels=labels,
+        problem=problem or next(iter(label_problems), None),
+    )
+
+
+def _open(manifest: ClipManifest) -> tuple[Clip | None, str | None]:
+    try:
+        return manifest.open(), None
+    except VfoaError as error:
+        return None, str(error)
+
+
+def _labels(manifest: ClipManifest, clip: Clip | None) -> tuple[int | None, tuple[str, ...]]:
+    """Number of labelled (frame, subject) pairs (rows' own lengths where the clip cannot be opened), and problems."""
+    try:
+        labels = manifest.labels(None if clip is None else timeline_of(clip))
+    except VfoaError as error:
+        return None, (str(error),)
+    if labels is None:
+        return None, ()
+    if clip is None:
+        return sum(each.last_frame - each.first_frame + 1 for each in labels.ranges), ()
+    return sum(1 for _ in labels.labelled(clip.frames)), ()
+
+
+def _sample(clip: Clip) -> list[StereoFrame]:
+    """The first, middle and last frame, each once; reading the truth shows that it can be read."""
+    if not clip.frames:
+        raise VfoaError("the clip has no frames")
+    numbers = sorted({clip.frames[0], clip.frames[len(clip.frames) // 2], clip.frames[-1]})
+    for number in numbers:
+        clip.truth(number)
+    return [clip.frame(number) for number in numbers]
+
+
+def _calibration_problems(frames: Sequence[StereoFrame]) -> list[str]:
+    problems = []
+    for frame in frames:
+        rig = frame.rig
+        if rig.baseline_m > MAX_BASELINE_M:
+            problems.append(
+                f"frame {frame.index}: the baseline is {rig.baseline_m:g} m; expected metres (millimetres?)"
+            )
+        if not (0 < rig.cx_px < rig.width_px and 0 < rig.cy_px < rig.height_px):
+            problems.append(
+                f"frame {frame.index}: the principal point ({rig.cx_px:g}, {rig.cy_px:g}) lies outside the image of "
+                f"{rig.width_px} x {rig.height_px}; expected the calibration of this size"
+            )
+    return problems
+
+
+def _rectification_problems(error_px: float | None) -> list[str]:
+    if error_px is None or error_px <= MAX_VERTICAL_ERROR_PX:
+        return []
+    return [
+        f"matched points lie {error_px:.1f} rows apart (median); "
+        f"expected at most {MAX_VERTICAL_ERROR_PX} in a rectified pair"
+    ]
+
+
+def _order_problems(frames: Sequence[StereoFrame], offsets: Sequence[Float]) -> list[str]:
+    """Points before the cameras lie further right in the left image, but for the principal points' own distance."""
+    shifts = [
+        columns + frame.rig.cx_right_px - frame.rig.cx_px
+        for frame, (columns, _) in zip(frames, (each.T for each in offsets), strict=True)
+    ]
+    disparity_px = float(np.median(np.concatenate(shifts)))
+    if disparity_px >= 0:
+        return []
+    return [
+        f"matched points have a disparity of {disparity_px:.1f} px (median); expected a positive one "
+        "(left and right swapped?)"
+    ]
+
+
+def _unmeasured(matches: int) -> list[str]:
+    if matches >= MIN_MATCHES:
+        return []
+    return [f"{matches} points were matched between left and right; rectification is measured from {MIN_MATCHES} on"]

@@ -1,0 +1,67 @@
+"""Where data stands: the working directory's own folders first, then what came with the package."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import Literal
+
+from harness.clips.remote import is_address, local_copy
+from vfoa.errors import VfoaError
+
+Kind = Literal["datasets", "annotations", "experiments"]
+
+_PACKAGE = Path(__file__).parent.parent
+_SUFFIX: dict[Kind, str] = {"datasets": ".toml", "annotations": ".csv", "experiments": ".toml"}
+_VARIABLE = re.compile(r"\$\{(\w+)\}")
+
+
+def folders(kind: Kind) -> list[Path]:
+    """Every folder that may hold files of this kind, the first to be searched first; some may not exist."""
+    if kind == "experiments":
+        return [Path.cwd() / kind, _PACKAGE / kind]
+    found = [Path.cwd() / kind, _PACKAGE / "_data" / kind]
+    # Beside an installed package, "datasets" would be somebody else's; beside a checkout it is ours.
+    if (_PACKAGE.parent / "pyproject.toml").is_file():
+        found.append(_PACKAGE.parent / kind)
+    return found
+
+
+def is_packaged(path: Path) -> bool:
+    """Whether a file came with an installed package, where nothing of the user's should be written."""
+    return path.resolve().is_relative_to(_PACKAGE.resolve() / "_data")
+
+
+def find(kind: Kind, name: str) -> Path | None:
+    """The file of this kind called ``name`` (without its suffix), or None."""
+    candidates = (folder / f"{name}{_SUFFIX[kind]}" for folder in folders(kind))
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def names(kind: Kind) -> dict[str, Path]:
+    """All files of this kind by name, sorted; where two folders have the same name, the one :func:`find` takes."""
+    found: dict[str, Path] = {}
+    for folder in reversed(folders(kind)):
+        found.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}") if path.is_file())
+    return dict(sorted(found.items()))
+
+
+def expand(text: str, base: Path, where: str) -> Path:
+    """A path from a configuration file: ``${NAME}`` and ``~`` expanded, relative to ``base``; of an address, its copy.
+
+    Raises
+    ------
+    VfoaError
+        If an environment variable is not set, or an address (:mod:`harness.clips.remote`) cannot be read;
+        ``where`` (file and key) starts the message.
+    """
+
+    def value(match: re.Match[str]) -> str:
+        found = os.environ.get(match[1])
+        if not found:
+            raise VfoaError(f"{where}: {text!r} needs the environment variable {match[1]}, which is not set")
+        return found
+
+    place = _VARIABLE.sub(value, text)
+    return local_copy(place, where) if is_address(place) else base / Path(place).expanduser()

@@ -1,0 +1,153 @@
+"""Clip manifests: ``datasets/<clip>.toml``, one clip each, checked and opened."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import Field, PrivateAttr, field_validator, model_validator
+
+from harness.adapters import ADAPTERS, Clip
+from harness.annotations.annotators import AnnotationFiles
+from harness.annotations.files import RESERVED, Labels, read_annotations
+from harness.annotations.timeline import Timeline
+from harness.clips.locate import expand, find, folders, names
+from harness.clips.naming import NameRule
+from harness.config_errors import parse, read_toml
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.settings import Settings
+
+
+class ClipManifest(Settings):
+    """One clip: where its frames come from, who and what is in it, and under which terms.
+
+    ``source`` holds the adapter's own settings, ``notes`` what a reader of the tables must know.
+    """
+
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    adapter: str
+    root: str | None = None
+    licence: str | None = None
+    citation: str | None = None
+    notes: tuple[str, ...] = ()
+    source: dict[str, Any] = Field(default_factory=dict)
+    subjects: dict[str, NameRule] = Field(default_factory=dict)
+    targets: dict[str, NameRule] = Field(default_factory=dict)
+
+    _path: Path = PrivateAttr()
+
+    @field_validator("subjects", "targets")
+    @classmethod
+    def _no_reserved_names(cls, rules: dict[str, NameRule]) -> dict[str, NameRule]:
+        for name in rules:
+            if name in RESERVED or not name.strip() or not name.isprintable():
+                raise ValueError(f"found the name {name!r}; expected a word other than {' and '.join(RESERVED)}")
+        return rules
+
+    @model_validator(mode="after")
+    def _distinct_names(self) -> Self:
+        if both := sorted(self.subjects.keys() & self.targets.keys()):
+            raise ValueError(
+                f"targets.{both[0]}: a subject has this name, and is a target by it; expected another name"
+            )
+        shared = [(rule.category, name) for name, rule in self.targets.items() if rule.is_shared]
+        for position, (category, name) in enumerate(shared):
+            for earlier, other in shared[:position]:
+                if earlier == category:
+                    raise ValueError(
+                        f"targets.{name}: every {category!r} is {other!r} already; "
+                        "expected instance, from_left, at_px or box_px"
+                    )
+        return self
+
+    @property
+    def path(self) -> Path:
+        """The file it was read from."""
+        return self._path
+
+    @property
+    def annotations(self) -> AnnotationFiles:
+        """The clip's annotation files, one for each annotator."""
+        return AnnotationFiles(clip=self.name, manifest=self._path)
+
+    def resolve_root(self) -> Path | None:
+        """The root with its variables filled in, relative to the manifest; it need not exist."""
+        return None if self.root is None else expand(self.root, self._path.parent, f"{self._path}: root")
+
+    def open(self) -> Clip:
+        """Open the clip.
+
+        Raises
+        ------
+        VfoaError
+            If the adapter or one of its settings is not known, or the source cannot be opened.
+        """
+        try:
+            adapter = ADAPTERS.load(self.adapter)
+        except VfoaError as error:
+            raise VfoaError(f"{self._path}: {error}") from None
+        settings = parse(adapter.Settings, self.source, str(self._path), "source")
+        root = self.resolve_root()
+        try:
+            return adapter(settings, root)
+        except VfoaError as error:
+            raise VfoaError(f"{self._path}: {error}") from None
+
+    def labels(self, timeline: Timeline | None, annotator: str | None = None) -> Labels | None:
+        """The labels that count, checked against the clip's names and, where they are known, its frames.
+
+        Those of ``<clip>.csv`` (None where there is none), or those of one annotator. What is only suggested is
+        ``ignore``.
+
+        Raises
+        ------
+        VfoaError
+            If the file has a mistake, or the annotator has none.
+        """
+        path = self.annotations.find() if annotator is None else self.annotations.expect(annotator)
+        if path is None:
+            return None
+        return self.read(path, timeline).confirmed()
+
+    def read(self, path: Path, timeline: Timeline | None, *, allow_gaps: bool = False) -> Labels:
+        """Everything in one of the clip's annotation files; parameters and errors are :func:`read_annotations`'s."""
+        return read_annotations(
+            path, timeline=timeline, subjects=self.subjects, targets=self.targets, allow_gaps=allow_gaps
+        )
+
+
+def load_manifest(name_or_path: str | os.PathLike[str]) -> ClipManifest:
+    """Read a manifest by the clip's name, or by its path (anything that ends in ``.toml``).
+
+    Raises
+    ------
+    VfoaError
+        If there is none, or it has an unknown key or a wrong value: file, dotted key, found, expected.
+    """
+    text = os.fspath(name_or_path)
+    path = Path(text) if text.endswith(".toml") else _find(text)
+    return make_manifest(read_toml(path), path)
+
+
+def make_manifest(data: dict[str, Any], path: Path) -> ClipManifest:
+    """The manifest in a file's content, which need not have been written yet.
+
+    Raises
+    ------
+    VfoaError
+        As :func:`load_manifest`.
+    """
+    manifest = parse(ClipManifest, data, str(path))
+    if manifest.name != path.stem:
+        raise VfoaError(f"{path}: name: found {manifest.name!r}; expected {path.stem!r}, as the file is called")
+    manifest._path = path.absolute()
+    return manifest
+
+
+def _find(name: str) -> Path:
+    if path := find("datasets", name):
+        return path
+    raise VfoaError(
+        f"no clip {name!r}; {did_you_mean(name, names('datasets'))} (in {folders('datasets')[0]} or built in)"
+    )

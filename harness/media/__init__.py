@@ -1,0 +1,1 @@
+"""Files of pixels: images, videos, numbered files, disparities, id maps."""

@@ -1,0 +1,1 @@
+"""Learned models: the catalogue, downloads, and whether a file is what it should be."""

@@ -1,0 +1,107 @@
+"""Ways to work through jobs: in this process, in a pool of spawned ones, or on a Dask cluster.
+
+Workers compute with one thread each: that is the quickest for all together. Where one process does everything, it may
+use a few, with the same results (a guided filter in OpenCV differs in its last bit from eight threads on: four are the
+most). A worker that dies is replaced, and its jobs are done again; a job that takes its worker along every time is
+given up, and the others are finished.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, Protocol, TypeVar
+
+from vfoa.errors import VfoaError
+
+Job = TypeVar("Job")
+Outcome = TypeVar("Outcome")
+Progress = Callable[[str], None]
+"""Called with a word on what has just moved on (the clip's name, once a frame)."""
+
+Work = Callable[[Job, Progress], Outcome]
+Lost = Callable[[Job, str], Outcome]
+"""The outcome of a job that was given up, and why."""
+
+MOST_THREADS = 4
+
+ATTEMPTS = 3
+"""How often a job may take its worker along."""
+
+
+class Executor(Protocol):
+    """Works through jobs."""
+
+    @property
+    def workers(self) -> int:
+        """How many jobs are done at a time."""
+        ...
+
+    @property
+    def threads(self) -> int:
+        """With how many threads a job may be done."""
+        ...
+
+    def run(
+        self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
+    ) -> Iterator[Outcome]:
+        """Yield ``work(job, progress)`` for each job, in the order of the jobs. ``work`` is a module's function."""
+        ...
+
+
+class InProcess:
+    """One job after the other, here, with a few threads."""
+
+    workers = 1
+
+    def __init__(self, threads: int = 1) -> None:
+        self.threads = min(threads, MOST_THREADS)
+
+    def run(
+        self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
+    ) -> Iterator[Outcome]:
+        """As :class:`Executor`."""
+        compute_with(self.threads)
+        for job in jobs:
+            yield work(job, progress)
+
+
+@contextmanager
+def executor(workers: int, scheduler: str | None = None, *, threads: int = 1) -> Iterator[Executor]:
+    """Yield the way to work with this many processes here, or with the cluster of a Dask scheduler (``tcp://host:port``).
+
+    ``threads`` are those of a single process; several have one each.
+
+    Raises
+    ------
+    VfoaError
+        If the scheduler does not answer, has no workers, or has some that would compute something else.
+    """
+    if scheduler is not None:
+        from harness.runs.executors.cluster import Cluster, connect
+
+        with connect(scheduler) as client:
+            yield Cluster(client)
+    elif workers == 1:
+        yield InProcess(threads)
+    else:
+        from harness.runs.executors.pool import Pool
+
+        yield Pool(workers)
+
+
+def work_through(work: Work[Job, Outcome], jobs: Sequence[Job], workers: int, progress: Progress) -> Iterator[Outcome]:
+    """Yield ``work(job, progress)`` for each job, in the order of the jobs; a job that is lost is an error."""
+    with executor(min(workers, max(len(jobs), 1))) as chosen:
+        yield from chosen.run(work, jobs, progress, _lost)
+
+
+def compute_with(threads: int) -> None:
+    """Let this process compute with so many threads."""
+    import cv2
+
+    cv2.setNumThreads(threads)
+
+
+def _lost(job: Any, why: str) -> Any:
+    raise VfoaError(why)

@@ -1,0 +1,119 @@
+"""The only loop over frames.
+
+A run is cut into jobs (:mod:`harness.runs.work`). A job reads each frame once, computes each distinct stage once, and
+writes one part file and one recording per configuration, which are moved into place when the clip is done. A
+configuration that fails is dropped, and the others go on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, field
+
+from harness.annotations.files import Labels
+from harness.cache.stage import ClipCache, Tally
+from harness.clips.manifest import ClipManifest
+from harness.recording import Size
+from harness.runs.ahead import ahead, one_at_a_time
+from harness.runs.directory import Pair, RunDirectory
+from harness.runs.executors import Progress
+from harness.runs.experiment import Configuration
+from harness.runs.lane import Lane
+from harness.runs.sharing import SharedPipeline
+from harness.scores.measures import Measurer
+from vfoa.errors import VfoaError
+
+_AHEAD = 2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClipJob:
+    """All that a process needs to run one clip: settings and paths only, since it travels to another process.
+
+    ``recording`` is how much the recordings hold, None for none. ``signals`` are the stages whose output is saved, by
+    configuration; ``cache`` is where results of perception are kept, None for nowhere. With several ``threads``, one
+    reads and one perceives the next frames while the last ones are attended to and written.
+    """
+
+    manifest: ClipManifest
+    frames: tuple[int, ...]
+    labels: Labels | None
+    configurations: tuple[Configuration, ...]
+    directory: RunDirectory
+    recording: Size | None
+    signals: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    cache: ClipCache | None = None
+    threads: int = 1
+
+    @property
+    def ahead(self) -> int:
+        """How many frames each thread may be ahead of the next one; 0: there are none."""
+        return _AHEAD if self.threads > 1 else 0
+
+    @property
+    def pairs(self) -> list[Pair]:
+        """The job's (clip, configuration)s."""
+        return [(self.manifest.name, configuration.name) for configuration in self.configurations]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClipOutcome:
+    """How a job ended: for each (clip, configuration) that could not be finished, the one line that says why.
+
+    ``tallies`` say, by a stage's key, what was taken from the cache and what was computed.
+    """
+
+    failures: Mapping[Pair, str]
+    tallies: Mapping[str, Tally] = field(default_factory=dict)
+
+
+def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
+    """Perceive the job's frames, in whichever order, so that the cache holds what :func:`run_clip` will look for."""
+    try:
+        pipeline = SharedPipeline(job.configurations, job.manifest.open(), job.cache)
+    except VfoaError:  # run_clip will say so
+        return ClipOutcome(failures={})
+    for _ in pipeline.warm(job.frames):
+        progress(job.manifest.name)
+    _trim(job)
+    return ClipOutcome(failures={}, tallies=pipeline.tallies)
+
+
+def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
+    """Run one clip under all its configurations; ``progress`` is told the clip's name after each frame."""
+    try:
+        clip = job.manifest.open()
+    except VfoaError as error:
+        return ClipOutcome(failures=dict.fromkeys(job.pairs, str(error)))
+    perceived, measured = one_at_a_time(clip, 2) if job.ahead else (clip, clip)
+    pipeline = SharedPipeline(job.configurations, perceived, job.cache, ahead=job.ahead)
+    measurer = Measurer(measured)
+    lanes = [Lane(job, configuration, clip.rate_hz, measurer) for configuration in job.configurations]
+    with ExitStack() as stack:
+        for lane in lanes:
+            stack.enter_context(lane)
+        _drive(lanes, pipeline, job, progress)
+    _trim(job)
+    failures = {pair: lane.error for pair, lane in zip(job.pairs, lanes, strict=True) if lane.error is not None}
+    return ClipOutcome(failures=failures, tallies=pipeline.tallies)
+
+
+def _trim(job: ClipJob) -> None:
+    if job.cache:
+        job.cache.store.trim()
+
+
+def _drive(lanes: list[Lane], pipeline: SharedPipeline, job: ClipJob, progress: Progress) -> None:
+    """Lead every frame through every lane, until no lane is left."""
+    try:
+        with closing(ahead(pipeline.frames(job.frames), job.ahead)) as frames:
+            for shared in frames:
+                for lane in lanes:
+                    lane.take(shared)
+                if all(lane.error is not None for lane in lanes):
+                    return
+                progress(job.manifest.name)
+    except VfoaError as error:  # a frame that cannot be read
+        for lane in lanes:
+            lane.fail(error)

@@ -1,0 +1,1 @@
+"""Scores: from results and labels to rates, intervals, tests, causes and the oracle ladder."""

@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import pytest
+
+from harness.annotations.timeline import timeline_of
+from harness.clips.locate import names
+from harness.clips.manifest import load_manifest
+from tests.disk import sintel_scene, write_text
+from vfoa.errors import VfoaError
+
+GOOD = """
+name = "clip"
+adapter = "sintel"
+root = "data"
+licence = "CC0"
+notes = ["made here"]
+
+[source]
+scene = "alley"
+
+[subjects.girl]
+category = "person"
+
+[targets.bird]
+category = "bird"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    sintel_scene(tmp_path / "datasets" / "data")
+    return tmp_path / "datasets"
+
+
+def _write(folder: Path, text: str = GOOD) -> Path:
+    return write_text(folder / "clip.toml", text)
+
+
+def test_a_manifest_opens_its_clip_relative_to_itself(folder: Path) -> None:
+    manifest = load_manifest(_write(folder))
+    assert (manifest.name, manifest.notes, list(manifest.subjects)) == ("clip", ("made here",), ["girl"])
+    assert list(manifest.open().frames) == [1, 2, 3]
+
+
+def test_a_manifest_and_its_clip_travel_to_another_process(folder: Path) -> None:
+    manifest = pickle.loads(pickle.dumps(load_manifest(_write(folder))))
+    assert manifest.path == folder / "clip.toml"
+    clip = pickle.loads(pickle.dumps(manifest.open()))
+    assert clip.frame(2).index == 2
+
+
+def test_the_working_directory_comes_first(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_text(folder / "sintel_bandage_2.toml", GOOD.replace('"clip"', '"sintel_bandage_2"'))
+    monkeypatch.chdir(folder.parent)
+    assert load_manifest("sintel_bandage_2").licence == "CC0"
+    monkeypatch.chdir(folder)
+    assert load_manifest("sintel_bandage_2").licence != "CC0"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("licence =", "license =", r"clip\.toml: unknown key 'license'; did you mean 'licence'\?"),
+        (
+            "[subjects.girl]\n",
+            "[subjects.girl]\nfrom_lefts = 1\n",
+            r"unknown key 'subjects.girl.from_lefts'.*from_left",
+        ),
+        ('category = "bird"', "category = 3", r"targets\.bird\.category: expected a valid string, found 3"),
+        ('category = "bird"', "", r"targets\.bird\.category: missing"),
+        ('category = "bird"', 'category = "b"\nfrom_left = 0', r"targets\.bird\.from_left: expected greater than 0"),
+        ('category = "bird"', 'category = "b"\nat_px = [1.0]', r"targets\.bird\.at_px\.1: missing"),
+        (
+            'category = "bird"',
+            'category = "b"\nat_px = [1, 2]\ninstance = 1',
+            r"targets\.bird: found instance and at_px",
+        ),
+        ("[targets.bird]", "[targets.none]", r"targets: found the name 'none'"),
+        ("[targets.bird]", "[targets.girl]", r"targets\.girl: a subject has this name"),
+        (
+            "[targets.bird]",
+            '[targets.b]\ncategory="bird"\n[targets.bird]',
+            r"targets\.bird: every 'bird' is 'b' already",
+        ),
+        ('name = "clip"', 'name = "other"', r"name: found 'other'; expected 'clip'"),
+        ('name = "clip"', 'name = "../clip"', r"name: "),
+        ('name = "clip"', "name = ", r"not TOML: .*line 2"),
+    ],
+)
+def test_a_mistake_is_one_line_with_file_and_key(folder: Path, old: str, new: str, message: str) -> None:
+    path = _write(folder, GOOD.replace(old, new))
+    with pytest.raises(VfoaError, match=message) as error:
+        load_manifest(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('scene = "alley"', 'scenes = "alley"', r"unknown key 'source.scenes'; did you mean 'scene'\?"),
+        (
+            'scene = "alley"',
+            'scene = "alley"\npass = "clear"',
+            r"source\.pass: expected 'clean' or 'final', found 'clear'",
+        ),
+        ('scene = "alley"', 'scene = "valley"', r"no scene 'valley'; did you mean 'alley'\?"),
+        ('adapter = "sintel"', 'adapter = "sintl"', r"adapter: no 'sintl'; did you mean 'sintel'\?"),
+        ('root = "data"', 'root = "elsewhere"', r"elsewhere/training: no such folder"),
+        ('root = "data"', 'root = "${VFOA_NOT_SET}/x"', r"root: .*needs the environment variable VFOA_NOT_SET"),
+    ],
+)
+def test_what_cannot_be_opened_is_one_line(folder: Path, old: str, new: str, message: str) -> None:
+    manifest = load_manifest(_write(folder, GOOD.replace(old, new)))
+    with pytest.raises(VfoaError, match=message) as error:
+        manifest.open()
+    assert str(error.value).startswith(f"{folder / 'clip.toml'}: ")
+
+
+def test_an_environment_variable_is_filled_in(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VFOA_CLIPS", str(folder))
+    manifest = load_manifest(_write(folder, GOOD.replace('root = "data"', 'root = "${VFOA_CLIPS}/data"')))
+    assert manifest.resolve_root() == folder / "data"
+
+
+def test_an_unknown_clip_gets_the_nearest_name() -> None:
+    with pytest.raises(VfoaError, match="no clip 'sintel_bandage2'; did you mean 'sintel_bandage_2'"):
+        load_manifest("sintel_bandage2")
+
+
+def test_labels_stand_beside_the_manifest(folder: Path) -> None:
+    text = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,2,girl,bird,\n"
+    path = write_text(folder.parent / "annotations" / "clip.csv", text)
+    manifest = load_manifest(_write(folder))
+    assert manifest.annotations.find() == path
+    labels = manifest.labels(timeline_of(manifest.open()))
+    assert labels is not None
+    assert [frame for frame, _, _ in labels.labelled([1, 2, 3])] == [1, 2]
+
+
+def test_a_clip_without_labels_has_none(folder: Path) -> None:
+    assert load_manifest(_write(folder)).labels(None) is None
+
+
+@pytest.mark.parametrize("name", names("datasets"))
+def test_every_manifest_that_comes_along_is_right_with_its_labels(name: str) -> None:
+    manifest = load_manifest(name)
+    assert manifest.licence
+    manifest.labels(None)

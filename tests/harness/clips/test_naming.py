@@ -1,0 +1,198 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from harness.clips.naming import NameRule, SubjectNames, name_frame
+from vfoa.types import (
+    Attention,
+    FrameResult,
+    Head,
+    HeadView,
+    Instance,
+    Person,
+    Scene,
+    Subject,
+    Target,
+)
+
+PERSON = NameRule(category="person")
+Place = tuple[float, float]
+
+
+def _box(place: Place, size: float = 20.0) -> np.ndarray:
+    u, v = place
+    return np.array([u - size / 2, v - size / 2, u + size / 2, v + size / 2])
+
+
+def frame(
+    things: Sequence[tuple[int, str, Place]], people: Sequence[tuple[int, int | None, Place]] = ()
+) -> FrameResult:
+    """A result with things (instance id, label, place) and tracked people (track id, instance id, place), px."""
+    targets = tuple(
+        Target(
+            instance=Instance(id=number, label=label, category_id=1, is_thing=True, score=1.0),
+            box_px=_box(place),
+            points_left=np.zeros((0, 3), np.float32),
+            box=None,
+        )
+        for number, label, place in things
+    )
+    persons = [
+        (track, Person(view=HeadView(head=Head(box_px=_box(place), score=1.0), head_pose=None, gaze=None),
+                       instance_id=instance, eye_origin_left=None))
+        for track, instance, place in people
+    ]  # fmt: skip
+    attentions = tuple(
+        Attention(subject=Subject(track_id=track, person=person, gaze=None, head_pose=None))
+        for track, person in persons
+    )
+    scene = Scene(index=0, time_ns=0, targets=targets, people=tuple(person for _, person in persons))
+    return FrameResult(scene=scene, attentions=attentions)
+
+
+def people(*places: tuple[int, float]) -> FrameResult:
+    """People only: (track id, u); the instance id is the track's plus 10."""
+    return frame(
+        [(track + 10, "person", (u, 50)) for track, u in places], [(track, track + 10, (u, 50)) for track, u in places]
+    )
+
+
+def names_of_tracks(rules: dict[str, NameRule], *frames: FrameResult) -> list[dict[int, str]]:
+    memory, found = SubjectNames(), []
+    for each in frames:
+        names, memory = name_frame(each, rules, {}, memory)
+        found.append(dict(names.subjects))
+    return found
+
+
+LEFT_RIGHT = {
+    "anna": NameRule(category="person", from_left=1),
+    "ben": NameRule(category="person", from_left=2),
+}
+
+
+def test_people_are_named_from_the_left_when_they_appear_and_keep_their_names() -> None:
+    crossed = people((1, 90), (2, 10))
+    assert names_of_tracks(LEFT_RIGHT, people((1, 10), (2, 90)), crossed) == [{1: "anna", 2: "ben"}] * 2
+
+
+@pytest.mark.parametrize("order", [(1, 2), (2, 1)])
+def test_names_do_not_depend_on_the_order_of_tracks(order: tuple[int, int]) -> None:
+    at = {1: 10.0, 2: 90.0}
+    found = names_of_tracks(LEFT_RIGHT, people(*((track, at[track]) for track in order)))
+    assert found == [{1: "anna", 2: "ben"}]
+
+
+def test_a_lost_name_goes_to_the_nearest_new_track() -> None:
+    # They have crossed: by the places from the left, the new track 7 on the right would be ben.
+    found = names_of_tracks(LEFT_RIGHT, people((1, 10), (2, 90)), people((1, 90), (2, 10)), people((2, 10), (7, 88)))
+    assert found[-1] == {2: "ben", 7: "anna"}
+
+
+def test_both_lost_names_find_their_own_people() -> None:
+    found = names_of_tracks(LEFT_RIGHT, people((1, 10), (2, 90)), people(), people((8, 80), (9, 20)))
+    assert found == [{1: "anna", 2: "ben"}, {}, {8: "ben", 9: "anna"}]
+
+
+def test_one_name_is_borne_by_one_person_at_a_time() -> None:
+    assert names_of_tracks({"girl": PERSON}, people((1, 10)), people((1, 10), (2, 50)), people((2, 50))) == [
+        {1: "girl"},
+        {1: "girl"},
+        {2: "girl"},
+    ]
+
+
+def test_a_track_that_comes_back_after_its_name_was_taken_has_none() -> None:
+    assert names_of_tracks({"girl": PERSON}, people((1, 10)), people((2, 50)), people((1, 10), (2, 50)))[-1] == {
+        2: "girl"
+    }
+
+
+def test_a_head_without_a_person_gets_its_name_when_the_person_is_seen() -> None:
+    unknown = frame([(3, "bird", (50, 50))], [(1, None, (50, 50))])
+    a_bird = frame([(3, "bird", (50, 50))], [(1, 3, (50, 50))])
+    assert names_of_tracks({"girl": PERSON}, unknown, a_bird, people((1, 50))) == [{}, {}, {1: "girl"}]
+
+
+def test_the_source_s_own_id_names_a_person_whatever_the_track() -> None:
+    rules = {"anna": NameRule(category="person", instance=12)}
+    assert names_of_tracks(rules, people((1, 10), (2, 90)), people(), people((1, 91)), people((2, 5))) == [
+        {2: "anna"},
+        {},
+        {},
+        {2: "anna"},
+    ]
+
+
+CUPS = [(1, "cup", (10.0, 50.0)), (2, "cup", (50.0, 50.0)), (3, "cup", (90.0, 50.0)), (4, "book", (30.0, 80.0))]
+
+
+def names_of_targets(targets: dict[str, NameRule], things: list[tuple[int, str, Place]] = CUPS) -> dict[int, str]:
+    names, _ = name_frame(frame(things), {}, targets, SubjectNames())
+    return dict(names.targets)
+
+
+@pytest.mark.parametrize(
+    ("choice", "instance"),
+    [
+        ({"instance": 2}, 2),
+        ({"from_left": 3}, 3),
+        ({"at_px": (60, 55)}, 2),
+        ({"at_px": (1000, 1000)}, 3),
+        ({"box_px": (0, 40, 22, 60)}, 1),
+        ({"box_px": (200, 200, 210, 210)}, None),
+        ({"from_left": 4}, None),
+        ({"instance": 4}, None),
+    ],
+)
+def test_a_rule_finds_its_instance(choice: dict[str, object], instance: int | None) -> None:
+    rule = NameRule.model_validate({"category": "cup", **choice})
+    expected = {number: f"{label}#{number}" for number, label, _ in CUPS}
+    if instance is not None:
+        expected[instance] = "mine"
+    assert names_of_targets({"mine": rule}) == expected
+
+
+def test_a_name_by_category_is_shared_by_those_that_have_no_name_of_their_own() -> None:
+    rules = {"cups": NameRule(category="cup"), "middle": NameRule(category="cup", from_left=2)}
+    assert names_of_targets(rules) == {1: "cups", 2: "middle", 3: "cups", 4: "book#4"}
+
+
+def test_two_points_near_one_thing_go_to_two_things() -> None:
+    rules = {
+        "far": NameRule(category="cup", at_px=(25, 50)),
+        "near": NameRule(category="cup", at_px=(11, 50)),
+    }
+    assert names_of_targets(rules) == {1: "near", 2: "far", 3: "cup#3", 4: "book#4"}
+
+
+def test_a_subject_is_a_target_by_its_own_name() -> None:
+    both = people((1, 10), (2, 90))
+    names, memory = name_frame(both, LEFT_RIGHT, {"people": PERSON}, SubjectNames())
+    assert names.targets == {11: "anna", 12: "ben"}
+    ben_turned_away = frame([(11, "person", (10, 50)), (5, "person", (88, 50))], [(1, 11, (10, 50))])
+    names, _ = name_frame(ben_turned_away, LEFT_RIGHT, {}, memory)
+    assert names.subjects == {1: "anna"}
+    assert names.targets == {11: "anna", 5: "ben"}
+
+
+def test_a_subject_never_tracked_is_a_target_by_its_rule() -> None:
+    names, _ = name_frame(frame([(5, "person", (50, 50))]), {"girl": PERSON}, {}, SubjectNames())
+    assert names.targets == {5: "girl"}
+
+
+@given(st.permutations(CUPS))
+def test_names_do_not_depend_on_the_order_of_instances(things: list[tuple[int, str, Place]]) -> None:
+    rules = {"left": NameRule(category="cup", from_left=1), "point": NameRule(category="cup", at_px=(30, 50))}
+    assert names_of_targets(rules, things) == {1: "left", 2: "point", 3: "cup#3", 4: "book#4"}
+
+
+def test_a_rule_says_one_thing_beside_the_category() -> None:
+    with pytest.raises(ValidationError, match="found from_left and at_px"):
+        NameRule(category="cup", from_left=1, at_px=(1, 2))

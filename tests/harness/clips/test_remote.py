@@ -1,0 +1,93 @@
+"""Clips on other storage: copied once, again when they changed, and said in one line where they cannot be had."""
+
+from __future__ import annotations
+
+import uuid
+from pathlib import Path
+
+import fsspec
+import numpy as np
+import pytest
+
+from harness.clips.locate import expand
+from harness.clips.manifest import load_manifest
+from harness.clips.remote import is_address, local_copy
+from tests.disk import stereo_pair_folder, write_text
+from vfoa.errors import VfoaError
+
+CAMERA = "camera = { fx_px = 50.0, cx_px = 31.5, cy_px = 23.5, baseline_m = 0.1 }"
+
+
+@pytest.fixture
+def bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A storage in memory, empty, with a cache of its own."""
+    monkeypatch.setenv("VFOA_CACHE", str(tmp_path / "cache"))
+    local_copy.cache_clear()
+    storage = fsspec.filesystem("memory")
+    name = f"/{uuid.uuid4().hex}"
+    yield storage, name
+    if storage.exists(name):
+        storage.rm(name, recursive=True)
+    local_copy.cache_clear()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("s3://bucket/clip", True), ("zip://clip::s3://bucket/a.zip", True), ("../data", False), ("C:\\clips", False)],
+)
+def test_an_address_names_its_storage(text: str, expected: bool) -> None:
+    assert is_address(text) is expected
+
+
+def test_a_clip_on_other_storage_is_the_same_clip(tmp_path: Path, bucket) -> None:
+    storage, name = bucket
+    here = stereo_pair_folder(tmp_path / "data")
+    storage.put(f"{here}/", f"{name}/", recursive=True)
+    source = f'[source]\nleft = "left"\nright = "right"\n{CAMERA}\n'
+    for clip, root in (("near", here.as_posix()), ("far", f"memory:/{name}")):
+        text = f'name = "{clip}"\nadapter = "stereo_folder"\nroot = "{root}"\n{source}'
+        write_text(tmp_path / "datasets" / f"{clip}.toml", text)
+    near, far = (load_manifest(tmp_path / "datasets" / f"{clip}.toml").open() for clip in ("near", "far"))
+    assert list(near.frames) == list(far.frames) == [1, 2, 3]
+    assert near.digest() == far.digest()
+    for number in near.frames:
+        np.testing.assert_array_equal(near.frame(number).left, far.frame(number).left)
+
+
+def test_what_changed_is_copied_again_and_what_is_gone_is_left_out(bucket) -> None:
+    storage, name = bucket
+    for file, text in (("a/kept.txt", "kept"), ("a/changed.txt", "old"), ("gone.txt", "gone")):
+        storage.pipe(f"{name}/{file}", text.encode())
+    first = local_copy(f"memory:/{name}", "here")
+    kept = (first / "a" / "kept.txt").stat().st_mtime_ns
+    assert (first / "a" / "changed.txt").read_text() == "old"
+    storage.pipe(f"{name}/a/changed.txt", b"newer")
+    storage.rm(f"{name}/gone.txt")
+    local_copy.cache_clear()
+    second = local_copy(f"memory:/{name}", "here")
+    assert second == first
+    assert sorted(path.name for path in second.rglob("*.txt")) == ["changed.txt", "kept.txt"]
+    assert (second / "a" / "changed.txt").read_text() == "newer"
+    assert (second / "a" / "kept.txt").stat().st_mtime_ns == kept
+
+
+def test_a_single_file_keeps_its_name(bucket) -> None:
+    storage, name = bucket
+    storage.pipe(f"{name}/take.mcap", b"recorded")
+    copied = expand(f"memory:/{name}/take.mcap", Path("elsewhere"), "here")
+    assert (copied.name, copied.read_bytes()) == ("take.mcap", b"recorded")
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [
+        ("memory://nowhere/at/all", "nothing there"),
+        ("nosuch://bucket/clip", "no such storage"),
+        ("zip://clip::file:///nowhere.zip", "nothing there"),
+    ],
+)
+def test_what_cannot_be_had_is_one_line(address: str, said: str, bucket) -> None:
+    with pytest.raises(VfoaError) as refused:
+        local_copy(address, "mine.toml: root")
+    assert str(refused.value).startswith(f"mine.toml: root: {address}: {said}")
+    assert "\n" not in str(refused.value)

@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from harness.media.images import read_raw, read_rgb
+from tests.disk import picture, write_bytes, write_image
+from vfoa.errors import VfoaError
+
+
+def test_colours_come_as_rgb(tmp_path: Path) -> None:
+    image = picture(0)
+    assert np.array_equal(read_rgb(write_image(tmp_path / "a.png", image)), image)
+    assert np.array_equal(read_raw(tmp_path / "a.png"), image)
+
+
+def test_gray_and_16_bit_images_become_8_bit_rgb(tmp_path: Path) -> None:
+    gray = picture(1)[..., 0]
+    expected = np.repeat(gray[..., None], 3, axis=2)
+    assert np.array_equal(read_rgb(write_image(tmp_path / "gray.png", gray)), expected)
+    assert np.array_equal(read_rgb(write_image(tmp_path / "deep.png", gray.astype(np.uint16) << 8)), expected)
+
+
+def test_raw_values_keep_their_16_bits(tmp_path: Path) -> None:
+    deep = np.arange(12, dtype=np.uint16).reshape(3, 4) * 5000
+    assert np.array_equal(read_raw(write_image(tmp_path / "deep.png", deep)), deep)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(share=st.floats(0, 1, exclude_max=True))
+def test_a_png_cut_anywhere_is_one_clear_error(tmp_path: Path, share: float) -> None:
+    whole = write_image(tmp_path / "whole.png", picture(2)).read_bytes()
+    cut = write_bytes(tmp_path / "cut.png", whole[: int(share * len(whole))])
+    with pytest.raises(VfoaError, match=r"cut\.png: ") as error:
+        read_rgb(cut)
+    assert "\n" not in str(error.value)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(share=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+def test_a_flipped_bit_of_a_png_is_found(tmp_path: Path, share: float, bit: int) -> None:
+    data = bytearray(write_image(tmp_path / "whole.png", picture(3)).read_bytes())
+    data[int(share * len(data))] ^= 1 << bit
+    with pytest.raises(VfoaError, match=r"flip\.png: "):
+        read_rgb(write_bytes(tmp_path / "flip.png", bytes(data)))
+
+
+def test_a_cut_jpeg_is_found(tmp_path: Path) -> None:
+    data = write_image(tmp_path / "whole.jpg", picture(4, 200, 150)).read_bytes()
+    assert read_rgb(tmp_path / "whole.jpg").shape == (150, 200, 3)
+    with pytest.raises(VfoaError, match="truncated JPEG"):
+        read_rgb(write_bytes(tmp_path / "cut.jpg", data[: len(data) // 2]))
+
+
+@pytest.mark.parametrize(("content", "message"), [(b"", "empty"), (b"no image at all", "not a readable image")])
+def test_what_is_no_image_is_named(tmp_path: Path, content: bytes, message: str) -> None:
+    with pytest.raises(VfoaError, match=rf"x\.png: .*{message}"):
+        read_rgb(write_bytes(tmp_path / "x.png", content))
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"gone\.png: no such file"):
+        read_rgb(tmp_path / "gone.png")
+    with pytest.raises(VfoaError, match="cannot be read"):
+        read_rgb(tmp_path)

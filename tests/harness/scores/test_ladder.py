@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from harness.runs.conduct import conduct, prepare
+from harness.runs.experiment import load_experiment
+from harness.runs.results import FrameMeasures
+from harness.scores.ladder import steps, with_ladder
+from harness.scores.rescore import rescore
+from harness.scores.score import score
+from harness.scores.statistics import Interval
+from tests.records import answers, labels
+from vfoa.errors import VfoaError
+
+
+def test_each_rung_replaces_one_stage_more_and_leaves_the_rest() -> None:
+    base = load_experiment("demo", clips=("studio_table",))
+    ladder = with_ladder(base)
+    climbed = [each for each in ladder.configurations if each.name.startswith("sgbm-one")]
+    assert [each.name for each in climbed] == [
+        "sgbm-one",
+        "sgbm-one+disparity",
+        "sgbm-one+disparity+head_pose",
+        "sgbm-one+disparity+head_pose+gaze",
+    ]
+    true_stages = [
+        {slot for slot, choice in each.choices.items() if choice and choice.name == "truth"} for each in climbed
+    ]
+    assert all(len(upper - lower) == 1 and lower < upper for lower, upper in pairwise(true_stages))
+    assert true_stages[-1] == set(climbed[-1].choices)
+    assert {str(each.attend) for each in climbed} == {str(climbed[0].attend)}
+    assert [each for each in ladder.configurations if "+" not in each.name] == list(base.configurations)
+
+
+def test_a_ladder_with_nothing_to_replace_is_an_error(tmp_path: Path) -> None:
+    file = tmp_path / "true.toml"
+    file.write_text(
+        'clips = ["studio_table"]\n[defaults]\nstereo.matcher = "truth"\nsegmentation.model = "truth"\n'
+        'heads.detector = "truth"\nhead_pose.model = "none"\ngaze.model = "truth"\n'
+    )
+    with pytest.raises(VfoaError, match="no stage that truth could replace"):
+        with_ladder(load_experiment(str(file)))
+
+
+def test_points_are_the_difference_to_the_rung_below() -> None:
+    found = {"bm": ["none", "none", "none", "cup"], "bm+disparity": ["cup", "none", "none", "cup"]}
+    records = [record for name, said in found.items() for record in answers(said, clip="c", configuration=name)]
+    below, above = steps(score(records, {"c": labels(*["cup"] * 4)}))
+    assert (below.replaced, below.gained) == (None, None)
+    assert above.replaced == "disparity"
+    assert above.gained == pytest.approx(0.25)
+
+
+@pytest.mark.parametrize(
+    ("wrong_below", "wrong_above", "reads"),
+    [
+        (60, 0, "better"),
+        (0, 60, "falls"),
+        (2, 3, "as good, within the interval"),
+        (5, 5, "as good, within the interval"),
+    ],
+)
+def test_a_rung_is_read_by_the_interval_of_its_own_difference(wrong_below: int, wrong_above: int, reads: str) -> None:
+    found = {"bm": wrong_below, "bm+gaze": wrong_above}
+    said = {name: ["none" if i % 100 < wrong else "cup" for i in range(200)] for name, wrong in found.items()}
+    records = [record for name, each in said.items() for record in answers(each, clip="c", configuration=name)]
+    below, above = steps(score(records, {"c": labels(*["cup"] * 200)}))
+    assert (below.reads, above.reads) == ("", reads)
+    assert above.interval is not None
+    assert above.gained is not None
+    assert above.interval.low <= above.gained <= above.interval.high
+
+
+def test_both_rungs_are_resampled_alike() -> None:
+    """Two rungs that agree in every frame differ by nothing, however uncertain each of them is."""
+    said = ["none" if i // 20 % 3 else "cup" for i in range(300)]
+    records = [r for name in ("bm", "bm+gaze") for r in answers(said, clip="c", configuration=name)]
+    _, above = steps(score(records, {"c": labels(*["cup"] * 300)}))
+    assert above.interval == Interval(low=0.0, high=0.0)
+    assert above.row.bootstrap.high - above.row.bootstrap.low > 0.1
+
+
+def test_a_run_without_rungs_has_no_ladder() -> None:
+    assert steps(score(answers(["cup"], clip="c", configuration="a+b"), {"c": labels("cup")})) == []
+
+
+def test_on_a_rendered_clip_no_rung_falls_and_the_truth_is_all_right(tmp_path: Path) -> None:
+    """End to end: frames, rungs, scores, stage measures, tables."""
+    experiment = load_experiment("demo", clips=("studio_table",), overrides=("stereo.matcher=sgbm",))
+    only = replace(experiment, configurations=tuple(c for c in experiment.configurations if c.name == "sgbm-two"))
+    plan = prepare(with_ladder(only), limit=16, recording=None)
+    directory = conduct(plan, tmp_path / "run", workers=1, progress=lambda clip: None)
+    scores = rescore(directory)
+    climbed = steps(scores)
+    assert [step.replaced for step in climbed] == [None, "disparity", "head_pose", "gaze"]
+    assert "falls" not in [step.reads for step in climbed]
+    assert climbed[-1].row.frr == 1
+    measured = {name: frames for (_, name), frames in scores.measures.pooled().items()}
+    wrong = {
+        what: [any(of(frame) for frame in measured[step.configuration]) for step in climbed]
+        for what, of in _ERRORS.items()
+    }
+    assert wrong == {
+        "disparity": [True, False, False, False],
+        "head pose": [True, True, False, False],
+        "gaze": [True, True, True, False],
+    }
+    assert {"ladder.csv", "measures.csv", "things.csv"} <= {path.name for path in directory.path.iterdir()}
+
+
+_ERRORS: dict[str, Callable[[FrameMeasures], float | None]] = {
+    "disparity": lambda frame: frame.disparity and frame.disparity.error_px,
+    "head pose": lambda frame: frame.people[0].head_error_deg,
+    "gaze": lambda frame: frame.people[0].gaze_error_deg,
+}

@@ -1,0 +1,154 @@
+from __future__ import annotations
+
+import pytest
+
+from harness.annotations.files import Label
+from harness.runs.results import FrameRecord
+from harness.scores.verdicts import CAUSES, Verdict, judge, judge_absent
+from tests.records import frame_record, subject_record, target_record
+
+CUP, CAN = target_record(1, "cup"), target_record(2, "can")
+FLAT_CUP = target_record(1, "cup", center=None)
+GIRL, BOY = target_record(8, "girl"), target_record(9, "boy")
+
+
+def _judge(record: FrameRecord, target: str, point_px: tuple[float, float] | None = None) -> Verdict:
+    return judge(record, "girl", Label(target=target, point_px=point_px))
+
+
+def _outcome(verdict: Verdict) -> tuple[str | None, str, str | None]:
+    return verdict.predicted, verdict.outcome, verdict.cause
+
+
+def test_the_true_target_is_correct() -> None:
+    verdict = _judge(frame_record([CUP, CAN], [subject_record("girl", totals={1: 0.5, 2: 0.1}, focus=1)]), "cup")
+    assert verdict == Verdict(
+        clip="clip",
+        configuration="one",
+        frame=1,
+        subject="girl",
+        truth="cup",
+        predicted="cup",
+        outcome="correct",
+        cause=None,
+    )
+
+
+def test_nowhere_is_correct_when_nothing_is_looked_at() -> None:
+    verdict = _judge(frame_record([CUP], [subject_record("girl", totals={1: 0.0})]), "none")
+    assert _outcome(verdict) == ("none", "correct", None)
+
+
+@pytest.mark.parametrize("label", [None, Label(target="ignore")])
+def test_without_a_label_nothing_is_scored(label: Label | None) -> None:
+    seen = judge(frame_record([CUP], [subject_record("girl", totals={1: 0.5}, focus=1)]), "girl", label)
+    absent = judge(frame_record([CUP]), "girl", label)
+    assert _outcome(seen) == ("cup", "unscored", None)
+    assert _outcome(absent) == (None, "unscored", None)
+
+
+@pytest.mark.parametrize(
+    ("record", "truth", "predicted", "cause"),
+    [
+        (frame_record([CUP]), "cup", None, "no_subject"),
+        (frame_record([CUP], [subject_record(None, totals={1: 0.5}, focus=1)]), "cup", None, "no_subject"),
+        (frame_record([CUP], [subject_record("girl", missing="no_eyes_3d")]), "cup", None, "no_eyes_3d"),
+        (frame_record([CUP], [subject_record("girl", missing="no_direction")]), "cup", None, "no_direction"),
+        (frame_record([CAN], [subject_record("girl", totals={2: 0.5}, focus=2)]), "cup", "can", "target_not_segmented"),
+        (frame_record([FLAT_CUP], [subject_record("girl")]), "cup", "none", "target_without_box"),
+        (frame_record([CUP], [subject_record("girl", totals={1: 0.5}, focus=1)]), "none", "cup", "false_attention"),
+        (frame_record([CUP], [subject_record("girl", totals={1: 0.0})]), "cup", "none", "missed"),
+        (frame_record([CUP, CAN], [subject_record("girl", totals={2: 0.5}, focus=2)]), "cup", "can", "missed"),
+        (
+            frame_record([CUP, CAN], [subject_record("girl", totals={1: 0.4, 2: 0.5}, focus=2)]),
+            "cup",
+            "can",
+            "outscored",
+        ),
+        # the name's head was joined to the boy's body, though the girl's own is there
+        (
+            frame_record([CUP, GIRL, BOY], [subject_record("girl", totals={8: 0.5}, focus=8, instance_id=9)]),
+            "cup",
+            "girl",
+            "wrong_subject",
+        ),
+        # nobody looks at themselves: the head was joined to no body, and its own box was hit
+        (frame_record([CUP, GIRL], [subject_record("girl", totals={8: 0.5}, focus=8)]), "cup", "girl", "wrong_subject"),
+    ],
+)
+def test_a_wrong_frame_has_the_cause(record: FrameRecord, truth: str, predicted: str | None, cause: str) -> None:
+    assert _outcome(_judge(record, truth)) == (predicted, "wrong", cause)
+    assert cause in CAUSES
+
+
+@pytest.mark.parametrize("missing", ["no_eyes_3d", "no_direction"])
+def test_no_prediction_is_wrong_even_where_nothing_is_looked_at(missing: str) -> None:
+    assert _outcome(_judge(frame_record([], [subject_record("girl", missing=missing)]), "none")) == (
+        None,
+        "wrong",
+        missing,
+    )
+    assert _outcome(_judge(frame_record(), "none")) == (None, "wrong", "no_subject")
+
+
+@pytest.mark.parametrize(
+    ("record", "truth", "cause"),
+    [
+        (frame_record([], [subject_record("girl", missing="no_eyes_3d")]), "cup", "no_eyes_3d"),
+        (frame_record([GIRL], [subject_record("girl", totals={8: 1.0}, focus=8)]), "cup", "target_not_segmented"),
+        (
+            frame_record([FLAT_CUP, GIRL], [subject_record("girl", totals={8: 1.0}, focus=8)]),
+            "cup",
+            "target_without_box",
+        ),
+        (frame_record([GIRL], [subject_record("girl", totals={8: 1.0}, focus=8)]), "none", "false_attention"),
+        (
+            frame_record([CUP, GIRL], [subject_record("girl", totals={1: 0.1, 8: 1.0}, focus=8)]),
+            "cup",
+            "wrong_subject",
+        ),
+    ],
+)
+def test_of_several_causes_the_first_in_the_order_counts(record: FrameRecord, truth: str, cause: str) -> None:
+    assert _judge(record, truth).cause == cause
+
+
+def test_a_frame_without_a_record_is_wrong() -> None:
+    verdict = judge_absent("clip", "one", 7, "girl", Label(target="none"))
+    assert (verdict.frame, *_outcome(verdict)) == (7, None, "wrong", "no_subject")
+
+
+LEFT = target_record(1, "cup", box_px=(0, 0, 10, 10))
+RIGHT = target_record(2, "cup", box_px=(20, 0, 40, 10))
+LOOKS_LEFT = frame_record([LEFT, RIGHT], [subject_record("girl", totals={1: 0.5, 2: 0.2}, focus=1)])
+
+
+@pytest.mark.parametrize(
+    ("point_px", "outcome", "cause"),
+    [
+        (None, "correct", None),  # two bear the name: any of them is right
+        ((5.0, 5.0), "correct", None),
+        ((30.0, 5.0), "wrong", "outscored"),
+        ((14.0, 5.0), "correct", None),  # in neither: the nearer one
+        ((16.0, 5.0), "wrong", "outscored"),
+    ],
+)
+def test_a_point_tells_targets_of_one_name_apart(
+    point_px: tuple[float, float] | None, outcome: str, cause: str | None
+) -> None:
+    assert _outcome(_judge(LOOKS_LEFT, "cup", point_px)) == ("cup", outcome, cause)
+
+
+def test_a_point_in_two_boxes_means_the_one_it_is_more_central_in() -> None:
+    around = target_record(2, "cup", box_px=(0, 0, 100, 100))
+    record = frame_record([LEFT, around], [subject_record("girl", totals={2: 0.5}, focus=2)])
+    assert _judge(record, "cup", (4.0, 4.0)).cause == "missed"
+    assert _judge(record, "cup", (9.0, 9.0)).cause == "missed"
+    assert _judge(record, "cup", (45.0, 45.0)).outcome == "correct"
+
+
+def test_a_target_with_a_box_is_not_without_because_another_of_its_name_is() -> None:
+    record = frame_record(
+        [target_record(1, "cup", center=None), target_record(2, "cup")], [subject_record("girl", totals={2: 0.0})]
+    )
+    assert _judge(record, "cup").cause == "missed"
