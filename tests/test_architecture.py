@@ -62,7 +62,8 @@ def test_the_command_line_is_imported_by_nobody() -> None:
     guilty = [
         path
         for path in _sources("harness")
-        if not _within(path, ("harness/cli/",)) and any(name.startswith("harness.cli") for name in _imports(path))
+        if not _within(path, ("harness/cli/",))
+        and any(f"{name}.".startswith("harness.cli.") for name in _imports(path))
     ]
     assert not guilty
 

@@ -36,7 +36,8 @@ def _run(folder: Path, correct: int, configuration: str = "one") -> str:
     records = answers(said, clip="tabletop", configuration=configuration)
     (folder / "results.jsonl").write_text("".join(map(to_line, records)))
     entry = {"name": "tabletop", "manifest": "", "notes": [], "frames": [each.frame for each in records]}
-    (folder / "manifest.json").write_text(json.dumps({"notes": [], "clips": [entry], "finished": "now"}))
+    manifest = {"notes": [], "clips": [entry], "configurations": {configuration: {}}, "finished": "now"}
+    (folder / "manifest.json").write_text(json.dumps(manifest))
     return str(folder)
 
 

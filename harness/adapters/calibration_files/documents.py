@@ -110,4 +110,6 @@ def _value(element: ElementTree.Element) -> Any:
 def _shaped(matrix: Mapping[Any, Any]) -> Float:
     """The numbers of a matrix (rows, cols), or of one of any number of dimensions (sizes)."""
     shape = matrix["sizes"] if "sizes" in matrix else (matrix["rows"], matrix["cols"])
-    return np.asarray(matrix["data"], dtype=np.float64).reshape([int(size) for size in shape])
+    # YAML does not know OpenCV's .Nan and .Inf
+    numbers = [float(str(value).lower().replace(".nan", "nan").replace(".inf", "inf")) for value in matrix["data"]]
+    return np.array(numbers).reshape([int(size) for size in shape])

@@ -126,7 +126,7 @@ def test_a_mistake_is_one_line_with_its_place(tmp_path: Path, text: str, message
         (HEAD + "a,one,girl,1,2,3,4,outside_frame,-1,-1,1\n", r"a\.csv:2: frame: found 'one'; expected a number"),
         (
             HEAD + "a,1,girl,1,2,3,4,outside_frame,-1,-1,1\nb,1,girl,1,2,3,4,x,1,1,1\n",
-            r"a\.csv:3: found the clips a, b",
+            r"a\.csv:3: found the clips 'a', 'b'",
         ),
     ],
 )
