@@ -19,6 +19,7 @@ from harness.cli.compare import compare
 from harness.cli.demo import demo
 from harness.cli.export_failure import export_failure
 from harness.cli.init import init
+from harness.cli.live import live
 from harness.cli.report import report
 from harness.cli.run import run
 from harness.cli.score import score
@@ -35,6 +36,7 @@ app = typer.Typer(
 )
 app.command()(demo)
 app.command()(run)
+app.command()(live)
 app.command()(score)
 app.command()(report)
 app.command()(view)

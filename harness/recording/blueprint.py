@@ -19,8 +19,13 @@ MOST_PLOTS = 3
 """Subjects with a plot of their own; with more, one plot has all the curves."""
 
 
-def blueprint(scene: Scene | None, subjects: Sequence[str], rate_hz: float | None, size: Size) -> rrb.Blueprint:
-    """The layout for a recording whose first frame is ``scene``, with the subjects that are known by name."""
+def blueprint(
+    scene: Scene | None, subjects: Sequence[str], rate_hz: float | None, size: Size, *, follow: bool = False
+) -> rrb.Blueprint:
+    """The layout for a recording whose first frame is ``scene``, with the subjects that are known by name.
+
+    ``follow``: the viewer goes on to each new frame as it comes.
+    """
     images = rrb.Tabs(_left_view(subjects), *_stereo_views(size), name="Images", active_tab=0)
     documents = rrb.Tabs(
         rrb.TextDocumentView(origin=entities.SUMMARY, name="This frame"),
@@ -35,7 +40,7 @@ def blueprint(scene: Scene | None, subjects: Sequence[str], rate_hz: float | Non
             rrb.Vertical(documents, *_plots(subjects), lanes, row_shares=_shares(len(_plots(subjects)))),
             column_shares=[3, 2],
         ),
-        rrb.TimePanel(timeline="frame", play_state="paused", fps=rate_hz, state="collapsed"),
+        rrb.TimePanel(timeline="frame", play_state="following" if follow else "paused", fps=rate_hz, state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
         auto_views=False,

@@ -48,6 +48,8 @@ class Recorder:
         that turn up later are added as they come.
     properties
         Plain values stored with the recording under ``eval``, beside clip, configuration and the count of verdicts.
+    watched_at
+        The address of a viewer that is shown every frame as it is logged; None for none.
     """
 
     def __init__(
@@ -61,8 +63,9 @@ class Recorder:
         subjects: Sequence[str] = (),
         targets: Sequence[str] = (),
         properties: Mapping[str, Any] | None = None,
+        watched_at: str | None = None,
     ) -> None:
-        self._path = path
+        self._path, self._watched_at = path, watched_at
         self._partial = path.with_name(path.name + ".partial")
         self._clip, self._configuration = clip, configuration
         self._rate_hz, self._size, self._subjects = rate_hz, size, tuple(subjects)
@@ -73,7 +76,7 @@ class Recorder:
             APPLICATION,
             recording_id=recording_id(path, clip, configuration),
             # the default, 0.2 s, would cut a slow pipeline's recording into a chunk per frame and entity
-            batcher_config=rr.ChunkBatcherConfig(flush_tick=datetime.timedelta(seconds=60)),
+            batcher_config=rr.ChunkBatcherConfig(flush_tick=datetime.timedelta(seconds=0.05 if watched_at else 60)),
         )
         # frames are found by the source's number and time; when they were computed is nothing to scrub through
         self._stream.set_log_time_enabled(False)
@@ -121,14 +124,17 @@ class Recorder:
         log_attention(log, result, record, self._colours)
         log_verdicts(log, record, verdicts, self._colours)
         log.end()
+        if self._watched_at:
+            log.close()  # whoever looks on wants the curves now
         self._outcomes.update(verdict.outcome for verdict in verdicts)
 
     def _open(self, first: Scene | None) -> None:
         """Open the file; the layout in its head looks at the first frame's scene."""
         self._opened = True
         self._path.parent.mkdir(parents=True, exist_ok=True)
-        layout = blueprint(first, self._subjects, self._rate_hz, self._size)
-        self._stream.save(self._partial, default_blueprint=layout)
+        layout = blueprint(first, self._subjects, self._rate_hz, self._size, follow=self._watched_at is not None)
+        sinks: list[Any] = [rr.FileSink(self._partial), *([rr.GrpcSink(self._watched_at)] if self._watched_at else [])]
+        self._stream.set_sinks(*sinks, default_blueprint=layout)
         self._stream.send_recording_name(f"{self._clip}, {self._configuration}")
         self._stream.log(entities.WORLD, rr.ViewCoordinates.RDF, static=True)
         self._stream.log(entities.GUIDE, guide(), static=True)

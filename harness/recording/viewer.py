@@ -43,6 +43,19 @@ def show(recordings: Sequence[Path], frame: int | None) -> None:
 
 
 @contextmanager
+def listening(options: Sequence[str] = ()) -> Iterator[str]:
+    """A viewer's address, to which recordings can be sent while they are made; it is closed at the end.
+
+    Raises
+    ------
+    VfoaError
+        If the viewer cannot be started.
+    """
+    with _viewer(options) as (_, client):
+        yield client.url
+
+
+@contextmanager
 def opened(options: Sequence[str] = ()) -> Iterator[Callable[[Path, int], None]]:
     """A viewer that shows what it is told: call what this gives with a recording and a frame, as often as wanted.
 

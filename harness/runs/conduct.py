@@ -74,7 +74,7 @@ def conduct(
             skip(one, progress)
         tell(f"{directory.path}: finished before; nothing was computed")
         return directory
-    started = _now()
+    started = now()
     directory.write_manifest(identity)
     with executor(workers, scheduler, threads=threads) as chosen:
         done = work_off(plan, directory, cache=cache, executor=chosen, progress=progress)
@@ -93,7 +93,7 @@ def conduct(
         if (clip, configuration) in failures
     ]
     directory.write_manifest(
-        {**identity, "failed": failed, "cache": done.account.rows(), **_circumstances(plan, started)}
+        {**identity, "failed": failed, "cache": done.account.rows(), **circumstances(plan, started)}
     )
     if not failed:
         directory.remove_parts()
@@ -120,14 +120,14 @@ def _choose(first: RunDirectory, identity: dict[str, Any], beside: bool) -> tupl
     raise AssertionError("counting has no end")
 
 
-def _circumstances(plan: Plan, started: str) -> dict[str, Any]:
+def circumstances(plan: Plan, started: str) -> dict[str, Any]:
     """What is worth knowing of a finished run, but does not make it another one."""
     return {
         "labels_sha256": {one.manifest.name: _labels_digest(one, plan.experiment) for one in plan.clips},
         "commit": provenance.source_commit(),
         "host": provenance.host(),
         "started": started,
-        "finished": _now(),
+        "finished": now(),
     }
 
 
@@ -136,5 +136,6 @@ def _labels_digest(one: PreparedClip, experiment: Experiment) -> str | None:
     return digest_files([("labels", labels)]) if labels else None
 
 
-def _now() -> str:
+def now() -> str:
+    """The time, as a manifest has it."""
     return datetime.now(UTC).isoformat(timespec="seconds")

@@ -147,6 +147,7 @@ def _recorder(job: ClipJob, pair: Pair, rate_hz: float | None) -> list[FrameObse
         size=job.recording,
         subjects=tuple(job.manifest.subjects),
         targets=tuple(job.manifest.targets),
+        watched_at=job.watched_at,
     )
     return [recorder]
 

@@ -33,7 +33,8 @@ class ClipJob:
 
     ``recording`` is how much the recordings hold, None for none. ``signals`` are the stages whose output is saved, by
     configuration; ``cache`` is where results of perception are kept, None for nowhere. With several ``threads``, one
-    reads and one perceives the next frames while the last ones are attended to and written.
+    reads and one perceives the next frames while the last ones are attended to and written. ``watched_at`` is the
+    address of a Rerun viewer that is shown the frames as they are recorded.
     """
 
     manifest: ClipManifest
@@ -45,6 +46,7 @@ class ClipJob:
     signals: Mapping[str, frozenset[str]] = field(default_factory=dict)
     cache: ClipCache | None = None
     threads: int = 1
+    watched_at: str | None = None
 
     @property
     def ahead(self) -> int:
@@ -93,7 +95,7 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
     with ExitStack() as stack:
         for lane in lanes:
             stack.enter_context(lane)
-        _drive(lanes, pipeline, job, progress)
+        drive(lanes, pipeline, job, progress)
     _trim(job)
     failures = {pair: lane.error for pair, lane in zip(job.pairs, lanes, strict=True) if lane.error is not None}
     return ClipOutcome(failures=failures, tallies=pipeline.tallies)
@@ -104,7 +106,7 @@ def _trim(job: ClipJob) -> None:
         job.cache.store.trim()
 
 
-def _drive(lanes: list[Lane], pipeline: SharedPipeline, job: ClipJob, progress: Progress) -> None:
+def drive(lanes: list[Lane], pipeline: SharedPipeline, job: ClipJob, progress: Progress) -> None:
     """Lead every frame through every lane, until no lane is left."""
     try:
         with closing(ahead(pipeline.frames(job.frames), job.ahead)) as frames:

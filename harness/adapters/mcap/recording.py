@@ -16,12 +16,12 @@ from mcap.stream_reader import breakup_chunk
 
 from vfoa.errors import VfoaError
 
-_MAGIC = b"\x89MCAP0\r\n"
-_HEAD = struct.Struct("<BQ")  # opcode and length of every record
+MAGIC = b"\x89MCAP0\r\n"
+HEAD = struct.Struct("<BQ")  # opcode and length of every record
 _FOOTER = struct.Struct("<QQI")  # summary's offset, its offset section's, checksum
 _SPAN = struct.Struct("<QQ")  # first and last log time, the first fields of a chunk
 _MESSAGE = struct.Struct("<HIQ")  # channel, sequence and log time, the first fields of a message
-_PARSED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHUNK_INDEX, Opcode.STATISTICS}
+PARSED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHUNK_INDEX, Opcode.STATISTICS}
 
 
 @dataclass(slots=True)
@@ -45,7 +45,7 @@ def is_mcap(path: Path) -> bool:
     """Whether a path is a file that starts as MCAP does; False for one that cannot be read."""
     try:
         with path.open("rb") as file:
-            return file.read(len(_MAGIC)) == _MAGIC
+            return file.read(len(MAGIC)) == MAGIC
     except OSError:
         return False
 
@@ -67,7 +67,7 @@ def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) 
             walk.message_counts = dict(record.channel_message_counts)
             continue
         try:
-            parts = _parts(record)
+            parts = parts_of(record)
         except Exception as error:  # the decompressors' errors have no common base
             walk.losses.append(f"the chunk at byte {offset} is damaged ({_first_line(error)})")
             continue
@@ -93,8 +93,8 @@ def read_message(path: Path, offset: int, place: int) -> Message:
     try:
         with path.open("rb") as file:
             file.seek(offset)
-            opcode, length = _HEAD.unpack(file.read(_HEAD.size))
-            parts = _parts(_parse(opcode, length, file.read(length)))
+            opcode, length = HEAD.unpack(file.read(HEAD.size))
+            parts = parts_of(parse_record(opcode, length, file.read(length)))
             return [part for part in parts if isinstance(part, Message)][place]
     except Exception as error:
         raise VfoaError(f"{path}: the record at byte {offset} is not readable any more: {_first_line(error)}") from None
@@ -130,13 +130,13 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
     except OSError as error:
         raise VfoaError(f"{path}: cannot be read: {error.strerror or error}") from None
     with file:
-        if (magic := file.read(len(_MAGIC))) != _MAGIC:
-            raise VfoaError(f"{path}: not MCAP: it starts with {magic!r}; expected {_MAGIC!r}")
+        if (magic := file.read(len(MAGIC))) != MAGIC:
+            raise VfoaError(f"{path}: not MCAP: it starts with {magic!r}; expected {MAGIC!r}")
         if from_summary:
             file.seek(_summary_start(file, size))
-        while (head := file.read(_HEAD.size)) and len(head) == _HEAD.size:
-            opcode, length = _HEAD.unpack(head)
-            offset = file.tell() - _HEAD.size
+        while (head := file.read(HEAD.size)) and len(head) == HEAD.size:
+            opcode, length = HEAD.unpack(head)
+            offset = file.tell() - HEAD.size
             if opcode == Opcode.FOOTER:
                 return
             if file.tell() + length > size:
@@ -147,11 +147,11 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
                 walk.losses.append(f"damaged at byte {offset}: what follows is lost")
                 walk.is_cut = True
                 return
-            if opcode not in _PARSED:
+            if opcode not in PARSED:
                 file.seek(length, 1)
                 continue
             try:
-                record = _parse(opcode, length, file.read(length))
+                record = parse_record(opcode, length, file.read(length))
             except Exception as error:  # of struct, of text decoding, of the library: all mean damage
                 walk.losses.append(f"the record at byte {offset} is damaged ({_first_line(error)})")
                 continue
@@ -165,8 +165,8 @@ def _records_at(path: Path, offsets: Sequence[int], walk: Walk) -> Iterator[tupl
         for offset in offsets:
             file.seek(offset)
             try:
-                opcode, length = _HEAD.unpack(file.read(_HEAD.size))
-                record = _parse(opcode, length, file.read(length))
+                opcode, length = HEAD.unpack(file.read(HEAD.size))
+                record = parse_record(opcode, length, file.read(length))
             except Exception as error:  # as above; an index that leads nowhere, too
                 walk.losses.append(f"the chunk at byte {offset} is damaged ({_first_line(error)})")
                 continue
@@ -177,9 +177,9 @@ def _spans(path: Path) -> Iterator[tuple[int, int]]:
     """First and last log time of each whole chunk and message, from its first bytes."""
     size = path.stat().st_size
     with path.open("rb") as file:
-        file.seek(len(_MAGIC))
-        while len(head := file.read(_HEAD.size)) == _HEAD.size:
-            opcode, length = _HEAD.unpack(head)
+        file.seek(len(MAGIC))
+        while len(head := file.read(HEAD.size)) == HEAD.size:
+            opcode, length = HEAD.unpack(head)
             end = file.tell() + length
             if end > size or opcode in (0, Opcode.FOOTER):
                 return
@@ -191,7 +191,8 @@ def _spans(path: Path) -> Iterator[tuple[int, int]]:
             file.seek(end)
 
 
-def _parse(opcode: int, length: int, data: bytes) -> McapRecord:
+def parse_record(opcode: int, length: int, data: bytes) -> McapRecord:
+    """A record of one of the :data:`PARSED` kinds; whatever is raised means damage."""
     stream = ReadDataStream(BytesIO(data))
     match opcode:
         case Opcode.SCHEMA:
@@ -209,16 +210,17 @@ def _parse(opcode: int, length: int, data: bytes) -> McapRecord:
     raise ValueError(f"unexpected opcode {opcode}")
 
 
-def _parts(record: McapRecord) -> list[McapRecord]:
+def parts_of(record: McapRecord) -> list[McapRecord]:
+    """What a chunk holds; any other record alone. Whatever is raised means damage."""
     return breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
 
 
 def _summary_start(file: BinaryIO, size: int) -> int:
     """The summary's offset as the footer has it; the end of the file where there is neither."""
-    file.seek(max(size - _HEAD.size - _FOOTER.size - len(_MAGIC), 0))
-    opcode, _ = _HEAD.unpack(file.read(_HEAD.size).ljust(_HEAD.size, b"\0"))
+    file.seek(max(size - HEAD.size - _FOOTER.size - len(MAGIC), 0))
+    opcode, _ = HEAD.unpack(file.read(HEAD.size).ljust(HEAD.size, b"\0"))
     tail = file.read()
-    if opcode != Opcode.FOOTER or len(tail) != _FOOTER.size + len(_MAGIC) or not tail.endswith(_MAGIC):
+    if opcode != Opcode.FOOTER or len(tail) != _FOOTER.size + len(MAGIC) or not tail.endswith(MAGIC):
         return size
     summary_start = int(_FOOTER.unpack_from(tail)[0])
     return summary_start if 0 < summary_start < size else size

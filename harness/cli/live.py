@@ -1,0 +1,144 @@
+"""``vfoa live``."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from datetime import datetime
+from pathlib import Path
+from threading import Event
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from harness.cli.run import Recording
+
+if TYPE_CHECKING:
+    from harness.clips.manifest import ClipManifest
+    from harness.live import LiveSource
+    from harness.runs.experiment import Experiment
+
+SOURCE_HELP = "An .mcap file that is being written, a clip to be played at its own pace, or the left camera."
+OUT_HELP = "The run's directory; if not given, runs/live-<time>."
+
+
+def live(
+    source: Annotated[str, typer.Argument(help=SOURCE_HELP, metavar="RECORDING.mcap | CLIP | CAMERA")],
+    right: Annotated[str | None, typer.Option(help="The right camera: a number, or a stream's address.")] = None,
+    calibration: Annotated[Path | None, typer.Option(help="The cameras' calibration file.")] = None,
+    experiment: Annotated[
+        str, typer.Option(help="The experiment, by name or file, whose configuration is run.")
+    ] = "default",
+    config: Annotated[
+        str | None, typer.Option(help="Which of the experiment's configurations, if it has several.")
+    ] = None,
+    preset: Annotated[str, typer.Option(help="A bundle of settings over the defaults; none for none.")] = "realtime",
+    overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting.")] = None,
+    out: Annotated[Path | None, typer.Option(help=OUT_HELP)] = None,
+    recording: Annotated[Recording, typer.Option(help="Size of the Rerun recording.")] = Recording.light,
+    viewer: Annotated[bool, typer.Option("--viewer", help="Show every frame in a Rerun viewer.")] = False,
+    connect: Annotated[
+        str | None, typer.Option(metavar="URL", help="Show every frame in the viewer at rerun+http://HOST:PORT/proxy.")
+    ] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="End after so many frames.")] = None,
+    threads: Annotated[int, typer.Option(min=0, help="Threads; 0 means one a core.")] = 0,
+) -> None:
+    """Run on the newest frames of a source that goes on at its own pace, until it ends or Ctrl-C."""
+    from harness.cli.progress import frames_bar
+    from harness.live.conduct import conduct_live
+    from harness.runs.directory import RunDirectory
+    from harness.runs.experiment import load_experiment
+    from vfoa.errors import VfoaError
+
+    if recording.size is None and (viewer or connect):
+        raise VfoaError("live: --recording none leaves nothing for a viewer: leave out --viewer and --connect")
+    opened, manifest = _open(source, right, calibration)
+    chosen = _only(
+        load_experiment(experiment, clips=(manifest.name,), overrides=tuple(overrides or ()), preset=preset), config
+    )
+    directory = RunDirectory(out or Path("runs") / f"live-{datetime.now():%Y%m%d-%H%M%S}")
+    stopped = Event()
+    watching = _viewer() if viewer else nullcontext(connect)
+    with _ended_by_ctrl_c(stopped), watching as address, frames_bar(limit or 0, "live") as progress:
+        report = conduct_live(
+            opened,
+            manifest,
+            chosen,
+            directory,
+            stopped=stopped,
+            recording=recording.size,
+            watched_at=address,
+            limit=limit,
+            threads=threads or os.cpu_count() or 1,
+            progress=progress,
+        )
+    typer.echo(f"{report}\nKept: {directory.path}  (vfoa view {directory.path})")
+
+
+def _viewer() -> AbstractContextManager[str]:
+    """The address of a new Rerun viewer, which is closed at the end of the run."""
+    from harness.recording.viewer import listening
+
+    return listening()
+
+
+def _open(source: str, right: str | None, calibration: Path | None) -> tuple[LiveSource, ClipManifest]:
+    """The source, and the manifest that says what it is called."""
+    from harness.clips.manifest import load_manifest, make_manifest
+    from harness.live.sources import CameraPair, PlayedClip, open_capture
+    from vfoa.errors import VfoaError
+
+    if right is not None:
+        if calibration is None:
+            raise VfoaError("live: two cameras need --calibration FILE")
+        manifest = make_manifest({"name": "cameras", "adapter": "cameras"}, Path("cameras.toml"))
+        return CameraPair(open_capture(source), open_capture(right), calibration), manifest
+    if calibration is not None:
+        raise VfoaError("live: --calibration is for two cameras; expected --right too, or no --calibration")
+    if source.endswith(".mcap"):
+        name = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(source).stem).lstrip("._-") or "recording"
+        data = {"name": name, "adapter": "mcap", "source": {"recording": Path(source).name}}
+        return _tail(Path(source), {}), make_manifest(data, Path(f"{name}.toml"))
+    manifest = load_manifest(source)
+    return PlayedClip(manifest.open(), str(manifest.path)), manifest
+
+
+def _tail(path: Path, settings: dict[str, object]) -> LiveSource:
+    from harness.adapters.mcap.clip import McapSettings
+    from harness.adapters.mcap.tail import McapTail
+
+    return McapTail(path, McapSettings.model_validate(settings))
+
+
+def _only(experiment: Experiment, config: str | None) -> Experiment:
+    """The experiment with one configuration alone."""
+    from dataclasses import replace
+
+    from vfoa.errors import VfoaError, did_you_mean
+
+    by_name = {each.name: each for each in experiment.configurations}
+    if config is None and len(by_name) > 1:
+        raise VfoaError(
+            f"live: {experiment.name} has several configurations; say --config, one of: {', '.join(by_name)}"
+        )
+    if config is not None and config not in by_name:
+        raise VfoaError(f"live: {experiment.name} has no configuration {config!r}; {did_you_mean(config, by_name)}")
+    return replace(experiment, configurations=(by_name[config or next(iter(by_name))],))
+
+
+@contextmanager
+def _ended_by_ctrl_c(stopped: Event) -> Iterator[None]:
+    """Let the first Ctrl-C end the run and keep all of it; the second one breaks it off."""
+
+    def stop(number: int, frame: object) -> None:
+        stopped.set()
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, stop)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
