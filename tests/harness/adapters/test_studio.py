@@ -19,7 +19,7 @@ from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, entry_distance, points_in_mask, project
 from vfoa.stereo.block_matching import BlockMatcher, SemiGlobalMatcher
 
-REPOSITORY = Path(__file__).parent.parent.parent
+REPOSITORY = Path(__file__).parents[3]
 NAMES: tuple[ScenarioName, ...] = ("table", "talk", "split", "crowd")
 LONG = 300
 

@@ -11,7 +11,7 @@ import pytest
 from harness.cli import main
 from tests.disk import write_text
 
-REPOSITORY = Path(__file__).parents[2]
+REPOSITORY = Path(__file__).parents[3]
 CLIP = "studio_talk"
 
 

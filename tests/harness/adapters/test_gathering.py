@@ -18,7 +18,7 @@ from harness.clips.manifest import load_manifest
 from harness.truth.oracle import true_labels
 from vfoa.geometry import project
 
-REPOSITORY = Path(__file__).parent.parent.parent
+REPOSITORY = Path(__file__).parents[3]
 SETS = {"tune": range(1, 7), "report": range(201, 207)}
 CLIPS = [(f"studio_{kind}_{place}", seed) for kind, seeds in SETS.items() for place, seed in enumerate(seeds, start=1)]
 
