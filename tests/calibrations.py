@@ -10,6 +10,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from harness.calibration.solve import StereoCalibration
+from harness.calibration.views import View
 from tests.disk import write_text
 
 Array = NDArray[np.float64]
@@ -137,3 +139,11 @@ def write_zed(path: Path, rig: Rig) -> Path:
     lines += ["[STEREO]", f"Baseline={-x:.17g}", f"TY={y:.17g}", f"TZ={z:.17g}", "CV_FHD=0", "RX_FHD=0", "RZ_FHD=0"]
     lines += [f"{key}_HD={value:.17g}" for key, value in zip(("RX", "CV", "RZ"), rig.rotation_vector, strict=True)]
     return write_text(path, "\n".join(lines) + "\n")
+
+
+def rectified_rows_px(calibration: StereoCalibration, view: View) -> Array:
+    """Row differences (N,), pixels, of a view's corners after rectification: right minus left."""
+    c = calibration
+    left = cv2.undistortPoints(view.left_px[:, None], c.K1, c.D1, R=c.R1, P=c.P1)[:, 0, 1]
+    right = cv2.undistortPoints(view.right_px[:, None], c.K2, c.D2, R=c.R2, P=c.P2)[:, 0, 1]
+    return np.asarray(right - left, dtype=np.float64)

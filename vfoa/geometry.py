@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vfoa.types import Box3D, Float, Map, StereoRig
+from vfoa.types import Box3D, Float, StereoRig
 
 CONE_HEIGHT_M = 1.10
 """Height of the cones for which the paper gives radii (Simões and Moreno 2022, synthetic cases)."""
@@ -75,15 +75,6 @@ def project(points_left: ArrayLike, rig: StereoRig) -> Float:
     points = np.asarray(points_left, dtype=np.float64)
     z = np.where(points[..., 2:] > 0, points[..., 2:], np.nan)
     return points[..., :2] / z * [rig.fx_px, rig.fy_px] + [rig.cx_px, rig.cy_px]
-
-
-def points_in_mask(disparity_px: Map, mask: np.ndarray, rig: StereoRig) -> tuple[Float, Float]:
-    """Points (N, 3) in metres and pixels (N, 2) where ``mask`` (H, W) is set and the disparity is known."""
-    v, u = np.nonzero(mask & np.isfinite(disparity_px))
-    depth = depth_from_disparity(disparity_px[v, u], rig)
-    known = np.isfinite(depth)
-    pixels = np.stack([u[known], v[known]], axis=-1).astype(np.float64)
-    return back_project(pixels[:, 0], pixels[:, 1], depth[known], rig), pixels
 
 
 # Directions seen in a crop

@@ -287,11 +287,6 @@ class Box3D:
         """Greatest distance of the surface from the centroid: half the diagonal."""
         return float(np.linalg.norm(self.half_size_m))
 
-    @property
-    def d_min_m(self) -> float:
-        """Least distance of the surface from the centroid: the smallest half extent."""
-        return float(self.half_size_m.min())
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:

@@ -90,14 +90,6 @@ def _worst(errors: dict[int, ViewErrors]) -> Dropped | None:
     return worst
 
 
-def rectified_rows_px(calibration: StereoCalibration, view: View) -> Float:
-    """Row differences (N,), pixels, of a view's corners after rectification: right minus left."""
-    c = calibration
-    left = cv2.undistortPoints(view.left_px[:, None], c.K1, c.D1, R=c.R1, P=c.P1)[:, 0, 1]
-    right = cv2.undistortPoints(view.right_px[:, None], c.K2, c.D2, R=c.R2, P=c.P2)[:, 0, 1]
-    return np.asarray(right - left, dtype=np.float64)
-
-
 def _solve(views: Sequence[View], size_px: tuple[int, int], dropped: tuple[Dropped, ...]) -> StereoCalibration:
     points = [view.points_m.astype(np.float32) for view in views]
     left = [view.left_px.astype(np.float32)[:, None] for view in views]

@@ -28,7 +28,6 @@ from vfoa.geometry import (
     left_from_crop,
     perturb,
     pixel_ray,
-    points_in_mask,
     project,
     unit,
 )
@@ -112,17 +111,6 @@ def test_both_cameras_see_a_point_a_disparity_apart(seed):
 
 def test_what_is_not_in_front_has_no_pixel():
     np.testing.assert_array_equal(np.isnan(project([[0, 0, -1], [0, 0, 0], [0, 0, 1]], RIG)).all(axis=1), [1, 1, 0])
-
-
-def test_points_in_a_mask_are_its_known_pixels():
-    disparity = np.full((48, 64), np.nan, np.float32)
-    disparity[10, 20], disparity[11, 21], disparity[12, 22], disparity[13, 23] = 2.0, 7.0, -4.0, 5.0
-    mask = np.ones(disparity.shape, bool)
-    mask[13, 23] = False
-    points, pixels = points_in_mask(disparity, mask, RIG)
-    np.testing.assert_array_equal(pixels, [[20, 10], [21, 11]])
-    np.testing.assert_allclose(points[:, 2], [1.0, 0.5])
-    np.testing.assert_allclose(project(points, RIG), pixels, atol=1e-9)
 
 
 def test_the_ray_of_the_principal_point_is_the_axis():

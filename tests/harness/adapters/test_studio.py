@@ -16,7 +16,8 @@ from harness.annotations.timeline import timeline_of
 from harness.clips.manifest import load_manifest
 from harness.truth.oracle import true_labels
 from vfoa.errors import VfoaError
-from vfoa.geometry import angle_between, entry_distance, points_in_mask, project
+from vfoa.geometry import angle_between, entry_distance, project
+from vfoa.pixels import Seen, known_pixels, points_of
 from vfoa.stereo.block_matching import BlockMatcher, SemiGlobalMatcher
 
 REPOSITORY = Path(__file__).parents[3]
@@ -134,8 +135,10 @@ class TestTruth:
         assert truth.disparity is not None
         assert truth.instances is not None
         assert truth.boxes is not None
+        seen = Seen(disparity=truth.disparity, instances=truth.instances, rig=RIG)
+        whole = slice(0, RIG.height_px), slice(0, RIG.width_px)
         for number, found in truth.boxes.items():
-            points, _ = points_in_mask(truth.disparity.disparity_px, truth.instances.mask(number), RIG)
+            points = points_of(known_pixels(truth.instances.mask(number), whole, seen), seen)
             assert len(points) > 300, number
             assert (np.abs(points - found.center_m) <= found.half_size_m + 1e-3).all(), number
             # The camera sees the near face of every whole thing to within its curvature.

@@ -15,11 +15,11 @@ from harness.adapters.view_files import ViewFiles
 from harness.calibration.boards import Chessboard
 from harness.calibration.files import write_calibration
 from harness.calibration.pictures import Pictures
-from harness.calibration.solve import rectified_rows_px, solve
+from harness.calibration.solve import solve
 from harness.calibration.views import View, find_views
 from harness.cli import app
 from harness.media.images import read_rgb
-from tests.calibrations import write_opencv
+from tests.calibrations import rectified_rows_px, write_opencv
 from tests.disk import write_image
 from vfoa.errors import VfoaError
 

@@ -16,9 +16,10 @@ from harness.adapters.view_files import ViewFiles
 from harness.calibration.boards import CharucoBoard, Seen
 from harness.calibration.pictures import Pictures
 from harness.calibration.sharpness import edge_width_px
-from harness.calibration.solve import rectified_rows_px, solve
+from harness.calibration.solve import solve
 from harness.calibration.views import MAX_EDGE_PX, find_views
 from harness.cli import app
+from tests.calibrations import rectified_rows_px
 from tests.disk import write_image, write_text
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
