@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.report.rescore import rescore
 from harness.runs.directory import RunDirectory
 from harness.runs.results import (
     AttentionRecord,
@@ -25,7 +26,6 @@ from harness.runs.results import (
     read_results,
     to_line,
 )
-from harness.scores.rescore import rescore
 from vfoa.types import Float
 
 _THINGS = ("mug", "book", "bottle", "vase", "laptop", "ball")

@@ -16,7 +16,7 @@ def step_through(run: Path, clip: str | None, configuration: str | None) -> None
     from harness.recording import find_recordings, viewer
     from harness.runs.directory import RunDirectory
     from harness.scores.failures import KEYS, describe, failures, walk
-    from harness.scores.rescore import read_scores
+    from harness.scores.finished_run import read_scores
 
     if not sys.stdin.isatty():
         raise VfoaError("view --failures: expected a terminal to read keys from, found none; see frames.csv instead")

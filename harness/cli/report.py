@@ -21,8 +21,8 @@ def report(
     no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
 ) -> None:
     """Write a run's page from its results and the present annotations, and say where it is."""
+    from harness.report.rescore import report_page, rescore
     from harness.runs.directory import RunDirectory
-    from harness.scores.rescore import report_page, rescore
     from vfoa.errors import VfoaError
 
     directory = RunDirectory(run)

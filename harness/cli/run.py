@@ -77,8 +77,8 @@ def run(
     from harness.cache.store import Store, cache_limit, cache_root
     from harness.cli.progress import frames_bar
     from harness.cli.scores import print_scores
+    from harness.report.rescore import rescore
     from harness.runs.conduct import conduct, prepare
-    from harness.scores.rescore import rescore
 
     experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:

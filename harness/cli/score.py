@@ -16,7 +16,7 @@ def score(
 ) -> None:
     """Score a run again, from its results and the present annotations alone: no images, no models."""
     from harness.cli.scores import print_scores
+    from harness.report.rescore import rescore
     from harness.runs.directory import RunDirectory
-    from harness.scores.rescore import rescore
 
     print_scores(rescore(RunDirectory(run), annotator))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from harness.report.formats import Table
-from harness.scores.published import reproductions
+from harness.scores.reproductions import reproductions
 from harness.scores.score import Scores
 from harness.scores.statistics import wilson_interval
 

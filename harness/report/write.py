@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from harness.annotations.files import Labels
 from harness.files import atomic_write
 from harness.report.frames import FrameRows
 from harness.report.page import render_page
@@ -15,7 +14,7 @@ from harness.report.reliability import reliability_figure
 from harness.report.stage_times import stage_times_table
 from harness.report.tables import render_tables
 from harness.runs.results import FrameRecord, read_results
-from harness.scores.published import Published
+from harness.scores.reference import Reference
 from harness.scores.reliability import BeliefLog
 from harness.scores.score import Scores, score
 from harness.stills.reader import read_stills
@@ -23,12 +22,9 @@ from harness.stills.reader import read_stills
 
 def score_run(
     results: Path,
-    labels_by_clip: Mapping[str, Labels],
+    reference: Reference,
     *,
     records: Iterable[FrameRecord] | None = None,
-    notes: Sequence[str] = (),
-    frames_by_clip: Mapping[str, Iterable[int]] | None = None,
-    published: Published | None = None,
     manifest: Mapping[str, Any] | None = None,
 ) -> Scores:
     """Score a ``results.jsonl`` and write the tables and the page beside it, each whole or not at all.
@@ -41,8 +37,6 @@ def score_run(
     ----------
     records
         Those of the results to score; all if not given.
-    labels_by_clip, frames_by_clip, notes, published
-        As for :func:`harness.scores.score.score`.
     manifest
         As for :func:`harness.report.page.render_page`.
 
@@ -51,9 +45,9 @@ def score_run(
     VfoaError
         If the results, or the ``timings.csv`` that a run has beside them, cannot be read.
     """
-    frames, beliefs = FrameRows(), BeliefLog(_probabilistic(manifest), labels_by_clip)
-    watched = beliefs.watch(frames.watch(records if records is not None else read_results(results)))
-    scores, attention = _scored(watched, labels_by_clip, frames_by_clip, notes, published)
+    frames, beliefs, attention = FrameRows(), BeliefLog(_probabilistic(manifest), reference.labels), AttentionLog()
+    chosen = records if records is not None else read_results(results)
+    scores = score(attention.watch(beliefs.watch(frames.watch(chosen))), reference)
     reliabilities = beliefs.reliabilities()
     texts = {
         **render_tables(scores, reliabilities),
@@ -71,38 +65,16 @@ def score_run(
 
 def render_run(
     results: Path,
-    labels_by_clip: Mapping[str, Labels],
+    reference: Reference,
     *,
-    records: Iterable[FrameRecord] | None = None,
-    notes: Sequence[str] = (),
-    frames_by_clip: Mapping[str, Iterable[int]] | None = None,
-    published: Published | None = None,
-    manifest: Mapping[str, Any] | None = None,
-    served: Served | None = None,
-) -> str:
-    """The page that :func:`score_run` writes, as text; nothing is written.
-
-    Parameters
-    ----------
-    served
-        As for :func:`harness.report.page.render_page`; all else as for :func:`score_run`.
-    """
-    wanted = records if records is not None else read_results(results)
-    scores, attention = _scored(wanted, labels_by_clip, frames_by_clip, notes, published)
-    return _page(results, scores, attention, manifest, served)
-
-
-def _scored(
     records: Iterable[FrameRecord],
-    labels_by_clip: Mapping[str, Labels],
-    frames_by_clip: Mapping[str, Iterable[int]] | None,
-    notes: Sequence[str],
-    published: Published | None,
-) -> tuple[Scores, AttentionLog]:
+    manifest: Mapping[str, Any],
+    served: Served,
+) -> str:
+    """The page that :func:`score_run` writes, as text for a server that opens recordings; nothing is written."""
     attention = AttentionLog()
-    watched = attention.watch(records)
-    scores = score(watched, labels_by_clip, frames_by_clip=frames_by_clip, notes=notes, published=published)
-    return scores, attention
+    scores = score(attention.watch(records), reference)
+    return _page(results, scores, attention, manifest, served)
 
 
 def _page(

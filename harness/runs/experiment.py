@@ -36,9 +36,9 @@ from pydantic import Field
 from harness.clips.locate import find, names
 from harness.config_errors import parse, read_toml
 from harness.runs.presets import preset_tables
+from harness.runs.published import Published
 from harness.runs.stages import SLOTS, StageChoice
 from harness.runs.variants import variants
-from harness.scores.published import Published
 from harness.toml_text import parse_assignment
 from vfoa.attention import AttentionSettings
 from vfoa.bayes import BayesSettings

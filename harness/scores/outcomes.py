@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from harness.annotations.files import Label, Labels
 from harness.runs.results import FrameRecord
 from harness.scores.baselines import Choices, Rules, commonest
+from harness.scores.reference import Reference
 from harness.scores.statistics import Codes, Flags, block_length, resampled_sums
 from harness.scores.verdicts import Verdict, find_subject, judge, judge_absent, true_targets
 from vfoa.types import Float
@@ -77,11 +78,7 @@ class _Clip:
         return 1e9 / step_ns if step_ns > 0 else None
 
 
-def collect_outcomes(
-    records: Iterable[FrameRecord],
-    labels_by_clip: Mapping[str, Labels],
-    frames_by_clip: Mapping[str, Iterable[int]],
-) -> list[Outcomes]:
+def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> list[Outcomes]:
     """Judge every frame of every labelled or named subject, and every labelled frame of which there is no record.
 
     In order of clip, configuration (both as they first appear in the records) and subject (by name).
@@ -90,8 +87,8 @@ def collect_outcomes(
     tracks: dict[tuple[str, str], dict[str, _Judged]] = {}
     for record in records:
         if record.clip not in clips:
-            labels = labels_by_clip.get(record.clip)
-            clips[record.clip] = _Clip(labels=labels, wanted=_wanted(labels, frames_by_clip.get(record.clip)))
+            labels = reference.labels.get(record.clip)
+            clips[record.clip] = _Clip(labels=labels, wanted=_wanted(labels, reference.frames.get(record.clip)))
         clip = clips[record.clip]
         clip.times_ns[record.frame] = record.time_ns
         _judge_record(record, clip, tracks.setdefault((record.clip, record.configuration), {}))

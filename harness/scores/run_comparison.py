@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness.runs.directory import RunDirectory
 from harness.scores.comparison import Comparison, compare
-from harness.scores.rescore import read_scores
+from harness.scores.finished_run import read_scores
 from harness.scores.score import Scores
 from harness.scores.statistics import holm
 from vfoa.errors import VfoaError

@@ -12,13 +12,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from harness.annotations.files import Labels
 from harness.runs.measure_log import MeasureLog
+from harness.runs.published import Published
 from harness.runs.results import FrameRecord
 from harness.scores.baselines import RULES
 from harness.scores.events import EventCounts, count_events
 from harness.scores.outcomes import Outcomes, collect_outcomes
-from harness.scores.published import Published
+from harness.scores.reference import Reference
 from harness.scores.statistics import (
     Counts,
     Flags,
@@ -108,32 +108,18 @@ class Scores:
         return [verdict for verdict in self.verdicts if verdict.configuration == configuration]
 
 
-def score(
-    records: Iterable[FrameRecord],
-    labels_by_clip: Mapping[str, Labels],
-    *,
-    frames_by_clip: Mapping[str, Iterable[int]] | None = None,
-    notes: Sequence[str] = (),
-    published: Published | None = None,
-) -> Scores:
+def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
     """Score every (clip, configuration) of which there are records.
 
     Parameters
     ----------
     records
         As :func:`harness.runs.results.read_results` gives them; each is looked at once.
-    labels_by_clip
-        A clip without labels has unscored verdicts and no rows.
-    frames_by_clip
-        The frames that were to be run, where those are fewer than the labels cover (a clip whose numbers have gaps,
-        a run with a limit). A labelled frame among them without a record is wrong.
-    notes
-        What must be said of the clips and the experiment, such as how a view was made.
-    published
-        Handed on.
+    reference
+        What they are scored against. A clip without labels has unscored verdicts and no rows.
     """
     measures = MeasureLog()
-    outcomes = collect_outcomes(measures.watch(records), labels_by_clip, frames_by_clip or {})
+    outcomes = collect_outcomes(measures.watch(records), reference)
     clips = tuple(dict.fromkeys(each.clip for each in outcomes))
     configurations = tuple(dict.fromkeys(each.configuration for each in outcomes))
     rows = [row for group in _groups(outcomes, clips, configurations) if (row := _row(*group)) is not None]
@@ -143,8 +129,8 @@ def score(
         configurations=configurations,
         verdicts=verdicts,
         rows=tuple(rows),
-        notes=tuple(notes),
-        published=published,
+        notes=reference.notes,
+        published=reference.published,
         measures=measures,
     )
 

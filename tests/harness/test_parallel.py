@@ -16,12 +16,12 @@ import numpy as np
 import pytest
 
 from harness.cache.store import Store
+from harness.report.rescore import rescore
 from harness.runs.conduct import conduct, prepare
 from harness.runs.directory import RunDirectory
 from harness.runs.executors.cluster import local_cluster
 from harness.runs.experiment import load_experiment
 from harness.runs.results import read_results
-from harness.scores.rescore import rescore
 from harness.signals.coco_panoptic_writer import write_coco_panoptic
 from tests import graphs
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text

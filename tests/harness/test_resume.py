@@ -16,11 +16,11 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
+from harness.report.rescore import rescore
 from harness.runs.conduct import conduct, prepare
 from harness.runs.directory import RunDirectory
 from harness.runs.experiment import load_experiment
 from harness.runs.parts import open_part
-from harness.scores.rescore import rescore
 from tests import graphs
 from tests.disk import write_text
 from vfoa.errors import VfoaError

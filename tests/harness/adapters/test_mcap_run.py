@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from harness.adapters.mcap.clip import McapClip, McapSettings
 from harness.adapters.sintel import SintelClip, SintelSettings
+from harness.report.rescore import rescore
 from harness.runs.conduct import conduct, prepare
 from harness.runs.experiment import load_experiment
-from harness.scores.rescore import rescore
 from tests.disk import write_text
 from tests.recordings import Camera, Family, Pixels, rectified_camera, write_pairs
 

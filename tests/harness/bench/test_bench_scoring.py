@@ -9,8 +9,8 @@ import pytest
 from harness.bench import scoring
 from harness.bench.scoring import time_scoring
 from harness.bench.tables import scoring_table
+from harness.report.rescore import rescore
 from harness.runs.directory import RunDirectory
-from harness.scores.rescore import rescore
 from harness.scores.score import Scores
 
 

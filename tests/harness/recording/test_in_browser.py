@@ -18,6 +18,7 @@ from harness.recording.site import site
 from harness.recording.web_viewer import web_viewer_files
 from harness.report.page import render_page
 from harness.report.page_data import AttentionLog, Served
+from harness.scores.reference import Reference
 from harness.scores.score import score
 from tests.browser import WEBGL, chromium, let_out, set_width
 from tests.harness.recording.conftest import ANN
@@ -45,7 +46,7 @@ def report(frames: list[Any], record_run: Callable[..., Path]) -> Iterator[str]:
     recording = record_run(frames)
     attention = AttentionLog()
     truth = labels(*["red cup"] * 14, subject=ANN)
-    scores = score(attention.watch(shown.record for shown in frames), {"clip": truth})
+    scores = score(attention.watch(shown.record for shown in frames), Reference(labels={"clip": truth}))
     served = Served(run="/a/run", recordings={("clip", "two cones"): recording.stem})
     page = render_page(scores, attention, served=served)
     with Catalogue() as catalogue:

@@ -9,6 +9,7 @@ from harness.annotations.files import Label, LabelRange, Labels
 from harness.report.page import LETTERS, render_page
 from harness.report.page_data import STATES, AttentionLog, confusions, differing_settings
 from harness.runs.results import FrameRecord
+from harness.scores.reference import Reference
 from harness.scores.score import Scores, score
 from harness.stills.reader import BUDGET_BYTES, Stills
 from tests.records import answers, frame_record, labels, subject_record, target_record
@@ -18,7 +19,7 @@ EVIL = "</script><script>alert(1)</script>"
 
 def _scored(records: Iterable[FrameRecord], truth: Mapping[str, Labels]) -> tuple[Scores, AttentionLog]:
     attention = AttentionLog()
-    return score(attention.watch(records), truth), attention
+    return score(attention.watch(records), Reference(labels=truth)), attention
 
 
 class _Page(HTMLParser):

@@ -15,6 +15,7 @@ from PIL import Image
 from harness.files import atomic_write
 from harness.report.write import score_run
 from harness.runs.results import to_line
+from harness.scores.reference import Reference
 from harness.stills import Still, StillSubject, lines_path, picture_path
 from harness.stills.writer import picture
 from tests.browser import chromium, requested, set_width
@@ -46,7 +47,7 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (run / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
     atomic_write(picture_path(run, "clip", 2), picture(np.full((100, 200, 3), PICTURE_RGB, dtype=np.uint8)))
     atomic_write(lines_path(run, "clip", "one"), msgspec.json.encode(SEEN) + b"\n")
-    score_run(run / "results.jsonl", {"clip": labels(*TRUTH)})
+    score_run(run / "results.jsonl", Reference(labels={"clip": labels(*TRUTH)}))
     return run / "report.html"
 
 

@@ -8,6 +8,7 @@ import pytest
 
 from harness.report.stage_measures import pooled_measures_table, stage_measures_table, thing_measures_table
 from harness.runs.results import DisparityMeasure, FrameMeasures, FrameRecord, PersonMeasure, TargetMeasure
+from harness.scores.reference import Reference
 from harness.scores.score import Scores, score
 from tests.records import answers, labels
 
@@ -30,7 +31,7 @@ def scores() -> Scores:
             answers(["mug"] * 3, clip=clip), (0.5, 1.0, 2.5), (0.05, None, 0.07), (0.6, None, 0.3), strict=True
         )
     ]
-    return score(records, {clip: labels(*["mug"] * 3) for clip in ("a", "b")})
+    return score(records, Reference(labels={clip: labels(*["mug"] * 3) for clip in ("a", "b")}))
 
 
 def test_medians_shares_and_percentiles_by_clip_and_over_all(scores: Scores) -> None:
@@ -53,5 +54,5 @@ def test_a_true_thing_bears_the_runs_own_name_for_it(scores: Scores) -> None:
 
 
 def test_a_run_that_knows_no_truth_has_no_rows() -> None:
-    unknown = score(answers(["mug"]), {"clip": labels("mug")})
+    unknown = score(answers(["mug"]), Reference(labels={"clip": labels("mug")}))
     assert stage_measures_table(unknown).rows == thing_measures_table(unknown).rows == ()

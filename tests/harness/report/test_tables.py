@@ -14,6 +14,7 @@ from harness.report.frames import FrameRows
 from harness.report.tables import frr_table, paper_table, render_tables, terminal_table
 from harness.report.write import score_run
 from harness.runs.results import FrameRecord, to_line
+from harness.scores.reference import Reference
 from harness.scores.score import score
 from harness.scores.verdicts import CAUSES
 from tests.records import answers, frame_record, labels, subject_record, target_record
@@ -48,7 +49,7 @@ def _csv(text: str) -> list[dict[str, str]]:
 
 
 def test_the_papers_table_comes_out_as_printed_there() -> None:
-    scores = score(_paper_records(), PAPER_LABELS)
+    scores = score(_paper_records(), Reference(labels=PAPER_LABELS))
     assert paper_table(scores).rows == (
         ("BM, 1 cone", "28", "22", "56.0"),
         ("SGBM, 1 cone", "35", "15", "70.0"),
@@ -61,30 +62,30 @@ def test_the_papers_table_comes_out_as_printed_there() -> None:
 
 
 def test_a_run_gets_all_its_tables_and_its_page_and_nothing_else(results: Path) -> None:
-    score_run(results, PAPER_LABELS, notes=NOTES)
+    score_run(results, Reference(labels=PAPER_LABELS, notes=NOTES))
     assert {path.name for path in results.parent.iterdir()} == {
         *("results.jsonl", "frr.csv", "frr.md", "frr.tex", "frames.csv", "compared.csv", "compared.md", "report.html")
     }
 
 
 def test_equal_results_give_equal_bytes(results: Path) -> None:
-    score_run(results, PAPER_LABELS, notes=NOTES)
+    score_run(results, Reference(labels=PAPER_LABELS, notes=NOTES))
     first = {path.name: path.read_bytes() for path in results.parent.iterdir()}
-    score_run(results, PAPER_LABELS, notes=NOTES)
+    score_run(results, Reference(labels=PAPER_LABELS, notes=NOTES))
     assert {path.name: path.read_bytes() for path in results.parent.iterdir()} == first
 
 
 def test_results_that_cannot_be_read_leave_the_old_tables(results: Path) -> None:
-    score_run(results, PAPER_LABELS)
+    score_run(results, Reference(labels=PAPER_LABELS))
     before = (results.parent / "frr.csv").read_bytes()
     results.write_bytes(results.read_bytes()[:-5])
     with pytest.raises(VfoaError, match="line 200: cut short"):
-        score_run(results, {})
+        score_run(results, Reference(labels={}))
     assert (results.parent / "frr.csv").read_bytes() == before
 
 
 def test_markdown_begins_with_what_it_is_and_what_must_be_known() -> None:
-    page = render_tables(score(_paper_records(), PAPER_LABELS, notes=NOTES))["frr.md"]
+    page = render_tables(score(_paper_records(), Reference(labels=PAPER_LABELS, notes=NOTES)))["frr.md"]
     lines = page.splitlines()
     assert lines[0] == "# Focus recognition rate (FRR) by clip and configuration, 95 % intervals"
     assert lines[2] == "- bandage_2: the right view is re-projected"
@@ -94,13 +95,13 @@ def test_markdown_begins_with_what_it_is_and_what_must_be_known() -> None:
 
 
 def test_the_notes_stand_in_the_latex_table_too() -> None:
-    text = render_tables(score(_paper_records(), PAPER_LABELS, notes=NOTES))["frr.tex"]
+    text = render_tables(score(_paper_records(), Reference(labels=PAPER_LABELS, notes=NOTES)))["frr.tex"]
     assert r"bandage\_2: the right view is re-projected" in text
     assert text.count(r"\begin{table}") == text.count(r"\end{table}") == 2
 
 
 def test_the_numbers_for_programs_add_up() -> None:
-    rows = _csv(render_tables(score(_paper_records(), PAPER_LABELS))["frr.csv"])
+    rows = _csv(render_tables(score(_paper_records(), Reference(labels=PAPER_LABELS)))["frr.csv"])
     assert [(row["clip"], row["subject"], row["configuration"]) for row in rows][:5] == [
         *(("bandage_2", "(all)", name) for name in PAPER),
         ("bandage_2", "girl", "BM, 1 cone"),
@@ -115,7 +116,7 @@ def test_the_numbers_for_programs_add_up() -> None:
 
 
 def test_comparisons_are_said_in_words() -> None:
-    texts = render_tables(score(_paper_records(), PAPER_LABELS))
+    texts = render_tables(score(_paper_records(), Reference(labels=PAPER_LABELS)))
     sentence = "BM, 2 cones vs BM, 1 cone: 3 frames better, 0 worse, p = 0.25 (p = 0.5 after Holm): not distinguishable"
     assert sentence in texts["compared.md"]
     row = next(row for row in _csv(texts["compared.csv"]) if row["sentence"] == sentence)
@@ -123,12 +124,12 @@ def test_comparisons_are_said_in_words() -> None:
 
 
 def test_a_clip_without_labels_is_said_to_be_unscored() -> None:
-    scores = score([*answers(["cup"]), *answers(["cup"], clip="street")], {"clip": labels("cup")})
+    scores = score([*answers(["cup"]), *answers(["cup"], clip="street")], Reference(labels={"clip": labels("cup")}))
     assert "street: no annotated frames, not scored." in frr_table(scores).notes
 
 
 def test_nothing_scored_still_makes_tables() -> None:
-    texts = render_tables(score(answers(["cup"]), {}))
+    texts = render_tables(score(answers(["cup"]), Reference(labels={})))
     assert "Nothing to show." in texts["frr.md"]
     assert texts["frr.csv"].count("\n") == 1
 
@@ -143,7 +144,7 @@ def test_the_terminal_shows_n_rate_intervals_and_coverage_in_100_columns() -> No
     ]
     truth: dict[str, Labels] = {clip: labels(*["cup"] * 13) for clip in ("studio_conversation_long", "bandage_2")}
     console = Console(width=100, file=io.StringIO(), color_system=None)
-    console.print(to_rich(terminal_table(score(records, truth))))
+    console.print(to_rich(terminal_table(score(records, Reference(labels=truth)))))
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert max(map(len, text.splitlines())) <= 100
     assert [word for word in ("n", "FRR %", "Wilson", "Bootstrap", "Coverage %", "(all)") if word not in text] == []
@@ -160,7 +161,7 @@ def test_frames_csv_has_a_row_per_frame_subject_and_target(tmp_path: Path) -> No
     ]
     path = tmp_path / "results.jsonl"
     path.write_text("".join(map(to_line, records)), encoding="utf-8")
-    score_run(path, {"clip": labels("cup", "cup", "cup", "cup")})
+    score_run(path, Reference(labels={"clip": labels("cup", "cup", "cup", "cup")}))
     rows = _csv((tmp_path / "frames.csv").read_text(encoding="utf-8"))
     shown = [[row[key] for key in ("frame", "subject", "track", "target", "total", "focus", "cause")] for row in rows]
     assert shown == [
@@ -178,6 +179,8 @@ def test_frames_csv_has_a_row_per_frame_subject_and_target(tmp_path: Path) -> No
 def test_frames_csv_judges_one_track_of_a_name() -> None:
     twins = [subject_record("girl", track_id=track, totals={1: 0.5}, focus=1) for track in (1, 2)]
     rows = FrameRows()
-    scores = score(rows.watch([frame_record([target_record(1, "cup")], twins)]), {"clip": labels("cup")})
+    scores = score(
+        rows.watch([frame_record([target_record(1, "cup")], twins)]), Reference(labels={"clip": labels("cup")})
+    )
     shown = [(row["track"], row["outcome"]) for row in _csv(rows.to_csv(scores.verdicts))]
     assert shown == [("1", "correct"), ("2", "")]

@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 
 from harness.cli import main
+from harness.report.rescore import rescore
 from harness.runs.conduct import conduct, prepare
 from harness.runs.directory import RunDirectory
 from harness.runs.experiment import load_experiment
 from harness.runs.results import read_results
-from harness.scores.rescore import read_scores, rescore
+from harness.scores.finished_run import read_scores
 from tests.disk import sintel_scene, write_text
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching import SemiGlobalMatcher

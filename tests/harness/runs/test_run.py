@@ -14,11 +14,11 @@ from harness.annotations.files import NOWHERE, Label, Labels, write_annotations
 from harness.annotations.timeline import timeline_of
 from harness.clips.manifest import load_manifest
 from harness.recording import Size
+from harness.report.rescore import rescore
 from harness.runs.conduct import conduct, prepare
 from harness.runs.directory import RunDirectory
 from harness.runs.experiment import load_experiment
 from harness.runs.results import read_results
-from harness.scores.rescore import rescore
 from harness.signals.coco_panoptic_writer import write_coco_panoptic
 from tests.conftest import REPOSITORY
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 from harness.scores.comparison import compare, format_p
+from harness.scores.reference import Reference
 from harness.scores.score import Scores, score
 from harness.scores.verdicts import Verdict
 from tests.records import answers, labels
@@ -17,7 +18,7 @@ def _scores(correct: dict[str, int], n: int = 50) -> Scores:
         for name, right in correct.items()
         for record in answers(["bird"] * right + ["cup"] * (n - right), configuration=name)
     ]
-    return score(records, {"clip": labels(*["bird"] * n)})
+    return score(records, Reference(labels={"clip": labels(*["bird"] * n)}))
 
 
 def _verdicts(*correct: bool | None) -> list[Verdict]:

@@ -92,7 +92,7 @@ def test_without_a_terminal_or_with_a_frame_it_is_one_line(more, said, tmp_path,
 def test_a_run_is_stepped_through_as_the_keys_say(tmp_path, monkeypatch, capsys):
     """The terminal's side, with a viewer that only takes notes."""
     from harness.recording import viewer
-    from harness.scores import rescore
+    from harness.scores import finished_run
 
     for name in ("b__two", "b__one", "a__two"):
         (tmp_path / f"{name}.rrd").touch()
@@ -107,7 +107,7 @@ def test_a_run_is_stepped_through_as_the_keys_say(tmp_path, monkeypatch, capsys)
             return True
 
     monkeypatch.setattr(viewer, "opened", opened)
-    monkeypatch.setattr(rescore, "read_scores", lambda directory: SCORES)
+    monkeypatch.setattr(finished_run, "read_scores", lambda directory: SCORES)
     monkeypatch.setattr(sys, "stdin", Terminal("\nn\np\nq\nn\n"))
     monkeypatch.setattr(sys, "argv", ["vfoa", "view", str(tmp_path), "--failures"])
     with pytest.raises(SystemExit) as ended:

@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from harness.report.rescore import rescore
 from harness.runs.conduct import conduct, prepare
 from harness.runs.experiment import load_experiment
 from harness.runs.results import FrameMeasures
 from harness.scores.ladder import steps, with_ladder
-from harness.scores.rescore import rescore
+from harness.scores.reference import Reference
 from harness.scores.score import score
 from harness.scores.statistics import Interval
 from tests.records import answers, labels
@@ -50,7 +51,7 @@ def test_a_ladder_with_nothing_to_replace_is_an_error(tmp_path: Path) -> None:
 def test_points_are_the_difference_to_the_rung_below() -> None:
     found = {"bm": ["none", "none", "none", "cup"], "bm+disparity": ["cup", "none", "none", "cup"]}
     records = [record for name, said in found.items() for record in answers(said, clip="c", configuration=name)]
-    below, above = steps(score(records, {"c": labels(*["cup"] * 4)}))
+    below, above = steps(score(records, Reference(labels={"c": labels(*["cup"] * 4)})))
     assert (below.replaced, below.gained) == (None, None)
     assert above.replaced == "disparity"
     assert above.gained == pytest.approx(0.25)
@@ -69,7 +70,7 @@ def test_a_rung_is_read_by_the_interval_of_its_own_difference(wrong_below: int, 
     found = {"bm": wrong_below, "bm+gaze": wrong_above}
     said = {name: ["none" if i % 100 < wrong else "cup" for i in range(200)] for name, wrong in found.items()}
     records = [record for name, each in said.items() for record in answers(each, clip="c", configuration=name)]
-    below, above = steps(score(records, {"c": labels(*["cup"] * 200)}))
+    below, above = steps(score(records, Reference(labels={"c": labels(*["cup"] * 200)})))
     assert (below.reads, above.reads) == ("", reads)
     assert above.interval is not None
     assert above.gained is not None
@@ -80,13 +81,13 @@ def test_both_rungs_are_resampled_alike() -> None:
     """Two rungs that agree in every frame differ by nothing, however uncertain each of them is."""
     said = ["none" if i // 20 % 3 else "cup" for i in range(300)]
     records = [r for name in ("bm", "bm+gaze") for r in answers(said, clip="c", configuration=name)]
-    _, above = steps(score(records, {"c": labels(*["cup"] * 300)}))
+    _, above = steps(score(records, Reference(labels={"c": labels(*["cup"] * 300)})))
     assert above.interval == Interval(low=0.0, high=0.0)
     assert above.row.bootstrap.high - above.row.bootstrap.low > 0.1
 
 
 def test_a_run_without_rungs_has_no_ladder() -> None:
-    assert steps(score(answers(["cup"], clip="c", configuration="a+b"), {"c": labels("cup")})) == []
+    assert steps(score(answers(["cup"], clip="c", configuration="a+b"), Reference(labels={"c": labels("cup")}))) == []
 
 
 def test_on_a_rendered_clip_no_rung_falls_and_the_truth_is_all_right(tmp_path: Path) -> None:

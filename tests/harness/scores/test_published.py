@@ -8,7 +8,9 @@ import pytest
 
 from harness.report.tables import render_tables
 from harness.runs.experiment import load_experiment
-from harness.scores.published import Published, reproductions
+from harness.runs.published import Published
+from harness.scores.reference import Reference
+from harness.scores.reproductions import reproductions
 from harness.scores.score import score
 from tests.disk import write_text
 from tests.records import answers, labels
@@ -19,7 +21,7 @@ PAPER = Published.model_validate({"source": "Somebody, 2022", "counts": {"one": 
 
 def scored(correct: int, published: Published | None = PAPER):
     said = ["bird"] * correct + ["none"] * (50 - correct)
-    return score(answers(said), {"clip": labels(*["bird"] * 50)}, published=published)
+    return score(answers(said), Reference(labels={"clip": labels(*["bird"] * 50)}, published=published))
 
 
 def test_the_same_counts_are_no_different() -> None:
@@ -30,7 +32,7 @@ def test_the_same_counts_are_no_different() -> None:
 def test_fishers_test_of_a_written_out_table() -> None:
     """Ours 3 of 3, theirs 0 of 3: one table of twenty is as extreme on either side."""
     theirs = Published.model_validate({"source": "-", "counts": {"one": {"correct": 0, "n": 3}}})
-    ours = score(answers(["bird"] * 3), {"clip": labels(*["bird"] * 3)}, published=theirs)
+    ours = score(answers(["bird"] * 3), Reference(labels={"clip": labels(*["bird"] * 3)}, published=theirs))
     assert reproductions(ours)[0].p == pytest.approx(2 / 20)
 
 

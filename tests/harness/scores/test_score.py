@@ -8,6 +8,7 @@ import pytest
 from sklearn.metrics import cohen_kappa_score, f1_score
 
 from harness.annotations.files import Label, LabelRange, Labels
+from harness.scores.reference import Reference
 from harness.scores.score import CAUSES, ScoreRow, Scores, score
 from harness.scores.statistics import wilson_interval
 from tests.records import answers, frame_record, labels, subject_record, target_record
@@ -22,7 +23,9 @@ def _row(scores: Scores, clip: str | None = "clip", subject: str | None = None, 
 
 
 def test_a_frame_without_a_prediction_is_in_the_denominator() -> None:
-    row = _row(score(answers(["cup", None, "can", "cup"]), {"clip": labels("cup", "cup", "cup", "cup")}))
+    row = _row(
+        score(answers(["cup", None, "can", "cup"]), Reference(labels={"clip": labels("cup", "cup", "cup", "cup")}))
+    )
     assert (row.n, row.correct, row.predicted) == (4, 2, 3)
     assert row.frr == 2 / 4
     assert row.coverage == 3 / 4
@@ -33,39 +36,39 @@ def test_a_frame_without_a_prediction_is_in_the_denominator() -> None:
 
 
 def test_ignored_and_unlabelled_frames_are_not_scored_but_listed() -> None:
-    scores = score(answers(["cup", "cup", "cup"]), {"clip": labels("cup", "ignore")})
+    scores = score(answers(["cup", "cup", "cup"]), Reference(labels={"clip": labels("cup", "ignore")}))
     assert _row(scores).n == 1
     assert [each.outcome for each in scores.verdicts] == ["correct", "unscored", "unscored"]
 
 
 def test_a_labelled_frame_without_a_record_is_wrong() -> None:
-    scores = score(answers(["cup"]), {"clip": labels("cup", "cup", "cup")})
+    scores = score(answers(["cup"]), Reference(labels={"clip": labels("cup", "cup", "cup")}))
     assert (_row(scores).n, _row(scores).correct) == (3, 1)
     assert [each.cause for each in scores.verdicts] == [None, "no_subject", "no_subject"]
 
 
 def test_frames_that_were_not_to_be_run_are_not_scored() -> None:
     truth = labels("cup", "cup", "cup")
-    row = _row(score(answers(["cup"]), {"clip": truth}, frames_by_clip={"clip": [1, 3]}))
+    row = _row(score(answers(["cup"]), Reference(labels={"clip": truth}, frames={"clip": [1, 3]})))
     assert (row.n, row.correct) == (2, 1)
 
 
 def test_a_subject_that_is_in_no_record_is_wrong_in_every_frame() -> None:
     both = Labels([*labels("cup").ranges, *labels("cup", subject="boy").ranges])
-    scores = score(answers(["cup"]), {"clip": both})
+    scores = score(answers(["cup"]), Reference(labels={"clip": both}))
     assert (_row(scores).n, _row(scores).correct) == (2, 1)
     assert _row(scores, subject="boy").causes["no_subject"] == 1
 
 
 def test_pooling_takes_all_pairs_together() -> None:
     records = [*answers(["cup"] * 3, clip="long"), *answers(["can"], clip="short")]
-    scores = score(records, {"long": labels("cup", "cup", "cup"), "short": labels("cup")})
+    scores = score(records, Reference(labels={"long": labels("cup", "cup", "cup"), "short": labels("cup")}))
     assert _row(scores, clip=None).frr == 3 / 4
     assert [row.clip for row in scores.by_clip()] == ["long", "short", None]
 
 
 def test_one_clip_is_not_pooled_and_one_without_labels_has_no_rows() -> None:
-    scores = score([*answers(["cup"]), *answers(["cup"], clip="free")], {"clip": labels("cup")})
+    scores = score([*answers(["cup"]), *answers(["cup"], clip="free")], Reference(labels={"clip": labels("cup")}))
     assert [row.clip for row in scores.by_clip()] == ["clip"]
     assert scores.clips == ("clip", "free")
     assert {each.outcome for each in scores.verdicts if each.clip == "free"} == {"unscored"}
@@ -73,7 +76,7 @@ def test_one_clip_is_not_pooled_and_one_without_labels_has_no_rows() -> None:
 
 def test_clips_and_configurations_keep_the_order_of_the_results() -> None:
     records = [r for clip in "zy" for name in ("sgbm", "bm") for r in answers(["cup"], clip=clip, configuration=name)]
-    scores = score(records, {"z": labels("cup"), "y": labels("cup")})
+    scores = score(records, Reference(labels={"z": labels("cup"), "y": labels("cup")}))
     assert (scores.clips, scores.configurations) == (("z", "y"), ("sgbm", "bm"))
     assert [(row.clip, row.configuration) for row in scores.by_clip()][:4] == [
         ("z", "sgbm"),
@@ -86,14 +89,14 @@ def test_clips_and_configurations_keep_the_order_of_the_results() -> None:
 def test_the_order_of_frames_in_the_file_does_not_matter() -> None:
     records = answers(["cup", "can", None, "cup", "none"])
     truth = {"clip": labels("cup", "cup", "cup", "can", "none")}
-    assert score(records[::-1], truth) == score(records, truth)
+    assert score(records[::-1], Reference(labels=truth)) == score(records, Reference(labels=truth))
 
 
 def test_agreement_is_that_of_scikit_learn_on_the_names() -> None:
     rng = np.random.default_rng(5)
     truth = rng.choice(["cup", "can", "none"], 300).tolist()
     said = [t if rng.random() < 0.4 else rng.choice(["cup", "can", "none", "jar", "pen", None]) for t in truth]
-    row = _row(score(answers(said), {"clip": labels(*truth)}))
+    row = _row(score(answers(said), Reference(labels={"clip": labels(*truth)})))
     names = ["?" if name is None else name for name in said]
     assert row.kappa == pytest.approx(cohen_kappa_score(truth, names), abs=1e-12)
     f1 = f1_score(truth, names, labels=["cup", "can", "none"], average="macro", zero_division=0)
@@ -108,7 +111,7 @@ def test_another_instance_of_the_name_is_no_agreement() -> None:
         LabelRange(first_frame=frame, last_frame=frame, subject="girl", label=Label(target="cup", point_px=(u, 5.0)))
         for frame, u in ((1, 5.0), (2, 55.0))
     ]
-    row = _row(score(records, {"clip": Labels(points)}))
+    row = _row(score(records, Reference(labels={"clip": Labels(points)})))
     assert row.frr == 0.5
     assert row.macro_f1 == pytest.approx(2 / 3)  # recall 1 / 2, precision 1
     assert row.events.found == 2
@@ -116,12 +119,12 @@ def test_another_instance_of_the_name_is_no_agreement() -> None:
 
 def test_events_run_over_scored_frames_of_a_subject() -> None:
     truth = labels("cup", "cup", "ignore", "cup", "can")
-    row = _row(score(answers(["cup", "can", "cup", "cup", None]), {"clip": truth}))
+    row = _row(score(answers(["cup", "can", "cup", "cup", None]), Reference(labels={"clip": truth})))
     assert (row.events.true, row.events.found, row.events.matched) == (3, 3, 2)
 
 
 def test_a_clip_that_a_trivial_rule_solves_shows_it() -> None:
-    row = _row(score(answers(["cup", "can", None]), {"clip": labels("can", "can", "can")}))
+    row = _row(score(answers(["cup", "can", None]), Reference(labels={"clip": labels("can", "can", "can")})))
     assert row.baselines["commonest"] == 1.0
     # both things lie at the same place, so every rule takes the first, the can, wherever there is a girl to ask
     assert (row.baselines["nearest"], row.baselines["largest"], row.baselines["central"]) == (2 / 3, 2 / 3, 2 / 3)
@@ -129,11 +132,11 @@ def test_a_clip_that_a_trivial_rule_solves_shows_it() -> None:
 
 def test_the_commonest_label_is_each_subjects_own() -> None:
     both = Labels([*labels("cup", "cup").ranges, *labels("can", "can", subject="boy").ranges])
-    assert _row(score(answers(["cup", "cup"]), {"clip": both})).baselines["commonest"] == 1.0
+    assert _row(score(answers(["cup", "cup"]), Reference(labels={"clip": both}))).baselines["commonest"] == 1.0
 
 
 def test_what_was_never_predicted_has_no_rate_given_a_prediction() -> None:
-    row = _row(score(answers([None, None]), {"clip": labels("cup", "none")}))
+    row = _row(score(answers([None, None]), Reference(labels={"clip": labels("cup", "none")})))
     assert (row.frr, row.coverage) == (0, 0)
     assert math.isnan(row.frr_predicted)
 
@@ -146,9 +149,9 @@ def test_a_block_of_the_bootstrap_is_a_second_of_the_clip() -> None:
     wilson, at_25_hz, at_1_hz = (
         each.high - each.low
         for each in (
-            _row(score(records, truth)).wilson,
-            _row(score(records, truth)).bootstrap,
-            _row(score(slow, truth)).bootstrap,
+            _row(score(records, Reference(labels=truth))).wilson,
+            _row(score(records, Reference(labels=truth))).bootstrap,
+            _row(score(slow, Reference(labels=truth))).bootstrap,
         )
     )
     assert at_25_hz > 3 * wilson
@@ -163,19 +166,19 @@ def test_labels_on_every_tenth_frame_make_blocks_of_fewer_frames() -> None:
         for frame in range(1, 1001, 10)
     )
     slow = [replace(record, time_ns=record.frame * 10**8) for record in records]  # labels a second apart: blocks of one
-    row = _row(score(slow, {"clip": sparse}))
+    row = _row(score(slow, Reference(labels={"clip": sparse})))
     assert row.n == 100
     assert row.bootstrap.high - row.bootstrap.low == pytest.approx(row.wilson.high - row.wilson.low, rel=0.15)
 
 
 def test_no_records_have_no_scores() -> None:
-    assert score([], {}) == Scores(clips=(), configurations=(), verdicts=(), rows=())
+    assert score([], Reference(labels={})) == Scores(clips=(), configurations=(), verdicts=(), rows=())
 
 
 @pytest.mark.parametrize(("correct", "frr"), [(28, 0.56), (35, 0.70), (31, 0.62), (38, 0.76)])
 def test_the_papers_own_table(correct: int, frr: float) -> None:
     said = ["bird"] * correct + ["none"] * (44 - correct) + [None] * 6  # six frames had no object at all
-    row = _row(score(answers(said), {"clip": labels(*["bird"] * 50)}))
+    row = _row(score(answers(said), Reference(labels={"clip": labels(*["bird"] * 50)})))
     assert (row.n, row.correct, row.frr) == (50, correct, frr)
     assert row.coverage == 44 / 50
     assert row.baselines["commonest"] == 1.0

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from harness.report.rescore import rescore
 from harness.runs.conduct import conduct, prepare
 from harness.runs.directory import RunDirectory
 from harness.runs.experiment import Experiment, load_experiment
-from harness.scores.rescore import rescore
 from harness.signals.directions import (
     FileGaze,
     FileGazeSettings,

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from harness.scores.reference import Reference
 from harness.scores.score import score
 from harness.scores.verdicts import Verdict
 from harness.stills import lines_path, picture_path
@@ -43,7 +44,7 @@ def _write(run: Path, shown: Iterable[Shown], configuration: str) -> None:
 
 
 def _verdicts(shown: list[Shown], *truth: str) -> list[Verdict]:
-    return score((each.record for each in shown), {"clip": labels(*truth, subject=ANN)}).verdicts
+    return score((each.record for each in shown), Reference(labels={"clip": labels(*truth, subject=ANN)})).verdicts
 
 
 def _of(stills: Stills) -> list[int]:

@@ -11,7 +11,7 @@ import pytest
 from harness.cli import main
 from harness.runs.conduct import conduct, prepare
 from harness.runs.experiment import load_experiment
-from harness.scores.rescore import read_scores
+from harness.scores.finished_run import read_scores
 from harness.sweep.conduct import conduct_sweep
 from tests.disk import write_text
 from vfoa.errors import VfoaError

@@ -1,37 +1,13 @@
-"""Figures that somebody published for the configurations of an experiment, to be printed beside one's own."""
+"""Published figures beside those of a run: the rates, and how likely they are to be the same."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
 
 import numpy as np
-from pydantic import Field, NonNegativeInt, PositiveInt, model_validator
 
-from vfoa.settings import Settings
-
-if TYPE_CHECKING:
-    from harness.scores.score import Scores
-
-
-class PublishedCount(Settings):
-    """``correct`` of ``n`` frames."""
-
-    correct: NonNegativeInt
-    n: PositiveInt
-
-    @model_validator(mode="after")
-    def _share(self) -> Self:
-        if self.correct > self.n:
-            raise ValueError(f"found {self.correct} correct of {self.n}; expected at most {self.n}")
-        return self
-
-
-class Published(Settings):
-    """``[published]`` of an experiment: where the figures stand, and what was counted, by configuration."""
-
-    source: str
-    counts: dict[str, PublishedCount] = Field(min_length=1)
+from harness.runs.published import PublishedCount
+from harness.scores.score import Scores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

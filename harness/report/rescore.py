@@ -1,0 +1,54 @@
+"""A run's tables and page made again, from its directory and the present annotations: no images, no models."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+from harness.report.page_data import Served
+from harness.report.write import render_run, score_run
+from harness.runs.directory import Pair, RunDirectory
+from harness.scores.finished_run import FinishedRun
+from harness.scores.score import Scores
+
+
+def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
+    """Score a finished run and write its tables and its page.
+
+    Parameters
+    ----------
+    annotator
+        Score against this annotator's labels; None for those that the run was made with.
+
+    Raises
+    ------
+    VfoaError
+        If the run is not finished, no configuration ran on every clip, or a clip's manifest or labels cannot be read.
+    """
+    run = FinishedRun.read(directory)
+    reference = run.reference(annotator)
+    with _collector_paused():
+        return score_run(directory.results, reference, records=run.records(), manifest=run.manifest)
+
+
+def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:
+    """A finished run's page for a server that opens ``recordings`` by these names; writes nothing.
+
+    Raises as :func:`rescore` does.
+    """
+    run = FinishedRun.read(directory)
+    served = Served(run=str(directory.path.resolve()), recordings=recordings)
+    return render_run(directory.results, run.reference(), records=run.records(), manifest=run.manifest, served=served)
+
+
+@contextmanager
+def _collector_paused() -> Iterator[None]:
+    """No search for reference cycles: a run is a million small values that have none, and looking takes a fifth."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
