@@ -32,6 +32,13 @@ class Tally:
     def __or__(self, other: Tally) -> Tally:
         return Tally(self.found | other.found, self.computed | other.computed, self.damaged | other.damaged)
 
+    def take(self) -> Tally:
+        """All that was counted so far; begin anew."""
+        taken = Tally() | self
+        for names in (self.found, self.computed, self.damaged):
+            names.clear()
+        return taken
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipCache:

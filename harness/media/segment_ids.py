@@ -28,8 +28,21 @@ def small_ids(ids: Iterable[int], where: str) -> dict[int, int]:
     return {number: number if number in kept else next(free) for number in wanted}
 
 
+def present_ids(ids: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Every id that an id map (H, W) has, ascending."""
+    if ids.size and ids.max() <= _LARGEST:  # counting is ten times as quick as sorting, where there are few numbers
+        return np.flatnonzero(np.bincount(ids.ravel())).astype(np.uint32)
+    return np.unique(ids)
+
+
 def relabel(ids: NDArray[np.uint32], small: Mapping[int, int]) -> NDArray[np.uint16]:
     """An id map (H, W) in 16 bits; ids that ``small`` does not have become 0, no instance."""
+    if ids.size and ids.max() <= _LARGEST:
+        table = np.zeros(_LARGEST + 1, np.uint16)
+        for number, other in small.items():
+            if number <= _LARGEST:
+                table[number] = other
+        return table[ids]
     present, where = np.unique(ids, return_inverse=True)
     table = np.array([small.get(int(number), 0) for number in present], dtype=np.uint16)
     return table[where].reshape(ids.shape)

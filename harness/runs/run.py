@@ -7,7 +7,7 @@ configuration that fails is dropped, and the others go on.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 
@@ -20,7 +20,7 @@ from harness.runs.directory import Pair, RunDirectory
 from harness.runs.executors import Progress
 from harness.runs.experiment import Configuration
 from harness.runs.lane import Lane
-from harness.runs.sharing import SharedPipeline
+from harness.runs.sharing import SharedFrame, SharedPipeline
 from harness.scores.measures import Measurer
 from vfoa.errors import VfoaError
 
@@ -70,20 +70,38 @@ class ClipOutcome:
     tallies: Mapping[str, Tally] = field(default_factory=dict)
 
 
+_opened: tuple[object, SharedPipeline] | None = None
+"""What this process perceived with last, and for which job: the next stretch of a clip is seldom another's."""
+
+
 def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
-    """Perceive the job's frames, in whichever order, so that the cache holds what :func:`run_clip` will look for."""
+    """Perceive the job's frames, in whichever order, so that the cache holds what :func:`run_clip` will look for.
+
+    Clip, models and matchers stay open for the next job that differs in its frames alone.
+    """
     try:
-        pipeline = SharedPipeline(job.configurations, job.manifest.open(), job.cache)
+        pipeline = _open(job)
     except VfoaError:  # run_clip will say so
         return ClipOutcome(failures={})
     for _ in pipeline.warm(job.frames):
         progress(job.manifest.name)
-    _trim(job)
-    return ClipOutcome(failures={}, tallies=pipeline.tallies)
+    return ClipOutcome(failures={}, tallies=pipeline.take_tallies())
 
 
-def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
-    """Run one clip under all its configurations; ``progress`` is told the clip's name after each frame."""
+def _open(job: ClipJob) -> SharedPipeline:
+    global _opened
+    wanted = (job.manifest, job.configurations, job.cache, job.directory)
+    if _opened is None or _opened[0] != wanted:
+        _opened = None  # two sets of models need not fit
+        _opened = (wanted, SharedPipeline(job.configurations, job.manifest.open(), job.cache))
+    return _opened[1]
+
+
+def run_clip(job: ClipJob, progress: Progress, frames: Iterable[int] | None = None) -> ClipOutcome:
+    """Run one clip under all its configurations; ``progress`` is told the clip's name after each frame.
+
+    ``frames`` are the job's frames, each given as soon as it may be read.
+    """
     try:
         clip = job.manifest.open()
     except VfoaError as error:
@@ -95,21 +113,18 @@ def run_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
     with ExitStack() as stack:
         for lane in lanes:
             stack.enter_context(lane)
-        drive(lanes, pipeline, job, progress)
-    _trim(job)
-    failures = {pair: lane.error for pair, lane in zip(job.pairs, lanes, strict=True) if lane.error is not None}
-    return ClipOutcome(failures=failures, tallies=pipeline.tallies)
-
-
-def _trim(job: ClipJob) -> None:
+        shared = pipeline.frames(job.frames if frames is None else frames)
+        _drive(lanes, shared, job, progress)
     if job.cache:
         job.cache.store.trim()
+    failures = {pair: lane.error for pair, lane in zip(job.pairs, lanes, strict=True) if lane.error is not None}
+    return ClipOutcome(failures=failures, tallies=pipeline.take_tallies())
 
 
-def drive(lanes: list[Lane], pipeline: SharedPipeline, job: ClipJob, progress: Progress) -> None:
+def _drive(lanes: list[Lane], perceived: Generator[SharedFrame], job: ClipJob, progress: Progress) -> None:
     """Lead every frame through every lane, until no lane is left."""
     try:
-        with closing(ahead(pipeline.frames(job.frames), job.ahead)) as frames:
+        with closing(ahead(perceived, job.ahead)) as frames:
             for shared in frames:
                 for lane in lanes:
                     lane.take(shared)

@@ -143,15 +143,15 @@ class _Waiting:
 class SharedPipeline:
     """``perceive`` and ``reconstruct`` for every configuration of one clip.
 
-    All stages are built with it, behind the ``cache`` if there is one; ``tallies`` count by a stage's key what it gave
-    and what was computed. A stage that cannot be built, or fails on a frame, ends the configurations that have it.
-    ``ahead`` is how many frames a thread reads before they are perceived; 0 for none.
+    All stages are built with it, behind the ``cache`` if there is one. A stage that cannot be built, or fails on a
+    frame, ends the configurations that have it. ``ahead`` is how many frames a thread reads before they are perceived;
+    0 for none.
     """
 
     def __init__(
         self, configurations: Sequence[Configuration], clip: Clip, cache: ClipCache | None = None, *, ahead: int = 0
     ) -> None:
-        self.tallies: dict[str, Tally] = {}
+        self._tallies: dict[str, Tally] = {}
         self._ahead = ahead
         self._configurations, self._clip, self._cache = configurations, clip, cache
         self._ledger = Ledger()
@@ -186,7 +186,11 @@ class SharedPipeline:
     def _stage(self, choice: StageChoice) -> Any:
         """A stage, behind the cache where there is one."""
         stage = SLOTS[choice.slot].build(choice, self._clip)
-        return self._cache.wrap(choice, stage, self._ledger.charge, self.tallies) if self._cache else stage
+        return self._cache.wrap(choice, stage, self._ledger.charge, self._tallies) if self._cache else stage
+
+    def take_tallies(self) -> dict[str, Tally]:
+        """What the cache gave and what was computed since this was last asked, by the stage's key."""
+        return {key: tally.take() for key, tally in self._tallies.items()}
 
     @contextmanager
     def _isolated(self, name: str) -> Iterator[None]:

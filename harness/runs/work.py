@@ -8,19 +8,21 @@ from dataclasses import dataclass, replace
 from harness.cache.account import Account
 from harness.cache.stage import ClipCache, open_cache
 from harness.cache.store import Store
+from harness.runs.along import GivenUpError, Perceived
 from harness.runs.directory import Pair, RunDirectory
-from harness.runs.executors import Executor, Progress
+from harness.runs.executors import Executor, Progress, compute_with
 from harness.runs.experiment import Configuration
 from harness.runs.plan import Plan, PreparedClip
-from harness.runs.run import ClipJob, ClipOutcome, run_clip, warm_clip
+from harness.runs.run import ClipJob, ClipOutcome, run_clip
 from harness.runs.stages import SLOTS
 from harness.signals.saved import owned_slots
 
 CLIPS_PER_WORKER = 2
 """With fewer clips than this for each worker, clips are cut."""
 
-STRETCHES_PER_WORKER = 4
-"""Into how many stretches a clip is cut for each worker: few enough to open models seldom, enough to end together."""
+ALONG = 8
+"""How many configurations can follow one frame in the time that its perception takes, as a rule: more than that hold up
+the workers that perceive for them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,9 +38,10 @@ def work_off(
 ) -> Done:
     """Do what is not done of a plan.
 
-    Where there are clips enough to keep every worker at work, a job is a clip. Else workers help each other through
-    the cache: first all perceive, a stretch of a clip each under all its configurations, so that nothing is decoded or
-    computed twice; then a job is a (clip, configuration).
+    Where there are clips enough to keep every worker at work, a job is a clip. Else the workers help each other through
+    the cache: each perceives stretches of a clip, under all its configurations, so that nothing is decoded or computed
+    twice by them. What has to be done in order goes along behind them in this process, or, where configurations are too
+    many for that, is dealt to the workers when all is perceived.
     """
     account = Account()
     jobs = [replace(_job(plan, one, directory, cache, account), threads=executor.threads) for one in plan.clips]
@@ -46,44 +49,60 @@ def work_off(
         if not job.configurations:
             skip(job, progress)
     todo = [job for job in jobs if job.configurations]
-    if cache and not plan.save_signals and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
-        _perceive(todo, executor, account, progress)
-        todo, progress = [each for job in todo for each in _by_configuration(job)], _silent
     failures: dict[Pair, str] = {}
+    if cache and not plan.save_signals and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
+        todo = _share(todo, executor, account, progress, failures)
+        progress = _silent
     for job, outcome in zip(todo, executor.run(run_clip, todo, progress, _lost), strict=True):
         failures.update(outcome.failures)
         account.add(job.manifest.name, outcome.tallies)
     return Done(failures=failures, account=account)
 
 
-def _perceive(jobs: Sequence[ClipJob], executor: Executor, account: Account, progress: Progress) -> None:
-    """Fill the cache with what it lacks of the jobs' frames."""
-    stretches: list[ClipJob] = []
+def _share(
+    jobs: Sequence[ClipJob], executor: Executor, account: Account, progress: Progress, failures: dict[Pair, str]
+) -> list[ClipJob]:
+    """Perceive all, and do at once what can go along with that; return the jobs that are left."""
+    perceived, left = Perceived(jobs, executor, account, progress), list[ClipJob]()
+    compute_with(executor.threads)
     for job in jobs:
-        lacking = [frame for frame in job.frames if job.cache and job.cache.lacks(frame)]
-        skip(job, progress, len(job.frames) - len(lacking))
-        length = max(1, -(-len(lacking) // (STRETCHES_PER_WORKER * executor.workers)))
-        stretches += [replace(job, frames=tuple(lacking[at : at + length])) for at in range(0, len(lacking), length)]
-    for stretch, outcome in zip(stretches, executor.run(warm_clip, stretches, progress, _given_up), strict=True):
-        account.add(stretch.manifest.name, outcome.tallies)
+        if not (perceived.lacked(job) and _goes_along(job, executor.workers)):
+            left += _dealt(job, executor.workers)
+            continue
+        try:
+            outcome = run_clip(job, _silent, perceived.frames(job))
+        except GivenUpError:  # what kills workers must not be done here, and one configuration must not kill another
+            left += _dealt(job, len(job.configurations))
+        else:
+            failures.update(outcome.failures)
+            account.add(job.manifest.name, outcome.tallies)
+    perceived.finish()
+    return left
 
 
-def _by_configuration(job: ClipJob) -> list[ClipJob]:
-    """A job for each configuration; those that share a temporal gaze stay together, since it is not perceived alone."""
+def _goes_along(job: ClipJob, workers: int) -> bool:
+    return len(_together(job)) == 1 or len(job.configurations) * (workers - 1) <= ALONG
+
+
+def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
+    """The job's configurations in so many jobs, or fewer."""
+    groups = _together(job)
+    dealt = [[each for group in groups[hand::hands] for each in group] for hand in range(min(hands, len(groups)))]
+    return [replace(job, configurations=tuple(configurations)) for configurations in dealt]
+
+
+def _together(job: ClipJob) -> list[list[Configuration]]:
+    """Each configuration by itself, but for those that share a temporal gaze, since it is not perceived alone."""
     groups: dict[str, list[Configuration]] = {}
     for each in job.configurations:
         gaze = each.choices["gaze"]
         temporal = gaze is not None and SLOTS["gaze"].is_temporal(gaze)
         groups.setdefault(gaze.key if gaze and temporal else each.name, []).append(each)
-    return [replace(job, configurations=tuple(group)) for group in groups.values()]
+    return list(groups.values())
 
 
 def _lost(job: ClipJob, why: str) -> ClipOutcome:
     return ClipOutcome(failures=dict.fromkeys(job.pairs, why))
-
-
-def _given_up(job: ClipJob, why: str) -> ClipOutcome:
-    return ClipOutcome(failures={})  # whoever wants a frame's result computes it, and fails as loudly
 
 
 def _silent(clip: str) -> None:

@@ -15,7 +15,7 @@ from harness.config_errors import parse
 from harness.files import digest_files, read_bytes
 from harness.media.frame_files import number_names
 from harness.media.images import read_raw
-from harness.media.segment_ids import relabel, small_ids
+from harness.media.segment_ids import present_ids, relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.types import Instance, Instances, StereoFrame
@@ -80,7 +80,7 @@ class CocoPanoptic:
             raise VfoaError(
                 f"{path}: the masks are {_size(ids.shape)} pixels, the left image {_size(frame.left.shape)}"
             )
-        drawn = set(np.unique(ids).tolist()) - {0}
+        drawn = set(present_ids(ids).tolist()) - {0}
         if unknown := drawn - {segment.id for segment in annotation.segments_info}:
             raise VfoaError(f"{path}: holds segment {min(unknown)}, which is not in {self._json.name}'s segments_info")
         kept = [segment for segment in annotation.segments_info if segment.id in drawn and self._is_wanted(segment)]

@@ -8,6 +8,7 @@ import shutil
 import signal
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from harness.signals.coco_panoptic_writer import write_coco_panoptic
 from tests import graphs
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
 from vfoa.errors import VfoaError
+from vfoa.stereo.block_matching import SemiGlobalMatcher
 from vfoa.types import Instance, Instances
 
 FRAMES = 8
@@ -162,6 +164,35 @@ def test_a_worker_of_the_pool_that_is_killed_changes_nothing(
     children = lambda: [child.pid for child in multiprocessing.active_children() if child.pid]  # noqa: E731
     assert _same(_run(experiment, tmp_path, 2, told=_killer(children, killed)), alone)
     assert killed
+
+
+class _Deadly:
+    """Two workers of whom nobody survives frame 3 under ``sgbm``."""
+
+    workers, threads = 2, 1
+
+    def run(self, work: Any, jobs: Any, progress: Any, lost: Any) -> Iterator[Any]:
+        for job in jobs:
+            deadly = 3 in job.frames and any(each.name == "sgbm" for each in job.configurations)
+            yield lost(job, "died") if deadly else work(job, progress)
+
+
+def test_what_kills_workers_is_never_done_by_the_run_itself_and_ends_no_other_configuration(
+    experiment: Path, alone: RunDirectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("harness.runs.conduct.executor", lambda *_, **__: nullcontext(_Deadly()))
+    matched: list[int] = []
+    match = SemiGlobalMatcher.match
+    monkeypatch.setattr(
+        SemiGlobalMatcher, "match", lambda self, frame: (matched.append(frame.index), match(self, frame))[1]
+    )
+    run = _run(experiment, tmp_path, 2)
+    assert 3 not in matched
+    failed = {(each["configuration"], each["error"]) for each in run.read_manifest()["failed"]}
+    assert failed == {("bm", "died"), ("sgbm", "died")}  # they share a temporal gaze, so they are done together
+    expected = [line for line in alone.results.read_text().splitlines() if '"configuration":"wider"' in line]
+    assert len(expected) == FRAMES
+    assert run.results.read_text().splitlines() == expected
 
 
 @pytest.fixture(scope="module")

@@ -28,6 +28,8 @@ MOST_THREADS = 4
 ATTEMPTS = 3
 """How often a job may take its worker along."""
 
+GIVEN_UP = f"its worker process died {ATTEMPTS} times over"
+
 
 class Executor(Protocol):
     """Works through jobs."""
@@ -45,7 +47,10 @@ class Executor(Protocol):
     def run(
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
     ) -> Iterator[Outcome]:
-        """Yield ``work(job, progress)`` for each job, in the order of the jobs. ``work`` is a module's function."""
+        """Yield ``work(job, progress)`` for each job, in the order of the jobs, each as soon as it is there.
+
+        ``work`` is a module's function. Workers go on while whoever asked deals with an outcome.
+        """
         ...
 
 
@@ -87,7 +92,8 @@ def executor(workers: int, scheduler: str | None = None, *, threads: int = 1) ->
     else:
         from harness.runs.executors.pool import Pool
 
-        yield Pool(workers)
+        with Pool(workers) as pool:
+            yield pool
 
 
 def work_through(work: Work[Job, Outcome], jobs: Sequence[Job], workers: int, progress: Progress) -> Iterator[Outcome]:

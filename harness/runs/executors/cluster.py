@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from harness.runs import provenance
-from harness.runs.executors import ATTEMPTS, Job, Lost, Outcome, Progress, Work, compute_with
+from harness.runs.executors import GIVEN_UP, Job, Lost, Outcome, Progress, Work, compute_with
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ class Cluster:
                 try:
                     yield future.result()
                 except KilledWorker:
-                    yield lost(job, f"its worker process died {ATTEMPTS} times over")
+                    yield lost(job, GIVEN_UP)
         finally:
             self._client.cancel(futures)
             self._client.unsubscribe_topic(TOPIC)

@@ -6,25 +6,39 @@ import multiprocessing
 import os
 import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from multiprocessing.connection import Connection
+from typing import Self
 
-from harness.runs.executors import ATTEMPTS, InProcess, Job, Lost, Outcome, Progress, Work, compute_with
+from harness.runs.executors import ATTEMPTS, GIVEN_UP, InProcess, Job, Lost, Outcome, Progress, Work, compute_with
 
 _SPAWN = multiprocessing.get_context("spawn")
-_END = b""
+_FLUSH, _END = b"\0flush", b"\0end"
 _told: Connection | None = None
 
 
 class Pool:
-    """So many spawned processes. A death breaks a whole pool: a new one goes on with what is not done."""
+    """So many spawned processes, as a context manager: what they have imported and opened serves one run after another.
+
+    A death breaks all of them: new ones go on with what is not done.
+    """
 
     threads = 1
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
+        self._listener: _Listener | None = None
+        self._processes: ProcessPoolExecutor | None = None
+        self._started = 0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stop()
+        if self._listener:
+            self._listener.close()
 
     def run(
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
@@ -34,57 +48,99 @@ class Pool:
             yield from InProcess().run(work, jobs, progress, lost)
             return
         done: dict[int, Outcome] = {}
+        given = 0
         for _ in range(ATTEMPTS - 1):
-            done |= self._attempt(work, {n: job for n, job in enumerate(jobs) if n not in done}, progress)
-        for number, job in enumerate(jobs):
+            left = {number: job for number, job in enumerate(jobs) if number >= given and number not in done}
+            for number, outcome in self._attempt(work, left, progress):
+                done[number] = outcome
+                while given in done:
+                    yield done.pop(given)
+                    given += 1
+        for number in range(given, len(jobs)):
             if number not in done:  # whoever it was that took the others along, it is alone now
-                done |= self._attempt(work, {number: job}, progress)
-            yield done[number] if number in done else lost(job, f"its worker process died {ATTEMPTS} times over")
+                done.update(self._attempt(work, {number: jobs[number]}, progress))
+            yield done.pop(number) if number in done else lost(jobs[number], GIVEN_UP)
 
-    def _attempt(self, work: Work[Job, Outcome], jobs: dict[int, Job], progress: Progress) -> dict[int, Outcome]:
-        """The outcomes of what could be finished before a worker died."""
+    def _attempt(
+        self, work: Work[Job, Outcome], jobs: dict[int, Job], progress: Progress
+    ) -> Iterator[tuple[int, Outcome]]:
+        """The outcomes of what could be finished before a worker died, in their order, as soon as they are there."""
         if not jobs:
-            return {}
-        done: dict[int, Outcome] = {}
-        with (
-            _listening(progress) as told,
-            ProcessPoolExecutor(
-                min(self.workers, len(jobs)), mp_context=_SPAWN, initializer=_start, initargs=(told,)
-            ) as pool,
-        ):
-            try:
-                futures = {number: pool.submit(_in_worker, work, job) for number, job in jobs.items()}
-            except BrokenProcessPool:
-                return {}
+            return
+        broken, futures = False, dict[int, Future[Outcome]]()
+        try:
+            processes, listener = self._start(len(jobs), progress)
+            for number, job in jobs.items():
+                futures[number] = processes.submit(_in_worker, work, job)
+        except BrokenProcessPool:
+            broken = True
+        try:
             for number, future in futures.items():
                 try:
-                    done[number] = future.result()
+                    outcome = future.result()
                 except BrokenProcessPool:
-                    continue
-        return done
+                    broken = True
+                else:
+                    yield number, outcome
+            listener.flush()
+        finally:
+            for future in futures.values():
+                future.cancel()
+            if broken:
+                self._stop()
+
+    def _start(self, jobs: int, progress: Progress) -> tuple[ProcessPoolExecutor, _Listener]:
+        """Processes enough for so many jobs, those that run already if they are."""
+        wanted = min(self.workers, jobs)
+        if self._started < wanted:
+            self._stop()
+        self._listener = self._listener or _Listener(progress)
+        self._listener.progress = progress
+        if self._processes is None:
+            self._started = wanted
+            self._processes = ProcessPoolExecutor(
+                wanted, mp_context=_SPAWN, initializer=_begin, initargs=(self._listener.told,)
+            )
+        return self._processes, self._listener
+
+    def _stop(self) -> None:
+        if self._processes:
+            self._processes.shutdown(cancel_futures=True)
+        self._processes, self._started = None, 0
 
 
-@contextmanager
-def _listening(progress: Progress) -> Iterator[Connection]:
-    """Yield where workers write what has moved on. No lock: so short a write is whole, whenever its writer dies."""
-    heard, told = _SPAWN.Pipe(duplex=False)
-    listener = threading.Thread(target=_listen, args=(heard, progress))
-    listener.start()
-    try:
-        yield told
-    finally:
-        told.send_bytes(_END)
-        listener.join()
-        heard.close()
-        told.close()
+class _Listener:
+    """Hears what has moved on. No lock: what workers write is so short that it is whole, whenever its writer dies."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.progress = progress
+        self._heard, self.told = _SPAWN.Pipe(duplex=False)
+        self._flushed = threading.Event()
+        self._thread = threading.Thread(target=self._listen)
+        self._thread.start()
+
+    def _listen(self) -> None:
+        while (word := self._heard.recv_bytes()) != _END:
+            if word == _FLUSH:
+                self._flushed.set()
+            else:
+                self.progress(word.decode())
+
+    def flush(self) -> None:
+        """Return when all that was written before is heard."""
+        self._flushed.clear()
+        self.told.send_bytes(_FLUSH)
+        self._flushed.wait()
+
+    def close(self) -> None:
+        """Hear the rest, and end."""
+        self.told.send_bytes(_END)
+        self._thread.join()
+        self._heard.close()
+        self.told.close()
 
 
-def _listen(heard: Connection, progress: Progress) -> None:
-    while (word := heard.recv_bytes()) != _END:
-        progress(word.decode())
-
-
-def _start(told: Connection) -> None:
+def _begin(told: Connection) -> None:
     global _told
     _told = told
     compute_with(1)

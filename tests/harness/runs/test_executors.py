@@ -48,6 +48,36 @@ def test_one_worker_stays_in_this_process() -> None:
     assert set(work_through(_pid, [1, 2], 1, lambda word: None)) == {os.getpid()}
 
 
+def test_the_processes_of_a_pool_go_on_from_one_run_to_the_next() -> None:
+    with executor(2) as pool:
+        first, second = (set(pool.run(_pid, [1, 2, 3, 4], lambda word: None, _no_number)) for _ in range(2))
+    assert os.getpid() not in first
+    assert len(first | second) <= 2
+
+
+def _no_number(number: int, why: str) -> int:
+    raise AssertionError(why)
+
+
+def _wait_for(marker: Path, progress: Callable[[str], None]) -> str:
+    deadline = time.monotonic() + 60
+    while not marker.exists() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    return marker.name if marker.exists() else "waited in vain"
+
+
+def test_an_outcome_comes_while_others_are_worked_on(tmp_path: Path) -> None:
+    jobs = [tmp_path / name for name in "abc"]
+    jobs[0].touch()
+    found: list[str] = []
+    with executor(2) as pool:
+        for outcome in pool.run(_wait_for, jobs, lambda word: None, _give_up):
+            found.append(outcome)
+            for job in jobs[: len(found) + 1]:
+                job.touch()
+    assert found == ["a", "b", "c"]
+
+
 def _die_once(marker: Path, progress: Callable[[str], None]) -> str:
     """Takes its worker along, unless another worker did so before."""
     progress(marker.name)

@@ -1,0 +1,79 @@
+"""Clips that workers perceive, a stretch each, into the cache, while others go along behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from harness.cache.account import Account
+from harness.runs.executors import Executor, Progress
+from harness.runs.run import ClipJob, ClipOutcome, warm_clip
+
+STRETCHES_PER_WORKER = 8
+"""Into how many stretches a clip is cut for each worker, so that all end together."""
+
+LONGEST_STRETCH = 32
+"""The frames of a stretch at most, so that whoever waits for it does not wait long."""
+
+
+class GivenUpError(Exception):
+    """A frame took every worker along that perceived it."""
+
+
+class Perceived:
+    """What the cache lacks of these jobs' frames, perceived by workers from the first frame asked for on."""
+
+    def __init__(self, jobs: Sequence[ClipJob], executor: Executor, account: Account, progress: Progress) -> None:
+        self._account = account
+        self._stretches: list[ClipJob] = []
+        self._begins: dict[tuple[str, int], int] = {}
+        self._outcomes: list[ClipOutcome] = []
+        for job in jobs:
+            lacking = [frame for frame in job.frames if job.cache and job.cache.lacks(frame)]
+            for _ in range(len(job.frames) - len(lacking)):
+                progress(job.manifest.name)
+            self._cut(job, lacking, executor.workers)
+        self._arriving = executor.run(warm_clip, self._stretches, progress, _given_up)
+
+    def _cut(self, job: ClipJob, lacking: Sequence[int], workers: int) -> None:
+        length = min(LONGEST_STRETCH, max(1, -(-len(lacking) // (STRETCHES_PER_WORKER * workers))))
+        for at in range(0, len(lacking), length):
+            stretch = replace(job, frames=tuple(lacking[at : at + length]))
+            self._begins[job.manifest.name, stretch.frames[0]] = len(self._stretches)
+            self._stretches.append(stretch)
+
+    def lacked(self, job: ClipJob) -> bool:
+        """Whether there is anything of a job to perceive."""
+        return any(clip == job.manifest.name for clip, _ in self._begins)
+
+    def frames(self, job: ClipJob) -> Iterator[int]:
+        """A job's frames, each as soon as it was perceived.
+
+        Raises
+        ------
+        GivenUpError
+            At a stretch that was not, for its worker died with it, every time.
+        """
+        for number in job.frames:
+            stretch = self._begins.get((job.manifest.name, number))
+            if stretch is not None and self._outcome(stretch).failures:
+                raise GivenUpError
+            yield number
+
+    def _outcome(self, stretch: int) -> ClipOutcome:
+        while len(self._outcomes) <= stretch:
+            self._take(next(self._arriving))
+        return self._outcomes[stretch]
+
+    def _take(self, outcome: ClipOutcome) -> None:
+        self._account.add(self._stretches[len(self._outcomes)].manifest.name, outcome.tallies)
+        self._outcomes.append(outcome)
+
+    def finish(self) -> None:
+        """Wait for what nobody asked for."""
+        for outcome in self._arriving:
+            self._take(outcome)
+
+
+def _given_up(stretch: ClipJob, why: str) -> ClipOutcome:
+    return ClipOutcome(failures=dict.fromkeys(stretch.pairs, why))
