@@ -33,7 +33,7 @@ def stage_times_table(timings: Path) -> Table:
                     configurations.setdefault(configuration)
                     times.setdefault(stage, {}).setdefault(configuration, []).append(float(ms))
             except ValueError as error:
-                raise VfoaError(f"{timings}, line {rows.line_num}: not a stage's time: {error}") from None
+                raise VfoaError(f"{timings}:{rows.line_num}: not a stage's time: {error}") from None
     return Table(
         title="Stage times, median ms a frame",
         columns=("Stage", *configurations),

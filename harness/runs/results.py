@@ -203,13 +203,13 @@ def _from_line(line: bytes, path: Path, number: int) -> FrameRecord:
     import msgspec
 
     if not line.endswith(b"\n"):
-        raise VfoaError(f"{path}, line {number}: cut short: expected a newline at its end")
+        raise VfoaError(f"{path}:{number}: cut short: expected a newline at its end")
     if not line.startswith(_START):
         _check_version(line, path, number)
     try:
         return _codec()[1].decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise VfoaError(f"{path}, line {number}: not a frame's record: {error}") from None
+        raise VfoaError(f"{path}:{number}: not a frame's record: {error}") from None
 
 
 def _check_version(line: bytes, path: Path, number: int) -> None:
@@ -217,17 +217,17 @@ def _check_version(line: bytes, path: Path, number: int) -> None:
     try:
         value = json.loads(line)
     except ValueError as error:
-        raise VfoaError(f"{path}, line {number}: not JSON: {error}") from None
+        raise VfoaError(f"{path}:{number}: not JSON: {error}") from None
     version = value.get("version") if isinstance(value, dict) else None
     if version != VERSION:
-        raise VfoaError(f"{path}, line {number}: expected version {VERSION}, found {version!r}")
+        raise VfoaError(f"{path}:{number}: expected version {VERSION}, found {version!r}")
 
 
 def _check_first(seen: dict[tuple[str, str, int], int], record: FrameRecord, path: Path, number: int) -> None:
     first = seen.setdefault((record.clip, record.configuration, record.frame), number)
     if first != number:
         raise VfoaError(
-            f"{path}, line {number}: frame {record.frame} of clip {record.clip!r} under {record.configuration!r} "
+            f"{path}:{number}: frame {record.frame} of clip {record.clip!r} under {record.configuration!r} "
             f"is on line {first} already"
         )
 

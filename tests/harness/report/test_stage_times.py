@@ -38,8 +38,8 @@ def test_no_timings_no_rows(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("a,b\n", "expected the columns clip,"),
-        (f"{HEADER}a,one,1,gaze,fast\n", "line 2"),
-        (f"{HEADER}a,one\n", "line 2"),
+        (f"{HEADER}a,one,1,gaze,fast\n", ":2: not a stage"),
+        (f"{HEADER}a,one\n", ":2: not a stage"),
     ],
 )
 def test_other_files_are_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:

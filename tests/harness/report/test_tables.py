@@ -79,7 +79,7 @@ def test_results_that_cannot_be_read_leave_the_old_tables(results: Path) -> None
     score_run(results, Reference(labels=PAPER_LABELS))
     before = (results.parent / "frr.csv").read_bytes()
     results.write_bytes(results.read_bytes()[:-5])
-    with pytest.raises(VfoaError, match="line 200: cut short"):
+    with pytest.raises(VfoaError, match=r"jsonl:200: cut short"):
         score_run(results, Reference(labels={}))
     assert (results.parent / "frr.csv").read_bytes() == before
 

@@ -165,7 +165,7 @@ def test_a_wrong_line_is_one_error_with_file_and_line(tmp_path: Path, second: st
     path = _write(tmp_path / "results.jsonl", to_line(RECORD), second)
     with pytest.raises(VfoaError, match=expected) as caught:
         list(read_results(path))
-    assert str(caught.value).startswith(f"{path}, line 2: ")
+    assert str(caught.value).startswith(f"{path}:2: ")
     assert "\n" not in str(caught.value)
 
 
