@@ -19,8 +19,9 @@ from rich.table import Table
 from harness.cache.store import Store
 from harness.recording import Size
 from harness.runs.conduct import conduct, prepare
+from harness.runs.configuration import Configuration
 from harness.runs.executors.cluster import local_cluster
-from harness.runs.experiment import Configuration, Experiment, load_experiment
+from harness.runs.experiment import Experiment, load_experiment
 from vfoa.attention import AttentionSettings
 
 CONES_CM = ((10.0,), (10.0, 25.0), (5.0,), (20.0,))

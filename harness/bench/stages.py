@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from harness.clips.manifest import ClipManifest
 from harness.recording import Size
+from harness.runs.configuration import Configuration
 from harness.runs.directory import RunDirectory
 from harness.runs.executors import work_through
-from harness.runs.experiment import Configuration
 from harness.runs.run import ClipJob, run_clip
 from vfoa.errors import VfoaError
 

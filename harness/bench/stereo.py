@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.adapters import Clip
-from harness.runs.experiment import Configuration
+from harness.runs.configuration import Configuration
 from harness.runs.stages import SLOTS
 from vfoa.types import Disparity
 

@@ -12,7 +12,7 @@ from typing import Any
 from harness.cache.identity import Identity, identify
 from harness.cache.store import Store
 from harness.cache.values import content_digest, decode, encode
-from harness.runs.experiment import Configuration
+from harness.runs.configuration import Configuration
 from harness.runs.stages import StageChoice
 from vfoa.gaze import TemporalGazeModel
 from vfoa.stereo.region import Region

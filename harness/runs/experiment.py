@@ -26,8 +26,7 @@ A grid of thousands is a sweep, of which only the scores are kept (see :mod:`har
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,58 +34,20 @@ from pydantic import Field
 
 from harness.clips.locate import find, names
 from harness.config_errors import parse, read_toml
+from harness.runs.configuration import (
+    Configuration,
+    check_all_used,
+    dotted_tables,
+    inherited,
+    make_configuration,
+    merged,
+)
 from harness.runs.presets import preset_tables
 from harness.runs.published import Published
-from harness.runs.stages import SLOTS, StageChoice
 from harness.runs.variants import variants
 from harness.toml_text import parse_assignment
-from vfoa.attention import AttentionSettings
-from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.gaze_filter import GazeFilterSettings
-from vfoa.pipeline import AttendSettings
-from vfoa.reconstruction import ReconstructionSettings
 from vfoa.settings import Settings
-from vfoa.tracking import TrackingSettings
-
-_ATTEND: dict[str, type[Settings]] = {
-    "tracking": TrackingSettings,
-    "gaze_filter": GazeFilterSettings,
-    "attention": AttentionSettings,
-}
-_TABLES = (*SLOTS, "reconstruction", *_ATTEND)
-_Tables = Mapping[str, Mapping[str, Any]]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Configuration:
-    """Every setting of one way to run the pipeline. ``choices`` has one entry per slot, None for one switched off.
-
-    ``factors`` are the labels of its place in a grid by dotted key; empty where there was no grid.
-    """
-
-    name: str
-    choices: Mapping[str, StageChoice | None]
-    reconstruction: ReconstructionSettings
-    attend: AttendSettings
-    factors: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def is_in_region(self) -> bool:
-        """Whether disparities are asked for only where things and heads are."""
-        stereo = self.choices["stereo"]
-        return stereo is not None and getattr(stereo.settings, "region", None) == "needed"
-
-    def for_clip(self, clip: str) -> Configuration:
-        """The configuration with the clip's name filled in where a stage's ``root`` asks for it."""
-        choices = {slot: choice.for_clip(clip) if choice else None for slot, choice in self.choices.items()}
-        return replace(self, choices=choices)
-
-    def plain(self) -> dict[str, Any]:
-        """The configuration as JSON values, every default written out: what a run's manifest records."""
-        stages = {name: choice.plain() if choice else None for name, choice in self.choices.items()}
-        attend = self.attend.model_dump(mode="json")
-        return {**stages, "reconstruction": self.reconstruction.model_dump(mode="json"), **attend}
 
 
 class SweepView(Settings):
@@ -153,29 +114,34 @@ def load_experiment(
         raise VfoaError(f"{where}: clips: expected at least one clip, found none")
     changes = [parse_assignment(text, "stereo.matcher=sgbm") for text in overrides]
     _check_sweep(file, where)
-    configurations = []
-    used: set[tuple[str, str]] = set()
-    for variant in variants(file.grid, file.configuration, where):
-        own = _tables([*variant.differences, *changes], where)
-        inherited = _inherited(file.defaults, own)
-        used |= {(table, key) for table, settings in inherited.items() for key in settings}
-        bundle = preset_tables(preset or variant.preset or file.preset, where)
-        inherited = _inherited(_merged(file.defaults, bundle), own)
-        configuration = _configuration(
-            variant.name, _merged(inherited, own), f"{where}: configuration {variant.name!r}"
-        )
-        configurations.append(replace(configuration, factors=variant.factors))
-    _all_used(file.defaults, used, where)
+    configurations = _configurations(file, changes, preset, where)
     _check_published(file, [each.name for each in configurations], where)
     return Experiment(
         name=path.stem,
         clips=chosen,
-        configurations=tuple(configurations),
+        configurations=configurations,
         notes=file.notes,
         annotator=file.annotator,
         sweep=file.sweep,
         published=file.published,
     )
+
+
+def _configurations(
+    file: _File, changes: list[tuple[str, Any]], preset: str | None, where: str
+) -> tuple[Configuration, ...]:
+    """Every variant of the file, with the changes made in each; what it does not say is inherited."""
+    found = []
+    used: set[tuple[str, str]] = set()
+    for variant in variants(file.grid, file.configuration, where):
+        own = dotted_tables([*variant.differences, *changes], where)
+        used |= {(table, key) for table, settings in inherited(file.defaults, own).items() for key in settings}
+        bundle = preset_tables(preset or variant.preset or file.preset, where)
+        tables = merged(inherited(merged(file.defaults, bundle), own), own)
+        of_variant = f"{where}: configuration {variant.name!r}"
+        found.append(make_configuration(variant.name, tables, variant.factors, of_variant))
+    check_all_used(file.defaults, used, where)
+    return tuple(found)
 
 
 def is_experiment(name_or_path: str) -> bool:
@@ -207,60 +173,3 @@ def _check_published(file: _File, configurations: list[str], where: str) -> None
             raise VfoaError(
                 f"{where}: published.counts: no configuration {name!r}; {did_you_mean(name, configurations)}"
             )
-
-
-def _tables(changes: list[tuple[str, Any]], where: str) -> dict[str, dict[str, Any]]:
-    """Dotted keys as tables."""
-    tables: dict[str, dict[str, Any]] = {}
-    for dotted, value in changes:
-        table, dot, key = dotted.partition(".")
-        if not dot:
-            raise VfoaError(f"{where}: {dotted}: expected a dotted key, such as stereo.matcher")
-        if table not in _TABLES:
-            raise VfoaError(f"{where}: {dotted}: unknown table; {did_you_mean(table, _TABLES)}")
-        tables.setdefault(table, {})[key] = value
-    return tables
-
-
-def _merged(tables: _Tables, over: _Tables) -> _Tables:
-    return {table: {**tables.get(table, {}), **over.get(table, {})} for table in {**tables, **over}}
-
-
-def _inherited(defaults: _Tables, own: _Tables) -> _Tables:
-    """The defaults that a configuration takes over: a stage takes those of its settings that it has."""
-    tables = {}
-    for table, settings in defaults.items():
-        slot = SLOTS.get(table)
-        name = {**settings, **own.get(table, {})}.get(slot.key) if slot else None
-        tables[table] = {key: value for key, value in settings.items() if slot is None or slot.takes(name, key)}
-    return tables
-
-
-def _all_used(defaults: _Tables, used: set[tuple[str, str]], where: str) -> None:
-    for table, settings in defaults.items():
-        if table not in _TABLES:
-            raise VfoaError(f"{where}: defaults.{table}: unknown table; {did_you_mean(table, _TABLES)}")
-        for key in settings:
-            if (table, key) not in used:
-                raise VfoaError(f"{where}: defaults.{table}.{key}: no configuration's {table} has such a setting")
-
-
-def _configuration(name: str, tables: _Tables, where: str) -> Configuration:
-    choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in SLOTS.values()}
-    bayes = tables.get("attention", {}).get("method") == "bayes"
-    models: dict[str, type[Settings]] = {**_ATTEND, **({"attention": BayesSettings} if bayes else {})}
-    settings: dict[str, Any] = {
-        key: parse(model, tables.get(key, {}), f"{where}: {key}") for key, model in models.items()
-    }
-    configuration = Configuration(
-        name=name,
-        choices=choices,
-        reconstruction=parse(ReconstructionSettings, tables.get("reconstruction", {}), f"{where}: reconstruction"),
-        attend=AttendSettings(**settings),
-    )
-    if configuration.is_in_region and configuration.reconstruction.stuff:
-        raise VfoaError(
-            f'{where}: stereo.region: found "needed", which leaves out stuff, and reconstruction.stuff = '
-            f'{list(configuration.reconstruction.stuff)}; expected stereo.region = "frame"'
-        )
-    return configuration

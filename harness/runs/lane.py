@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Self
 
 from harness.clips.naming import SubjectNames, name_frame
 from harness.recording import FrameObserver, Observers
+from harness.runs.configuration import Configuration
 from harness.runs.directory import Pair
-from harness.runs.experiment import Configuration
 from harness.runs.hindsight import Hindsight
+from harness.runs.ledger import Bill, timed
 from harness.runs.parts import Part
 from harness.runs.records import to_record
 from harness.runs.results import FrameMeasures, FrameRecord, to_line
-from harness.runs.sharing import Bill, SharedFrame, timed
+from harness.runs.sharing import SharedFrame
 from harness.scores.measures import Measurer
 from harness.scores.verdicts import Verdict, judge
 from vfoa.errors import VfoaError

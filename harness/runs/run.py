@@ -16,9 +16,9 @@ from harness.cache.stage import ClipCache, Tally
 from harness.clips.manifest import ClipManifest
 from harness.recording import Size
 from harness.runs.ahead import ahead, one_at_a_time
+from harness.runs.configuration import Configuration
 from harness.runs.directory import Pair, RunDirectory
 from harness.runs.executors import Progress
-from harness.runs.experiment import Configuration
 from harness.runs.lane import Lane
 from harness.runs.sharing import SharedFrame, SharedPipeline
 from harness.scores.measures import Measurer

@@ -1,8 +1,6 @@
 """One clip under many configurations, with nothing computed twice in a frame.
 
-Configurations that agree on a stage share its output. An output is known by the stage and the identity of its
-inputs: a stage that shares its inputs hands on the very same object, so agreement upstream carries downstream
-without a word about which stage reads what.
+Configurations that agree on a stage share its output, by way of a :class:`harness.runs.ledger.Ledger`.
 
 A frame leaves when all that its gaze is estimated from has been read: at once, unless a configuration has a temporal
 gaze model. Until then it waits with its outputs.
@@ -10,79 +8,25 @@ gaze model. Until then it waits with its outputs.
 
 from __future__ import annotations
 
-import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from typing import Any
 
 from harness.adapters import Clip
 from harness.cache.stage import ClipCache, Tally
 from harness.runs.ahead import ahead
-from harness.runs.experiment import Configuration
+from harness.runs.configuration import Configuration
+from harness.runs.ledger import Bill, Ledger, Output, timed
 from harness.runs.stages import OFF, SLOTS, StageChoice
 from vfoa.errors import VfoaError
 from vfoa.gaze import TemporalGazeModel
 from vfoa.gaze.temporal import HeadWindow, with_gazes
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
-from vfoa.settings import Settings
-from vfoa.stereo.region import Region
 from vfoa.tracking import TrackingSettings
 from vfoa.types import Percepts, Scene, StereoFrame
-
-T = TypeVar("T")
-Bill = dict[str, float]
-"""Seconds per stage."""
-
-
-@contextmanager
-def timed(bill: Bill, stage: str) -> Iterator[None]:
-    """Bill the seconds of a ``with`` block."""
-    started = time.perf_counter()
-    yield
-    bill[stage] = bill.get(stage, 0.0) + time.perf_counter() - started
-
-
-@dataclass(frozen=True, slots=True)
-class _Output:
-    value: Any
-    bill: Bill
-    inputs: tuple[object, ...]  # kept alive, so that no new object can take over their identity
-
-
-@dataclass(slots=True)
-class Ledger:
-    """The outputs of one frame's stages, and the bill of whoever asks now.
-
-    A shared output is billed in full to everyone who uses it: a bill says what a configuration costs by itself.
-    """
-
-    outputs: dict[tuple[object, ...], _Output] = field(default_factory=dict)
-    bill: Bill = field(default_factory=dict)
-
-    def call(self, name: str, function: Callable[..., T], *inputs: object) -> T:
-        """Return ``function(*inputs)``, computed once; settings and regions count by value, all else by identity.
-
-        The time is billed under ``name``, or, where the function made calls of its own, under theirs.
-        """
-        key = (name, function, *(value if isinstance(value, Settings | Region) else id(value) for value in inputs))
-        if key not in self.outputs:
-            outer, self.bill = self.bill, {}
-            started = time.perf_counter()
-            value = function(*inputs)
-            bill = self.bill or {name: time.perf_counter() - started}
-            self.bill = outer
-            self.outputs[key] = _Output(value, bill, inputs)
-        output = self.outputs[key]
-        for stage, seconds in output.bill.items():
-            self.charge(stage, seconds)
-        return output.value
-
-    def charge(self, stage: str, seconds: float) -> None:
-        """Bill the seconds that something took, now or when it was computed."""
-        self.bill[stage] = self.bill.get(stage, 0.0) + seconds
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +80,7 @@ class _Waiting:
     """A frame whose gazes are not known yet, the outputs of its stages, and what it has cost to read."""
 
     frame: StereoFrame
-    outputs: dict[tuple[object, ...], _Output]
+    outputs: dict[tuple[object, ...], Output]
     decoding: Bill
 
 

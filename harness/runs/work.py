@@ -9,9 +9,9 @@ from harness.cache.account import Account
 from harness.cache.stage import ClipCache, open_cache
 from harness.cache.store import Store
 from harness.runs.along import GivenUpError, Perceived
+from harness.runs.configuration import Configuration
 from harness.runs.directory import Pair, RunDirectory
 from harness.runs.executors import Executor, Progress, compute_with
-from harness.runs.experiment import Configuration
 from harness.runs.plan import Plan, PreparedClip
 from harness.runs.run import ClipJob, ClipOutcome, run_clip
 from harness.runs.stages import SLOTS

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 from harness.adapters import Truth
 from harness.clips.manifest import load_manifest
-from harness.runs.experiment import Configuration, Experiment
+from harness.runs.configuration import Configuration
+from harness.runs.experiment import Experiment
 from harness.runs.stages import StageChoice
 from harness.scores.score import ScoreRow, Scores
 from harness.scores.statistics import Interval, bootstrap_interval

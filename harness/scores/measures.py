@@ -7,8 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 
 from harness.adapters import Clip, PersonTruth, Truth
+from harness.runs.ledger import Ledger
 from harness.runs.results import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
-from harness.runs.sharing import Ledger
 from harness.truth.oracle import LEAST_OVERLAP, truth_of
 from vfoa.geometry import angle_between, box_corners, box_iou
 from vfoa.types import Box3D, Disparity, Float, Instances, Percepts, Person, Scene, Target

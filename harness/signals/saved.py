@@ -19,7 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from harness.files import atomic_write
-from harness.runs.experiment import Configuration, Experiment
+from harness.runs.configuration import Configuration
+from harness.runs.experiment import Experiment
 from harness.runs.stages import CLIP_VARIABLE, OFF, SLOTS
 from harness.toml_text import toml_value
 

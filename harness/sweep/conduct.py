@@ -9,8 +9,9 @@ import numpy as np
 from harness.annotations.files import Labels
 from harness.cache.stage import open_cache
 from harness.cache.store import Store
+from harness.runs.configuration import Configuration
 from harness.runs.executors import Progress, work_through
-from harness.runs.experiment import Configuration, Experiment, SweepView
+from harness.runs.experiment import Experiment, SweepView
 from harness.runs.plan import Plan, PreparedClip
 from harness.scores.statistics import Interval, wilson_interval
 from harness.sweep.tally import SweepJob, Tally, sweep_clip

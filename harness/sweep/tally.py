@@ -11,8 +11,8 @@ from harness.annotations.files import IGNORED, Labels
 from harness.cache.stage import ClipCache
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_frame
+from harness.runs.configuration import Configuration
 from harness.runs.executors import Progress
-from harness.runs.experiment import Configuration
 from harness.runs.records import to_record
 from harness.runs.sharing import SharedPipeline
 from harness.scores.verdicts import find_subject, right_answers

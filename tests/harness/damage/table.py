@@ -323,7 +323,7 @@ _RUN_MANIFEST = "run/manifest.json"
 
 RUNS = [
     case("results empty", empty(_RESULTS), "results.jsonl", "found 0", "expected 3", command=_SCORE),
-    case("results cut", cut(_RESULTS, 0.5), "results.jsonl:", command=_SCORE),
+    case("results cut", cut(_RESULTS, 0.5), "results.jsonl:", "cut short", command=_SCORE),
     case("results lack a line", _without_last_line, "results.jsonl", "found 2", command=_SCORE),
     case("results with a flipped bit", flipped(_RESULTS, 0.0), "results.jsonl:1:", command=_SCORE),
     case("results are binary", text(_RESULTS, bytes(range(256))), "results.jsonl:1:", command=_SCORE),

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.runs.experiment import Configuration, load_experiment
+from harness.runs.configuration import Configuration
+from harness.runs.experiment import load_experiment
 from vfoa.errors import VfoaError
 
 HEAD = """

@@ -12,7 +12,8 @@ import pytest
 from harness.adapters import Clip
 from harness.clips.manifest import load_manifest
 from harness.runs.conduct import conduct, prepare
-from harness.runs.experiment import Configuration, Experiment, load_experiment
+from harness.runs.configuration import Configuration
+from harness.runs.experiment import Experiment, load_experiment
 from harness.runs.results import FrameRecord, read_results
 from harness.runs.sharing import SharedPipeline
 from tests import graphs

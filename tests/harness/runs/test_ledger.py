@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from harness.runs.sharing import Ledger
+from harness.runs.ledger import Ledger
 from vfoa.tracking import TrackingSettings
 
 
