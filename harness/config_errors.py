@@ -8,6 +8,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from harness.files import read_text
 from vfoa.errors import VfoaError, did_you_mean
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -22,11 +23,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         If there is no such file, or it is not TOML; the message names the line.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise VfoaError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError as error:
-        raise VfoaError(f"{path}: not UTF-8 text: byte {error.start} is {error.object[error.start]:#04x}") from None
+        return tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise VfoaError(f"{path}: not TOML: {error}") from None
 

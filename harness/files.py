@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, and digested by content."""
+"""Files: read with one line for what is wrong, written whole or not at all, and digested by content."""
 
 from __future__ import annotations
 
@@ -16,7 +16,29 @@ def read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise _unread(path, error) from None
+        raise unreadable(path, error) from None
+
+
+def read_text(path: Path) -> str:
+    """Read a UTF-8 text whole, line ends as they are, with or without a byte-order mark.
+
+    Raises
+    ------
+    VfoaError
+        If it cannot be read, or is no such text: with the line.
+    """
+    try:
+        return read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object[: error.start].count(b"\n") + 1
+        raise VfoaError(f"{path}:{line}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
+
+
+def unreadable(path: Path, error: OSError) -> VfoaError:
+    """What to say of a file that the system does not let one read."""
+    if isinstance(error, FileNotFoundError):
+        return VfoaError(f"{path}: no such file")
+    return VfoaError(f"{path}: cannot be read: {error.strerror or error}")
 
 
 def atomic_write(path: Path, content: str | bytes) -> None:
@@ -46,7 +68,7 @@ def file_digest(path: Path) -> str:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError as error:
-        raise _unread(path, error) from None
+        raise unreadable(path, error) from None
 
 
 def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
@@ -55,12 +77,6 @@ def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
     for role, path in parts:
         total.update(f"{role}\0{file_digest(path)}\n".encode())
     return total.hexdigest()
-
-
-def _unread(path: Path, error: OSError) -> VfoaError:
-    if isinstance(error, FileNotFoundError):
-        return VfoaError(f"{path}: no such file")
-    return VfoaError(f"{path}: cannot be read: {error.strerror or error}")
 
 
 def _umask() -> int:

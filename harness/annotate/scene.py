@@ -5,7 +5,6 @@ Outlines come from a run's saved masks, else from its boxes; without a run from 
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from harness.adapters import Clip
 from harness.annotate.suggestions import Predictions
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_targets
+from harness.config_errors import read_toml
 from harness.runs.directory import RunDirectory
 from harness.runs.results import BoxPx, FrameRecord
 from harness.runs.stages import CLIP_VARIABLE
@@ -103,7 +103,7 @@ def saved_folder(run: Path, clip: str, predictions: Predictions, slot: str = "se
     """Where ``--save-signals`` put a stage's output for the configuration; None where nothing was saved."""
     signals = RunDirectory(run).signals
     for file in sorted(signals.glob("*.toml")):
-        for each in tomllib.loads(file.read_text(encoding="utf-8")).get("configuration", ()):
+        for each in read_toml(file).get("configuration", ()):
             if each.get("name") == predictions.configuration and "root" in each.get(slot, {}):
                 root: str = each[slot]["root"]
                 return Path(root.replace(f"${{{VARIABLE}}}", str(signals)).replace(CLIP_VARIABLE, clip))

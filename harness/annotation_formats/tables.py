@@ -9,7 +9,7 @@ from itertools import zip_longest
 from pathlib import Path
 
 from harness.annotations.timeline import parse_seconds
-from harness.files import read_bytes
+from harness.files import read_text
 from vfoa.errors import VfoaError
 
 
@@ -21,10 +21,7 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     VfoaError
         If the file is not such text.
     """
-    try:
-        text = read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise VfoaError(f"{path}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
+    text = read_text(path)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter="\t" if "\t" in text else ",")
     try:
         for row in reader:

@@ -27,7 +27,7 @@ from harness.annotations.rows import (
     check_text,
 )
 from harness.annotations.timeline import Timeline, format_seconds
-from harness.files import atomic_write, read_bytes
+from harness.files import atomic_write, read_text
 from vfoa.errors import VfoaError
 
 __all__ = [
@@ -120,7 +120,7 @@ def _rows(
     path: Path, timeline: Timeline | None, subjects: set[str], targets: Iterable[str]
 ) -> Iterator[tuple[int, LabelRange]]:
     """Line number and content of every row below the header, blank lines left out."""
-    version, _, rest = _text(path).partition("\n")
+    version, _, rest = read_text(path).partition("\n")
     if version.rstrip("\r") != VERSION_LINE:
         raise VfoaError(f"{path}:1: found {version.rstrip()[:80]!r}; expected {VERSION_LINE!r}")
     lines = csv.reader(io.StringIO(rest, newline=""), strict=True)
@@ -139,14 +139,6 @@ def _rows(
         raise VfoaError(f"{path}:{lines.line_num + 1}: not CSV: {error}") from None
     if reader is None:
         raise VfoaError(f"{path}:2: no header; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)}")
-
-
-def _text(path: Path) -> str:
-    try:
-        return read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b"\n") + 1
-        raise VfoaError(f"{path}:{line}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
 
 
 def _columns(*, in_time: bool, with_points: bool, with_states: bool) -> tuple[str, ...]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
 
+from harness.files import read_text
 from harness.report.formats import UNKNOWN, Table
 from vfoa.errors import VfoaError
 
@@ -24,16 +26,15 @@ def stage_times_table(timings: Path) -> Table:
     times: dict[str, dict[str, list[float]]] = {}
     configurations: dict[str, None] = {}
     if timings.is_file():
-        with timings.open(encoding="utf-8", newline="") as file:
-            rows = csv.reader(file)
-            if (header := next(rows, [])) != _COLUMNS:
-                raise VfoaError(f"{timings}: expected the columns {','.join(_COLUMNS)}, found {','.join(header)}")
-            try:
-                for _, configuration, _, stage, ms in rows:
-                    configurations.setdefault(configuration)
-                    times.setdefault(stage, {}).setdefault(configuration, []).append(float(ms))
-            except ValueError as error:
-                raise VfoaError(f"{timings}:{rows.line_num}: not a stage's time: {error}") from None
+        rows = csv.reader(io.StringIO(read_text(timings), newline=""))
+        if (header := next(rows, [])) != _COLUMNS:
+            raise VfoaError(f"{timings}:1: expected the columns {','.join(_COLUMNS)}, found {','.join(header)}")
+        try:
+            for _, configuration, _, stage, ms in rows:
+                configurations.setdefault(configuration)
+                times.setdefault(stage, {}).setdefault(configuration, []).append(float(ms))
+        except ValueError as error:
+            raise VfoaError(f"{timings}:{rows.line_num}: not a stage's time: {error}") from None
     return Table(
         title="Stage times, median ms a frame",
         columns=("Stage", *configurations),

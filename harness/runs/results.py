@@ -14,6 +14,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from harness.files import unreadable
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -196,7 +197,7 @@ def read_results(path: Path) -> Iterator[FrameRecord]:
                 _check_first(seen, record, path, number)
                 yield record
     except OSError as error:
-        raise VfoaError(f"{path}: cannot be read: {error.strerror}") from None
+        raise unreadable(path, error) from None
 
 
 def _from_line(line: bytes, path: Path, number: int) -> FrameRecord:

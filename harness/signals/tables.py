@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.files import atomic_write, read_bytes
+from harness.files import atomic_write, read_text
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float
 
@@ -107,12 +107,7 @@ def write_table(path: Path, columns: Sequence[str], rows: Sequence[Sequence[obje
 
 def _lines(path: Path, columns: Sequence[str]) -> list[tuple[str, dict[str, str]]]:
     """Place and cells of every line below the header, blank lines left out."""
-    try:
-        text = read_bytes(path).decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = error.object[: error.start].count(b"\n") + 1
-        raise VfoaError(f"{path}:{line}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
     header: list[str] = []
     lines = []
     try:

@@ -11,6 +11,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 
 from harness.adapters.mcap.recording import HEAD, MAGIC, PARSED, parse_record, parts_of
+from harness.files import unreadable
 from vfoa.errors import VfoaError
 
 _POLL_S = 0.005
@@ -59,7 +60,7 @@ def _read(path: Path, at: int) -> tuple[int | None, bytes]:
                 return None, b""
             return opcode, file.read(length)
     except OSError as error:
-        raise VfoaError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise unreadable(path, error) from None
 
 
 def _start(path: Path, found: bytes) -> tuple[int | None, bytes]:

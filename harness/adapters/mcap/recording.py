@@ -14,6 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import breakup_chunk
 
+from harness.files import unreadable
 from vfoa.errors import VfoaError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -128,7 +129,7 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
         size = path.stat().st_size
         file = path.open("rb")
     except OSError as error:
-        raise VfoaError(f"{path}: cannot be read: {error.strerror or error}") from None
+        raise unreadable(path, error) from None
     with file:
         if (magic := file.read(len(MAGIC))) != MAGIC:
             raise VfoaError(f"{path}: not MCAP: it starts with {magic!r}; expected {MAGIC!r}")

@@ -172,7 +172,7 @@ def test_a_target_that_the_manifest_cannot_have_is_not_written(
         ({"uncertain_first": True}, "need --run"),
         ({"run": "run", "configuration": "oen"}, "no configuration 'oen'; did you mean 'one'"),
         ({"run": "run", "blind": True, "uncertain_first": True}, "--blind shows nothing"),
-        ({"run": "elsewhere"}, "elsewhere/results.jsonl: cannot be read"),
+        ({"run": "elsewhere"}, "elsewhere/results.jsonl: no such file"),
     ],
 )
 def test_wrong_choices_are_one_line(opened: Any, work: Path, choices: dict[str, Any], found: str) -> None:

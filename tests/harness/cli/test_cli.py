@@ -49,7 +49,7 @@ def test_help_loads_nothing_heavy() -> None:
         (("run", "demo", "--clip", "studio_tabel"), "no clip 'studio_tabel'; did you mean 'studio_table'?"),
         (("run", "demo", "--set", "stereo.matcher=sgmb"), "no 'sgmb'; did you mean 'sgbm'?"),
         (("run", "demo", "--set", "attention"), "--set attention: expected KEY=VALUE"),
-        (("run", "nowhere/mine.toml"), "nowhere/mine.toml: cannot be read"),
+        (("run", "nowhere/mine.toml"), "nowhere/mine.toml: no such file"),
         (("score", "nowhere"), "nowhere: expected a run's directory"),
         (("view", "nowhere"), "nowhere"),
     ],

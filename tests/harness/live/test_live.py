@@ -226,7 +226,7 @@ def test_pairs_of_a_growing_recording_are_those_of_the_finished_one(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("data", "said"), [(None, "cannot be read"), (b"no recording at all", "not MCAP: it starts with")]
+    ("data", "said"), [(None, "no such file"), (b"no recording at all", "not MCAP: it starts with")]
 )
 def test_what_is_no_recording_is_one_line(tmp_path: Path, data: bytes | None, said: str) -> None:
     path = tmp_path / "wrong.mcap"
@@ -358,7 +358,7 @@ def test_ctrl_c_ends_a_live_run_and_keeps_it(experiment_file: Path, tmp_path: Pa
     [
         (["0", "--right", "1"], "two cameras need --calibration"),
         (["no_such_clip"], "no clip 'no_such_clip'"),
-        (["nowhere.mcap"], "nowhere.mcap: cannot be read"),
+        (["nowhere.mcap"], "nowhere.mcap: no such file"),
         (["nowhere.mcap", "--calibration", "c.yaml"], "--calibration is for two cameras"),
         (["nowhere.mcap", "--recording", "none", "--viewer"], "nothing for a viewer"),
         (["nowhere.mcap", "--experiment", "demo"], "several configurations; say --config, one of: bm-one"),
