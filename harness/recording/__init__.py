@@ -8,6 +8,7 @@ does not import Rerun, so that a run without recordings does not pay for it.
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Protocol, Self
@@ -27,6 +28,17 @@ VERSUS = "__vs__"
 """Between two configurations in the name of a recording that shows both, made of a run's own and none of them."""
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ShownFrame:
+    """One finished frame: its images, what was found in it, the result, its record with names, and the verdicts."""
+
+    frame: StereoFrame
+    percepts: Percepts
+    result: FrameResult
+    record: FrameRecord
+    verdicts: tuple[Verdict, ...]
+
+
 class FrameObserver(Protocol):
     """What the run loop shows each finished frame to. Frames come in order; nothing shown may be changed."""
 
@@ -36,15 +48,8 @@ class FrameObserver(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
 
-    def log(
-        self,
-        frame: StereoFrame,
-        percepts: Percepts,
-        result: FrameResult,
-        record: FrameRecord,
-        verdicts: tuple[Verdict, ...],
-    ) -> None:
-        """Show one frame: its images, what was found in it, the named result, and how each subject was judged."""
+    def log(self, shown: ShownFrame) -> None:
+        """Show one frame."""
         ...
 
 
@@ -67,17 +72,10 @@ class Observers:
     ) -> None:
         self._stack.__exit__(kind, error, trace)
 
-    def log(
-        self,
-        frame: StereoFrame,
-        percepts: Percepts,
-        result: FrameResult,
-        record: FrameRecord,
-        verdicts: tuple[Verdict, ...],
-    ) -> None:
+    def log(self, shown: ShownFrame) -> None:
         """Show the frame to each."""
         for observer in self._observers:
-            observer.log(frame, percepts, result, record, verdicts)
+            observer.log(shown)
 
 
 def find_recordings(run: Path, clip: str | None, configuration: str | None) -> list[Path]:

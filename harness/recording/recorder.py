@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import rerun as rr
 
-from harness.recording import Size, entities
+from harness.recording import ShownFrame, Size, entities
 from harness.recording.attention import log_attention
 from harness.recording.blueprint import blueprint, guide
 from harness.recording.frame_log import FrameLog
@@ -20,11 +20,10 @@ from harness.recording.labels import Colours
 from harness.recording.scene import log_targets
 from harness.recording.stages import log_disparity, log_heads, log_images, log_masks
 from harness.recording.verdicts import log_verdicts
-from harness.runs.results import FrameRecord
-from vfoa.types import FrameResult, Percepts, Scene, StereoFrame
+from vfoa.types import Scene
 
 if TYPE_CHECKING:
-    from harness.scores.verdicts import Verdict
+    pass
 
 APPLICATION = "vfoa"
 
@@ -103,18 +102,11 @@ class Recorder:
         if error is None:
             self._partial.replace(self._path)
 
-    def log(
-        self,
-        frame: StereoFrame,
-        percepts: Percepts,
-        result: FrameResult,
-        record: FrameRecord,
-        verdicts: tuple[Verdict, ...],
-    ) -> None:
+    def log(self, shown: ShownFrame) -> None:
         """Write one frame."""
         if not self._opened:
-            self._open(result.scene)
-        log = self._log
+            self._open(shown.result.scene)
+        log, frame, percepts, result, record = self._log, shown.frame, shown.percepts, shown.result, shown.record
         log.begin(frame.index, frame.time_ns)
         log_images(log, frame, self._size)
         log_disparity(log, percepts, self._size)
@@ -122,11 +114,11 @@ class Recorder:
         log_heads(log, record)
         log_targets(log, result.scene, record, self._colours, self._size)
         log_attention(log, result, record, self._colours)
-        log_verdicts(log, record, verdicts, self._colours)
+        log_verdicts(log, record, shown.verdicts, self._colours)
         log.end()
         if self._watched_at:
             log.close()  # whoever looks on wants the curves now
-        self._outcomes.update(verdict.outcome for verdict in verdicts)
+        self._outcomes.update(verdict.outcome for verdict in shown.verdicts)
 
     def _open(self, first: Scene | None) -> None:
         """Open the file; the layout in its head looks at the first frame's scene."""

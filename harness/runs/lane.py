@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from harness.clips.naming import SubjectNames, name_frame
-from harness.recording import FrameObserver, Observers
+from harness.recording import FrameObserver, Observers, ShownFrame
 from harness.runs.configuration import Configuration
 from harness.runs.directory import Pair
 from harness.runs.hindsight import Hindsight
@@ -112,7 +112,10 @@ class Lane:
         frame, percepts, measures, bill = seen
         record = self._record(result, measures)
         with timed(bill, "recording"):
-            self._observer.log(frame, percepts, result, record, self._judge(record))
+            verdicts = self._judge(record)
+            self._observer.log(
+                ShownFrame(frame=frame, percepts=percepts, result=result, record=record, verdicts=verdicts)
+            )
         milliseconds = {stage: 1e3 * seconds for stage, seconds in bill.items()}
         self._part.write(to_line(record), milliseconds, f"{record.clip},{record.configuration},{record.frame}")
 

@@ -11,15 +11,14 @@ import numpy as np
 
 from harness.files import atomic_write
 from harness.media.frame_files import printf_name
-from harness.runs.results import FrameRecord
-from harness.scores.verdicts import Verdict
+from harness.recording import ShownFrame
 from harness.signals.coco_panoptic_writer import CocoPanopticWriter
 from harness.signals.directions import write_gazes, write_head_poses
 from harness.signals.heads import write_heads
 from harness.signals.saved import DISPARITY
 from vfoa.errors import VfoaError
 from vfoa.geometry import depth_from_disparity
-from vfoa.types import FrameResult, Gaze, Head, HeadPose, Percepts, StereoFrame
+from vfoa.types import Gaze, Head, HeadPose, Percepts
 
 
 class SignalWriter:
@@ -46,14 +45,7 @@ class SignalWriter:
         if kind is None:
             self._finish()
 
-    def log(
-        self,
-        frame: StereoFrame,
-        percepts: Percepts,
-        result: FrameResult,
-        record: FrameRecord,
-        verdicts: tuple[Verdict, ...],
-    ) -> None:
+    def log(self, shown: ShownFrame) -> None:
         """Save one frame's percepts.
 
         Raises
@@ -61,6 +53,7 @@ class SignalWriter:
         VfoaError
             If a disparity cannot be told from an unknown one in a file, or a category's number has two meanings.
         """
+        percepts = shown.percepts
         if "stereo" in self._slots:
             self._save_disparity(percepts)
         if "segmentation" in self._slots:

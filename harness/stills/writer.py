@@ -11,12 +11,12 @@ import cv2
 import msgspec
 import numpy as np
 
+from harness.recording import ShownFrame
 from harness.recording.cones import cone_wire, reach_m
 from harness.runs.results import FrameRecord
-from harness.scores.verdicts import Verdict
 from harness.stills import Box, Still, StillSubject, lines_path, picture_path
 from vfoa.geometry import project
-from vfoa.types import CUES, Attention, Float, FrameResult, Image, Percepts, Scene, StereoFrame, StereoRig
+from vfoa.types import CUES, Attention, Float, FrameResult, Image, Scene, StereoRig
 
 WIDTH_PX = 360
 QUALITY = 55
@@ -48,21 +48,14 @@ class StillWriter:
         if kind is None:
             self._partial.replace(self._path)
 
-    def log(
-        self,
-        frame: StereoFrame,
-        percepts: Percepts,
-        result: FrameResult,
-        record: FrameRecord,
-        verdicts: tuple[Verdict, ...],
-    ) -> None:
+    def log(self, shown: ShownFrame) -> None:
         """Write one frame."""
-        path = picture_path(self._run, self._clip, frame.index)
+        path = picture_path(self._run, self._clip, shown.frame.index)
         if not path.exists():  # another configuration has written it
             draft = path.with_suffix(f".{os.getpid()}.partial")  # or is writing it, in another process
-            draft.write_bytes(picture(frame.left))
+            draft.write_bytes(picture(shown.frame.left))
             draft.replace(path)
-        self._file.write(self._encoder.encode(still(frame.rig, result, record)) + b"\n")
+        self._file.write(self._encoder.encode(still(shown.frame.rig, shown.result, shown.record)) + b"\n")
 
 
 def picture(left: Image) -> bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +11,9 @@ import pytest
 
 from harness.annotations.files import Label
 from harness.clips.naming import Names
+from harness.recording import ShownFrame
 from harness.runs.records import to_record
-from harness.runs.results import FrameRecord
-from harness.scores.verdicts import Verdict, judge
+from harness.scores.verdicts import judge
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.geometry import fov_from_radius
 from vfoa.types import (
@@ -44,22 +43,9 @@ EYES = np.array([0.0, -0.1, 1.5])
 CENTRES = {1: (0.0, 0.1, 1.5), 2: (-0.4, 0.1, 1.0), 3: (-0.4, 0.1, 1.6), 4: (0.4, 0.1, 1.0)}
 
 
-@dataclass(frozen=True)
-class Shown:
-    """What the run loop shows an observer of one frame."""
-
-    frame: StereoFrame
-    percepts: Percepts
-    result: FrameResult
-    record: FrameRecord
-    verdicts: tuple[Verdict, ...]
-
-    @property
-    def arguments(self) -> tuple[Any, ...]:
-        return self.frame, self.percepts, self.result, self.record, self.verdicts
-
-
-def show(index: int, *, things: tuple[int, ...], head: bool = True, gaze_at: int | None = None, turn: int = 0) -> Shown:
+def show(
+    index: int, *, things: tuple[int, ...], head: bool = True, gaze_at: int | None = None, turn: int = 0
+) -> ShownFrame:
     """One frame: the instances in ``things``, Ann where ``head``, her gaze at one of them, her head at the book.
 
     ``turn`` is added to every instance's id: a segmenter that numbers anew.
@@ -95,7 +81,8 @@ def show(index: int, *, things: tuple[int, ...], head: bool = True, gaze_at: int
     result = FrameResult(scene=scene, attentions=tuple(pay_attention(s, targets, settings) for s in subjects))
     names = Names(subjects={7: ANN}, targets={thing + turn: NAMES[thing] for thing in things})
     record = to_record("clip", "two cones", result, names)
-    return Shown(frame, percepts, result, record, (judge(record, ANN, Label(target="red cup")),))
+    verdicts = (judge(record, ANN, Label(target="red cup")),)
+    return ShownFrame(frame=frame, percepts=percepts, result=result, record=record, verdicts=verdicts)
 
 
 def _view(gaze_at: int | None) -> HeadView:
@@ -115,7 +102,7 @@ def _target(instance: Instance, thing: int, rng: np.random.Generator) -> Target:
 
 
 @pytest.fixture
-def frames() -> list[Shown]:
+def frames() -> list[ShownFrame]:
     """Gaze at the cup; the gaze lost and the cups gone; nobody there; all back, numbered anew."""
     return [
         show(10, things=(1, 2, 3, 4), gaze_at=2),
@@ -130,13 +117,13 @@ def record_run(tmp_path: Path) -> Callable[..., Path]:
     """Write frames into a recording of a run called ``run``."""
     from harness.recording.recorder import Recorder
 
-    def write(frames: list[Shown], **options: Any) -> Path:
+    def write(frames: list[ShownFrame], **options: Any) -> Path:
         path = tmp_path / "run" / "clip__two.rrd"
         with Recorder(
             path, clip="clip", configuration="two", rate_hz=25, subjects=[ANN], targets=["red cup"], **options
         ) as recorder:
             for shown in frames:
-                recorder.log(*shown.arguments)
+                recorder.log(shown)
         return path
 
     return write

@@ -23,9 +23,9 @@ def test_the_real_tool_verifies_both_sizes(frames, record_run):
 
 
 def test_the_recorder_changes_nothing_it_is_shown(frames, record_run):
-    before = pickle.dumps([shown.arguments for shown in frames])
+    before = pickle.dumps(frames)
     record_run(frames, size="full")
-    assert pickle.dumps([shown.arguments for shown in frames]) == before
+    assert pickle.dumps(frames) == before
 
 
 def test_curves_equal_the_record(frames, record_run, read_back):
@@ -175,14 +175,14 @@ def test_an_error_leaves_no_recording_that_looks_finished(frames, tmp_path):
 
 def _break(path, frames):
     with Recorder(path, clip="clip", configuration="two", rate_hz=None) as recorder:
-        recorder.log(*frames[0].arguments)
+        recorder.log(frames[0])
         raise RuntimeError("the run broke")
 
 
 def test_a_run_without_frames_or_names_is_a_recording_too(record_run, tmp_path, frames):
     record_run([])
     with Recorder(tmp_path / "a.rrd", clip="a", configuration="b", rate_hz=None) as recorder:
-        recorder.log(*replace(frames[2], verdicts=()).arguments)
+        recorder.log(replace(frames[2], verdicts=()))
     assert (tmp_path / "a.rrd").exists()
 
 
@@ -210,17 +210,17 @@ class Witness:
     def __exit__(self, kind, error, trace):
         self.said.append((self.name, kind))
 
-    def log(self, frame, *others):
-        self.said.append((self.name, frame.index))
+    def log(self, shown):
+        self.said.append((self.name, shown.frame.index))
 
 
 def test_every_observer_of_several_sees_every_frame_and_how_the_run_ended(frames):
     said = []
     both = Observers(Witness(said, "a"), Witness(said, "b"))
     both.__enter__()
-    both.log(*frames[0].arguments)
+    both.log(frames[0])
     both.__exit__(KeyError, KeyError(), None)
-    number = frames[0].arguments[0].index
+    number = frames[0].frame.index
     assert said == [
         ("a", "enter"),
         ("b", "enter"),
@@ -233,7 +233,7 @@ def test_every_observer_of_several_sees_every_frame_and_how_the_run_ended(frames
 
 def test_no_observer_is_fine(frames):
     with Observers() as nobody:
-        nobody.log(*frames[0].arguments)
+        nobody.log(frames[0])
 
 
 def test_curves_are_sent_together_and_none_is_lost(frames, record_run, read_back, monkeypatch):
