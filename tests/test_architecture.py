@@ -12,7 +12,7 @@ ROOT = Path(__file__).parent.parent
 
 # package -> the files (or folders) that may import it
 DOORS = {
-    "rerun": ("harness/recording/",),
+    "rerun": ("harness/recording/", "harness/bench/naive.py"),
     "rerun_cli": ("harness/recording/",),
     "mcap": ("harness/adapters/mcap/", "harness/bench/mcap_memory.py"),
     "mcap_ros2": ("harness/adapters/mcap/",),

@@ -69,10 +69,11 @@ def _read_all(path: Path) -> float:
     clip = McapClip(McapSettings(recording=path.name), path.parent)
     for number in clip.frames:
         clip.frame(number)
-    return _peak_mib()
+    return peak_mib()
 
 
-def _peak_mib() -> float:
+def peak_mib() -> float:
+    """Peak resident memory of this process, in MiB."""
     status = Path("/proc/self/status")
     if status.is_file():  # ru_maxrss also holds the peak of the process that started this one
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))

@@ -51,11 +51,12 @@ def measure_stereo(clip: Clip, configurations: Sequence[Configuration], frames: 
         pairs = [(matcher.match(clip.frame(number)), clip.truth(number).disparity) for number in frames]
         known = [(found, truth) for found, truth in pairs if truth is not None]
         if known:
-            rows.append(_quality(configuration.name, known))
+            rows.append(quality(configuration.name, known))
     return rows
 
 
-def _quality(name: str, pairs: Sequence[tuple[Disparity, Disparity]]) -> StereoQuality:
+def quality(name: str, pairs: Sequence[tuple[Disparity, Disparity]]) -> StereoQuality:
+    """Disparities against the true ones, as (found, truth)."""
     errors = np.concatenate(
         [np.abs(found.disparity_px - truth.disparity_px)[np.isfinite(truth.disparity_px)] for found, truth in pairs]
     )

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from harness.bench.attention import AttentionTiming
+from harness.bench.baselines import Comparison
+from harness.bench.realtime import Speed
+from harness.bench.run_memory import Peak
 from harness.bench.scoring import ScoringTiming
 from harness.bench.stages import STAGES, StageCosts
 from harness.bench.stereo import OFF_PX, StereoQuality
@@ -112,6 +115,64 @@ def scoring_table(rows: Sequence[ScoringTiming]) -> Table:
         ),
         words=0,
         notes=("Six things a frame, every stage measured against a truth; no images, no models.",),
+    )
+
+
+def speed_table(clip: str, threads: int, rows: Sequence[Speed]) -> Table:
+    """Matching alone, and the pipeline."""
+    return Table(
+        title=f"Frames a second on {clip}, one process with {threads} threads",
+        columns=("configuration", "match ms", "matches/s", "frames/s", "CPU ms", "error px"),
+        rows=tuple(
+            (
+                row.what,
+                _ms(row.match_ms),
+                f"{row.matches_per_second:.1f}",
+                f"{row.fps:.1f}",
+                f"{row.cpu_ms:.0f}",
+                UNKNOWN if row.stereo is None else f"{row.stereo.median_error_px:.2f}",
+            )
+            for row in rows
+        ),
+        words=1,
+        notes=(
+            "From images and masks in memory to attention: frames/s of the whole, CPU ms a frame over all threads. All "
+            "but the last without head detector, head pose and gaze. Error: median, against the truth.",
+        ),
+    )
+
+
+def comparison_table(rows: Sequence[Comparison]) -> Table:
+    """Against what a first version would do."""
+    return Table(
+        title="Against naive ways, milliseconds a frame with one thread",
+        columns=("what", "ours", "naive", "kB a frame", "naive kB"),
+        rows=tuple(
+            (
+                row.what,
+                f"{row.ours_ms:.1f}",
+                f"{row.naive_ms:.1f}",
+                _kilobytes(row.ours_bytes),
+                _kilobytes(row.naive_bytes),
+            )
+            for row in rows
+        ),
+        words=1,
+        notes=(
+            "Naive: every pixel of the frame into space and then one mask after the other, without outliers' removal "
+            "and boxes; images as they are, a call to Rerun for every entity, lists.",
+        ),
+    )
+
+
+def memory_table(rows: Sequence[Peak]) -> Table:
+    """Peak memory by a run's length."""
+    first = rows[0]
+    return Table(
+        title="Peak memory of a run on a generated recording, MiB",
+        columns=("frames", "peak", "times the first"),
+        rows=tuple((str(row.frames), f"{row.peak_mib:.0f}", f"{row.peak_mib / first.peak_mib:.2f}") for row in rows),
+        words=0,
     )
 
 

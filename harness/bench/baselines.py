@@ -1,0 +1,96 @@
+"""Reconstruction and recording against what a first version would do, on the same frames in the same run."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from harness.bench.naive import NaiveRecording, naive_clouds
+from harness.clips.manifest import ClipManifest
+from harness.clips.naming import SubjectNames, name_frame
+from harness.recording import ShownFrame
+from harness.recording.recorder import Recorder
+from harness.runs.configuration import Configuration
+from harness.runs.executors import compute_with
+from harness.runs.records import to_record
+from harness.runs.sharing import SharedPipeline
+from harness.scores.verdicts import judge
+from vfoa.errors import VfoaError
+from vfoa.pipeline import Memory, attend
+from vfoa.reconstruction import place_targets
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """One row: milliseconds a frame (medians) of both ways, and the bytes a frame where they write any."""
+
+    what: str
+    ours_ms: float
+    naive_ms: float
+    ours_bytes: float | None = None
+    naive_bytes: float | None = None
+
+
+def compare_with_naive(manifest: ClipManifest, configuration: Configuration, frames: Sequence[int]) -> list[Comparison]:
+    """Both ways on each frame, one right after the other, with one thread; the first frame is left out."""
+    compute_with(1)
+    configuration = configuration.for_clip(manifest.name)
+    clouds: list[tuple[float, float]] = []
+    logs: list[tuple[float, float]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        ours, naive = Path(folder) / "ours.rrd", Path(folder) / "naive.rrd"
+        naive_recording = NaiveRecording(naive)
+        subjects, targets = tuple(manifest.subjects), tuple(manifest.targets)
+        clip_and_way = {"clip": manifest.name, "configuration": configuration.name, "rate_hz": None}
+        with Recorder(ours, subjects=subjects, targets=targets, **clip_and_way) as recorder:  # type: ignore[arg-type]
+            for each in _frames(manifest, configuration, frames):
+                clouds.append(_reconstruct(each, configuration))
+                logs.append(_record(each, recorder, naive_recording))
+        naive_recording.close()
+        sizes = [path.stat().st_size / len(frames) for path in (ours, naive)]
+    return [_row("clouds and boxes of all things", clouds), _row("recording, light", logs, sizes)]
+
+
+def _frames(manifest: ClipManifest, configuration: Configuration, frames: Sequence[int]) -> Iterator[ShownFrame]:
+    memory, names = Memory(), SubjectNames()
+    for shared in SharedPipeline([configuration], manifest.open()).frames(frames):
+        found = shared.by_configuration[configuration.name]
+        if isinstance(found, VfoaError):
+            raise found
+        percepts, scene, _ = found
+        result, memory = attend(scene, memory, configuration.attend)
+        named, names = name_frame(result, manifest.subjects, manifest.targets, names)
+        record = to_record(manifest.name, configuration.name, result, named, None)
+        verdicts = tuple(judge(record, name, None) for name in manifest.subjects)
+        yield ShownFrame(frame=shared.frame, percepts=percepts, result=result, record=record, verdicts=verdicts)
+
+
+def _reconstruct(each: ShownFrame, configuration: Configuration) -> tuple[float, float]:
+    percepts = each.percepts
+    seen = (percepts.disparity, percepts.instances, percepts.rig)
+    started = time.perf_counter()
+    place_targets(*seen, configuration.reconstruction)
+    between = time.perf_counter()
+    naive_clouds(*seen)
+    return between - started, time.perf_counter() - between
+
+
+def _record(each: ShownFrame, recorder: Recorder, naive: NaiveRecording) -> tuple[float, float]:
+    started = time.perf_counter()
+    recorder.log(each)
+    between = time.perf_counter()
+    naive.log(each.frame, each.percepts, each.result)
+    return between - started, time.perf_counter() - between
+
+
+def _row(what: str, seconds: Sequence[tuple[float, float]], sizes: Sequence[float] = ()) -> Comparison:
+    ours_ms, naive_ms = 1e3 * np.median(seconds[1:], axis=0)
+    ours_bytes, naive_bytes = sizes or (None, None)
+    return Comparison(
+        what=what, ours_ms=float(ours_ms), naive_ms=float(naive_ms), ours_bytes=ours_bytes, naive_bytes=naive_bytes
+    )

@@ -1,0 +1,172 @@
+"""Frames a second of matching alone, and of the pipeline without and with the models, from images in memory."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from harness.bench.stereo import StereoQuality, quality
+from harness.clips.manifest import ClipManifest
+from harness.runs.ahead import ahead
+from harness.runs.configuration import Configuration
+from harness.runs.executors import compute_with
+from harness.runs.experiment import load_experiment
+from harness.runs.stages import SLOTS
+from vfoa.pipeline import Memory, Stages, attend, perceive, reconstruct
+from vfoa.types import Disparity, Instances, Percepts, StereoFrame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """What a row is called and measures: a matcher under a preset, with the experiment's models or without any."""
+
+    what: str
+    matcher: str
+    preset: str
+    has_models: bool = False
+
+
+ROWS = (
+    Row(what="BM", matcher="bm", preset="none"),
+    Row(what="SGBM", matcher="sgbm", preset="none"),
+    Row(what="BM, realtime", matcher="bm", preset="realtime"),
+    Row(what="SGBM, realtime", matcher="sgbm", preset="realtime"),
+    Row(what="the same with models", matcher="sgbm", preset="realtime", has_models=True),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Speed:
+    """One row: milliseconds of a match (median, 95th percentile), and frames a second of the pipeline.
+
+    ``cpu_ms`` is what a frame of the pipeline costs in computing time, over all threads: it depends less on what else
+    the machine does. ``stereo`` is how good the disparities are, None where the clip has no true ones.
+    """
+
+    what: str
+    match_ms: tuple[float, float]
+    fps: float
+    cpu_ms: float
+    stereo: StereoQuality | None
+
+    @property
+    def matches_per_second(self) -> float:
+        """At the median."""
+        return 1e3 / self.match_ms[0]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Held:
+    """Frames with their masks, and the true disparities where there are any, in memory."""
+
+    frames: list[StereoFrame]
+    instances: dict[int, Instances]
+    truths: list[Disparity | None]
+
+    def segment(self, frame: StereoFrame) -> Instances:
+        """As :class:`vfoa.segmentation.Segmenter`: the masks that were found before."""
+        return self.instances[frame.index]
+
+
+class _TimedMatcher:
+    """Notes how long each match took, and what it found."""
+
+    def __init__(self, matcher: object) -> None:
+        self._matcher = matcher
+        self.milliseconds: list[float] = []
+        self.found: list[Disparity] = []
+
+    def match(self, *inputs: object) -> Disparity:
+        """As :class:`vfoa.stereo.StereoMatcher`."""
+        return self._timed("match", inputs)
+
+    def match_region(self, *inputs: object) -> Disparity:
+        """As :class:`vfoa.stereo.RegionMatcher`."""
+        return self._timed("match_region", inputs)
+
+    def _timed(self, method: str, inputs: tuple[object, ...]) -> Disparity:
+        started = time.perf_counter()
+        found: Disparity = getattr(self._matcher, method)(*inputs)
+        self.milliseconds.append(1e3 * (time.perf_counter() - started))
+        self.found.append(found)
+        return found
+
+
+def measure_speed(
+    experiment: str, manifest: ClipManifest, frames: Sequence[int], threads: int, rows: Sequence[Row] = ROWS
+) -> list[Speed]:
+    """Lead the frames through matching, models, reconstruction and attention, with so many threads.
+
+    The configuration is the first one of the ``experiment``, by name, with what a row changes. Images and masks are
+    read before; the first frame is left out.
+    """
+    compute_with(threads)
+    configurations = [_configuration(experiment, manifest.name, row) for row in rows]
+    held = _hold(manifest, configurations[0], frames)
+    return [
+        _measure(row.what, manifest, configuration, held, threads)
+        for row, configuration in zip(rows, configurations, strict=True)
+    ]
+
+
+def _configuration(experiment: str, clip: str, row: Row) -> Configuration:
+    overrides = (f"stereo.matcher={row.matcher}",)
+    first = load_experiment(experiment, clips=(clip,), overrides=overrides, preset=row.preset).configurations[0]
+    if not row.has_models:
+        heads = SLOTS["heads"].parse({"detector": "person_mask"}, "bench")
+        first = replace(first, choices={**first.choices, "heads": heads, "head_pose": None, "gaze": None})
+    return first.for_clip(clip)
+
+
+def _hold(manifest: ClipManifest, configuration: Configuration, frames: Sequence[int]) -> _Held:
+    clip = manifest.open()
+    choice = configuration.choices["segmentation"]
+    assert choice is not None
+    segmenter = SLOTS["segmentation"].build(choice, clip)
+    read = [clip.frame(number) for number in frames]
+    masks = {frame.index: segmenter.segment(frame) for frame in read}
+    return _Held(frames=read, instances=masks, truths=[clip.truth(number).disparity for number in frames])
+
+
+def _measure(what: str, manifest: ClipManifest, configuration: Configuration, held: _Held, threads: int) -> Speed:
+    clip = manifest.open()
+    built: dict[str, Any] = {
+        slot: SLOTS[slot].build(choice, clip) if choice and slot != "segmentation" else None
+        for slot, choice in configuration.choices.items()
+    }
+    matcher = _TimedMatcher(built["stereo"])
+    stages = Stages(
+        matcher=matcher,
+        segmenter=held,
+        heads=built["heads"],
+        head_pose=built["head_pose"],
+        gaze=built["gaze"],
+        region_matcher=matcher if configuration.is_in_region else None,
+    )
+    perceived = (perceive(frame, stages) for frame in held.frames)
+    fps, cpu_ms = _follow(ahead(perceived, 1 if threads > 1 else 0), configuration)
+    ms = matcher.milliseconds[1:]
+    pairs = [(found, true) for found, true in zip(matcher.found, held.truths, strict=True) if true is not None]
+    return Speed(
+        what=what,
+        match_ms=(float(np.median(ms)), float(np.percentile(ms, 95))),
+        fps=fps,
+        cpu_ms=cpu_ms,
+        stereo=quality(configuration.name, pairs) if pairs else None,
+    )
+
+
+def _follow(perceived: Generator[Percepts], configuration: Configuration) -> tuple[float, float]:
+    """Frames a second, and milliseconds of computing a frame, from the end of the first frame to that of the last."""
+    memory, ends = Memory(), []
+    for percepts in perceived:
+        scene = reconstruct(percepts, configuration.reconstruction)
+        _, memory = attend(scene, memory, configuration.attend)
+        ends.append((time.perf_counter(), time.process_time()))
+    seconds, computing_s = np.subtract(ends[-1], ends[0])
+    count = len(ends) - 1
+    return float(count / seconds), float(1e3 * computing_s / count)

@@ -1,0 +1,103 @@
+"""What ``vfoa bench`` can measure, by name: a function from the clip and its experiment to tables."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from harness.clips.manifest import ClipManifest
+from harness.report.formats import Table
+from harness.runs.experiment import Experiment
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bench:
+    """An experiment by name, the clip that is measured, and its frames."""
+
+    name: str
+    experiment: Experiment
+    manifest: ClipManifest
+    frames: tuple[int, ...]
+
+
+def _stages(bench: Bench) -> list[Table]:
+    from harness.bench.stages import measure_stages
+    from harness.bench.tables import stages_table
+
+    costs = measure_stages(bench.manifest, bench.experiment.configurations, bench.frames, "light")
+    return [stages_table(bench.manifest.name, costs)]
+
+
+def _stereo(bench: Bench) -> list[Table]:
+    from harness.bench.stereo import measure_stereo
+    from harness.bench.tables import stereo_table
+
+    clip = bench.manifest.open()
+    if clip.truth(bench.frames[0]).disparity is None:
+        return []
+    return [stereo_table(bench.manifest.name, measure_stereo(clip, bench.experiment.configurations, bench.frames))]
+
+
+def _realtime(bench: Bench) -> list[Table]:
+    from harness.bench.realtime import measure_speed
+    from harness.bench.tables import speed_table
+
+    threads = os.cpu_count() or 1
+    speeds = measure_speed(bench.name, bench.manifest, bench.frames, threads)
+    return [speed_table(bench.manifest.name, threads, speeds)]
+
+
+def _naive(bench: Bench) -> list[Table]:
+    from harness.bench.baselines import compare_with_naive
+    from harness.bench.tables import comparison_table
+
+    return [comparison_table(compare_with_naive(bench.manifest, bench.experiment.configurations[0], bench.frames))]
+
+
+def _attention(bench: Bench) -> list[Table]:
+    from harness.bench.attention import time_attention
+    from harness.bench.tables import attention_table
+
+    sizes = [((10.0,), 1), ((10.0, 25.0), 3)]
+    return [attention_table([time_attention(cones_cm=cones, boxes=20, subjects=people) for cones, people in sizes])]
+
+
+def _sweep(bench: Bench) -> list[Table]:
+    from harness.bench.sweep import time_sweep
+    from harness.bench.tables import sweep_table
+
+    return [sweep_table(time_sweep())]
+
+
+def _scoring(bench: Bench) -> list[Table]:
+    from harness.bench.scoring import time_scoring
+    from harness.bench.tables import scoring_table
+
+    return [scoring_table([time_scoring(subjects=1), time_scoring(subjects=3)])]
+
+
+def _gaze_filter(bench: Bench) -> list[Table]:
+    from harness.bench.gaze_filter import gaze_filter_table, measure_gaze_filter
+
+    return [gaze_filter_table(measure_gaze_filter())]
+
+
+def _memory(bench: Bench) -> list[Table]:
+    from harness.bench.run_memory import measure_memory
+    from harness.bench.tables import memory_table
+
+    return [memory_table([measure_memory(frames) for frames in (200, 2000)])]
+
+
+SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
+    "stages": _stages,
+    "stereo": _stereo,
+    "realtime": _realtime,
+    "naive": _naive,
+    "attention": _attention,
+    "sweep": _sweep,
+    "scoring": _scoring,
+    "gaze_filter": _gaze_filter,
+    "memory": _memory,
+}

@@ -1,0 +1,61 @@
+"""The benchmark's baselines do the same as what they are compared with, and its rows are of what they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.bench.baselines import compare_with_naive
+from harness.bench.naive import naive_clouds
+from harness.bench.realtime import ROWS, measure_speed
+from harness.bench.sections import SECTIONS
+from harness.cli import main
+from harness.clips.manifest import load_manifest
+from harness.runs.experiment import load_experiment
+from tests.scenes import make_box, make_rig, rendered_boxes
+from vfoa.reconstruction import ReconstructionSettings, place_targets
+
+CLIP = "studio_table"
+FRAMES = (1, 2, 3)
+
+
+def test_naive_clouds_are_those_of_the_reconstruction_before_it_cleans_them() -> None:
+    rig = make_rig(cx_right_offset_px=3)
+    seen = rendered_boxes(rig, [make_box((-0.3, 0.1, 2.0), 0.2), make_box((0.5, -0.1, 2.5), 0.15)])
+    whole = ReconstructionSettings(erode_px=0, max_points=10**6, gate_mads=1e6, outlier_ratio=1e6)
+    given = (seen.disparity, seen.instances, seen.rig)
+    ours = {target.instance.id: target.points_left for target in place_targets(*given, whole)}
+    naive = naive_clouds(*given)
+    assert naive.keys() == ours.keys() == {1, 2}
+    for number, points in ours.items():
+        np.testing.assert_allclose(naive[number], points, atol=1e-4)
+
+
+def test_speed_is_measured_of_every_row_on_the_same_frames() -> None:
+    speeds = {speed.what: speed for speed in measure_speed("demo", load_manifest(CLIP), FRAMES, 2)}
+    assert list(speeds) == [row.what for row in ROWS]
+    for speed in speeds.values():
+        assert speed.match_ms[1] >= speed.match_ms[0] > 0
+        assert speed.fps > 0
+        assert speed.stereo is not None
+        assert speed.stereo.frames == len(FRAMES)
+
+
+def test_ours_and_the_naive_way_see_the_same_frames() -> None:
+    configuration = load_experiment("demo", clips=(CLIP,)).configurations[0]
+    clouds, recording = compare_with_naive(load_manifest(CLIP), configuration, FRAMES)
+    assert min(clouds.ours_ms, clouds.naive_ms, recording.ours_ms, recording.naive_ms) > 0
+    # raw images alone are larger than all that a light recording holds
+    assert recording.ours_bytes is not None
+    assert recording.naive_bytes is not None
+    assert recording.naive_bytes > max(recording.ours_bytes, 2 * 3 * 320 * 240)
+
+
+def test_a_section_that_is_not_there_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["vfoa", "bench", "--only", "realtim"])
+    with pytest.raises(SystemExit):
+        main()
+    assert "did you mean 'realtime'" in capsys.readouterr().err
+    assert "realtime" in SECTIONS
