@@ -24,6 +24,21 @@ DOORS = {
     "torch": ("harness/export/",),
     "uvicorn": ("harness/local_server.py",),
     "tomlkit": ("harness/annotate/targets.py",),
+    "onnx": ("harness/export/",),
+    "filterpy": ("vfoa/gaze_filter.py",),
+    "open3d": ("vfoa/boxes.py", "harness/adapters/studio/raycast.py"),
+    "fsspec": ("harness/clips/remote.py",),
+    "httpx": ("harness/models/download.py", "harness/recording/web_viewer.py"),
+    "starlette": ("harness/annotate/", "harness/recording/site.py", "harness/local_server.py"),
+    "jinja2": ("harness/report/page.py",),
+    "matplotlib": ("harness/figures.py", "harness/report/", "harness/sweep/report.py"),
+    "rich": ("harness/cli/", "harness/report/formats.py", "harness/bench/"),
+    "pandas": ("harness/bench/stages.py",),
+    "msgspec": ("harness/runs/results.py", "harness/stills/", "harness/cache/values.py"),
+    "zstandard": ("harness/cache/values.py",),
+    "pyarrow": ("harness/recording/",),
+    "yaml": ("harness/adapters/",),
+    "platformdirs": ("vfoa/weights.py", "harness/cache/store.py", "harness/adapters/studio/store.py"),
 }
 
 
