@@ -7,20 +7,24 @@ from typing import Annotated
 
 import typer
 
+from harness.cli.options import Clip, NoOpen, Port, RunConfiguration
+
 
 def annotate(
-    clip: Annotated[str, typer.Argument(metavar="CLIP", help="The clip's name, or its manifest.")],
-    run: Annotated[Path | None, typer.Option(help="A run: its outlines and suggestions are shown.")] = None,
-    config: Annotated[str | None, typer.Option(help="The run's configuration, where it has several.")] = None,
+    clip: Clip,
+    run: Annotated[
+        Path | None, typer.Option(metavar="RUN", help="A run whose outlines and suggestions are shown.")
+    ] = None,
+    config: RunConfiguration = None,
     annotator: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Write annotations/CLIP@NAME.csv instead of the clip's own file.")
+        str | None, typer.Option(metavar="ANNOTATOR", help="Label CLIP@ANNOTATOR.csv, not CLIP.csv.")
     ] = None,
     uncertain_first: Annotated[
         bool, typer.Option("--uncertain-first", help="Begin with the frames in which the run was least sure.")
     ] = False,
     blind: Annotated[bool, typer.Option("--blind", help="Show no suggestions.")] = False,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0: any that is free.")] = 0,
-    no_open: Annotated[bool, typer.Option("--no-open", help="Print the address only; open no browser.")] = False,
+    port: Port = 0,
+    no_open: NoOpen = False,
 ) -> None:
     """Serve a page on which to say who looks at what. Every change is saved at once; Ctrl-C ends it."""
     from harness.annotate.server import PageServer

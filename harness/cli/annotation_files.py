@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from harness.cli.options import Clip, Replace, RunConfiguration
+
 if TYPE_CHECKING:
     from harness.adapters import Clip as AdapterClip
     from harness.annotations.labels import Labels
@@ -31,12 +33,13 @@ class MergeRule(StrEnum):
     adjudicate = "adjudicate"
 
 
-Clip = Annotated[str, typer.Argument(metavar="CLIP", help="The clip's name, or its .toml file.")]
 Annotators = Annotated[
     list[str] | None, typer.Argument(metavar="[ANNOTATOR]...", help="All the clip has if not given; CLIP is CLIP.csv.")
 ]
 ClipOption = Annotated[str, typer.Option("--clip", metavar="CLIP", help="The clip's name, or its .toml file.")]
-Annotator = Annotated[str | None, typer.Option(help="Whose labels: CLIP@ANNOTATOR.csv; CLIP.csv if not given.")]
+Annotator = Annotated[
+    str | None, typer.Option(metavar="ANNOTATOR", help="Whose labels: CLIP@ANNOTATOR.csv; CLIP.csv if not given.")
+]
 Format = Annotated[
     str,
     typer.Option(
@@ -47,13 +50,15 @@ Fps = Annotated[float | None, typer.Option(min=0.001, help="The rate the other p
 Offset = Annotated[
     float, typer.Option(help="Where the clip begins in the other program: seconds, or frames if it counts frames.")
 ]
-Run = Annotated[Path | None, typer.Option(help="A run whose heads and boxes are used; the clip's truth if not given.")]
-Config = Annotated[str | None, typer.Option("--config", help="Which of the run's configurations.")]
+FromRun = Annotated[
+    Path | None,
+    typer.Option("--run", metavar="RUN", help="A run whose heads and boxes are used; the clip's truth if not given."),
+]
 
 
 @app.command(name="import")
 def import_(
-    file: Annotated[Path, typer.Argument(help="The other program's file.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The other program's file.")],
     format_: Format,
     clip: ClipOption,
     annotator: Annotator = None,
@@ -66,9 +71,9 @@ def import_(
     target: Annotated[
         str | None, typer.Option(help="In formats of points: what is looked at where nothing that has a name is found.")
     ] = None,
-    run: Run = None,
-    config: Config = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Write over labels that are there.")] = False,
+    run: FromRun = None,
+    config: RunConfiguration = None,
+    replace: Replace = False,
 ) -> None:
     """Read the labels of another program; say what they lose."""
     from harness.annotation_formats.convert import import_labels, open_exchange
@@ -100,8 +105,8 @@ def export(
     annotator: Annotator = None,
     fps: Fps = None,
     offset: Offset = 0.0,
-    run: Run = None,
-    config: Config = None,
+    run: FromRun = None,
+    config: RunConfiguration = None,
 ) -> None:
     """Write labels for another program; say what its format cannot hold."""
     from harness.annotation_formats.convert import export_labels, open_exchange
@@ -168,7 +173,7 @@ def merge(
         MergeRule, typer.Option(help="What becomes of frames on which they differ.")
     ] = MergeRule.adjudicate,
     to: Annotated[str | None, typer.Option(metavar="ANNOTATOR", help="Write CLIP@ANNOTATOR.csv, not CLIP.csv.")] = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Write over labels that are there.")] = False,
+    replace: Replace = False,
 ) -> None:
     """Make one file of several annotators': agree (else ignore), first (in the order given), or adjudicate."""
     from harness.annotations.files import write_annotations

@@ -17,7 +17,7 @@ LAYOUT = (
 
 
 def calibrate(
-    folder: Annotated[Path, typer.Argument(help="The folder of the pictures or videos.")],
+    folder: Annotated[Path, typer.Argument(metavar="PICTURES", help="The folder of the pictures or videos.")],
     columns: Annotated[int, typer.Option(min=2, help="Chessboard: inner corners along it. ChArUco: squares.")],
     rows: Annotated[int, typer.Option(min=2, help="The same across it.")],
     square_mm: Annotated[float, typer.Option(min=0.001, help="Side of a square.")],

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from harness.cli.options import Json
+from harness.cli.printing import print_json
 
 if TYPE_CHECKING:
     from harness.clips.add import Added
@@ -36,7 +40,7 @@ def add_clip(
         list[str] | None,
         typer.Option("--target", metavar="NAME[=CATEGORY]", help="What is looked at, such as mug=cup."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Look at a path, say what was found, and write a manifest and an annotation file to start from."""
     from harness.clips.add import add_clip as add
@@ -53,7 +57,7 @@ def add_clip(
         targets=_names(targets, None),
     )
     if as_json:
-        _print_json(added)
+        print_json(asdict(added))
     else:
         _print(added)
 
@@ -94,10 +98,3 @@ def _print(added: Added) -> None:
         typer.echo(f"next: vfoa {verb} {added.name}")
     if not added.subjects:
         typer.echo(f"to label it, say who is there: [subjects.NAME] in {added.manifest.name}, or add it with --subject")
-
-
-def _print_json(added: Added) -> None:
-    import json
-    from dataclasses import asdict
-
-    typer.echo(json.dumps(asdict(added), indent=2, ensure_ascii=False, default=str))

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from harness.cli.clip_add import add_clip
+from harness.cli.options import Json
+from harness.cli.printing import print_json, print_table
 
 if TYPE_CHECKING:
     from harness.clips.check import ClipCheck, ClipRow
 
 app = typer.Typer(help="Add clips, list them, and check that they can be used.", no_args_is_help=True)
 app.command(name="add")(add_clip)
-
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")]
 
 
 @app.command(name="list")
@@ -26,14 +26,16 @@ def list_clips(as_json: Json = False) -> None:
 
     rows = find_clips()
     if as_json:
-        _print_json(rows)
+        print_json([asdict(row) for row in rows])
     else:
         _print_list(rows)
 
 
 @app.command(name="check")
 def check_clips(
-    clips: Annotated[list[str] | None, typer.Argument(metavar="[CLIP]...", help="Names or .toml files.")] = None,
+    clips: Annotated[
+        list[str] | None, typer.Argument(metavar="[CLIP]...", help="Names, or .toml files; all clips if none.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Open clips, decode three frames of each, check calibration, rectification and labels; exit 2 if one fails."""
@@ -42,7 +44,7 @@ def check_clips(
 
     checks = [check_clip(clip) for clip in clips or names("datasets")]
     if as_json:
-        _print_json(checks)
+        print_json([asdict(check) for check in checks])
     else:
         _print_checks(checks)
     if any(check.problems for check in checks):
@@ -52,7 +54,7 @@ def check_clips(
 @app.command(name="fetch")
 def fetch_clips(
     source: Annotated[str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel.")],
-    into: Annotated[Path | None, typer.Option(help="The folder; $VFOA_DATA/sintel if not given.")] = None,
+    out: Annotated[Path | None, typer.Option(help="The folder; $VFOA_DATA/sintel if not given.")] = None,
 ) -> None:
     """Download MPI Sintel's official archives and unpack them; a fetch that was cut goes on where it stopped."""
     from harness.cli.progress import bytes_bar
@@ -62,22 +64,15 @@ def fetch_clips(
 
     if source != "sintel":
         raise VfoaError(f"clips fetch: found {source!r}; expected 'sintel'")
-    root = into or expand("${VFOA_DATA}/sintel", Path.cwd(), "clips fetch")
+    root = out or expand("${VFOA_DATA}/sintel", Path.cwd(), "clips fetch")
     for part, archive in ARCHIVES.items():
         with bytes_bar(archive) as progress:
             fetch_sintel(root, (part,), progress=progress)
     typer.echo(f"sintel: {root}")
 
 
-def _print_json(values: list[ClipRow] | list[ClipCheck]) -> None:
-    import json
-    from dataclasses import asdict
-
-    typer.echo(json.dumps([asdict(value) for value in values], indent=2, ensure_ascii=False))
-
-
 def _print_list(rows: list[ClipRow]) -> None:
-    _print_table(
+    print_table(
         ["clip", "adapter", "frames", "subjects", "targets", "licence", "labels"],
         [
             [
@@ -99,7 +94,7 @@ def _print_list(rows: list[ClipRow]) -> None:
 
 
 def _print_checks(checks: list[ClipCheck]) -> None:
-    _print_table(
+    print_table(
         ["clip", "frames", "size", "B m", "rows off", "labels", ""],
         [
             [
@@ -121,18 +116,3 @@ def _print_checks(checks: list[ClipCheck]) -> None:
 
 def _rounded(value: float | None, digits: int) -> str | None:
     return None if value is None else f"{value:.{digits}f}"
-
-
-def _print_table(header: list[str], rows: list[list[object]], wrapped: Collection[str] = ()) -> None:
-    """Print a table; only the columns named in ``wrapped`` may be broken into lines."""
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in header:
-        table.add_column(name, no_wrap=name not in wrapped, overflow="fold", min_width=len(name))
-    for row in rows:
-        table.add_row(*(Text("-" if cell in (None, "") else str(cell)) for cell in row))
-    Console().print(table)

@@ -8,6 +8,9 @@ from typing import Annotated
 
 import typer
 
+from harness.cli.options import Json
+from harness.cli.printing import print_json
+
 
 class FailOn(StrEnum):
     """What makes the command exit with 1."""
@@ -21,10 +24,9 @@ def compare(
         Path | None, typer.Option(metavar="RUN", help="Compare each configuration with this run's of the same name.")
     ] = None,
     fail_on: Annotated[FailOn | None, typer.Option(help="Exit with 1 if this happened; needs --baseline.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the comparisons as JSON.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Compare configurations on the same frames, by exact McNemar tests with Holm's correction."""
-    import json
     from dataclasses import asdict
 
     from rich.console import Console
@@ -38,7 +40,7 @@ def compare(
         raise VfoaError("compare: --fail-on needs --baseline RUN, found none")
     found = compare_runs(runs) if baseline is None else compare_with_baseline(runs, baseline)
     if as_json:
-        typer.echo(json.dumps([{**asdict(each), "sentence": each.sentence} for each in found], indent=2))
+        print_json([{**asdict(each), "sentence": each.sentence} for each in found])
     else:
         Console().print(to_rich(comparison_table(found)))
     if fail_on is FailOn.significant_drop and any(each.is_significant_drop for each in found):

@@ -7,14 +7,18 @@ from typing import Annotated
 
 import typer
 
+from harness.cli.options import OneClip, OneConfiguration, Recordings
+
 
 def export_failure(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's directory, or one .rrd file.")],
+    run: Recordings,
     frame: Annotated[int, typer.Option(help="The frame in the middle, in the source's own numbers.")],
-    clip: Annotated[str | None, typer.Option(help="The clip.")] = None,
-    config: Annotated[str | None, typer.Option(help="The configuration.")] = None,
+    clip: OneClip = None,
+    config: OneConfiguration = None,
     margin: Annotated[int, typer.Option(help="Frames to keep on either side.")] = 10,
-    out: Annotated[Path | None, typer.Option(metavar="RRD", help="Where to write it.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="RRD", help="The file to write; named after what it holds if not given.")
+    ] = None,
 ) -> None:
     """Write the frames around one of them into a small recording of their own."""
     from harness.recording import find_recordings

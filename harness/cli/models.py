@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from harness.cli.options import Json
+from harness.cli.printing import print_json, print_table
+
 if TYPE_CHECKING:
     from harness.models.catalogue import CatalogueEntry
     from harness.models.check import ModelCheck
 
 app = typer.Typer(help="List the models, fetch them, check that they work, export checkpoints.", no_args_is_help=True)
-
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
 
 
 class ProviderName(StrEnum):
@@ -40,18 +41,16 @@ def list_models(as_json: Json = False) -> None:
 
     models = catalogue()
     if as_json:
-        _print_json([{"name": name, **entry.model_dump(), "path": _path(entry)} for name, entry in models.items()])
+        print_json([{"name": name, **entry.model_dump(), "path": _path(entry)} for name, entry in models.items()])
         return
-    from rich.box import SIMPLE_HEAD
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=SIMPLE_HEAD, pad_edge=False)
-    for header in ("model", "stage", "size", "licence", "here"):
-        table.add_column(header, no_wrap=header != "licence")
-    for name, entry in models.items():
-        table.add_row(name, entry.stage or "-", _size(entry), entry.licence, "yes" if entry.find() else "-")
-    Console().print(table)
+    print_table(
+        ["model", "stage", "size", "licence", "here"],
+        [
+            [name, entry.stage, _size(entry), entry.licence, "yes" if entry.find() else None]
+            for name, entry in models.items()
+        ],
+        wrapped={"licence"},
+    )
 
 
 @app.command(name="fetch")
@@ -96,7 +95,7 @@ def check(
     if as_json:
         from dataclasses import asdict
 
-        _print_json([asdict(each) for each in checks])
+        print_json([asdict(each) for each in checks])
     wrong = ("fails", "absent") if names else ("fails",)
     if any(each.verdict in wrong for each in checks):
         raise typer.Exit(2)
@@ -104,7 +103,7 @@ def check(
 
 @app.command(name="export")
 def export(
-    name: Annotated[CheckpointName, typer.Argument(help="The network that the checkpoint fills.")],
+    name: Annotated[CheckpointName, typer.Argument(metavar="NAME", help="The network that the checkpoint fills.")],
     checkpoint: Annotated[Path, typer.Option(help="The PyTorch checkpoint, or its name in the folders of weights.")],
     out: Annotated[Path, typer.Option(help="The ONNX file to write.")],
 ) -> None:
@@ -129,12 +128,6 @@ def _path(entry: CatalogueEntry) -> str | None:
     return None if path is None else str(path)
 
 
-def _size(entry: CatalogueEntry) -> str:
+def _size(entry: CatalogueEntry) -> str | None:
     megabytes = entry.bytes / 1e6 if entry.bytes else entry.megabytes
-    return "-" if megabytes is None else f"{megabytes:.1f} MB"
-
-
-def _print_json(rows: list[dict[str, object]]) -> None:
-    import json
-
-    typer.echo(json.dumps(rows, indent=2, ensure_ascii=False))
+    return None if megabytes is None else f"{megabytes:.1f} MB"

@@ -3,22 +3,23 @@
 from __future__ import annotations
 
 from functools import partial
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from harness.cli.options import NoOpen, Port, Run
+
 
 def report(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's directory.")],
+    run: Run,
     serve: Annotated[
         bool,
         typer.Option(
             "--serve", help="Serve it on this machine: a click on a cell opens the recording; Ctrl-C ends it."
         ),
     ] = False,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0 means any that is free.")] = 0,
-    no_open: Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")] = False,
+    port: Port = 0,
+    no_open: NoOpen = False,
 ) -> None:
     """Write a run's page from its results and the present annotations, and say where it is."""
     from harness.report.rescore import report_page, rescore

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from harness.cli.options import Cache, Out, Workers
+
 if TYPE_CHECKING:
     from harness.recording import Size
     from harness.runs.experiment import Experiment
-
-OUT_HELP = "The run's directory; if not given, runs/<experiment>, or beside it where that holds another run."
-WORKERS_HELP = "Processes, one thread each; 0 means one a core."
 
 
 class Recording(StrEnum):
@@ -44,10 +43,10 @@ def run(
         typer.Option(help="A bundle of settings over the defaults of every configuration, such as realtime."),
     ] = None,
     clips: Annotated[
-        list[str] | None, typer.Option("--clip", help="Run this clip instead of the experiment's own.")
+        list[str] | None, typer.Option("--clip", metavar="CLIP", help="Run this clip instead of the experiment's own.")
     ] = None,
-    out: Annotated[Path | None, typer.Option(help=OUT_HELP)] = None,
-    workers: Annotated[int, typer.Option(min=0, help=WORKERS_HELP)] = 0,
+    out: Out = None,
+    workers: Workers = 0,
     threads: Annotated[
         int, typer.Option(min=0, help="Threads of a single process (--workers 1): read ahead; 0 means one a core.")
     ] = 0,
@@ -62,13 +61,13 @@ def run(
     save_signals: Annotated[
         bool, typer.Option("--save-signals", help="Also save what every stage found, to run from without models.")
     ] = False,
-    cache: Annotated[
-        Path | None, typer.Option(help="Where results of perception are kept; $VFOA_CACHE or the user's cache folder.")
-    ] = None,
+    cache: Cache = None,
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="Compute everything, and keep nothing for later.")
     ] = False,
-    annotator: Annotated[str | None, typer.Option(help="Score against CLIP@ANNOTATOR.csv, not CLIP.csv.")] = None,
+    annotator: Annotated[
+        str | None, typer.Option(metavar="ANNOTATOR", help="Score against CLIP@ANNOTATOR.csv, not CLIP.csv.")
+    ] = None,
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Try again what failed the last time; all else is taken over.")
     ] = False,

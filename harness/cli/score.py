@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from harness.cli.options import Run
+
 
 def score(
-    run: Annotated[Path, typer.Argument(help="A run's directory.")],
+    run: Run,
     annotator: Annotated[
-        str | None, typer.Option(help="Score against CLIP@ANNOTATOR.csv; the run's own labels if not given.")
+        str | None,
+        typer.Option(metavar="ANNOTATOR", help="Score against CLIP@ANNOTATOR.csv; the run's own labels if not given."),
     ] = None,
 ) -> None:
     """Score a run again, from its results and the present annotations alone: no images, no models."""

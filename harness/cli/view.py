@@ -7,11 +7,13 @@ from typing import Annotated
 
 import typer
 
+from harness.cli.options import OneClip, OneConfiguration, Recordings
+
 
 def view(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run's directory, or one .rrd file.")],
-    clip: Annotated[str | None, typer.Option(help="Only recordings of this clip.")] = None,
-    config: Annotated[str | None, typer.Option(help="Only recordings under this configuration.")] = None,
+    run: Recordings,
+    clip: OneClip = None,
+    config: OneConfiguration = None,
     frame: Annotated[int | None, typer.Option(help="Open the first recording at this frame.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Show it in a browser; Ctrl-C ends it.")] = False,
     failures: Annotated[

@@ -1,0 +1,29 @@
+"""Tables and JSON on the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+import typer
+
+
+def print_table(header: Sequence[str], rows: Sequence[Sequence[object]], wrapped: Collection[str] = ()) -> None:
+    """Print a table; only the columns named in ``wrapped`` may be broken into lines."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for name in header:
+        table.add_column(name, no_wrap=name not in wrapped, overflow="fold", min_width=len(name))
+    for row in rows:
+        table.add_row(*(Text("-" if cell in (None, "") else str(cell)) for cell in row))
+    Console().print(table)
+
+
+def print_json(value: object) -> None:
+    """Print JSON, indented; what JSON has no word for (a path) as text."""
+    import json
+
+    typer.echo(json.dumps(value, indent=2, ensure_ascii=False, default=str))
