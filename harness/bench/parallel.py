@@ -1,27 +1,28 @@
-"""What workers, a cluster, configurations and the cache cost or save: ``python -m harness.bench.parallel``.
+"""What workers, a cluster, configurations and the cache cost or save.
 
-Whole runs of one clip, one after the other, from the plan to the joined results, the start of workers included. The
-ratios belong together; the seconds belong to the machine and to what else it did.
+Whole runs of one clip, one after the other, from the plan to the joined results, the start of workers included; that of
+a cluster is not, since it is there before. The ratios belong together; the seconds belong to the machine and to what
+else it did. Seconds of the processor belong to the run: their ratio is what an idle machine would show.
 """
 
 from __future__ import annotations
 
-import argparse
+import resource
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
-
-from rich.console import Console
-from rich.table import Table
 
 from harness.cache.store import Store
 from harness.recording import Size
+from harness.report.formats import UNKNOWN, Table
 from harness.runs.conduct import conduct, prepare
 from harness.runs.configuration import Configuration
-from harness.runs.executors.cluster import local_cluster
-from harness.runs.experiment import Experiment, load_experiment
+from harness.runs.executors.cluster import cpu_seconds, local_cluster
+from harness.runs.experiment import Experiment
+from harness.runs.stages import SLOTS
 from vfoa.attention import AttentionSettings
 
 CONES_CM = ((10.0,), (10.0, 25.0), (5.0,), (20.0,))
@@ -30,17 +31,21 @@ PLENTY = 10**12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timed:
-    """One run: what it was, its seconds, what they are compared with, and its results."""
+    """One run: what it was, its seconds, those of the processor in all its processes, and what it is compared with."""
 
     what: str
     seconds: float
+    cpu_seconds: float
     compared_with: Timed | None
     results: bytes
 
     @property
-    def ratio(self) -> float | None:
-        """Seconds over those of the run it is compared with."""
-        return self.seconds / self.compared_with.seconds if self.compared_with else None
+    def same(self) -> bool | None:
+        """Whether the results are those of the run it is compared with; None where they are of other configurations."""
+        base = self.compared_with
+        if base is None or base.results.count(b"\n") != self.results.count(b"\n"):
+            return None
+        return base.results == self.results
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +68,8 @@ class _Bench:
         """Time a run: in a directory and a cache of its own, unless they are named."""
         plan = prepare(experiment, limit=self.limit, recording=recording)
         store = Store(self.folder / (cache or f"cache of {what}"), PLENTY)
-        started = time.perf_counter()
+        cpu: Callable[[], float] = lambda: _cpu_seconds() + (cpu_seconds(scheduler) if scheduler else 0.0)  # noqa: E731
+        cpu_before, started = cpu(), time.perf_counter()
         directory = conduct(
             plan,
             self.folder / (out or what),
@@ -72,28 +78,49 @@ class _Bench:
             progress=lambda clip: None,
             cache=store,
         )
-        seconds = time.perf_counter() - started
-        return Timed(what=what, seconds=seconds, compared_with=compared_with, results=directory.results.read_bytes())
+        return Timed(
+            what=what,
+            seconds=time.perf_counter() - started,
+            cpu_seconds=cpu() - cpu_before,
+            compared_with=compared_with,
+            results=directory.results.read_bytes(),
+        )
 
 
-def measure(experiment: Experiment, limit: int) -> Iterator[Timed]:
-    """Time the runs of an experiment's first configuration and clip, and of four that differ in their cones alone."""
-    first = experiment.configurations[0]
-    one = replace(experiment, clips=experiment.clips[:1], configurations=(first,))
-    four = replace(one, configurations=tuple(_with_cones(first, cones) for cones in CONES_CM))
+def _cpu_seconds() -> float:
+    """Of this process and of those of its children that have ended."""
+    uses = (resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(use.ru_utime + use.ru_stime for use in uses)
+
+
+def by_matcher(experiment: Experiment) -> dict[str, Configuration]:
+    """The first configuration of each matcher that computes something."""
+    found: dict[str, Configuration] = {}
+    for each in experiment.configurations:
+        choice = each.choices["stereo"]
+        if choice and choice.name not in SLOTS["stereo"].of_clip:
+            found.setdefault(choice.name, each)
+    return found
+
+
+def measure_parallel(experiment: Experiment, configuration: Configuration, limit: int) -> list[Timed]:
+    """Time runs of an experiment's first clip under one configuration, and under four that differ in their cones."""
+    one = replace(experiment, clips=experiment.clips[:1], configurations=(configuration,))
+    four = replace(one, configurations=tuple(_with_cones(configuration, cones) for cones in CONES_CM))
     with tempfile.TemporaryDirectory() as folder:
-        yield from _workers(_Bench(folder=Path(folder), limit=limit), one)
-        yield from _configurations(_Bench(folder=Path(folder), limit=limit), one, four)
+        bench = _Bench(folder=Path(folder), limit=limit)
+        replace(bench, limit=1).run("imports", four, recording="light")
+        return [*_workers(bench, one), *_configurations(bench, one, four)]
 
 
 def _workers(bench: _Bench, one: Experiment) -> Iterator[Timed]:
-    bench.run("imports", one)
     alone = bench.run("one worker", one)
     yield alone
     pool = bench.run("two workers", one, alone, workers=2)
     yield pool
-    with local_cluster(2) as scheduler:
-        yield bench.run("Dask, two workers", one, pool, scheduler=scheduler)
+    if find_spec("distributed"):
+        with local_cluster(2) as scheduler:
+            yield bench.run("Dask, two workers", one, pool, scheduler=scheduler)
 
 
 def _configurations(bench: _Bench, one: Experiment, four: Experiment) -> Iterator[Timed]:
@@ -110,27 +137,20 @@ def _with_cones(configuration: Configuration, cones_cm: tuple[float, ...]) -> Co
     return replace(configuration, name=f"cones-{'-'.join(f'{cone:g}' for cone in cones_cm)}", attend=attend)
 
 
-def main() -> None:
-    """Measure, and print a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("experiment", nargs="?", default="demo")
-    parser.add_argument("--limit", type=int, default=50)
-    parser.add_argument("--set", action="append", default=[], dest="overrides")
-    arguments = parser.parse_args()
-    experiment = load_experiment(arguments.experiment, overrides=tuple(arguments.overrides))
-    table = Table("Run", "s", "Ratio", "to", "Same results")
-    for run in measure(experiment, arguments.limit):
-        base, ratio = run.compared_with, run.ratio
-        compared = (f"{ratio:.2f}", base.what, _same(run, base)) if base and ratio else ("", "", "")
-        table.add_row(run.what, f"{run.seconds:.1f}", *compared)
-    Console(width=120).print(table)
+def parallel_table(clip: str, matcher: str, frames: int, runs: Sequence[Timed]) -> Table:
+    """A run a row, each with its ratio to another."""
+    return Table(
+        title=f"Whole runs of {frames} frames of {clip} with {matcher}, seconds",
+        columns=("run", "s", "processor s", "ratio", "of processor s", "to", "same results"),
+        rows=tuple((run.what, f"{run.seconds:.1f}", f"{run.cpu_seconds:.1f}", *_compared(run)) for run in runs),
+        words=1,
+        notes=("Two workers at best take half the processor's seconds. A cluster's start is not counted.",),
+    )
 
 
-def _same(run: Timed, base: Timed) -> str:
-    if run.results.count(b"\n") != base.results.count(b"\n"):
-        return ""
-    return "yes" if run.results == base.results else "NO"
-
-
-if __name__ == "__main__":
-    main()
+def _compared(run: Timed) -> tuple[str, str, str, str]:
+    base = run.compared_with
+    if base is None:
+        return UNKNOWN, UNKNOWN, "", UNKNOWN
+    same = {True: "yes", False: "NO", None: UNKNOWN}[run.same]
+    return f"{run.seconds / base.seconds:.2f}", f"{run.cpu_seconds / base.cpu_seconds:.2f}", base.what, same

@@ -90,6 +90,16 @@ def _memory(bench: Bench) -> list[Table]:
     return [memory_table([measure_memory(frames) for frames in (200, 2000)])]
 
 
+def _parallel(bench: Bench) -> list[Table]:
+    from harness.bench.parallel import by_matcher, measure_parallel, parallel_table
+
+    frames, clip = len(bench.frames), bench.manifest.name
+    return [
+        parallel_table(clip, matcher, frames, measure_parallel(bench.experiment, configuration, frames))
+        for matcher, configuration in by_matcher(bench.experiment).items()
+    ]
+
+
 SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "stages": _stages,
     "stereo": _stereo,
@@ -100,4 +110,5 @@ SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "scoring": _scoring,
     "gaze_filter": _gaze_filter,
     "memory": _memory,
+    "parallel": _parallel,
 }

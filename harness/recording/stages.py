@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from harness.recording import Size, entities
 from harness.recording.frame_log import FrameLog
 from harness.recording.labels import Colour, Colours, subject_names
+from harness.recording.once import once
 from harness.runs.results import FrameRecord
 from vfoa.geometry import depth_from_disparity
-from vfoa.types import Disparity, Image, Percepts, StereoFrame, StereoRig
+from vfoa.types import Disparity, Image, Map, Percepts, StereoFrame, StereoRig
 
 JPEG_QUALITY = 85
 IMAGE_PLANE_M = 0.25
@@ -26,11 +27,12 @@ def log_images(log: FrameLog, frame: StereoFrame, size: Size) -> None:
     """The camera and both views; the right one at half size in a light recording."""
     rig = frame.rig
     log.keep(entities.CAMERA, lambda: _pinhole(rig), key=rig, static=False)
-    log.log(entities.IMAGE, _jpeg(frame.left))
-    right = (
-        frame.right if size == "full" else cv2.resize(frame.right, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
-    )
-    log.log(entities.RIGHT, _jpeg(right))
+    log.log(entities.IMAGE, once(_jpeg, frame.left))
+    log.log(entities.RIGHT, once(_right, frame.right, size))
+
+
+def _right(right: Image, size: Size) -> rr.EncodedImage:
+    return _jpeg(right if size == "full" else cv2.resize(right, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA))
 
 
 def _pinhole(rig: StereoRig) -> rr.Pinhole:
@@ -48,15 +50,22 @@ def log_disparity(log: FrameLog, percepts: Percepts, size: Size) -> None:
     A light recording holds every second row and column: picked, not averaged, so that edges stay edges.
     """
     disparity, rig = percepts.disparity, percepts.rig
-    longest = float(np.nanmax(disparity.disparity_px)) if disparity.known_share > 0 else 1.0
-    shown = disparity.disparity_px if size == "full" else _rounded(disparity)
-    log.log(entities.DISPARITY, rr.DepthImage(shown, colormap=rr.components.Colormap.Turbo, depth_range=(0, longest)))
+    log.log(entities.DISPARITY, once(_disparity, disparity, size))
     if size == "light":
         return
-    log.log(entities.DEPTH, rr.DepthImage(_millimetres(disparity, rig), meter=1000))
+    log.log(entities.DEPTH, once(_depth, disparity, rig))
     if disparity.confidence is not None:
-        confidence = np.rint(255 * np.nan_to_num(disparity.confidence)).astype(np.uint8)
-        log.log(entities.CONFIDENCE, rr.Image(confidence, color_model="L"))
+        log.log(entities.CONFIDENCE, once(_confidence, disparity.confidence))
+
+
+def _disparity(disparity: Disparity, size: Size) -> rr.DepthImage:
+    longest = float(np.nanmax(disparity.disparity_px)) if disparity.known_share > 0 else 1.0
+    shown = disparity.disparity_px if size == "full" else _rounded(disparity)
+    return rr.DepthImage(shown, colormap=rr.components.Colormap.Turbo, depth_range=(0, longest))
+
+
+def _confidence(confidence: Map) -> rr.Image:
+    return rr.Image(np.rint(255 * np.nan_to_num(confidence)).astype(np.uint8), color_model="L")
 
 
 def log_masks(log: FrameLog, percepts: Percepts, record: FrameRecord, colours: Colours) -> None:
@@ -69,7 +78,11 @@ def log_masks(log: FrameLog, percepts: Percepts, record: FrameRecord, colours: C
     known = colours.known
     log.keep(entities.WORLD, lambda: class_context(known), key=tuple(known))
     table = class_of_id.astype(np.uint8) if len(known) < 256 else class_of_id
-    log.log(entities.MASKS, rr.SegmentationImage(table[instances.ids], opacity=0.35))
+    log.log(entities.MASKS, once(_masks, instances.ids, table.tobytes(), table.dtype.str))
+
+
+def _masks(ids: NDArray[np.uint16], class_of_id: bytes, kind: str) -> rr.SegmentationImage:
+    return rr.SegmentationImage(np.frombuffer(class_of_id, kind)[ids], opacity=0.35)
 
 
 def class_context(known: dict[str, Colour]) -> rr.AnnotationContext:
@@ -108,7 +121,7 @@ def _rounded(disparity: Disparity) -> NDArray[np.float16]:
     return (np.rint(sampled * DISPARITY_STEPS_PER_PX) / DISPARITY_STEPS_PER_PX).astype(np.float16)
 
 
-def _millimetres(disparity: Disparity, rig: StereoRig) -> NDArray[np.uint16]:
-    """Depth in Rerun's form: 0 is unknown, and all beyond 65.5 m is at 65.5 m."""
+def _depth(disparity: Disparity, rig: StereoRig) -> rr.DepthImage:
+    """Depth in millimetres, in Rerun's form: 0 is unknown, and all beyond 65.5 m is at 65.5 m."""
     millimetres = 1000 * depth_from_disparity(disparity.disparity_px, rig)
-    return np.nan_to_num(np.clip(millimetres, 1, 65535), nan=0).astype(np.uint16)
+    return rr.DepthImage(np.nan_to_num(np.clip(millimetres, 1, 65535), nan=0).astype(np.uint16), meter=1000)

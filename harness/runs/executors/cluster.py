@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -50,6 +51,12 @@ def local_cluster(workers: int) -> Iterator[str]:
     options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "host": "127.0.0.1"}
     with LocalCluster(**options, silence_logs=50) as cluster:
         yield cluster.scheduler_address
+
+
+def cpu_seconds(address: str) -> float:
+    """What the workers of the scheduler at ``address`` have computed so far."""
+    with connect(address) as client:
+        return float(sum(client.run(time.process_time).values()))
 
 
 def _check_workers(client: Client, address: str) -> None:
