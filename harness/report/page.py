@@ -10,7 +10,7 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from harness.report.formats import Table
+from harness.report.formats import UNKNOWN, Table
 from harness.report.oracle import ladder_table
 from harness.report.page_data import AttentionLog, Served, confusions, differing_settings, page_data
 from harness.report.published import published_table
@@ -95,10 +95,22 @@ def render_page(
 def _clips(clips: Sequence[Mapping[str, Any]]) -> Table:
     return Table(
         title="Clips",
-        columns=("Clip", "Licence", "Frames", "Hz"),
-        words=2,
-        rows=tuple((each["name"], each["licence"], str(len(each["frames"])), str(each["rate_hz"])) for each in clips),
+        columns=("Clip", "Licence", "To be cited", "Frames", "Hz"),
+        words=3,
+        rows=tuple(
+            (
+                each["name"],
+                *map(_text, (each["licence"], each.get("citation"))),
+                str(len(each["frames"])),
+                _text(each["rate_hz"]),
+            )
+            for each in clips
+        ),
     )
+
+
+def _text(value: object) -> str:
+    return UNKNOWN if value is None else str(value)
 
 
 def _bar(frr: float, low: float, high: float) -> dict[str, float]:

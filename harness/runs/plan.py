@@ -101,6 +101,7 @@ def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
         "name": one.manifest.name,
         "manifest": str(one.manifest.path),
         "licence": one.manifest.licence,
+        "citation": one.manifest.citation,
         "notes": [*one.manifest.notes, *one.clip.notes],
         "rate_hz": one.clip.rate_hz,
         "frames": list(one.frames),

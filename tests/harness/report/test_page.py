@@ -137,3 +137,11 @@ def test_only_settings_that_differ_are_listed() -> None:
     table = differing_settings({"one": one, "two": two})
     assert table.columns == ("Setting", "one", "two")
     assert table.rows == (("attention.cones_cm", "10.0", "10.0, 25.0"), ("stereo.mode", "–", "hh"))
+
+
+def test_it_says_under_which_terms_the_clips_are_and_what_is_to_be_cited() -> None:
+    scores, attention = _scored(answers(["cup"]), {"clip": labels("cup")})
+    clip = {"name": "clip", "licence": "CC-BY 4.0", "frames": [1], "rate_hz": None}
+    manifest = {"experiment": "e", "clips": [{**clip, "citation": "Doe 2020"}], "configurations": {}, "versions": {}}
+    text = render_page(scores, attention, manifest=manifest)
+    assert all(word in text for word in ("CC-BY 4.0", "Doe 2020"))
