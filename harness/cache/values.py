@@ -80,7 +80,10 @@ def _unpack(code: int, data: memoryview) -> NDArray[Any] | np.generic:
     text, shape, packed = msgspec.msgpack.decode(data)
     dtype = np.dtype(text)
     planes = np.frombuffer(zstandard.ZstdDecompressor().decompress(packed), np.uint8).reshape(dtype.itemsize, -1)
-    array = np.ascontiguousarray(planes.T).reshape(-1).view(dtype).reshape(shape)
+    items = np.empty((planes.shape[1], dtype.itemsize), np.uint8)
+    for byte, plane in enumerate(planes):  # a third of the time of a transposed copy
+        items[:, byte] = plane
+    array = items.reshape(-1).view(dtype).reshape(shape)
     return array if code == _ARRAY else array[()]
 
 
