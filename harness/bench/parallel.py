@@ -10,7 +10,7 @@ from __future__ import annotations
 import resource
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -68,8 +68,7 @@ class _Bench:
         """Time a run: in a directory and a cache of its own, unless they are named."""
         plan = prepare(experiment, limit=self.limit, recording=recording)
         store = Store(self.folder / (cache or f"cache of {what}"), PLENTY)
-        cpu: Callable[[], float] = lambda: _cpu_seconds() + (cpu_seconds(scheduler) if scheduler else 0.0)  # noqa: E731
-        cpu_before, started = cpu(), time.perf_counter()
+        cpu_before, started = _cpu_seconds(scheduler), time.perf_counter()
         directory = conduct(
             plan,
             self.folder / (out or what),
@@ -78,19 +77,20 @@ class _Bench:
             progress=lambda clip: None,
             cache=store,
         )
+        seconds = time.perf_counter() - started
         return Timed(
             what=what,
-            seconds=time.perf_counter() - started,
-            cpu_seconds=cpu() - cpu_before,
+            seconds=seconds,
+            cpu_seconds=_cpu_seconds(scheduler) - cpu_before,
             compared_with=compared_with,
             results=directory.results.read_bytes(),
         )
 
 
-def _cpu_seconds() -> float:
-    """Of this process and of those of its children that have ended."""
+def _cpu_seconds(scheduler: str | None) -> float:
+    """Of this process, of those of its children that have ended, and of a cluster's workers."""
     uses = (resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return sum(use.ru_utime + use.ru_stime for use in uses)
+    return sum(use.ru_utime + use.ru_stime for use in uses) + (cpu_seconds(scheduler) if scheduler else 0.0)
 
 
 def by_matcher(experiment: Experiment) -> dict[str, Configuration]:
@@ -114,22 +114,22 @@ def measure_parallel(experiment: Experiment, configuration: Configuration, limit
 
 
 def _workers(bench: _Bench, one: Experiment) -> Iterator[Timed]:
-    alone = bench.run("one worker", one)
+    alone = bench.run("1 worker", one)
     yield alone
-    pool = bench.run("two workers", one, alone, workers=2)
+    pool = bench.run("2 workers", one, alone, workers=2)
     yield pool
     if find_spec("distributed"):
         with local_cluster(2) as scheduler:
-            yield bench.run("Dask, two workers", one, pool, scheduler=scheduler)
+            yield bench.run("2 Dask workers", one, pool, scheduler=scheduler)
 
 
 def _configurations(bench: _Bench, one: Experiment, four: Experiment) -> Iterator[Timed]:
-    alone = bench.run("one configuration, recorded", one, recording="light")
+    alone = bench.run("1 configuration", one, recording="light")
     yield alone
-    several = bench.run("four configurations, recorded", four, alone, recording="light", out="four", cache="kept")
+    several = bench.run("4 configurations", four, alone, recording="light", out="four", cache="kept")
     yield several
-    yield bench.run("the same again", four, several, recording="light", out="four", cache="kept")
-    yield bench.run("again elsewhere, from the cache", four, several, recording="light", cache="kept")
+    yield bench.run("4 again", four, several, recording="light", out="four", cache="kept")
+    yield bench.run("4 from the cache", four, several, recording="light", cache="kept")
 
 
 def _with_cones(configuration: Configuration, cones_cm: tuple[float, ...]) -> Configuration:
@@ -140,17 +140,21 @@ def _with_cones(configuration: Configuration, cones_cm: tuple[float, ...]) -> Co
 def parallel_table(clip: str, matcher: str, frames: int, runs: Sequence[Timed]) -> Table:
     """A run a row, each with its ratio to another."""
     return Table(
-        title=f"Whole runs of {frames} frames of {clip} with {matcher}, seconds",
-        columns=("run", "s", "processor s", "ratio", "of processor s", "to", "same results"),
-        rows=tuple((run.what, f"{run.seconds:.1f}", f"{run.cpu_seconds:.1f}", *_compared(run)) for run in runs),
-        words=1,
-        notes=("Two workers at best take half the processor's seconds. A cluster's start is not counted.",),
+        title=f"Whole runs of {frames} frames of {clip} with {matcher}",
+        columns=("run", "to", "s", "ratio", "CPU s", "CPU ratio", "same results"),
+        rows=tuple(_row(run) for run in runs),
+        words=2,
+        notes=(
+            "CPU: of all processes. At best, two workers take half of theirs. A cluster's start is not counted.",
+            "Configurations differ in their cones, and are recorded.",
+        ),
     )
 
 
-def _compared(run: Timed) -> tuple[str, str, str, str]:
-    base = run.compared_with
+def _row(run: Timed) -> tuple[str, ...]:
+    base, seconds, cpu = run.compared_with, f"{run.seconds:.1f}", f"{run.cpu_seconds:.1f}"
     if base is None:
-        return UNKNOWN, UNKNOWN, "", UNKNOWN
+        return run.what, UNKNOWN, seconds, UNKNOWN, cpu, UNKNOWN, UNKNOWN
+    ratio, cpu_ratio = run.seconds / base.seconds, run.cpu_seconds / base.cpu_seconds
     same = {True: "yes", False: "NO", None: UNKNOWN}[run.same]
-    return f"{run.seconds / base.seconds:.2f}", f"{run.cpu_seconds / base.cpu_seconds:.2f}", base.what, same
+    return run.what, base.what, seconds, f"{ratio:.2f}", cpu, f"{cpu_ratio:.2f}", same
