@@ -136,13 +136,16 @@ class Store:
                 yield path.parent, parts
 
     def usage(self) -> list[Usage]:
-        """What there is, by stage and clip, largest first."""
-        found = []
+        """What there is, by stage and clip, of all settings together; largest first."""
+        sizes: dict[tuple[str, str, str], list[int]] = {}
         for slot in sorted(path.name for path in self.stages.glob("*")):
             for folder, parts in self._identities(slot):
-                sizes = [size for _, size, _ in _results(folder)]
-                name, clip = str(parts.get("stage")), str(parts.get("clip"))
-                found.append(Usage(slot=slot, name=name, clip=clip, files=len(sizes), bytes=sum(sizes)))
+                key = slot, str(parts.get("stage")), str(parts.get("clip"))
+                sizes.setdefault(key, []).extend(size for _, size, _ in _results(folder))
+        found = [
+            Usage(slot=slot, name=name, clip=clip, files=len(each), bytes=sum(each))
+            for (slot, name, clip), each in sizes.items()
+        ]
         return sorted(found, key=lambda each: -each.bytes)
 
     def trim(self) -> int:

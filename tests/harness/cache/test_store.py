@@ -77,3 +77,12 @@ def test_a_limit_that_is_none_is_refused(text: str, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("VFOA_CACHE_GB", text)
     with pytest.raises(VfoaError, match=f"VFOA_CACHE_GB: found '{text}'; expected a size in gigabytes"):
         cache_limit()
+
+
+def test_what_a_stage_takes_on_a_clip_is_of_all_its_settings(store: Store) -> None:
+    for identity in ("abc", "def"):
+        store.describe("stereo", identity, {"stage": "bm", "clip": "talk"})
+        store.save(store.folder("stereo", identity) / "000001-0.bin", b"content")
+    (usage,) = store.usage()
+    assert (usage.slot, usage.name, usage.clip, usage.files) == ("stereo", "bm", "talk", 2)
+    assert usage.bytes == sum(path.stat().st_size for path in store.stages.rglob("*.bin"))
