@@ -137,7 +137,8 @@ def speed_table(clip: str, threads: int, rows: Sequence[Speed]) -> Table:
         words=1,
         notes=(
             "From images and masks in memory to attention: frames/s of the whole, CPU ms a frame over all threads. All "
-            "but the last without head detector, head pose and gaze. Error: median, against the truth.",
+            "but the last without head detector, head pose and gaze; the best of three rounds. Error: median, against "
+            "the truth.",
         ),
     )
 
