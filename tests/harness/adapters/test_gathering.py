@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +15,9 @@ from harness.adapters.studio.stage import RIG, Stage
 from harness.annotations.timeline import timeline_of
 from harness.clips.manifest import load_manifest
 from harness.truth.oracle import true_labels
+from tests.conftest import REPOSITORY
 from vfoa.geometry import project
 
-REPOSITORY = Path(__file__).parents[3]
 SETS = {"tune": range(1, 7), "report": range(201, 207)}
 CLIPS = [(f"studio_{kind}_{place}", seed) for kind, seeds in SETS.items() for place, seed in enumerate(seeds, start=1)]
 

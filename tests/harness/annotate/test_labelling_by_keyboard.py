@@ -20,13 +20,13 @@ from harness.annotations.labels import IGNORED, Label, Labels, ranges_of
 from harness.clips.manifest import ClipManifest, load_manifest
 from tests.annotating import serve, shown, wait_for
 from tests.browser import chromium, set_width
+from tests.conftest import REPOSITORY
 from tests.disk import write_text
 from vfoa.types import StereoFrame
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
-REPOSITORY = Path(__file__).parents[3]
 KEYS = {"laptop": "1", "mug": "2", "book": "3", "bottle": "4", "vase": "5", "none": "n", "ignore": "i"}
 
 

@@ -24,6 +24,7 @@ from harness.cli import app
 from harness.clips.manifest import load_manifest
 from harness.clips.naming import NameRule
 from tests.annotating import MANIFEST
+from tests.conftest import REPOSITORY
 from tests.disk import HEIGHT, WIDTH, write_image, write_text
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity
@@ -84,7 +85,7 @@ def test_a_run_with_saved_masks_shows_their_edges(opened: Any, work: Path) -> No
 
 
 def test_without_a_run_the_clips_own_masks_are_shown_by_the_manifests_names(tmp_path: Path) -> None:
-    text = (Path(__file__).parents[3] / "datasets" / "studio_table.toml").read_text()
+    text = (REPOSITORY / "datasets" / "studio_table.toml").read_text()
     text = text.replace("studio_table", "tabletop").replace("frames = 60", "frames = 1")
     session = Session(str(write_text(tmp_path / "datasets" / "tabletop.toml", text)))
     try:

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from harness.annotations.files import Label, LabelRange, Labels, read_annotations, write_annotations
 from harness.annotations.labels import ranges_of
 from harness.annotations.timeline import Timeline
+from tests.conftest import REPOSITORY
 from tests.disk import write_bytes, write_text
 from vfoa.errors import VfoaError
 
@@ -239,7 +240,7 @@ def test_a_note_of_two_lines_is_refused_and_the_old_file_stays(tmp_path: Path) -
 
 
 def test_the_labels_of_bandage_2_are_canonical(tmp_path: Path) -> None:
-    source = Path(__file__).parents[3] / "annotations" / "sintel_bandage_2.csv"
+    source = REPOSITORY / "annotations" / "sintel_bandage_2.csv"
     labels = _read(source)
     assert [label.target for _, _, label in labels.labelled(range(1, 51))] == ["bird"] * 50
     assert [frame for frame, _, label in labels.labelled(range(1, 51)) if label.note == "eyes shut"] == [7, 8]

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from harness.cli import main
+from tests.conftest import REPOSITORY
 from tests.disk import write_text
 
-REPOSITORY = Path(__file__).parents[3]
 CLIP = "studio_talk"
 
 
