@@ -1,0 +1,147 @@
+"""Where a path can be read in several ways, or its calibration is in doubt, `vfoa clips add` asks."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.calibrations import RIG, SIZE, opencv_nodes, write_kalibr, write_opencv, write_ros, write_zed
+from tests.disk import HEIGHT, WIDTH, picture, sintel_scene, write_image, write_text
+from tests.harness.clips.adding import (
+    LEFT,
+    NUMBERS,
+    RIGHT,
+    final_scene,
+    images,
+    kitti,
+    opencv_file,
+    opencv_sample,
+    refused,
+    vfoa,
+    views,
+)
+from tests.recordings import recorder
+
+pytestmark = pytest.mark.usefixtures("work_here")
+
+CALIBRATIONS: dict[str, Callable[[Path], object]] = {
+    "opencv": lambda root: write_opencv(root / "stereo.xml", opencv_nodes(RIG), SIZE),
+    "opencv sample": opencv_sample,
+    "ros": lambda root: write_ros(root / "calibration", RIG),
+    "kalibr": lambda root: write_kalibr(root / "camchain.yaml", RIG),
+    "zed": lambda root: write_zed(root / "SN123.conf", RIG),
+}
+
+
+def test_several_scenes_and_passes_are_listed_with_the_options_that_decide(tmp_path: Path) -> None:
+    final_scene(tmp_path)
+    sintel_scene(tmp_path, "market")
+    message = refused(tmp_path)
+    assert message == (
+        f"{tmp_path}: it can be read in 3 ways; expected --set scene=(alley | market) and --set pass=(clean | final)"
+    )
+    assert "--set scene=(alley | market)" in refused(tmp_path, "--set", "scene=aley")
+    vfoa("add", tmp_path, "--set", "scene=market")
+
+
+def test_several_pairs_of_topics_are_listed(tmp_path: Path) -> None:
+    path = tmp_path / "two.mcap"
+    with recorder(path) as record:
+        for rig in ("front", "rear"):
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{rig}/{side}/camera_info", 10**9, camera)
+                record.picture(f"/{rig}/{side}/image", 10**9, picture(1))
+    message = refused(path)
+    assert "2 pairs of image topics" in message
+    assert "/front/left/image (sensor_msgs/msg/Image, 1 messages)" in message
+    assert message.endswith("(here as --set KEY=VALUE)")
+    vfoa("add", path, "--set", "left=/rear/left/image", "--set", "right=/rear/right/image")
+
+
+def test_a_recording_without_calibration_takes_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "bare.mcap"
+    with recorder(path) as record:
+        for side in ("left", "right"):
+            record.picture(f"/{side}/image_rect", 10**9, picture(1))
+    assert "no single calibration topic" in refused(path)
+    matrix = "100 0 31.5 {} 0 100 23.5 0 0 0 1 0"
+    write_text(tmp_path / "calib.txt", f"P2: {matrix.format(0)}\nP3: {matrix.format(-12)}\n")
+    added = vfoa("add", path, "--calibration", tmp_path / "calib.txt")
+    assert added["calibration"] == "as given"
+    assert added["rig"]["baseline_m"] == pytest.approx(0.12)
+    assert 'calibration = "calib.txt"' in (Path.cwd() / "datasets" / "bare.toml").read_text()
+
+
+@pytest.mark.parametrize("write", CALIBRATIONS.values(), ids=CALIBRATIONS)
+def test_every_calibration_beside_the_images_is_found(tmp_path: Path, write: Callable[[Path], object]) -> None:
+    for side in ("left", "right"):
+        write_image(tmp_path / side / "1.png", np.full((SIZE[1], SIZE[0], 3), 128, np.uint8))
+    write(tmp_path)
+    vfoa("add", tmp_path, "--name", "mine")
+    (checked,) = vfoa("check", "mine")
+    assert checked["problems"] == []
+    assert checked["baseline_m"] == pytest.approx(0.1199, abs=1e-4)
+
+
+def test_two_calibration_files_can_be_given(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        write_image(tmp_path / "clip" / side / "1.png", np.full((SIZE[1], SIZE[0], 3), 128, np.uint8))
+    left, right = write_ros(tmp_path / "elsewhere", RIG)
+    vfoa("add", tmp_path / "clip", "--calibration", left, "--calibration", right, "--name", "mine")
+    assert vfoa("check", "mine")[0]["baseline_m"] == pytest.approx(0.1199, abs=1e-4)
+
+
+def test_a_calibration_is_never_guessed(tmp_path: Path) -> None:
+    message = refused(images(tmp_path, "left/{}.png", "right/{}.png"))
+    assert "no calibration was found; expected --calibration FILE" in message
+    assert "or --fx --cx --cy --baseline of a rectified pair, in pixels and metres" in message
+
+
+def test_both_pairs_of_kitti_are_listed(tmp_path: Path) -> None:
+    kitti(kitti(tmp_path), "image_0/{:06d}.png", "image_1/{:06d}.png")
+    assert refused(tmp_path).endswith("it can be read in 2 ways; expected --set left=(image_0 | image_2)")
+    vfoa("add", tmp_path, "--set", "left=image_0", *NUMBERS, "--name", "gray")
+    assert vfoa("check", "gray")[0]["problems"] == []
+    vfoa("add", tmp_path, "--set", "left=image_2", "--name", "colour")
+    assert vfoa("check", "colour")[0]["baseline_m"] == pytest.approx(0.125)
+
+
+def test_halves_that_are_alike_both_ways_are_asked_for(tmp_path: Path) -> None:
+    for number in (1, 2):
+        tile = views(number)[0]
+        write_image(tmp_path / f"{number}.png", np.tile(tile, (2, 2, 1)))
+    assert "it can be read in 2 ways; expected --set layout=(" in refused(tmp_path, *NUMBERS)
+    vfoa("add", tmp_path, *NUMBERS, "--set", "layout=images_top_bottom", "--name", "mine")
+    assert vfoa("check", "mine")[0]["size_px"] == [2 * WIDTH, HEIGHT]
+
+
+def test_several_calibrations_are_listed(tmp_path: Path) -> None:
+    opencv_file(tmp_path)
+    shutil.copy(tmp_path / "stereo.yml", tmp_path / "left" / "older.yml")
+    assert refused(tmp_path).endswith("it can be read in 2 ways; expected --calibration (stereo.yml | left/older.yml)")
+    added = vfoa("add", tmp_path, "--calibration", tmp_path / "stereo.yml", "--name", "mine")
+    assert added["calibration"] == "as given"
+
+
+def test_kitti_s_raw_recordings_keep_their_calibration_above(tmp_path: Path) -> None:
+    drive = images(tmp_path / "day" / "drive_1", "image_02/data/{:010d}.png", "image_03/data/{:010d}.png")
+    lines = [
+        f"P_rect_{camera}: 100 0 31.5 {column} 0 100 23.5 0 0 0 1 0\n" for camera, column in (("02", 0), ("03", -12))
+    ]
+    write_text(tmp_path / "day" / "calib_cam_to_cam.txt", "".join(lines))
+    assert vfoa("add", drive)["calibration"] == "../calib_cam_to_cam.txt"
+    assert vfoa("check", "drive_1")[0]["baseline_m"] == pytest.approx(0.12)
+
+
+def test_a_large_file_that_is_no_picture_is_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "a.bag").write_bytes(b"x")
+
+    def fail(path: Path) -> bytes:
+        raise AssertionError(path)
+
+    monkeypatch.setattr(Path, "read_bytes", fail)
+    assert "not recognised" in refused(tmp_path / "a.bag")
