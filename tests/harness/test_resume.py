@@ -1,6 +1,6 @@
 """Runs that are killed at any moment, and go on: the same tables as if nothing had happened.
 
-Two kills by default, at seeded moments; ``VFOA_KILLS=20`` for more.
+Two kills by default, at seeded moments, the second of a run with two workers; ``VFOA_KILLS=20`` for more.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ def unbroken(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> tupl
     return _finish(experiment, out), time.monotonic() - started
 
 
-def _start(experiment: Path, out: Path) -> subprocess.Popen[bytes]:
-    how = ["--workers", "1", "--limit", str(FRAMES), "--cache", str(out.with_name("cache"))]
+def _start(experiment: Path, out: Path, workers: int) -> subprocess.Popen[bytes]:
+    how = ["--workers", str(workers), "--limit", str(FRAMES), "--cache", str(out.with_name("cache"))]
     arguments = ["vfoa", "run", str(experiment), "--out", str(out), *how]
     code = f"import sys; sys.argv = {arguments!r}\nfrom harness.cli import main; main()"
     return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
@@ -94,7 +94,7 @@ def test_a_killed_run_goes_on_to_the_same_tables(
     kill: int, experiment: Path, unbroken: tuple[RunDirectory, float], tmp_path: Path
 ) -> None:
     whole, seconds = unbroken
-    process = _start(experiment, tmp_path / "out")
+    process = _start(experiment, tmp_path / "out", workers=1 + kill % 2)
     while process.poll() is None and not (tmp_path / "out" / "parts").exists():
         time.sleep(0.005)
     time.sleep(float(np.random.default_rng([8, kill]).uniform(0, seconds)))
