@@ -9,8 +9,9 @@ from harness.cache.account import Account
 from harness.runs.executors import Executor, Progress
 from harness.runs.run import ClipJob, ClipOutcome, warm_clip
 
-STRETCHES_PER_WORKER = 8
-"""Into how many stretches a clip is cut for each worker, so that all end together."""
+STRETCHES_PER_WORKER = 4
+"""A stretch is what is left of a clip, cut into so many for each worker: long at first, so that little is opened and
+sought, and short in the end, so that all end together (guided self-scheduling, Polychronopoulos and Kuck 1987)."""
 
 LONGEST_STRETCH = 32
 """The frames of a stretch at most, so that whoever waits for it does not wait long."""
@@ -36,11 +37,9 @@ class Perceived:
         self._arriving = executor.run(warm_clip, self._stretches, progress, _given_up)
 
     def _cut(self, job: ClipJob, lacking: Sequence[int], workers: int) -> None:
-        length = min(LONGEST_STRETCH, max(1, -(-len(lacking) // (STRETCHES_PER_WORKER * workers))))
-        for at in range(0, len(lacking), length):
-            stretch = replace(job, frames=tuple(lacking[at : at + length]))
-            self._begins[job.manifest.name, stretch.frames[0]] = len(self._stretches)
-            self._stretches.append(stretch)
+        for frames in stretches(lacking, workers):
+            self._begins[job.manifest.name, frames[0]] = len(self._stretches)
+            self._stretches.append(replace(job, frames=frames))
 
     def lacked(self, job: ClipJob) -> bool:
         """Whether there is anything of a job to perceive."""
@@ -73,6 +72,15 @@ class Perceived:
         """Wait for what nobody asked for."""
         for outcome in self._arriving:
             self._take(outcome)
+
+
+def stretches(frames: Sequence[int], workers: int) -> Iterator[tuple[int, ...]]:
+    """Cut frames into the stretches that so many workers take one after the other."""
+    at = 0
+    while at < len(frames):
+        length = min(LONGEST_STRETCH, -(-(len(frames) - at) // (STRETCHES_PER_WORKER * workers)))
+        yield tuple(frames[at : at + length])
+        at += length
 
 
 def _given_up(stretch: ClipJob, why: str) -> ClipOutcome:

@@ -48,7 +48,9 @@ def local_cluster(workers: int) -> Iterator[str]:
     """Yield the address of a scheduler on this machine with so many workers: processes of one thread."""
     from distributed import LocalCluster
 
-    options = {"n_workers": workers, "threads_per_worker": 1, "dashboard_address": None, "host": "127.0.0.1"}
+    # any free port: without an address it takes 8787, of every network, which another cluster may have
+    dashboard = {"dashboard_address": "127.0.0.1:0"}
+    options = {"n_workers": workers, "threads_per_worker": 1, "host": "127.0.0.1", **dashboard}
     with LocalCluster(**options, silence_logs=50) as cluster:
         yield cluster.scheduler_address
 
