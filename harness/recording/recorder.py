@@ -125,8 +125,11 @@ class Recorder:
         self._opened = True
         self._path.parent.mkdir(parents=True, exist_ok=True)
         layout = blueprint(first, self._subjects, self._rate_hz, self._size, follow=self._watched_at is not None)
-        sinks: list[Any] = [rr.FileSink(self._partial), *([rr.GrpcSink(self._watched_at)] if self._watched_at else [])]
-        self._stream.set_sinks(*sinks, default_blueprint=layout)
+        if self._watched_at is None:
+            self._stream.save(self._partial, default_blueprint=layout)
+        else:
+            sinks = rr.FileSink(self._partial), rr.GrpcSink(self._watched_at)
+            self._stream.set_sinks(*sinks, default_blueprint=layout)
         self._stream.send_recording_name(f"{self._clip}, {self._configuration}")
         self._stream.log(entities.WORLD, rr.ViewCoordinates.RDF, static=True)
         self._stream.log(entities.GUIDE, guide(), static=True)
