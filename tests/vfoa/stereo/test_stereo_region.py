@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.scenes import make_box, make_rig, rendered_boxes, stereo_planes
-from tests.vfoa.test_stereo import matcher
+from tests.vfoa.stereo.test_stereo import matcher
 from vfoa.stereo.region import Region, needed_region
 from vfoa.types import Head, Instance, Instances
 
@@ -159,7 +159,7 @@ def test_several_threads_find_the_same(name, resolution):
 
 
 def test_half_resolution_costs_less_than_a_third_of_a_pixel_on_bandage_2(shared_data):
-    from tests.vfoa.test_stereo import errors, sintel
+    from tests.vfoa.stereo.test_stereo import errors, sintel
     from vfoa.types import StereoFrame
 
     rig = make_rig(1024, 436, fx_px=896, baseline_m=0.1)
