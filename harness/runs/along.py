@@ -22,7 +22,7 @@ class GivenUpError(Exception):
 
 
 class Perceived:
-    """What the cache lacks of these jobs' frames, perceived by workers from the first frame asked for on."""
+    """What the cache lacks of these jobs' frames: workers begin to perceive it when the first of them is asked for."""
 
     def __init__(self, jobs: Sequence[ClipJob], executor: Executor, account: Account, progress: Progress) -> None:
         self._account = account

@@ -109,9 +109,9 @@ def _silent(clip: str) -> None:
     """Every frame has been told of already."""
 
 
-def skip(one: PreparedClip | ClipJob, progress: Progress, frames: int | None = None) -> None:
-    """Tell the progress of frames, all of a clip's if not given, that are done already."""
-    for _ in range(len(one.frames) if frames is None else frames):
+def skip(one: PreparedClip | ClipJob, progress: Progress) -> None:
+    """Tell the progress of a clip's frames, which are done already."""
+    for _ in one.frames:
         progress(one.manifest.name)
 
 
