@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import shutil
 import statistics
-from collections.abc import Callable
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -100,31 +101,53 @@ def conduct_live(
         recording=recording,
         watched_at=watched_at,
     )
-    pipeline = SharedPipeline(job.configurations, clip)
-    error: VfoaError | None = None
-    with Lane(job, job.configurations[0], clip.rate_hz, Measurer(clip)) as lane:
-        try:
-            numbers = clip.numbers(lambda first: _rehearse(first, clip, pipeline, job), limit)
-            with closing(ahead(pipeline.frames(numbers), 1 if threads > 1 else 0)) as frames:
-                for shared in frames:
-                    lane.take(shared)
-                    if lane.error is not None:
-                        break
-                    clip.done(shared.frame.index)
-                    progress(manifest.name)
-        except VfoaError as ended:  # the source's: what it gave until then is worth keeping
-            error = ended
-        finally:
-            stopped.set()
-    error = error or (VfoaError(lane.error) if lane.error else None)
+    error = _follow(clip, job, stopped, limit=limit, depth=1 if threads > 1 else 0, progress=progress)
     if error is None and clip.damaged and not clip.frames:
         error = VfoaError(f"no frame can be read; the first: {clip.damaged[0]}")
+    if error is not None and not clip.frames:
+        shutil.rmtree(directory.path, ignore_errors=True)  # it was new, and nothing came of it
+        raise error
     report = _report(clip)
     plan = Plan(experiment=experiment, clips=(_prepared(manifest, clip),), recording=recording)
     _write(directory, plan, clip, report, started)
     if error is not None:
         raise error
     return report
+
+
+def _follow(
+    clip: LiveClip,
+    job: ClipJob,
+    stopped: Event,
+    *,
+    limit: int | None,
+    depth: int,
+    progress: Callable[[str], None],
+) -> VfoaError | None:
+    """Lead each frame that is taken from the source to the files; what ended that, if it was an error."""
+    pipeline = SharedPipeline(job.configurations, clip)
+    with Lane(job, job.configurations[0], clip.rate_hz, Measurer(clip)) as lane:
+        numbers = clip.numbers(lambda first: _rehearse(first, clip, pipeline, job), limit)
+        try:
+            with closing(ahead(pipeline.frames(numbers), depth)) as frames, _ending(stopped):
+                for shared in frames:
+                    lane.take(shared)
+                    if lane.error is not None:
+                        break
+                    clip.done(shared.frame.index)
+                    progress(job.manifest.name)
+        except VfoaError as error:  # the source's: what it gave until then is worth keeping
+            return error
+    return VfoaError(lane.error) if lane.error else None
+
+
+@contextmanager
+def _ending(stopped: Event) -> Iterator[None]:
+    """Let the source end with the block, whatever ended that: a thread may be waiting for its next frame."""
+    try:
+        yield
+    finally:
+        stopped.set()
 
 
 def _rehearse(number: int, clip: LiveClip, pipeline: SharedPipeline, job: ClipJob) -> None:

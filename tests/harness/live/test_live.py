@@ -11,6 +11,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Event
 
@@ -31,6 +33,7 @@ from harness.recording import viewer
 from harness.runs.directory import RunDirectory
 from harness.runs.experiment import Experiment, load_experiment
 from harness.runs.results import read_results
+from harness.runs.stages import SLOTS
 from harness.signals.coco_panoptic_writer import write_coco_panoptic
 from tests.disk import HEIGHT, WIDTH, moving_picture, picture, sintel_scene, write_text, write_video
 from tests.harness.recording.test_viewer import needs_vulkan
@@ -171,6 +174,35 @@ def test_one_frame_and_a_limit_are_kept(experiment: Experiment, tmp_path: Path, 
         source = PlayedClip(make_manifest(manifest, folder / "alley.toml").open(), "alley")
         assert _run(source, experiment, folder / "run", limit=limit, threads=threads).frames == expected
         assert len(_frames(folder / "run")) == expected
+
+
+class Stalling:
+    """A clip that gives one more frame than a failing stage stands, and then nothing, but does not end either."""
+
+    rate_hz = None
+
+    def __init__(self, clip: StereoFolderClip) -> None:
+        self._clip = clip
+
+    def begin(self) -> None:
+        pass
+
+    def arrivals(self, stopped: Event) -> Iterator[Arrival]:
+        for number in (1, 2):
+            yield Arrival(number=number, time_ns=0, arrived_s=0.0, read=partial(self._clip.frame, number))
+            time.sleep(0.5)
+        assert stopped.wait(30), "expected to be told to end"
+
+
+def test_a_failing_stage_ends_the_run_although_the_source_waits(experiment: Experiment, tmp_path: Path) -> None:
+    root = sintel_scene(tmp_path / "data", frames=(1, 2))
+    manifest = {"name": "alley", "adapter": "sintel", "root": str(root), "source": {"scene": "alley"}}
+    source = Stalling(make_manifest(manifest, tmp_path / "alley.toml").open())  # type: ignore[arg-type]
+    (configuration,) = experiment.configurations
+    heads = SLOTS["heads"].parse({"detector": "truth"}, "test")  # which a live frame does not know
+    failing = replace(configuration, choices={**configuration.choices, "heads": heads})
+    with pytest.raises(VfoaError, match=r"heads|people"):
+        _run(source, replace(experiment, configurations=(failing,)), tmp_path / "run", threads=2)
 
 
 # Recordings that are being written
@@ -383,6 +415,7 @@ def test_what_cannot_be_run_live_is_one_line(
     line = capsys.readouterr().err
     assert said in line
     assert line.count("\n") == 1
+    assert not list(tmp_path.glob("runs/*"))
 
 
 def test_a_run_that_is_there_is_not_written_over(experiment: Experiment, tmp_path: Path) -> None:
