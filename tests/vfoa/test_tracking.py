@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.scenes import make_person
 from vfoa.geometry import box_iou
-from vfoa.tracking import TrackerState, TrackingSettings, track_people
+from vfoa.tracking import TrackerState, TrackingSettings, final_tracks, track_people
 from vfoa.types import Person
 
 PUBLISHED = TrackingSettings(ttl=0)
@@ -17,16 +17,6 @@ PUBLISHED = TrackingSettings(ttl=0)
 def at(left_px: float, score: float = 1.0) -> Person:
     """A head box of 10 x 10 px. Two of them s px apart overlap by (10 - s) / (10 + s): by a half up to s = 10 / 3."""
     return make_person((left_px, 0, left_px + 10, 10), score=score)
-
-
-def tracks_of(frames, settings: TrackingSettings) -> dict[int, tuple[tuple[int, Person], ...]]:
-    """Every track of a sequence: id -> (frame, person)."""
-    state, members = TrackerState(), {}
-    for frame, people in enumerate(frames):
-        tracked, state = track_people(people, state, settings)
-        for track_id, person in tracked:
-            members[track_id] = (*members.get(track_id, ()), (frame, person))
-    return members
 
 
 def lefts(tracks: dict[int, tuple[tuple[int, Person], ...]]) -> dict[int, list[tuple[int, float]]]:
@@ -43,28 +33,40 @@ def test_a_split_a_crossing_and_a_gap():
     gap = [(at(200),), (at(200),), (), (at(200),)]
     frames = [sum(people, ()) for people in zip(split, crossing, gap, strict=True)]
 
-    assert lefts(tracks_of(frames, PUBLISHED)) == {
+    assert lefts(final_tracks(frames, PUBLISHED)) == {
         # the split: 98 overlaps 100 more than 103 does, which starts a track of its own
         1: [(0, 100), (1, 98), (2, 96), (3, 94)],
         5: [(1, 103), (2, 106), (3, 109)],
         # the crossing: boxes alone cannot tell two heads that pass from two that bounce
         2: [(0, 0), (1, 3), (2, 3), (3, 0)],
         3: [(0, 9), (1, 6), (2, 6), (3, 9)],
-        # the gap: the track ends before it, and what comes after is another one
+        # the gap: the track ends before it, and what comes after is too short to count
         4: [(0, 200), (1, 200)],
-        6: [(3, 200)],
     }
 
 
 @pytest.mark.parametrize(("ttl", "ids"), [(1, {1, 2}), (2, {1})])
 def test_a_track_outlives_a_gap_of_up_to_ttl_frames(ttl, ids):
     frames = [(at(0),), (at(1),), (), (), (at(2),), (at(3),)]
-    assert set(tracks_of(frames, TrackingSettings(ttl=ttl))) == ids
+    assert set(final_tracks(frames, TrackingSettings(ttl=ttl))) == ids
 
 
 def test_each_gap_is_measured_anew():
     frames = [(at(0),), (), (at(0),), (), (at(0),)]
-    assert lefts(tracks_of(frames, TrackingSettings(ttl=1))) == {1: [(0, 0), (2, 0), (4, 0)]}
+    assert lefts(final_tracks(frames, TrackingSettings(ttl=1))) == {1: [(0, 0), (2, 0), (4, 0)]}
+
+
+def test_only_tracks_with_a_good_head_and_enough_heads_count():
+    frames = [(at(0, 0.4), at(50, 0.4), at(100, 0.9)), (at(0, 0.4), at(50, 0.6))]
+    assert set(final_tracks(frames, PUBLISHED)) == {2}
+
+
+def test_a_track_is_reported_before_it_counts():
+    tracked, state = track_people((at(0),), TrackerState(), PUBLISHED)
+    assert [track_id for track_id, _ in tracked] == [1]
+    assert not state.tracks[0].confirmed(PUBLISHED)
+    _, state = track_people((at(0),), state, PUBLISHED)
+    assert state.tracks[0].confirmed(PUBLISHED)
 
 
 def test_heads_below_sigma_l_are_not_followed():
@@ -96,9 +98,9 @@ boxes = st.builds(
 
 @given(st.lists(st.lists(boxes, max_size=4).map(tuple), max_size=8))
 def test_without_gaps_it_is_the_published_algorithm(frames):
-    settings = TrackingSettings(sigma_l=0.2, sigma_iou=0.4, ttl=0)
-    found = [[person for _, person in members] for members in tracks_of(frames, settings).values()]
-    expected = published(frames, sigma_l=0.2, sigma_iou=0.4)
+    settings = TrackingSettings(sigma_l=0.2, sigma_h=0.5, sigma_iou=0.4, t_min=2, ttl=0)
+    found = [[person for _, person in members] for members in final_tracks(frames, settings).values()]
+    expected = published(frames, sigma_l=0.2, sigma_h=0.5, sigma_iou=0.4, t_min=2)
     assert sorted(map(ids, found)) == sorted(map(ids, expected))
 
 
@@ -106,8 +108,8 @@ def ids(people: list[Person]) -> list[int]:
     return [id(person) for person in people]
 
 
-def published(frames, *, sigma_l, sigma_iou):
-    """Algorithm 1 of the paper, less its last step, which drops poor tracks: each track a list of detections."""
+def published(frames, *, sigma_l, sigma_h, sigma_iou, t_min):
+    """Algorithm 1 of the paper: lists of active and finished tracks, each a list of detections."""
     active: list[list[Person]] = []
     finished: list[list[Person]] = []
     for detections in frames:
@@ -125,4 +127,8 @@ def published(frames, *, sigma_l, sigma_iou):
             else:
                 finished.append(track)
         active = still_active + [[candidate] for candidate in candidates]
-    return finished + active
+    return [
+        track
+        for track in finished + active
+        if len(track) >= t_min and max(person.view.head.score for person in track) >= sigma_h
+    ]
