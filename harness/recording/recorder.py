@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 
 APPLICATION = "vfoa"
 
+_FLUSHED_EVERY = 50
+"""Frames: what waits in memory to be written does not grow with the clip, and a kill loses no more."""
+
 
 class Recorder:
     """One recording of one clip under one configuration, as a context manager.
@@ -82,6 +85,7 @@ class Recorder:
         self._stream.set_log_tick_enabled(False)
         self._log = FrameLog(self._stream)
         self._opened = False
+        self._logged = 0
 
     def __enter__(self) -> Self:
         # without it, Rerun drops bad data with a warning
@@ -116,6 +120,9 @@ class Recorder:
         log_attention(log, result, record, self._colours)
         log_verdicts(log, record, shown.verdicts, self._colours)
         log.end()
+        self._logged += 1
+        if self._logged % _FLUSHED_EVERY == 0:
+            self._stream.flush()
         if self._watched_at:
             log.close()  # whoever looks on wants the curves now
         self._outcomes.update(verdict.outcome for verdict in shown.verdicts)
