@@ -39,7 +39,16 @@ def stage_measures_table(scores: Scores) -> Table:
     )
 
 
-_TERMINAL = ("Disparity px", "Over 2 px %", "Known %", "Box IoU", "Eyes cm", "Head deg", "Gaze deg")
+_TERMINAL = {
+    "Disparity px": "Disp. px",
+    "Over 2 px %": "> 2 px %",
+    "Known %": "Known %",
+    "Box IoU": "IoU",
+    "Eyes cm": "Eyes cm",
+    "Head deg": "Head °",
+    "Gaze deg": "Gaze °",
+}
+"""The columns that a terminal has, and what they are called there: 80 characters leave room for a name."""
 
 
 def pooled_measures_table(scores: Scores) -> Table:
@@ -47,7 +56,7 @@ def pooled_measures_table(scores: Scores) -> Table:
     table = stage_measures_table(scores)
     rows = [row for row in table.rows if row[0] == ALL] or table.rows
     places = [table.columns.index(name) for name in ("Configuration", *_TERMINAL)]
-    columns = tuple(table.columns[place] for place in places)
+    columns = ("Configuration", *_TERMINAL.values())
     return Table(title=table.title, columns=columns, rows=tuple(tuple(row[i] for i in places) for row in rows), words=1)
 
 
