@@ -26,7 +26,7 @@ def write_sweep(out: Path, sweep: Sweep) -> None:
 def best_table(sweep: Sweep) -> Table:
     """The best configuration for each value of the sweep's ``per``; of equals the first in the grid."""
     rows = []
-    for label, members in _by_label(sweep, sweep.view.per):
+    for label, members in _grouped(sweep.rows, sweep.view.per):
         best = max(members, key=lambda row: row.correct)
         factors = best.configuration.factors
         setting = ", ".join(f"{_short(key)} {value}" for key, value in factors.items() if key != sweep.view.per)
@@ -47,7 +47,7 @@ def effects_table(sweep: Sweep) -> Table:
     """What each value of each factor comes to: the mean rate and the best one over all values of the others."""
     rows = []
     for key in sweep.rows[0].configuration.factors:
-        for label, members in _by_label(sweep, key):
+        for label, members in _grouped(sweep.rows, key):
             rates = [row.frr for row in members]
             rows.append((key, label, f"{np.mean(rates):.1%}", f"{max(rates):.1%}"))
     return Table(
@@ -76,7 +76,7 @@ def _figure(sweep: Sweep) -> Figure:
     """The rate over ``across``, a line for each value of ``per``: the mean of all others, and the best of them."""
     figure = Figure(figsize=(12, 5), layout="constrained")
     mean, best = figure.subplots(1, 2, sharey=True)
-    for marker, (label, members) in zip(_markers(), _by_label(sweep, sweep.view.per), strict=False):
+    for marker, (label, members) in zip(_markers(), _grouped(sweep.rows, sweep.view.per), strict=False):
         over = {across: [row.frr for row in rows] for across, rows in _grouped(members, sweep.view.across)}
         mean.plot(list(over), [np.mean(rates) for rates in over.values()], marker=marker, label=label)
         best.plot(list(over), [max(rates) for rates in over.values()], marker=marker, label=label)
@@ -97,10 +97,6 @@ def _markers() -> Iterator[str]:
     """Lines are told apart by more than their colour."""
     while True:
         yield from "osD^vPX*"
-
-
-def _by_label(sweep: Sweep, key: str) -> Iterator[tuple[str, list[SweepRow]]]:
-    return _grouped(sweep.rows, key)
 
 
 def _grouped(rows: Iterable[SweepRow], key: str) -> Iterator[tuple[str, list[SweepRow]]]:

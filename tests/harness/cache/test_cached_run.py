@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from harness.cache.store import Store
-from harness.cli import main
 from harness.runs.conduct import conduct, prepare
 from harness.runs.directory import RunDirectory
 from harness.runs.experiment import load_experiment
 from tests import graphs
+from tests.command import vfoa
 from tests.disk import write_text
 
 FRAMES = 5
@@ -117,24 +116,22 @@ def test_beyond_the_limit_results_are_removed_and_computed_again(experiment: Pat
 def test_the_command_line_says_what_was_reused_and_shows_and_clears_the_cache(
     experiment: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def vfoa(*arguments: str) -> str:
-        monkeypatch.setattr(sys, "argv", ["vfoa", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert not ended.value.code
-        return capsys.readouterr().out
+    def says(*words: str) -> str:
+        code, said, _ = vfoa(monkeypatch, capsys, *words)
+        assert not code
+        return said
 
     options = ("--cache", str(tmp_path / "cache"))
     run = ("run", str(experiment), *options, "--limit", "2", "--recording", "none", "--workers", "1", "--out")
-    assert "Cache: stereo bm: 0 reused, 2 computed (first time)\n" in vfoa(*run, str(tmp_path / "first"))
-    assert "Cache: stereo bm: 2 reused, 0 computed\n" in vfoa(*run, str(tmp_path / "second"))
-    assert "second: finished before; nothing was computed\n" in vfoa(*run, str(tmp_path / "second"))
-    usage = json.loads(vfoa("cache", "info", "--json", *options))
+    assert "Cache: stereo bm: 0 reused, 2 computed (first time)\n" in says(*run, str(tmp_path / "first"))
+    assert "Cache: stereo bm: 2 reused, 0 computed\n" in says(*run, str(tmp_path / "second"))
+    assert "second: finished before; nothing was computed\n" in says(*run, str(tmp_path / "second"))
+    usage = json.loads(says("cache", "info", "--json", *options))
     assert usage["bytes"] == sum(path.stat().st_size for path in (tmp_path / "cache").rglob("*.bin"))
     assert {(each["slot"], each["files"]) for each in usage["stages"]} == {("stereo", 2), ("heads", 2), ("gaze", 2)}
-    assert "stereo bm" in vfoa("cache", "info", *options)
-    assert "removed 0." in vfoa("cache", "clear", *options)
-    assert json.loads(vfoa("cache", "info", "--json", *options))["bytes"] == 0
+    assert "stereo bm" in says("cache", "info", *options)
+    assert "removed 0." in says("cache", "clear", *options)
+    assert json.loads(says("cache", "info", "--json", *options))["bytes"] == 0
 
 
 def test_matches_in_a_region_are_kept_by_that_region(experiment: Path, tmp_path: Path) -> None:

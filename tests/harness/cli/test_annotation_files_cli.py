@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import shutil
-import sys
 from pathlib import Path
 
 import pytest
 
-from harness.cli import main
+from tests.command import vfoa
 from tests.conftest import REPOSITORY
 from tests.disk import write_text
 
@@ -29,21 +28,15 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def _vfoa(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
-    monkeypatch.setattr(sys, "argv", ["vfoa", "annotations", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    said = capsys.readouterr()
-    return int(ended.value.code or 0), said.out, said.err
-
-
 @pytest.mark.parametrize("name", ["elan", "boris", "boris-aggregated"])  # cvat would render every head
 def test_labels_go_out_and_come_back(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     where = ("--format", name, "--offset", "3")
-    assert _vfoa(monkeypatch, capsys, "export", CLIP, "out", *where)[0] == 0
-    code, out, _ = _vfoa(monkeypatch, capsys, "import", "out", "--clip", CLIP, "--annotator", "cat", *where)
+    assert vfoa(monkeypatch, capsys, "annotations", "export", CLIP, "out", *where)[0] == 0
+    code, out, _ = vfoa(
+        monkeypatch, capsys, "annotations", "import", "out", "--clip", CLIP, "--annotator", "cat", *where
+    )
     assert code == 0
     assert "16 ranges of anna, ben" in out
     labels = folder / "annotations"
@@ -66,7 +59,7 @@ def test_labels_go_out_and_come_back(
 def test_a_wrong_word_is_one_line_and_exit_code_2(
     arguments: tuple[str, ...], line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, _, err = _vfoa(monkeypatch, capsys, *arguments)
+    code, _, err = vfoa(monkeypatch, capsys, "annotations", *arguments)
     assert code == 2
     assert line in err
     assert err.count("\n") == 1
@@ -75,13 +68,13 @@ def test_a_wrong_word_is_one_line_and_exit_code_2(
 def test_annotators_are_compared_and_merged(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, out, _ = _vfoa(monkeypatch, capsys, "agreement", CLIP, "--out", "tables")
+    code, out, _ = vfoa(monkeypatch, capsys, "annotations", "agreement", CLIP, "--out", "tables")
     assert code == 0
     assert "Kappa" in out
     assert "bear,none" in (folder / "tables" / "differences.csv").read_text()
     assert (folder / "tables" / "agreement.md").read_text().count("## ") == 4
-    code, out, _ = _vfoa(monkeypatch, capsys, "merge", CLIP, "anna", "ben", "--to", "both")
+    code, out, _ = vfoa(monkeypatch, capsys, "annotations", "merge", CLIP, "anna", "ben", "--to", "both")
     assert code == 0
     assert "are to be decided, the first at frame 1" in out
     assert "to decide: anna bear, ben none" in (folder / "annotations" / f"{CLIP}@both.csv").read_text()
-    assert _vfoa(monkeypatch, capsys, "check", CLIP)[1].count("@") == 3
+    assert vfoa(monkeypatch, capsys, "annotations", "check", CLIP)[1].count("@") == 3

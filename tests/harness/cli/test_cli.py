@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.cli import main
+from tests.command import vfoa
 from tests.disk import picture, sintel_scene, stereo_pair_folder, write_image, write_text
 
 HEAVY = ("cv2", "open3d", "onnxruntime", "rerun", "pandas", "scipy", "filterpy", "matplotlib")
@@ -18,13 +18,6 @@ SINTEL = 'scene = "alley"'
 FOLDER = 'left = "left"\nright = "right"\n[source.camera]\nfx_px = 50.0\ncx_px = 31.5\ncy_px = 23.5\nbaseline_m = 0.1'
 PEOPLE = '[subjects.girl]\ncategory = "person"\n[targets.bird]\ncategory = "bird"\n'
 LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
-
-
-def _vfoa(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
-    monkeypatch.setattr(sys, "argv", ["vfoa", *arguments])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0), capsys.readouterr().err
 
 
 def _clip(folder: Path, adapter: str, root: Path, source: str) -> None:
@@ -62,7 +55,7 @@ def test_a_wrong_word_is_one_line_and_exit_code_2(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    code, said = _vfoa(monkeypatch, capsys, *arguments)
+    code, _, said = vfoa(monkeypatch, capsys, *arguments)
     assert code == 2
     assert line in said
     assert said.count("\n") == 1
@@ -124,7 +117,7 @@ def test_a_spoilt_clip_is_one_line_and_no_table(
     write_text(tmp_path / "e.toml", f'clips = ["mine"]\n[[configuration]]\nname = "only"\n{stages}')
     monkeypatch.chdir(tmp_path)
     options = ("--out", "out", "--workers", "1", "--recording", "none", "--no-cache")
-    code, said = _vfoa(monkeypatch, capsys, "run", "e.toml", *options)
+    code, _, said = vfoa(monkeypatch, capsys, "run", "e.toml", *options)
     assert code == 2
     assert line in said, said
     assert said.count("\n") == 1, said

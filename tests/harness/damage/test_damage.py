@@ -8,14 +8,10 @@ from pathlib import Path
 import pytest
 
 from harness.cli import main
+from tests.command import vfoa
 from tests.harness.damage import project as projects
 from tests.harness.damage.sources import DAMAGED, STILL_READ, WHOLE
 from tests.harness.damage.table import REFUSED, RUN, RUNS, SURVIVED, Case, replaced
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return projects.build(tmp_path_factory.mktemp("damage"))
 
 
 @pytest.fixture(scope="module")
@@ -28,22 +24,6 @@ def table(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
         with pytest.raises(SystemExit):
             main()
     return (copied / "out" / "frr.csv").read_text()
-
-
-@pytest.fixture
-def project(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    copied = projects.copy(whole, tmp_path / "project")
-    monkeypatch.chdir(copied)
-    return copied
-
-
-def vfoa(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
-    """Exit code, stdout and stderr. An exception that is not an exit ends the test: it would be a traceback."""
-    monkeypatch.setattr(sys, "argv", ["vfoa", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    said = capsys.readouterr()
-    return int(ended.value.code or 0), said.out, said.err
 
 
 @pytest.mark.parametrize("damaged", REFUSED, ids=lambda each: each.name)

@@ -14,31 +14,11 @@ from pathlib import Path
 import pytest
 
 from harness.adapters.stereo_folder import StereoFolderClip
-from harness.cli import main
-from tests.harness.damage import project as projects
+from tests.command import vfoa
 from tests.harness.damage.table import RUN
 from vfoa.types import StereoFrame
 
 NOBODY = 65534
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return projects.build(tmp_path_factory.mktemp("surroundings"))
-
-
-@pytest.fixture
-def project(whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    copied = projects.copy(whole, tmp_path / "project")
-    monkeypatch.chdir(copied)
-    return copied
-
-
-def _vfoa(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
-    monkeypatch.setattr(sys, "argv", ["vfoa", *words])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    return int(ended.value.code or 0), capsys.readouterr().err
 
 
 def _little_room() -> None:
@@ -62,7 +42,7 @@ def test_a_full_disk_is_said_in_one_line_and_the_run_goes_on_when_there_is_room(
     assert done.stderr.count("\n") == 1, done.stderr
     assert "File too large" in done.stderr
     assert not (project / "out" / "frr.csv").exists()
-    assert _vfoa(monkeypatch, capsys, *RUN) == (0, "")
+    assert vfoa(monkeypatch, capsys, *RUN)[::2] == (0, "")
     assert (project / "out" / "frr.csv").is_file()
 
 
@@ -78,13 +58,13 @@ def test_an_image_that_vanishes_in_mid_run_is_named_and_nothing_before_it_is_los
 
     kept = (project / "images" / "left" / "000003.png").read_bytes()
     monkeypatch.setattr(StereoFolderClip, "frame", frame)
-    code, said = _vfoa(monkeypatch, capsys, *RUN)
+    code, _, said = vfoa(monkeypatch, capsys, *RUN)
     assert code in (1, 2)
     assert "000003.png" in said
     assert said.count("\n") == 1
     monkeypatch.setattr(StereoFolderClip, "frame", read)
     (project / "images" / "left" / "000003.png").write_bytes(kept)
-    assert _vfoa(monkeypatch, capsys, *RUN, "--retry-failed") == (0, "")
+    assert vfoa(monkeypatch, capsys, *RUN, "--retry-failed")[::2] == (0, "")
 
 
 @pytest.fixture
@@ -105,7 +85,8 @@ def open_project(whole: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]
 def _as_nobody(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str]:
     os.seteuid(NOBODY)
     try:
-        return _vfoa(monkeypatch, capsys, *words)
+        code, _, said = vfoa(monkeypatch, capsys, *words)
+        return code, said
     finally:
         os.seteuid(0)
 
@@ -116,7 +97,7 @@ def _as_nobody(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
 def test_a_file_that_may_not_be_read_is_named(
     path: str, open_project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert _vfoa(monkeypatch, capsys, *RUN, "--no-cache") == (0, "")  # and so everything is imported
+    assert vfoa(monkeypatch, capsys, *RUN, "--no-cache")[::2] == (0, "")  # and so everything is imported
     shutil.rmtree("out")
     (open_project / "out").mkdir()
     os.chown(open_project / "out", NOBODY, NOBODY)
@@ -131,7 +112,7 @@ def test_a_file_that_may_not_be_read_is_named(
 def test_an_output_that_may_not_be_written_is_named(
     open_project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert _vfoa(monkeypatch, capsys, *RUN, "--no-cache") == (0, "")
+    assert vfoa(monkeypatch, capsys, *RUN, "--no-cache")[::2] == (0, "")
     shutil.rmtree("out")
     code, said = _as_nobody(monkeypatch, capsys, *RUN, "--no-cache")
     assert code == 2

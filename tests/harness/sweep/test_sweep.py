@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import csv
-import sys
 from pathlib import Path
 
 import pytest
 
-from harness.cli import main
 from harness.runs.conduct import conduct, prepare
 from harness.runs.experiment import load_experiment
 from harness.scores.finished_run import read_scores
 from harness.sweep.conduct import conduct_sweep
+from tests.command import vfoa
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
@@ -54,21 +53,11 @@ def test_a_sweep_counts_what_a_run_of_every_configuration_counts(tmp_path: Path)
     assert len({row.correct for row in sweep.rows}) > 1
 
 
-@pytest.fixture
-def vfoa(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    def call(*arguments: str) -> tuple[int, str]:
-        monkeypatch.setattr(sys, "argv", ["vfoa", *arguments])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        said = capsys.readouterr()
-        return int(ended.value.code or 0), said.out + said.err
-
-    return call
-
-
-def test_the_command_writes_the_table_the_answers_and_the_figure(vfoa, tmp_path: Path) -> None:
+def test_the_command_writes_the_table_the_answers_and_the_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     words = ("run", experiment_file(tmp_path), "--limit", "1", "--workers", "1", "--out")
-    code, said = vfoa(*words, str(tmp_path / "a"))
+    code, said, _ = vfoa(monkeypatch, capsys, *words, str(tmp_path / "a"))
     assert code == 0
     assert "32 configurations x 2 frames" in said
     rows = list(csv.DictReader((tmp_path / "a" / "sweep.csv").read_text().splitlines()))
@@ -81,7 +70,7 @@ def test_the_command_writes_the_table_the_answers_and_the_figure(vfoa, tmp_path:
     for label, correct in best.items():
         (line,) = [line for line in page.splitlines() if line.startswith(f"| {label} ")]
         assert f"| {correct / int(rows[0]['n']):.1%} |" in line.replace("  ", " ").replace("  ", " ")
-    vfoa(*words, str(tmp_path / "b"))
+    vfoa(monkeypatch, capsys, *words, str(tmp_path / "b"))
     written = {path.name for path in (tmp_path / "a").iterdir()}
     assert written == {"sweep.csv", "sweep.md", "sweep.json", "sweep.svg", "sweep.png"}
     for name in written:
@@ -116,8 +105,10 @@ def test_only_cones_can_be_swept_over(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("option", ["--oracle", "--save-signals"])
-def test_what_a_sweep_does_not_keep_is_refused(vfoa, tmp_path: Path, option: str) -> None:
-    code, said = vfoa("run", experiment_file(tmp_path), option, "--out", str(tmp_path / "out"))
+def test_what_a_sweep_does_not_keep_is_refused(
+    option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, _, said = vfoa(monkeypatch, capsys, "run", experiment_file(tmp_path), option, "--out", str(tmp_path / "out"))
     assert code == 2
     assert option in said
     assert not (tmp_path / "out").exists()

@@ -1,0 +1,18 @@
+"""The command line, called in this process."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from harness.cli import main
+
+
+def vfoa(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, str, str]:
+    """Exit code, stdout and stderr. An exception that is not an exit ends the test: it would be a traceback."""
+    monkeypatch.setattr(sys, "argv", ["vfoa", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr()
+    return int(ended.value.code or 0), said.out, said.err
