@@ -41,8 +41,8 @@ def run_sweep(
         sweep = conduct_sweep(plan, workers=workers, progress=progress, cache=cache)
     seconds = time.monotonic() - started
     write_sweep(out, sweep)
-    known_otherwise = "configurations"  # they are the rows of sweep.csv
-    described = {key: value for key, value in describe(plan).items() if key != known_otherwise}
+    described = describe(plan)
+    del described["configurations"]  # they are the rows of sweep.csv
     atomic_write(out / "sweep.json", json.dumps(described, indent=1, ensure_ascii=False) + "\n")
     for table in (best_table(sweep), effects_table(sweep)):
         Console().print(to_rich(table))

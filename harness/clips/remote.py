@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
-import tempfile
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from harness.cache.store import cache_root
-from harness.files import atomic_write
+from harness.files import atomic_write, replacing
 from vfoa.errors import VfoaError
 
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(::[A-Za-z0-9+.-]+)*://")
@@ -69,19 +67,8 @@ def _bring(storage: Any, root: str, found: dict[str, Any], place: Path) -> None:
     for name, path in wanted.items():
         file, key = place / "files" / name, str(storage.ukey(path))
         if have.get(name) != key or not file.is_file():
-            _fetch(storage, path, file)
+            with replacing(file) as fetched:
+                storage.get_file(path, str(fetched))
         now[name] = key
     if now != have:
         atomic_write(index, json.dumps(now, indent=1, ensure_ascii=False) + "\n")
-
-
-def _fetch(storage: Any, path: str, file: Path) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
-    os.close(handle)
-    try:
-        storage.get_file(path, name)
-        Path(name).replace(file)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
