@@ -121,13 +121,13 @@ class _Matcher(ABC):
 
         OpenCV is blind in its first columns, as many as it searches: it is given so many more.
         """
-        given = _with_edge(matched, self._common.block_size_px // 2, before=self._searched.reach_px)
+        given = _with_edge(matched, self._common.block_size_px, before=self._searched.reach_px)
         found = self._left_matcher.compute(cut(left, given), cut(right, given))
         return np.ascontiguousarray(cropped(found, given, reached))
 
     def _match_right(self, left: Gray, right: Gray, reached: Region) -> Sixteenths:
         """The right view's disparities, which are negative. Here, OpenCV is blind in the last columns."""
-        given = _with_edge(reached, self._common.block_size_px // 2, after=self._searched.reach_px)
+        given = _with_edge(reached, self._common.block_size_px, after=self._searched.reach_px)
         found = self._right_matcher.compute(cut(right, given), cut(left, given))
         return np.ascontiguousarray(cropped(found, given, reached))
 
@@ -191,11 +191,17 @@ class SemiGlobalMatcher(_Matcher):
         return matcher
 
 
-def _with_edge(region: Region, edge_px: int, *, before: int = 0, after: int = 0) -> Region:
-    """A region with half a block around it, and columns before or after it."""
+def _with_edge(region: Region, block_size_px: int, *, before: int = 0, after: int = 0) -> Region:
+    """A region with all that decides on its matches, and columns before or after it.
+
+    Around it, half a block, and a pixel more for the gradient that OpenCV takes of both views first. Of that gradient
+    OpenCV leaves out the last of an odd number of rows: the number is made even.
+    """
+    edge_px = block_size_px // 2 + 1
+    odd = (region.v1 - region.v0) % 2
     return Region(
         u0=region.u0 - edge_px - before,
         v0=region.v0 - edge_px,
         u1=region.u1 + edge_px + after,
-        v1=region.v1 + edge_px,
+        v1=region.v1 + edge_px + odd,
     )

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from tests.scenes import make_box, make_rig, rendered_boxes, stereo_planes
@@ -15,8 +15,10 @@ from tests.vfoa.stereo.test_stereo import matcher
 from vfoa.stereo.region import Region, needed_region
 from vfoa.types import Head, Instance, Instances
 
-RIG = make_rig(240, 120)
-FRAME, TRUTH, VISIBLE = stereo_planes(RIG, far_px=8, near_px=24, window=(slice(30, 90), slice(80, 180)), noise=3)
+RIG, ODD_RIG = make_rig(240, 120), make_rig(241, 121)
+WINDOW = (slice(30, 90), slice(80, 180))
+FRAME, TRUTH, VISIBLE = stereo_planes(RIG, far_px=8, near_px=24, window=WINDOW, noise=3)
+ODD_FRAME, _, _ = stereo_planes(ODD_RIG, far_px=8, near_px=24, window=WINDOW, noise=3)
 CONFIGURATIONS = [("bm", True), ("bm", False), ("sgbm", True), ("sgbm", False)]
 NEAR_M = 0.5
 
@@ -33,7 +35,7 @@ def found(name: str, frame=FRAME, region: Region | None = None, **options):
 @pytest.mark.parametrize(("width", "height"), [(240, 120), (241, 121)])
 def test_at_half_resolution_planes_have_their_disparity_at_every_pixel_of_the_full_size(name, wls, width, height):
     rig = make_rig(width, height)
-    frame, truth, visible = stereo_planes(rig, far_px=8, near_px=24, window=(slice(30, 90), slice(80, 180)), noise=3)
+    frame, truth, visible = stereo_planes(rig, far_px=8, near_px=24, window=WINDOW, noise=3)
     disparity = found(name, frame, wls=wls, resolution="half").disparity_px
     far_from_edges = np.ones((33, 33), np.uint8)
     core = (cv2.erode(np.where(visible, truth, 0), far_from_edges) == cv2.dilate(truth, far_from_edges)) & visible
@@ -56,7 +58,7 @@ def test_at_half_resolution_known_pixels_are_seen_by_both_cameras_with_confidenc
 @pytest.mark.parametrize("offset_px", [-6, 4])
 def test_at_half_resolution_separate_principal_points_shift_the_search(offset_px):
     rig = make_rig(240, 120, cx_right_offset_px=offset_px)
-    frame, truth, visible = stereo_planes(rig, far_px=8, near_px=24, window=(slice(30, 90), slice(80, 180)))
+    frame, truth, visible = stereo_planes(rig, far_px=8, near_px=24, window=WINDOW)
     nearest = float(160 * 0.1 / (24 + offset_px))
     disparity = matcher("sgbm", min_depth_m=nearest, resolution="half").match(frame).disparity_px
     assert (np.abs(disparity - truth)[visible] < 0.5).mean() > 0.7
@@ -72,15 +74,16 @@ def regions(draw: st.DrawFn) -> Region:
 
 
 @settings(max_examples=40, deadline=None)
-@given(region=regions(), resolution=st.sampled_from(["full", "half"]))
-def test_a_block_match_in_a_region_is_that_of_the_whole_frame(region, resolution):
+@given(region=regions(), frame=st.sampled_from([FRAME, ODD_FRAME]), resolution=st.sampled_from(["full", "half"]))
+@example(region=Region(u0=0, v0=42, u1=37, v1=119), frame=FRAME, resolution="half")  # an odd number of rows
+def test_a_block_match_in_a_region_is_that_of_the_whole_frame(region, frame, resolution):
     """Without what looks beyond a block: speckles, the way back from the right view, the filter."""
     alone = {"wls": False, "speckle_size_px": 0, "left_right_px": 1000, "resolution": resolution}
-    expected = found("bm", **alone).disparity_px
-    disparity = found("bm", region=region, region_margin_px=20, **alone).disparity_px
+    expected = found("bm", frame, **alone).disparity_px
+    disparity = found("bm", frame, region, region_margin_px=20, **alone).disparity_px
     np.testing.assert_array_equal(disparity[region.window], expected[region.window])
-    beyond = np.ones(TRUTH.shape, np.bool_)
-    beyond[region.grown(20, RIG).window] = False
+    beyond = np.ones(expected.shape, np.bool_)
+    beyond[region.grown(20, frame.rig).window] = False
     assert np.isnan(disparity[beyond]).all()
 
 
