@@ -6,7 +6,7 @@ READY  := $(VENV)/.ready
 # What `vfoa models export` needs beside the lock, which leaves it out for its size.
 TORCH  := torch==2.13.0
 
-.PHONY: demo test test-export export-extra check lint types format lock clean
+.PHONY: demo test explore test-export export-extra check lint types format lock clean
 
 demo: $(READY)
 	$(BIN)/vfoa demo
@@ -19,6 +19,10 @@ test-export: export-extra
 
 export-extra: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check "$(TORCH)"
+
+# The properties alone, on other examples than the suite's, and twenty times as many.
+explore: $(READY)
+	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile=explore --timeout=3600
 
 check: lint types test
 

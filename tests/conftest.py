@@ -1,4 +1,4 @@
-"""Fixtures that say where real clips and weights are, and skip with a reason where they are not."""
+"""How properties are tried, and where real clips and weights are: tests skip with a reason where they are not."""
 
 from __future__ import annotations
 
@@ -7,8 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
-REPOSITORY = Path(__file__).parent.parent
+from tests.repository import REPOSITORY
+
+# Properties are tried on the same examples in every run of the suite, and on many others by `make explore`.
+PROPERTIES = {"deadline": None, "suppress_health_check": [HealthCheck.function_scoped_fixture]}
+settings.register_profile("suite", derandomize=True, max_examples=50, **PROPERTIES)
+settings.register_profile("explore", max_examples=1000, **PROPERTIES)
+settings.load_profile("suite")
 
 
 def _folder(variable: str, name: str) -> Path:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
@@ -58,7 +58,6 @@ def test_a_target_behind_another_is_not_seen():
     assert totals(infer(subject, targets))[2] > 0
 
 
-@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 10_000))
 def test_probabilities_are_shared_out_among_targets_and_nowhere(seed):
     subject, targets = random_room(seed)

@@ -6,7 +6,7 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.scenes import make_subject
@@ -60,7 +60,6 @@ def weighed_sequences(likelihoods):
 SEEDS = st.integers(0, 10_000)
 
 
-@settings(deadline=None, max_examples=40)
 @given(SEEDS, st.integers(0, 4))
 def test_both_passes_are_the_sum_over_every_sequence(seed, at):
     likelihoods = np.random.default_rng(seed).uniform(0.01, 1, (5, 3))
@@ -74,7 +73,6 @@ def test_both_passes_are_the_sum_over_every_sequence(seed, at):
     )
 
 
-@settings(deadline=None, max_examples=40)
 @given(SEEDS)
 def test_viterbi_finds_the_likeliest_of_every_sequence(seed):
     likelihoods = np.random.default_rng(seed).uniform(0.01, 1, (5, 3))

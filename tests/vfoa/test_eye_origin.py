@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.scenes import make_rig
@@ -57,7 +57,6 @@ def with_unknown(percepts: Percepts, unknown: np.ndarray) -> Percepts:
     return replace(percepts, disparity=Disparity(disparity_px=disparity))
 
 
-@settings(deadline=None, max_examples=25)
 @given(
     x=st.floats(-0.08, 0.08),
     y=st.floats(-0.03, 0.03),

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from harness.bench.gaze_filter import filtered, measure_gaze_filter, noisy, saccade, steps_and_pursuits
+from tests.examples import few
 from tests.scenes import make_person
 from vfoa.gaze_filter import CueFilter, GazeFilterSettings, GazeFilterState, filter_cues, follow
 from vfoa.geometry import angle_between, perturb
@@ -67,7 +68,7 @@ def test_a_saccade_releases_the_filter_for_as_long_as_it_holds():
     assert theta[15:18] == pytest.approx([0.3, 0.09, 0.027], abs=0.01)
 
 
-@settings(max_examples=20)
+@few
 @given(st.integers(0, 2**32 - 1))
 def test_no_direction_is_special(seed):
     rng = np.random.default_rng(seed)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -51,7 +51,6 @@ def only_target(percepts, **changes):
 
 
 @pytest.mark.parametrize("offset_px", [0, -5, 12])
-@settings(deadline=None, max_examples=40)
 @given(center=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(1.2, 3)), half=st.floats(0.12, 0.3))
 def test_without_filters_a_box_holds_exactly_what_is_seen(offset_px, center, half):
     percepts = rendered_boxes(make_rig(160, 160, fx_px=130, cx_right_offset_px=offset_px), [make_box(center, half)])
@@ -73,7 +72,6 @@ def test_with_the_default_filters_a_box_is_true_to_a_few_pixels(offset_px):
     assert_near_the_cube(only_target(rendered_boxes(rig, [CUBE])).box)
 
 
-@settings(deadline=None, max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_few_wrong_disparities_hardly_move_the_box(seed):
     rng = np.random.default_rng(seed)
@@ -200,7 +198,6 @@ def test_the_extent_of_a_target_is_that_of_its_mask():
 # Boxes about points
 
 
-@settings(deadline=None, max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_an_oriented_box_finds_the_box_its_points_fill(seed):
     rng = np.random.default_rng(seed)

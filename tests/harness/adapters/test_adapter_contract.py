@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.adapters import ADAPTERS, Clip, PersonTruth, Truth
@@ -25,6 +25,7 @@ from tests.disk import (
     write_image,
     write_video,
 )
+from tests.examples import few
 from tests.recordings import rectified_camera, write_pairs
 from tests.scenes import make_rig
 from vfoa.errors import VfoaError
@@ -95,7 +96,7 @@ def test_an_adapter_keeps_the_contract(build: Builder, tmp_path: Path, monkeypat
 
 
 @pytest.mark.parametrize("name", ["mcap", "sintel", "stereo_folder"])
-@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@few
 @given(frames=st.sets(st.integers(1, 9999), min_size=1, max_size=4).map(sorted).map(tuple))
 def test_whatever_frames_there_are(
     name: str, tmp_path_factory: pytest.TempPathFactory, frames: tuple[int, ...]

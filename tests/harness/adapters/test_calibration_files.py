@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.adapters.calibration import Calibration
@@ -188,7 +188,6 @@ def test_what_means_nothing_for_a_file_is_refused(tmp_path: Path, name: str, opt
 small = st.floats(-0.03, 0.03)
 
 
-@settings(max_examples=40, deadline=None)
 @given(
     rotation=st.tuples(small, small, small),
     shift=st.tuples(st.floats(-0.6, -0.05), small.map(lambda x: x / 3), small.map(lambda x: x / 3)),

@@ -15,7 +15,7 @@ from harness.adapters.studio.stage import RIG, Stage
 from harness.annotations.timeline import timeline_of
 from harness.clips.manifest import load_manifest
 from harness.truth.oracle import true_labels
-from tests.conftest import REPOSITORY
+from tests.repository import REPOSITORY
 from vfoa.geometry import project
 
 SETS = {"tune": range(1, 7), "report": range(201, 207)}

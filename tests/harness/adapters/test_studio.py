@@ -15,7 +15,7 @@ from harness.annotations.files import IGNORED
 from harness.annotations.timeline import timeline_of
 from harness.clips.manifest import load_manifest
 from harness.truth.oracle import true_labels
-from tests.conftest import REPOSITORY
+from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, entry_distance, project
 from vfoa.pixels import Seen, known_pixels, points_of

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.annotate import edits
@@ -244,7 +244,6 @@ def _known(store: LabelStore) -> dict[str, object]:
     return {key: value for key, value in store.state().items() if key != "seconds_left"}
 
 
-@settings(max_examples=40, deadline=None)
 @given(steps=st.lists(_STEP, max_size=12))
 def test_a_restart_finds_everything_again_and_can_go_on_undoing(
     tmp_path_factory: pytest.TempPathFactory, steps: list[tuple[object, ...]]

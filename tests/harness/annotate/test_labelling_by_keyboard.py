@@ -20,8 +20,8 @@ from harness.annotations.labels import IGNORED, Label, Labels, ranges_of
 from harness.clips.manifest import ClipManifest, load_manifest
 from tests.annotating import serve, shown, wait_for
 from tests.browser import chromium, set_width
-from tests.conftest import REPOSITORY
 from tests.disk import write_text
+from tests.repository import REPOSITORY
 from vfoa.types import StereoFrame
 
 if TYPE_CHECKING:

@@ -24,8 +24,8 @@ from harness.cli import app
 from harness.clips.manifest import load_manifest
 from harness.clips.naming import NameRule
 from tests.annotating import MANIFEST
-from tests.conftest import REPOSITORY
 from tests.disk import HEIGHT, WIDTH, write_image, write_text
+from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity
 

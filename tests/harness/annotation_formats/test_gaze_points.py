@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.annotation_formats.bodies import RunBodies
@@ -30,7 +30,6 @@ def _names(labels: Labels, frames: list[int], but: tuple[str, ...] = ()) -> Labe
     return Labels(row for who in labels.subjects for row in ranges_of(who, ((n, name(n, who)) for n in frames)))
 
 
-@settings(deadline=None, max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(frames=FRAMES, offset=st.integers(0, 500), data=st.data())
 @pytest.mark.parametrize(("chosen", "name"), [(VideoAttentionTarget, "out"), (ChildPlay, "out.csv")])
 def test_what_is_exported_is_imported_again(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.annotation_formats import FORMATS
@@ -32,7 +32,6 @@ def _again(name: str, path: Path, labels: Labels, **how: object) -> Labels:
 
 
 @pytest.mark.parametrize("name", HELD)
-@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     frames=FRAMES,
     rate=st.sampled_from([10.0, 24.0, 25.0, 29.97, 60.0, 120.0]),
@@ -56,7 +55,6 @@ def test_formats_of_times(
     assert _again(name, tmp_path / "labels", labels, clip=clip, fps=fps, offset=offset) == labels
 
 
-@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(frames=FRAMES, offset=st.integers(0, 1000), data=st.data())
 def test_cvat(tmp_path: Path, frames: list[int], offset: int, data: st.DataObject) -> None:
     labels = data.draw(labels_of(frames, notes=True, points=True, suggested=True))

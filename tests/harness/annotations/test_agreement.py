@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import cohen_kappa_score
 
@@ -67,7 +67,6 @@ def test_by_hand() -> None:
     assert found.by_target()[1].share == pytest.approx(2 / 3)
 
 
-@settings(deadline=None, max_examples=30)
 @given(said=st.lists(st.tuples(*[st.sampled_from("bcn")] * 2), min_size=2, max_size=60))
 def test_kappa_is_that_of_scikit_learn(said: list[tuple[str, str]]) -> None:
     first, second = ("".join(column) for column in zip(*said, strict=True))
@@ -124,7 +123,6 @@ def test_differences_are_ranges_of_the_clips_frames() -> None:
     ]
 
 
-@settings(deadline=None, max_examples=50)
 @given(said=st.lists(st.tuples(*[st.sampled_from("bcni-")] * 2), max_size=40))
 def test_differences_hold_every_frame_that_differs(said: list[tuple[str, str]]) -> None:
     first, second = ("".join(column) for column in zip(*said, strict=True)) if said else ("", "")

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.annotations.files import read_annotations, write_annotations
@@ -61,7 +61,6 @@ def test_what_is_left_to_a_person_is_known() -> None:
     assert [each.first_frame for each in to_decide(merged)] == [4, 7, 11]
 
 
-@settings(deadline=None, max_examples=40)
 @given(data=st.data(), rule=st.sampled_from(RULES))
 def test_a_merged_file_is_whole_and_labels_of_one_stay(
     data: st.DataObject, rule: Rule, tmp_path_factory: pytest.TempPathFactory

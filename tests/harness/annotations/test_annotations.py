@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.annotations.files import Label, LabelRange, Labels, read_annotations, write_annotations
 from harness.annotations.labels import ranges_of
 from harness.annotations.timeline import Timeline
-from tests.conftest import REPOSITORY
 from tests.disk import write_bytes, write_text
+from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 
 HEAD = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
@@ -218,7 +218,6 @@ def labels_of_a_clip(draw: st.DrawFn) -> Labels:
     return Labels(ranges)
 
 
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(labels=labels_of_a_clip())
 def test_what_is_written_is_read_again_byte_for_byte(tmp_path: Path, labels: Labels) -> None:
     path = tmp_path / "a.csv"

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from tests.command import vfoa
-from tests.conftest import REPOSITORY
 from tests.disk import write_text
+from tests.repository import REPOSITORY
 
 CLIP = "studio_talk"
 

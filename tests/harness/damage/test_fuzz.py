@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.adapters.calibration_files.read import read_cameras
@@ -161,7 +161,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize("name", PARSERS)
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(edits=st.lists(_edits(), max_size=3))
 def test_a_parser_answers_or_says_in_one_line_what_is_wrong(
     name: str, edits: list[Callable[[bytes], bytes]], folder: Path

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.media.images import read_raw, read_rgb
@@ -30,7 +30,6 @@ def test_raw_values_keep_their_16_bits(tmp_path: Path) -> None:
     assert np.array_equal(read_raw(write_image(tmp_path / "deep.png", deep)), deep)
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(share=st.floats(0, 1, exclude_max=True))
 def test_a_png_cut_anywhere_is_one_clear_error(tmp_path: Path, share: float) -> None:
     whole = write_image(tmp_path / "whole.png", picture(2)).read_bytes()
@@ -40,7 +39,6 @@ def test_a_png_cut_anywhere_is_one_clear_error(tmp_path: Path, share: float) -> 
     assert "\n" not in str(error.value)
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(share=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
 def test_a_flipped_bit_of_a_png_is_found(tmp_path: Path, share: float, bit: int) -> None:
     data = bytearray(write_image(tmp_path / "whole.png", picture(3)).read_bytes())

@@ -20,8 +20,8 @@ from harness.runs.directory import RunDirectory
 from harness.runs.experiment import load_experiment
 from harness.runs.results import read_results
 from harness.signals.coco_panoptic_writer import write_coco_panoptic
-from tests.conftest import REPOSITORY
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
+from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.types import Instances
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import binomtest
 from sklearn.metrics import cohen_kappa_score, f1_score
@@ -85,7 +85,6 @@ def test_measures_of_nothing_are_unknown() -> None:
 
 
 @given(correct=st.lists(st.booleans(), min_size=1, max_size=60), block=st.integers(1, 80), key=st.text(max_size=5))
-@settings(max_examples=40)
 def test_a_resample_is_made_of_whole_blocks_of_the_sequence(correct: list[bool], block: int, key: str) -> None:
     sums = resampled_sums(np.array(correct), block, key)
     n, block = len(correct), min(block, len(correct))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.signals.coco_panoptic import CocoPanoptic, CocoPanopticSettings
@@ -45,7 +45,6 @@ def read(root: Path, number: int, ids: np.ndarray, *stuff: str) -> Instances:
     return CocoPanoptic(settings_, AnyClip((number,))).segment(frame(number, ids))  # type: ignore[arg-type]
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(
     first=st.integers(1, 65534),
     number=st.integers(0, 12345),

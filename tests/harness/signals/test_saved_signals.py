@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.report.rescore import rescore
@@ -134,7 +134,6 @@ numbers = st.floats(-1e6, 1e6, allow_nan=False)
 angles = st.floats(-math.pi, math.pi)
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     corner=st.tuples(numbers, numbers),
     size=st.tuples(st.floats(1, 1e4), st.floats(1, 1e4)),
@@ -167,7 +166,6 @@ def test_heads_are_read_back_to_the_last_bit(
         assert (one is None and other is None) or np.array_equal(one, other)
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     vector=st.tuples(*[st.floats(-9, 9)] * 3).filter(lambda v: math.hypot(*v) > 1e-3),
     model=st.none() | st.tuples(angles, angles, angles),

@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.adapters.sintel import SintelClip, SintelSettings
@@ -190,7 +190,6 @@ def test_every_format_gives_the_same_map(clip: StereoFolderClip, tmp_path: Path,
     np.testing.assert_array_equal(matcher.match(clip.frame(7)).disparity_px, _disparity())
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(width=st.integers(1, 7), height=st.integers(1, 7), little=st.booleans(), seed=st.integers(0, 9))
 def test_pfm_rows_go_up_in_either_byte_order(tmp_path: Path, width: int, height: int, little: bool, seed: int) -> None:
     expected = np.random.default_rng(seed).normal(size=(height, width)).astype(np.float32)

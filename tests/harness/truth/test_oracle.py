@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.adapters import PersonTruth, Truth
@@ -25,6 +25,7 @@ from harness.truth.simulated import (
     SimulatedHeadPose,
     SimulatedHeadPoseSettings,
 )
+from tests.examples import few
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, unit
 from vfoa.types import Disparity, Head, Instance, Instances, StereoFrame, StereoRig
@@ -245,7 +246,7 @@ class TestSimulated:
         assert left_deg(0) < 11.1 / 3
         assert left_deg(1) > 11.1 * 0.75
 
-    @settings(max_examples=20, deadline=None)
+    @few
     @given(st.permutations(range(-3, 5)), st.integers(0, 2**32))
     def test_the_order_of_frames_does_not_matter(self, order: list[int], seed: int) -> None:
         one, other = (AngularError(SimulatedGazeSettings(seed=seed), 2) for _ in range(2))

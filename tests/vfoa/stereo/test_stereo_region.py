@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
+from tests.examples import few
 from tests.scenes import make_box, make_rig, rendered_boxes, stereo_planes
 from tests.vfoa.stereo.test_stereo import matcher
 from vfoa.stereo.region import Region, needed_region
@@ -73,7 +74,6 @@ def regions(draw: st.DrawFn) -> Region:
     return Region(u0=u0, v0=v0, u1=draw(st.integers(u0 + 1, 240)), v1=draw(st.integers(v0 + 1, 120)))
 
 
-@settings(max_examples=40, deadline=None)
 @given(region=regions(), frame=st.sampled_from([FRAME, ODD_FRAME]), resolution=st.sampled_from(["full", "half"]))
 @example(region=Region(u0=0, v0=42, u1=37, v1=119), frame=FRAME, resolution="half")  # an odd number of rows
 def test_a_block_match_in_a_region_is_that_of_the_whole_frame(region, frame, resolution):
@@ -87,7 +87,7 @@ def test_a_block_match_in_a_region_is_that_of_the_whole_frame(region, frame, res
     assert np.isnan(disparity[beyond]).all()
 
 
-@settings(max_examples=15, deadline=None)
+@few
 @given(u0=st.integers(0, 140), v0=st.integers(0, 60), resolution=st.sampled_from(["full", "half"]))
 @pytest.mark.parametrize("name", ["bm", "sgbm"])
 def test_a_filtered_match_in_a_region_is_nearly_that_of_the_whole_frame(name, u0, v0, resolution):
