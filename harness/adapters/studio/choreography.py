@@ -1,8 +1,9 @@
 """Where everyone and everything is at each frame: fixations, saccades, and heads that follow.
 
 A gaze shift begins with a saccade of three frames along a great circle; the head follows over nine, with the
-smooth bell-shaped speed of a minimum-jerk movement (Flash and Hogan 1985), while the eyes hold the target. Fixations
-last from 0.5 to 3 s, mostly under one.
+smooth bell-shaped speed of a minimum-jerk movement (Flash and Hogan 1985), while the eyes hold the target; where the
+eyes go on sooner, the head turns round on its way. Fixations last from 0.5 to 3 s, mostly under one, or longer or
+shorter in proportion to the scenario's mean.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from harness.adapters.studio.people import (
     NECK_BODY,
     room_from_look,
 )
-from harness.adapters.studio.scenario import Actor, Look, Point, Scenario, Thing
+from harness.adapters.studio.scenario import MEAN_FIXATION_S, Actor, Look, Point, Scenario, Thing
 from harness.adapters.studio.things import BALL_RADIUS_M
 from vfoa.geometry import angle_between, unit
 from vfoa.types import Float
@@ -26,6 +27,7 @@ from vfoa.types import Float
 SACCADE_FRAMES = 3
 HEAD_TURN_FRAMES = 9
 SHORTEST_FIXATION_S, LONGEST_FIXATION_S, MEAN_EXCESS_S = 0.5, 3.0, 0.18
+"""At the usual mean."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +69,7 @@ class Choreography:
     def __init__(self, scenario: Scenario, frames: int, seed: int, aim_points: dict[str, Float]) -> None:
         """``aim_points`` are the middles (3,) of the things, each in its own frame, metres."""
         self._rate_hz = scenario.rate_hz
+        self._pace = scenario.mean_fixation_s / MEAN_FIXATION_S
         self._things = {thing.name: thing for thing in scenario.things}
         self._actors = {actor.name: actor for actor in scenario.actors}
         self._aim_points = aim_points
@@ -79,8 +82,9 @@ class Choreography:
         while first < frames:
             look = actor.script[len(fixations) % len(actor.script)]
             fixations.append(Fixation(first=first, look=look, offset_m=rng.uniform(-0.012, 0.012, 3)))
-            seconds = min(SHORTEST_FIXATION_S + rng.exponential(MEAN_EXCESS_S), LONGEST_FIXATION_S)
-            first += int(np.ceil(seconds * self._rate_hz)) + (SACCADE_FRAMES if len(fixations) > 1 else 0)
+            usual_s = min(SHORTEST_FIXATION_S + rng.exponential(MEAN_EXCESS_S), LONGEST_FIXATION_S)
+            still = int(np.ceil(usual_s * self._pace * self._rate_hz))
+            first += still + (SACCADE_FRAMES if len(fixations) > 1 else 0)
         return tuple(fixations)
 
     def thing(self, thing: Thing, frame: int) -> Pose:
@@ -103,7 +107,7 @@ class Choreography:
         current, before = fixations[now], fixations[max(now - 1, 0)]
         since = frame - current.first
         body = self._body(actor, frame)
-        head = self._head(actor, body, before, current, since, frame)
+        head = self._head(actor, body, now, frame)
         eye_origin = head.apply(EYE_ORIGIN_HEAD)
         gaze = unit(self._aim(current, frame) - eye_origin)
         target: str | None = current.look.at if isinstance(current.look.at, str) else "none"
@@ -122,15 +126,25 @@ class Choreography:
         sway = 0.005 * np.array([np.sin(phase), 0.6 * np.cos(1.3 * phase), 0.0])
         return Pose(frame_from_body=room_from_look(facing), origin_m=np.array(actor.at) + sway)
 
-    def _head(self, actor: Actor, body: Pose, before: Fixation, current: Fixation, since: int, frame: int) -> Pose:
-        neck = body.apply(NECK_BODY)
-        old, new = (self._head_goal(actor, body, neck, fixation, frame) for fixation in (before, current))
-        direction = slerp(old, new, _minimum_jerk(min(1.0, (since + 1) / HEAD_TURN_FRAMES)))
-        return Pose(frame_from_body=room_from_look(direction), origin_m=neck)
+    def _head(self, actor: Actor, body: Pose, now: int, frame: int) -> Pose:
+        since = frame - self._fixations[actor.name][now].first
+        direction = self._head_direction(actor, body, now, since, frame)
+        return Pose(frame_from_body=room_from_look(direction), origin_m=body.apply(NECK_BODY))
 
-    def _head_goal(self, actor: Actor, body: Pose, neck: Float, fixation: Fixation, frame: int) -> Float:
+    def _head_direction(self, actor: Actor, body: Pose, now: int, since: int, frame: int) -> Float:
+        """Where the head points ``since`` frames into a fixation, were body and things where they are at ``frame``."""
+        current, before = (self._fixations[actor.name][k] for k in (now, max(now - 1, 0)))
+        lasted = current.first - before.first
+        if 0 < lasted < HEAD_TURN_FRAMES:
+            old = self._head_direction(actor, body, now - 1, lasted - 1, frame)
+        else:
+            old = self._head_goal(actor, body, before, frame)
+        new = self._head_goal(actor, body, current, frame)
+        return slerp(old, new, _minimum_jerk(min(1.0, (since + 1) / HEAD_TURN_FRAMES)))
+
+    def _head_goal(self, actor: Actor, body: Pose, fixation: Fixation, frame: int) -> Float:
         """Where the head comes to rest in a fixation: at ``head_at``, or a share of the way to the gaze's aim."""
-        eyes = neck + body.frame_from_body @ FACE_CENTER_HEAD
+        eyes = body.apply(NECK_BODY) + body.frame_from_body @ FACE_CENTER_HEAD
         if fixation.look.head_at is not None:
             return unit(self._point(fixation.look.head_at, frame) - eyes)
         return slerp(body.frame_from_body[:, 1], unit(self._aim(fixation, frame) - eyes), actor.head_share)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from functools import lru_cache
 from importlib import metadata, resources
 from pathlib import Path
@@ -13,7 +14,7 @@ from pydantic import Field
 
 from harness.adapters import Truth
 from harness.adapters.studio.gathering import gathering
-from harness.adapters.studio.scenario import SCENARIOS, Scenario, ScenarioName
+from harness.adapters.studio.scenario import MEAN_FIXATION_S, SCENARIOS, Scenario, ScenarioName
 from harness.adapters.studio.stage import RIG, Stage
 from vfoa.errors import VfoaError
 from vfoa.geometry import disparity_from_depth
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 class StudioSettings(Settings):
     """Which scenario, how many frames, and the seed of durations, aims and sensor noise.
 
+    ``mean_fixation_s`` is how long people look at one thing: about 0.3 where somebody searches, seconds in a talk.
     Of a ``gathering`` the seed also decides who sits where, what stands where, and who looks at what. A longer clip
     begins with the same frames as a shorter one.
     """
@@ -34,6 +36,7 @@ class StudioSettings(Settings):
     scenario: ScenarioName | Literal["gathering"]
     frames: int = Field(default=60, ge=1, le=100_000)
     seed: int = Field(default=7, ge=0)
+    mean_fixation_s: float = Field(default=MEAN_FIXATION_S, ge=0.2, le=30)
 
 
 class StudioClip:
@@ -113,7 +116,8 @@ class StudioClip:
 
 @lru_cache(maxsize=4)  # asked for the rate of every frame, and a gathering is drawn anew
 def _scenario(settings: StudioSettings) -> Scenario:
-    return gathering(settings.seed) if settings.scenario == "gathering" else SCENARIOS[settings.scenario]
+    usual = gathering(settings.seed) if settings.scenario == "gathering" else SCENARIOS[settings.scenario]
+    return replace(usual, mean_fixation_s=settings.mean_fixation_s)
 
 
 @lru_cache(maxsize=4)

@@ -14,6 +14,7 @@ from harness.adapters.studio.people import Looks
 
 Point = tuple[float, float, float]
 TABLE_HEIGHT_M = 0.74
+MEAN_FIXATION_S = 0.68
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +65,10 @@ class Actor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """Everything that decides a clip but its length and its seed."""
+    """Everything that decides a clip but its length and its seed.
+
+    ``mean_fixation_s`` is how long people look at one thing; single fixations last from 0.7 to 4.4 times that.
+    """
 
     rate_hz: float
     things: tuple[Thing, ...]
@@ -72,6 +76,7 @@ class Scenario:
     cloth: Material
     wall: Colour
     curtain: tuple[Colour, Colour]
+    mean_fixation_s: float = MEAN_FIXATION_S
 
 
 ScenarioName = Literal["table", "talk", "split", "crowd"]

@@ -1,6 +1,8 @@
 """The rendered clips: their truth agrees with their images, their labels and the geometry it is made of."""
 
 import pickle
+from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +11,7 @@ import pytest
 from harness.adapters.studio import StudioClip, StudioSettings
 from harness.adapters.studio.material import Material, grain
 from harness.adapters.studio.mesh import Mesh, box, ellipsoid, tube, turned
-from harness.adapters.studio.scenario import SCENARIOS, ScenarioName
+from harness.adapters.studio.scenario import MEAN_FIXATION_S, SCENARIOS, ScenarioName
 from harness.adapters.studio.stage import RIG, Stage
 from harness.annotations.files import IGNORED
 from harness.annotations.timeline import timeline_of
@@ -94,10 +96,12 @@ class TestChoreography:
                 elif person.target is not None:
                     assert others[int(np.nanargmin(entries))] == ids[person.target], (frame, person.name)
 
+    @pytest.mark.parametrize("mean_fixation_s", [0.2, MEAN_FIXATION_S, 2])
     @pytest.mark.parametrize("name", NAMES)
-    def test_movements_are_as_fast_as_in_life(self, name: ScenarioName) -> None:
+    def test_movements_are_as_fast_as_in_life(self, name: ScenarioName, mean_fixation_s: float) -> None:
         """Heads turn below 400 deg/s, and gaze rests on a thing but for the body's sway and a rolling ball."""
-        scenario, stage = SCENARIOS[name], Stage(SCENARIOS[name], LONG, 7)
+        scenario = replace(SCENARIOS[name], mean_fixation_s=mean_fixation_s)
+        stage = Stage(scenario, LONG, 7)
         previous = stage.people(0)
         for frame in range(1, 100):
             people = stage.people(frame)
@@ -109,6 +113,16 @@ class TestChoreography:
                     moved_deg = np.degrees(angle_between(person.gaze_direction, before.gaze_direction))
                     assert moved_deg <= np.degrees(np.arctan2(shift + 0.01, 0.4)) + 0.2
             previous = people
+
+    @pytest.mark.parametrize("mean_fixation_s", [0.3, 2])
+    def test_a_thing_is_looked_at_for_the_time_that_was_asked_for(self, mean_fixation_s: float) -> None:
+        scenario = replace(SCENARIOS["table"], mean_fixation_s=mean_fixation_s)
+        stage = Stage(scenario, 1000, 7)
+        targets = [stage.people(frame)[0].target for frame in range(1000)]
+        runs = [(target, len(list(run))) for target, run in groupby(targets)][:-1]  # the last one is cut off
+        assert {frames for target, frames in runs if target is None} == {3}
+        lasted_s = np.mean([frames for target, frames in runs if target is not None]) / scenario.rate_hz
+        assert lasted_s == pytest.approx(mean_fixation_s, abs=1 / scenario.rate_hz, rel=0.1)  # a whole number of frames
 
     def test_in_the_split_clip_head_and_gaze_are_apart(self) -> None:
         stage = Stage(SCENARIOS["split"], LONG, 7)
