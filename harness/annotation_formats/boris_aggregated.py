@@ -1,4 +1,8 @@
-"""BORIS, "aggregated events": a row for each behaviour from start to stop; the behaviour is the target. CSV or TSV."""
+"""BORIS, "aggregated events": a row for each behaviour from start to stop; the behaviour is the target. CSV or TSV.
+
+Columns are found by name, so that the layouts of BORIS 7 to 9 are read, which differ in what stands beside these.
+That of 7 is written.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +11,10 @@ import io
 from collections.abc import Iterator
 from pathlib import Path
 
+from harness.annotation_formats.boris_events import Observation
 from harness.annotation_formats.exchange import Exchange, Imported, left_out, one_line
 from harness.annotation_formats.spans import Span, from_spans, to_spans
-from harness.annotation_formats.tables import milliseconds, read_table, said_of_points
+from harness.annotation_formats.tables import milliseconds
 from harness.annotations.labels import Label, Labels
 from harness.files import atomic_write
 
@@ -25,9 +30,9 @@ class BorisAggregated:
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read the events of one observation."""
-        points: list[int] = []
-        found = from_spans(_spans(path, exchange, points), exchange, path)
-        return Imported(labels=found.labels, notes=(*found.notes, *said_of_points(path, points)))
+        observation = Observation(path=path, required=("Subject", "Behavior", "Start (s)", "Stop (s)"))
+        found = from_spans(_spans(observation, exchange), exchange, path)
+        return Imported(labels=found.labels, notes=(*found.notes, *observation.notes(exchange)))
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
         """Write a row for each range; image points are left out."""
@@ -45,12 +50,9 @@ class BorisAggregated:
         return tuple(left_out(labels, "BORIS", notes=True))
 
 
-def _spans(path: Path, exchange: Exchange, points: list[int]) -> Iterator[Span]:
-    for line, row in read_table(path, ("Subject", "Behavior", "Start (s)", "Stop (s)")):
-        where = f"{path}:{line}"
-        if row.get("Behavior type") == "POINT":
-            points.append(line)
-            continue
+def _spans(observation: Observation, exchange: Exchange) -> Iterator[Span]:
+    for line, _, row in observation.states():
+        where = f"{observation.path}:{line}"
         subject = exchange.subject(row["Subject"], where)
         comments = (one_line(row.get(column)) for column in ("Comment start", "Comment stop"))
         yield Span(

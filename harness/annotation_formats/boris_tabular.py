@@ -1,7 +1,7 @@
 """BORIS, "tabular events": a row for the START and one for the STOP of each behaviour; the behaviour is the target.
 
 Both layouts are read: that of BORIS up to 7 (a block on the observation, then the header, START or STOP in ``Status``),
-which is the one written, and that of 8 (the header first, START or STOP in ``Behavior type``). CSV or TSV.
+which is the one written, and that of 8 and 9 (the header first, START or STOP in ``Behavior type``). CSV or TSV.
 """
 
 from __future__ import annotations
@@ -11,9 +11,10 @@ import io
 from collections.abc import Iterator
 from pathlib import Path
 
+from harness.annotation_formats.boris_events import Observation
 from harness.annotation_formats.exchange import Exchange, Imported, left_out, one_line
 from harness.annotation_formats.spans import Span, from_spans, to_spans
-from harness.annotation_formats.tables import milliseconds, read_table, said_of_points
+from harness.annotation_formats.tables import milliseconds
 from harness.annotations.labels import Label, Labels
 from harness.files import atomic_write
 from vfoa.errors import VfoaError
@@ -29,9 +30,9 @@ class BorisTabular:
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read the events of one observation."""
-        points: list[int] = []
-        found = from_spans(_pairs(path, exchange, points), exchange, path)
-        return Imported(labels=found.labels, notes=(*found.notes, *said_of_points(path, points)))
+        observation = Observation(path=path, required=("Time", "Subject", "Behavior"))
+        found = from_spans(_pairs(observation, exchange), exchange, path)
+        return Imported(labels=found.labels, notes=(*found.notes, *observation.notes(exchange)))
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
         """Write a START and a STOP for each range; image points are left out."""
@@ -51,16 +52,14 @@ class BorisTabular:
         return tuple(left_out(labels, "BORIS", notes=True))
 
 
-def _pairs(path: Path, exchange: Exchange, points: list[int]) -> Iterator[Span]:
-    """The spans between each START and its STOP; the lines of point events are appended to ``points``."""
+def _pairs(observation: Observation, exchange: Exchange) -> Iterator[Span]:
+    """The spans between each START and its STOP."""
+    path = observation.path
     begun: dict[tuple[str, str], tuple[int, int, str]] = {}
-    for line, row in read_table(path, ("Time", "Subject", "Behavior")):
+    for line, status, row in observation.states():
         where = f"{path}:{line}"
-        status = row.get("Status") or row.get("Behavior type", "")
         key = row["Subject"], row["Behavior"]
-        if status == "POINT":
-            points.append(line)
-        elif status == "START":
+        if status == "START":
             if key in begun:
                 raise VfoaError(
                     f"{where}: {key[1]!r} of {key[0]!r} starts again; expected its STOP after line {begun[key][0]}"

@@ -3,6 +3,8 @@
     clip,frame,person_id,bbox_x,bbox_y,bbox_width,bbox_height,gaze_class,gaze_x,gaze_y,is_child
 
 Pixels. ``inside_visible`` has a point; ``outside_frame`` is ``none``; every other class is ``ignore``, and the note.
+These are gaze_shift, inside_occluded, inside_uncertain and eyes_closed in the data set's README, and in its files also
+inside_ambiguous, uncertain and not_annotated. A row of ``inside_visible`` without a point (-1, -1) is ignored, too.
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ _COLUMNS = (
     *("gaze_class", "gaze_x", "gaze_y", "is_child"),
 )
 _VISIBLE, _OUTSIDE, _NOT_ANNOTATED = "inside_visible", "outside_frame", "not_annotated"
+_NO_POINT = (-1.0, -1.0)
+_POINTLESS = "inside_visible without a point"
 _CLASS = re.compile(r"[a-z]+(_[a-z]+)*")
 
 
@@ -44,7 +48,7 @@ class ChildPlay:
         writer.writerow(_COLUMNS)
         for each in sorted(shown, key=lambda each: (each.frame, each.subject)):
             u0, v0, u1, v1 = each.head_px
-            u, v = each.point_px or (-1.0, -1.0)
+            u, v = each.point_px or _NO_POINT
             box = (f"{value:.2f}" for value in (u0, v0, u1 - u0, v1 - v0))
             point = (f"{value:.2f}" for value in (u, v))
             writer.writerow([path.stem, numbers[each.frame], each.subject, *box, _class(each), *point, 0])
@@ -78,11 +82,14 @@ def _rows(path: Path, exchange: Exchange) -> Iterator[GazePoint]:
         except (ValueError, KeyError):
             raise VfoaError(f"{where}: frame: found {row.get('frame')!r}; expected a number") from None
         known, inside = row["gaze_class"], 0 <= position < len(exchange.frames)
-        judged = known in (_VISIBLE, _OUTSIDE)
+        point = point_of((row["gaze_x"], row["gaze_y"]), where) if known == _VISIBLE else None
+        why = None if known in (_VISIBLE, _OUTSIDE) else "" if known == _NOT_ANNOTATED else known
+        if point == _NO_POINT:
+            point, why = None, _POINTLESS
         yield GazePoint(
             frame=exchange.frames[position] if inside else None,
             subject=exchange.subject(row["person_id"], where),
-            point_px=point_of((row["gaze_x"], row["gaze_y"]), where) if known == _VISIBLE else None,
+            point_px=point,
             where=where,
-            why=None if judged else ("" if known == _NOT_ANNOTATED else known),
+            why=why,
         )

@@ -5,12 +5,17 @@
         <attribute name="target">bird</attribute>      also: note, u_px, v_px, state
       </box>
 
-The subject is the track's attribute ``subject``, or else its label. A label holds from its shape to the next one's.
+The subject is the track's attribute ``subject``, or else its label. A label holds from its shape to the next one's. As
+CVAT 2 exports it (github.com/cvat-ai/cvat, ``cvat/apps/dataset_manager/formats/cvat.py``, MIT; read, not used): frames
+count from 0 in the source, a track ends with a shape that is outside, and ``annotations.xml`` comes in a ZIP.
 """
 
 from __future__ import annotations
 
+import io
 import xml.etree.ElementTree as ElementTree
+import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,6 +28,7 @@ from vfoa.errors import VfoaError
 
 _UNDEFINED = "__undefined__"
 """CVAT's own value for an attribute that was not set."""
+_MEMBER = "annotations.xml"
 _ATTRIBUTES = ("target", "note", "u_px", "v_px", "state")
 
 
@@ -70,12 +76,26 @@ class CvatVideo:
 
 def _root(path: Path) -> ElementTree.Element:
     try:
-        root = ElementTree.fromstring(read_bytes(path))
+        root = ElementTree.fromstring(_content(path))
     except ElementTree.ParseError as error:
         raise VfoaError(f"{path}:{error.position[0]}: not XML: {error}") from None
     if root.tag != "annotations" or root.find("image") is not None or root.find("track") is None:
         raise VfoaError(f"{path}: found <{root.tag}> without tracks; expected CVAT for video 1.1")
+    tasks = sorted({track.get("task_id", "") for track in root.iter("track")})
+    if len(tasks) > 1:
+        raise VfoaError(f"{path}: found the tasks {', '.join(tasks)} of a project; expected the export of one task")
     return root
+
+
+def _content(path: Path) -> bytes:
+    content = read_bytes(path)
+    if not zipfile.is_zipfile(io.BytesIO(content)):
+        return content
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            return archive.read(_MEMBER)
+    except (KeyError, zipfile.BadZipFile, zlib.error, EOFError) as error:
+        raise VfoaError(f"{path}: no {_MEMBER} can be read in it, as CVAT's exports have one: {error}") from None
 
 
 def _attributes(shape: ElementTree.Element) -> dict[str, str]:

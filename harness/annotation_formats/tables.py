@@ -14,7 +14,7 @@ from vfoa.errors import VfoaError
 
 
 def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line and cells of every row that is not empty: commas or tabs, with or without a byte-order mark.
+    """Line and cells of every row that is not empty: commas, or tabs where the first line has one.
 
     Raises
     ------
@@ -22,7 +22,8 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         If the file is not such text.
     """
     text = read_text(path)
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter="\t" if "\t" in text else ",")
+    delimiter = "\t" if "\t" in text.lstrip().partition("\n")[0] else ","
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
     try:
         for row in reader:
             if any(row):
@@ -63,10 +64,3 @@ def milliseconds(row: dict[str, str], column: str, where: str) -> int:
     if time_ns is None:
         raise VfoaError(f"{where}: {column}: found {row.get(column, '')!r}; expected seconds, such as 12.500")
     return (time_ns + 500_000) // 1_000_000
-
-
-def said_of_points(path: Path, lines: Sequence[int]) -> tuple[str, ...]:
-    """A sentence on the point events of a BORIS table, which are left out; nothing where there are none."""
-    if not lines:
-        return ()
-    return (f"{path}: {len(lines)} point events have no length and are left out, line {lines[0]} first.",)

@@ -2,7 +2,9 @@
 
     00000012.jpg,xmin,ymin,xmax,ymax,gazex,gazey        pixels; -1,-1: looks out of the image
 
-A file is named after its person, an image after its frame's number in the source.
+A file is named after its person (``s00.txt``), an image after its frame's number in the source. As the authors' loader
+(github.com/ejcgt/attention-target-detection, ``dataset.py``; read, not used) takes them: a point with one negative
+coordinate was set beside the image by a slip, and is moved back to its edge.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
+from harness.annotation_formats.bodies import Point
 from harness.annotation_formats.exchange import Exchange, Imported, left_out
 from harness.annotation_formats.gaze_points import GazePoint, from_points, point_of, to_points
 from harness.annotation_formats.tables import csv_rows
@@ -22,6 +25,7 @@ from harness.files import atomic_write
 from vfoa.errors import VfoaError
 
 _NUMBER = re.compile(r"(\d+)\D*$")
+_OUTSIDE = (-1.0, -1.0)
 
 
 class VideoAttentionTarget:
@@ -43,7 +47,7 @@ class VideoAttentionTarget:
             writer = csv.writer(text, lineterminator="\n")
             for each in lines:
                 if each.label.target != IGNORED:
-                    numbers = (*each.head_px, *(each.point_px or (-1.0, -1.0)))
+                    numbers = (*each.head_px, *(each.point_px or _OUTSIDE))
                     image = f"{each.frame + exchange.first_number:08d}.jpg"
                     writer.writerow([image, *(f"{value:.2f}".removesuffix(".00") for value in numbers)])
             atomic_write(path / f"{subject}.txt", text.getvalue())
@@ -60,5 +64,10 @@ def _lines(path: Path, exchange: Exchange) -> Iterator[GazePoint]:
         if len(cells) != 7 or name is None:
             raise VfoaError(f"{where}: found {','.join(cells)[:80]!r}; expected IMAGE_NUMBER.jpg and six numbers")
         point = point_of(cells[5:], where)
-        frame, seen = int(name[1]) - exchange.first_number, None if point == (-1.0, -1.0) else point
+        frame, seen = int(name[1]) - exchange.first_number, None if point == _OUTSIDE else _within(point, exchange)
         yield GazePoint(frame=frame, subject=subject, point_px=seen, where=where)
+
+
+def _within(point: Point, exchange: Exchange) -> Point:
+    _, _, width, height = exchange.image_box
+    return min(max(point[0], 0.0), width - 1), min(max(point[1], 0.0), height - 1)

@@ -1,4 +1,4 @@
-"""BORIS tables in the layouts of its versions 7 and 8, as its user guide and its own test files have them."""
+"""BORIS tables in the layouts of its versions 7 and 9, as its export and its own test files have them."""
 
 from __future__ import annotations
 
@@ -60,12 +60,34 @@ AGGREGATED = HEAD_AGGREGATED + "".join(
         ("boy", "cup", "STATE", "0.030", "0.120", "0.090", ""),
     ]
 )
+HEAD_AGGREGATED_9 = (
+    "Observation id\tObservation date\tDescription\tObservation type\tSource\tTime offset (s)\tCoding duration\t"
+    "Media duration (s)\tFPS (frame/s)\tage\tSubject\tObservation duration by subject by observation\tBehavior\t"
+    "Behavioral category\tModifier #1\tBehavior type\tStart (s)\tStop (s)\tDuration (s)\tMedia file name\t"
+    "Image index start\tImage index stop\tImage file path start\tImage file path stop\tComment start\tComment stop\n"
+)
+BEFORE_9 = "talk\t2026-01-02 03:04:05\t\tMedia file(s)\tplayer #1:talk.mp4\t0.000\t0.160\t2.000\t25.000\t7\t"
+AGGREGATED_9 = HEAD_AGGREGATED_9 + "".join(
+    f"{BEFORE_9}{who}\t0.160\t{what}\tNot defined\t\t{kind}\t{start}\t{stop}\t{length}\ttalk.mp4\t{frame}"
+    f"\t\t\t\t{note}\t\n"
+    for who, what, kind, start, stop, length, frame, note in [
+        ("girl", "bird", "STATE", "0.000", "0.080", "0.080", "0", "eyes shut"),
+        ("girl", "cup", "STATE", "0.080", "0.160", "0.080", "2", ""),
+        ("girl", "nod", "POINT", "0.100", "0.100", "NA", "2", ""),
+        ("boy", "cup", "STATE", "0.030", "0.120", "0.090", "1", ""),
+    ]
+)
 ROWS = (row(1, 2, "bird", note="eyes shut"), row(2, 3, "cup", "boy"), row(3, 4, "cup"))
 
 
 @pytest.mark.parametrize(
     ("reader", "text", "line"),
-    [(BorisTabular, TABULAR_7, 13), (BorisTabular, TABULAR_8, 6), (BorisAggregated, AGGREGATED, 4)],
+    [
+        (BorisTabular, TABULAR_7, 13),
+        (BorisTabular, TABULAR_8, 6),
+        (BorisAggregated, AGGREGATED, 4),
+        (BorisAggregated, AGGREGATED_9, 4),
+    ],
 )
 @pytest.mark.parametrize("mark", ["", "\ufeff"])
 def test_its_layouts_are_read(tmp_path: Path, reader: type[BorisTabular], text: str, line: int, mark: str) -> None:
@@ -78,6 +100,51 @@ def test_its_layouts_are_read(tmp_path: Path, reader: type[BorisTabular], text: 
 def test_its_windows_line_ends_change_nothing(tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.csv", TABULAR_7.replace("\n", "\r\n"))
     assert BorisTabular().read(path, exchange()).labels == Labels(ROWS)
+
+
+def test_a_tab_in_a_note_does_not_make_a_tsv_of_a_csv(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.csv", TABULAR_7.replace("eyes shut", "eyes\tshut"))
+    assert BorisTabular().read(path, exchange()).labels == Labels(ROWS)
+
+
+@pytest.mark.parametrize(("reader", "text"), [(BorisTabular, TABULAR_8), (BorisAggregated, AGGREGATED_9)])
+def test_events_without_a_focal_subject_can_be_given_one(tmp_path: Path, reader: type[BorisTabular], text: str) -> None:
+    """BORIS leaves the cell empty in one export, and has words for it in the other."""
+    nobody = "" if reader is BorisTabular else "No focal subject"
+    path = write_text(tmp_path / "a.tsv", text.replace("\tgirl\t", f"\t{nobody}\t"))
+    with pytest.raises(VfoaError, match="unknown subject 'No focal subject'"):
+        reader().read(path, exchange())
+    assert reader().read(path, exchange(renamed={"No focal subject": "girl"})).labels == Labels(ROWS)
+
+
+@pytest.mark.parametrize(
+    ("reader", "text"),
+    [
+        (BorisTabular, TABULAR_7.replace("Time offset (s),0.0", "Time offset (s),60")),
+        (BorisTabular, TABULAR_8.replace("talk.mp4\t0\t2.000", "talk.mp4\t60\t2.000")),
+        (BorisAggregated, AGGREGATED_9.replace("talk.mp4\t0.000\t", "talk.mp4\t60\t")),
+    ],
+)
+def test_a_time_offset_that_was_not_told_is_said(tmp_path: Path, reader: type[BorisTabular], text: str) -> None:
+    path = write_text(tmp_path / "a.csv", text)
+    assert reader().read(path, exchange()).notes[-1] == (
+        f"{path}: the observation's time offset is 60 s, which BORIS adds to all times; --offset 60 takes it off."
+    )
+    assert "time offset" not in " ".join(reader().read(path, exchange(offset=60.0)).notes)
+
+
+def test_modifiers_are_left_out_and_counted(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.tsv", AGGREGATED_9.replace("cup\tNot defined\t\t", "cup\tNot defined\tred\t"))
+    imported = BorisAggregated().read(path, exchange())
+    assert imported.labels == Labels(ROWS)
+    assert f"{path}: modifiers in 2 rows are left out, line 3 first." in imported.notes
+
+
+@pytest.mark.parametrize(("reader", "text"), [(BorisTabular, TABULAR_8), (BorisAggregated, AGGREGATED_9)])
+def test_two_observations_in_one_file_are_refused(tmp_path: Path, reader: type[BorisTabular], text: str) -> None:
+    path = write_text(tmp_path / "a.tsv", text + text.splitlines()[-1].replace("talk", "walk", 1) + "\n")
+    with pytest.raises(VfoaError, match="Observation id: found 'walk' after 'talk'; expected one observation a file"):
+        reader().read(path, exchange())
 
 
 @pytest.mark.parametrize(

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ElementTree
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -77,6 +78,37 @@ def test_a_mistake_is_one_line_with_its_place(tmp_path: Path, track: str, messag
         CvatVideo().read(path, exchange())
     assert str(error.value).startswith(f"{path}: ")
     assert "\n" not in str(error.value)
+
+
+def test_the_zip_that_it_exports_is_read_as_it_is(tmp_path: Path) -> None:
+    plain = _file(tmp_path / "a.xml", _track(_box(0, target="bird")))
+    with zipfile.ZipFile(tmp_path / "task.zip", "w") as archive:
+        archive.write(plain, "annotations.xml")
+        archive.writestr("images/frame_000000.png", b"")
+    zipped = CvatVideo().read(tmp_path / "task.zip", exchange())
+    assert zipped.labels.ranges == (row(1, 1, "bird"),)
+
+
+def test_a_zip_without_annotations_or_with_broken_ones_is_one_line(tmp_path: Path) -> None:
+    path = tmp_path / "task.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("images/frame_000000.png", b"")
+    with pytest.raises(VfoaError, match=r"task\.zip: no annotations\.xml can be read in it"):
+        CvatVideo().read(path, exchange())
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("annotations.xml", b"<annotations>" + bytes(range(256)) * 4)
+    content = bytearray(path.read_bytes())
+    content[60:90] = b"\xff" * 30
+    path.write_bytes(content)
+    with pytest.raises(VfoaError, match=r"task\.zip: no annotations\.xml can be read in it"):
+        CvatVideo().read(path, exchange())
+
+
+def test_the_export_of_a_project_is_refused(tmp_path: Path) -> None:
+    """Its tasks all count from 0."""
+    tracks = [_track(_box(0, target="bird")).replace("<track ", f'<track task_id="{task}" ') for task in (4, 5)]
+    with pytest.raises(VfoaError, match=r"found the tasks 4, 5 of a project; expected the export of one task"):
+        CvatVideo().read(_file(tmp_path / "a.xml", *tracks), exchange())
 
 
 def test_boxes_are_heads_where_they_are_known(tmp_path: Path) -> None:

@@ -80,6 +80,28 @@ def test_a_folder_of_people_as_the_data_set_has_it(tmp_path: Path) -> None:
     )
 
 
+def test_a_point_beside_the_image_is_moved_to_its_edge(tmp_path: Path) -> None:
+    """As the authors' loader does it; only -1, -1 is out of the image."""
+    clip, bodies = staged()
+    path = write_text(tmp_path / "girl.txt", "1.jpg,1,1,2,2,5,-1\n2.jpg,1,1,2,2,-1,-1\n3.jpg,1,1,2,2,70,50\n")
+    found = VideoAttentionTarget().read(path, exchange(clip, bodies=bodies, unnamed="cup")).labels
+    assert found.ranges == (
+        row(1, 1, "cup", point_px=(5.0, 0.0)),
+        row(2, 2, "none"),
+        row(3, 3, "cup", point_px=(63.0, 47.0)),
+    )
+
+
+def test_a_row_that_has_no_point_though_its_class_has_is_not_judged(tmp_path: Path) -> None:
+    rows = ["v_1-9,1,girl,1,2,3,4,inside_visible,-1,-1,1", "v_1-9,2,girl,1,2,3,4,inside_ambiguous,-1,-1,True"]
+    clip, bodies = staged()
+    path = write_text(tmp_path / "a.csv", HEAD + "\n".join(rows) + "\n")
+    assert ChildPlay().read(path, exchange(clip, bodies=bodies, unnamed="cup")).labels.ranges == (
+        row(1, 1, "ignore", note="inside_visible without a point"),
+        row(2, 2, "ignore", note="inside_ambiguous"),
+    )
+
+
 def test_classes_of_gaze_that_are_no_target_are_ignored_under_their_name(tmp_path: Path) -> None:
     rows = [
         "v_1-9,1,girl,1,2,3,4,inside_visible,5,5,1",
