@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 Family = Literal["ros2", "protobuf", "json"]
 Pixels = Literal["raw", "png", "jpeg"]
 
-_HEADER = """
+HEADER = """
 ================================================================================
 MSG: std_msgs/Header
 builtin_interfaces/Time stamp
@@ -146,7 +146,7 @@ class Recorder:
         log_ns = stamp_ns if self._log_ns is None else self._log_ns
         if self._family == "ros2":
             if name not in self._ids:
-                self._ids[name] = self.writer.register_msgdef(f"sensor_msgs/msg/{name}", ROS2[name] + _HEADER)
+                self._ids[name] = self.writer.register_msgdef(f"sensor_msgs/msg/{name}", ROS2[name] + HEADER)
             header = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "camera"}
             self.writer.write_message(topic, self._ids[name], {"header": header, **fields}, log_time=log_ns)
         elif self._family == "protobuf":

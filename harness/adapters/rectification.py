@@ -14,14 +14,15 @@ from vfoa.types import Float, Image
 
 Model = Literal["plumb_bob", "equidistant"]
 
-ROS_MODELS: dict[str, Model] = {
+MODELS: dict[str, Model] = {
     "": "plumb_bob",
     "plumb_bob": "plumb_bob",
     "rational_polynomial": "plumb_bob",
     "equidistant": "equidistant",
     "fisheye": "equidistant",
+    "kannala_brandt": "equidistant",
 }
-"""ROS's names of distortion models."""
+"""ROS's and Foxglove's names of distortion models."""
 
 _COEFFICIENTS: dict[Model, tuple[int, ...]] = {"plumb_bob": (0, 4, 5, 8, 12, 14), "equidistant": (0, 4)}
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from harness.adapters.calibration_files.documents import numbers
-from harness.adapters.rectification import ROS_MODELS, RawCamera
+from harness.adapters.rectification import MODELS, RawCamera
 from vfoa.errors import VfoaError
 
 _MATRICES = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
@@ -29,12 +29,12 @@ def camera(document: Mapping[str, Any], where: str) -> RawCamera:
         if name not in document:
             raise VfoaError(f"{where}: no {name}; expected ROS's camera_info")
     model = str(document.get("distortion_model", ""))
-    if model not in ROS_MODELS:
-        raise VfoaError(f"{where}: distortion model {model!r}; expected one of {', '.join(filter(None, ROS_MODELS))}")
+    if model not in MODELS:
+        raise VfoaError(f"{where}: distortion model {model!r}; expected one of {', '.join(filter(None, MODELS))}")
     k, r, p = (
         numbers(document[name], f"{where}: {name}", shape[0] * shape[1]).reshape(shape)
         for name, shape in _MATRICES.items()
     )
     width, height = (int(numbers(document[f"image_{name}"], f"{where}: {name}", 1)[0]) for name in ("width", "height"))
     d = numbers(document["distortion_coefficients"], f"{where}: distortion_coefficients")
-    return RawCamera(size_px=(width, height), k=k, d=d, r=r, p=p, model=ROS_MODELS[model])
+    return RawCamera(size_px=(width, height), k=k, d=d, r=r, p=p, model=MODELS[model])

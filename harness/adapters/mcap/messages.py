@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -14,7 +15,7 @@ import mcap_ros2.decoder
 import numpy as np
 from mcap.records import Channel, Schema
 
-from harness.adapters.rectification import ROS_MODELS, RawCamera
+from harness.adapters.rectification import MODELS, RawCamera
 from vfoa.errors import VfoaError
 
 Kind = Literal["raw", "compressed", "calibration"]
@@ -30,6 +31,9 @@ _KINDS: dict[tuple[str, str], Kind] = {
     ("json", "foxglove.CompressedImage"): "compressed",
     ("json", "foxglove.CameraCalibration"): "calibration",
 }
+
+_PLAIN_CDR = (b"\0\0", b"\0\1")
+"""How a message in XCDR1 begins: big-endian, little-endian (OMG DDS-XTypes 1.3, table 59)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,14 +83,8 @@ def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
     VfoaError
         If the message is not of its type, or an image's stamp was not set.
     """
-    message = _decode(kind, data, where)
-    if kind.message_encoding == "cdr":
-        stamp = int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
-    elif kind.message_encoding == "json":
-        time = message.get("timestamp", {})
-        stamp = int(time.get("sec", 0)) * 10**9 + int(time.get("nsec", 0))
-    else:
-        stamp = int(message.timestamp.seconds) * 10**9 + int(message.timestamp.nanos)
+    with _reading(kind, where):
+        stamp = _stamp_ns(kind, _decode(kind, data))
     if stamp == 0 and kind.kind != "calibration":  # a calibration sent once may hold for all times
         raise VfoaError(
             f"{where}: a {kind.name} without time stamp; expected one, left and right are joined by it "
@@ -103,17 +101,18 @@ def picture(kind: MessageType, data: bytes, where: str) -> RawPicture | bytes:
     VfoaError
         If the message is not of its type.
     """
-    field = _fields(kind, data, where)
-    if kind.kind == "compressed":
-        return bytes(field("data"))
-    return RawPicture(
-        width_px=int(field("width")),
-        height_px=int(field("height")),
-        encoding=str(field("encoding")),
-        step=int(field("step")),
-        is_bigendian=kind.message_encoding == "cdr" and bool(field("is_bigendian")),
-        data=bytes(field("data")),
-    )
+    with _reading(kind, where):
+        field = _fields(kind, data, where)
+        if kind.kind == "compressed":
+            return bytes(field("data"))
+        return RawPicture(
+            width_px=int(field("width")),
+            height_px=int(field("height")),
+            encoding=str(field("encoding")),
+            step=int(field("step")),
+            is_bigendian=kind.message_encoding == "cdr" and bool(field("is_bigendian")),
+            data=bytes(field("data")),
+        )
 
 
 def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
@@ -124,24 +123,26 @@ def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
     VfoaError
         If the distortion model is unknown, or the matrices have another number of entries.
     """
-    field = _fields(kind, data, where)
-    model = str(field("distortion_model"))
-    if model not in ROS_MODELS:
-        raise VfoaError(f"{where}: distortion model {model!r}; expected one of {', '.join(filter(None, ROS_MODELS))}")
-    if kind.message_encoding == "cdr":
-        _check_full_size(field, where)
-    names = ("k", "d", "r", "p") if kind.message_encoding == "cdr" else ("K", "D", "R", "P")
-    k, d, r, p = (np.array(field(name), dtype=np.float64).reshape(-1) for name in names)
-    if (k.size, r.size, p.size) != (9, 9, 12):
-        raise VfoaError(f"{where}: found {k.size}, {r.size}, {p.size} numbers in K, R, P; expected 9, 9, 12")
-    return RawCamera(
-        size_px=(int(field("width")), int(field("height"))),
-        k=k.reshape(3, 3),
-        d=d,
-        r=r.reshape(3, 3),
-        p=p.reshape(3, 4),
-        model=ROS_MODELS[model],
-    )
+    with _reading(kind, where):
+        field = _fields(kind, data, where)
+        model = str(field("distortion_model"))
+        if model not in MODELS:
+            known = ", ".join(filter(None, MODELS))
+            raise VfoaError(f"{where}: distortion model {model!r}; expected one of {known}")
+        if kind.message_encoding == "cdr":
+            _check_full_size(field, where)
+        names = ("k", "d", "r", "p") if kind.message_encoding == "cdr" else ("K", "D", "R", "P")
+        k, d, r, p = (np.array(field(name), dtype=np.float64).reshape(-1) for name in names)
+        if (k.size, r.size, p.size) != (9, 9, 12):
+            raise VfoaError(f"{where}: found {k.size}, {r.size}, {p.size} numbers in K, R, P; expected 9, 9, 12")
+        return RawCamera(
+            size_px=(int(field("width")), int(field("height"))),
+            k=k.reshape(3, 3),
+            d=d,
+            r=r.reshape(3, 3),
+            p=p.reshape(3, 4),
+            model=MODELS[model],
+        )
 
 
 def _check_full_size(field: Callable[[str], Any], where: str) -> None:
@@ -154,25 +155,46 @@ def _check_full_size(field: Callable[[str], Any], where: str) -> None:
         )
 
 
+def _stamp_ns(kind: MessageType, message: Any) -> int:
+    """0 where a message in JSON has none, as one that was not set in the others."""
+    if kind.message_encoding == "cdr":
+        return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+    if kind.message_encoding == "json":
+        time = message.get("timestamp", {})
+        return int(time.get("sec", 0)) * 10**9 + int(time.get("nsec", 0))
+    return int(message.timestamp.seconds) * 10**9 + int(message.timestamp.nanos)
+
+
 def _fields(kind: MessageType, data: bytes, where: str) -> Callable[[str], Any]:
-    message = _decode(kind, data, where)
+    message = _decode(kind, data)
     if kind.message_encoding != "json":
         return lambda name: getattr(message, name)
 
     def field(name: str) -> Any:
         if name not in message:
             raise VfoaError(f"{where}: a {kind.name} without {name!r}; found {', '.join(message)}")
-        return base64.b64decode(message[name]) if name == "data" else message[name]
+        return base64.b64decode(message[name], validate=True) if name == "data" else message[name]
 
     return field
 
 
-def _decode(kind: MessageType, data: bytes, where: str) -> Any:
+@contextmanager
+def _reading(kind: MessageType, where: str) -> Iterator[None]:
+    """Whatever goes wrong in the block: the message is not what its channel says."""
     try:
-        return _decoder(kind)(data)
-    except Exception as error:  # the three decoders' errors have no common base
+        yield
+    except VfoaError:
+        raise
+    except Exception as error:  # of three decoders, and of fields that are missing or of another kind
         text = (str(error) or type(error).__name__).splitlines()[0]
         raise VfoaError(f"{where}: not a {kind.name} in {kind.message_encoding}: {text}") from None
+
+
+def _decode(kind: MessageType, data: bytes) -> Any:
+    # The decoder knows XCDR1 alone, and takes the other encapsulations, whose alignment differs, for it.
+    if kind.message_encoding == "cdr" and data[:2] not in _PLAIN_CDR:
+        raise ValueError(f"encapsulation {data[:2].hex()}; expected 0000 or 0001 (plain CDR)")
+    return _decoder(kind)(data)
 
 
 @lru_cache(maxsize=64)

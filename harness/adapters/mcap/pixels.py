@@ -40,7 +40,7 @@ def rgb(raw: RawPicture, where: str) -> Image:
     Raises
     ------
     VfoaError
-        If the encoding is unknown or the data are too short for the size.
+        If the encoding is unknown, the data are too short for the size, or YUV has an odd width.
     """
     if raw.encoding not in _ENCODINGS:
         raise VfoaError(f"{where}: encoding {raw.encoding!r}; {did_you_mean(raw.encoding, _ENCODINGS)}")
@@ -51,6 +51,8 @@ def rgb(raw: RawPicture, where: str) -> Image:
             f"{where}: {raw.width_px} x {raw.height_px} pixels of {raw.encoding} in {len(raw.data)} bytes, "
             f"{raw.step} a row; expected at least {row_bytes} a row"
         )
+    if samples == 2 and raw.width_px % 2:  # two pixels share their colour
+        raise VfoaError(f"{where}: {raw.width_px} x {raw.height_px} pixels of {raw.encoding}; expected an even width")
     rows = np.frombuffer(raw.data, np.uint8, raw.step * raw.height_px).reshape(raw.height_px, raw.step)[:, :row_bytes]
     if sample_bytes == 2:
         rows = rows[:, 0 if raw.is_bigendian else 1 :: 2]

@@ -86,6 +86,12 @@ def test_an_unknown_encoding_names_its_neighbours() -> None:
         rgb(raw("rgb16", COLOURS), "x")
 
 
+@pytest.mark.parametrize("encoding", ["yuv422", "yuyv"])
+def test_yuv_of_an_odd_width_is_refused(encoding: str) -> None:
+    with pytest.raises(VfoaError, match=f"x: 3 x 2 pixels of {encoding}; expected an even width"):
+        rgb(raw(encoding, np.zeros((2, 3, 2), np.uint8)), "x")
+
+
 def test_data_that_are_too_short_are_refused() -> None:
     whole = raw("rgb8", COLOURS)
     cut = RawPicture(
