@@ -14,9 +14,10 @@ from harness.adapters import Recognised, Truth
 from harness.adapters.mcap.cameras import Cameras, FileCameras, RecordedCameras
 from harness.adapters.mcap.index import Index, index_recording, recording_files
 from harness.adapters.mcap.messages import picture
-from harness.adapters.mcap.pairing import join
+from harness.adapters.mcap.pairing import join, of_distinct_stamps
 from harness.adapters.mcap.pixels import rgb
-from harness.adapters.mcap.recording import is_mcap, read_message
+from harness.adapters.mcap.recording import read_message
+from harness.adapters.mcap.records import is_mcap
 from harness.adapters.mcap.topics import Place, Topic, find_camera, find_pair
 from harness.adapters.mcap.window import find_window
 from harness.files import digest_files
@@ -24,6 +25,9 @@ from harness.media.images import decode_rgb
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Image, StereoFrame
+
+_SHOWN = 3
+"""Losses that an error lists."""
 
 
 class McapSettings(Settings):
@@ -77,16 +81,19 @@ class McapClip:
         index = index_recording(files, window, by_log_time=settings.stamps == "log")
         self._files, self._losses = index.files, index.losses
         topics = index.topics.values()
+        if not topics and self._losses:
+            raise VfoaError(f"{self._where}: no message can be read: {'; '.join(self._losses[:_SHOWN])}")
         if window is not None and not any(topic.places for topic in topics if topic.type.kind in ("raw", "compressed")):
             raise VfoaError(f"{self._where}: source.start_s, source.end_s: no images in that part of the recording")
         self._topics = find_pair(topics, settings.left, settings.right, self._where)
         left, right = self._topics
-        self._pairs = join(left.places, right.places, round(settings.tolerance_ms * 1e6))
-        if not self._pairs:
+        joined = join(left.places, right.places, round(settings.tolerance_ms * 1e6))
+        if not joined:
             raise VfoaError(
                 f"{self._where}: no two stamps of {left} and {right} are within {settings.tolerance_ms:g} ms"
             )
-        self._lost = (*self._counted(index), *self._cut_chunks(index))
+        self._pairs = of_distinct_stamps(joined)
+        self._lost = (*self._counted(index), *self._cut_chunks(index), *self._unpaired(len(joined)))
         self._cameras = self._find_cameras(index)
 
     @classmethod
@@ -109,19 +116,13 @@ class McapClip:
     def rate_hz(self) -> float | None:
         """From the median distance of the stamps, to 0.001 Hz."""
         steps = np.diff([left.stamp_ns for left, _ in self._pairs])
-        return round(1e9 / float(np.median(steps)), 3) if steps.size and np.median(steps) > 0 else None
+        return round(1e9 / float(np.median(steps)), 3) if steps.size else None
 
     @property
     def notes(self) -> tuple[str, ...]:
         """What was lost, how many images have no partner, and what the stamps are if not the headers'."""
-        alone = [
-            f"{topic.name}: {count} of {len(topic.places)} images have no partner within "
-            f"{self._settings.tolerance_ms:g} ms"
-            for topic in self._topics
-            if (count := len(topic.places) - len(self._pairs))
-        ]
         by_log = 'left and right are joined by the time of recording (stamps = "log"), not by when they were taken'
-        return (*self._losses, *self._lost, *alone, *([by_log] if self._settings.stamps == "log" else []))
+        return (*self._losses, *self._lost, *([by_log] if self._settings.stamps == "log" else []))
 
     def time_ns(self, number: int) -> int:
         """The stamp of the left image."""
@@ -179,6 +180,18 @@ class McapClip:
             f"frames ({span[0] / 1e9:.3f} to {span[1] / 1e9:.3f} s); how many followed, a cut file does not say"
             for span in index.cut_spans_ns
         ]
+
+    def _unpaired(self, joined: int) -> list[str]:
+        """Which images are in no frame, and why."""
+        alone = [
+            f"{topic.name}: {count} of {len(topic.places)} images have no partner within "
+            f"{self._settings.tolerance_ms:g} ms"
+            for topic in self._topics
+            if (count := len(topic.places) - joined)
+        ]
+        twice = joined - len(self._pairs)
+        same = f"{twice} of {joined} pairs have the stamp of the one before, left out (a copy, or a clock that stood)"
+        return [*alone, *([same] if twice else [])]
 
     def _image(self, topic: Topic, place: Place) -> Image:
         path = self._files[place.file]

@@ -10,7 +10,7 @@ from threading import Event
 from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 
-from harness.adapters.mcap.recording import HEAD, MAGIC, PARSED, parse_record, parts_of
+from harness.adapters.mcap.records import HEAD, MAGIC, PARSED, parse_record, parts_of
 from harness.files import unreadable
 from vfoa.errors import VfoaError
 

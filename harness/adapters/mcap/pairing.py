@@ -25,3 +25,8 @@ def join(left: Sequence[Place], right: Sequence[Place], tolerance_ns: int) -> li
                 pairs.append((left[i], right[j]))
             i, j = i + 1, j + 1
     return pairs
+
+
+def of_distinct_stamps(pairs: Sequence[tuple[Place, Place]]) -> list[tuple[Place, Place]]:
+    """The first pair of each left stamp: a camera takes one image at a time, but a file may have been copied."""
+    return [pair for place, pair in enumerate(pairs) if not place or pair[0].stamp_ns != pairs[place - 1][0].stamp_ns]

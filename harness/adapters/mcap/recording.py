@@ -1,28 +1,25 @@
-"""The records of one MCAP file: walked once as far as they are readable, and read again by their offset."""
+"""One MCAP file: its messages, walked once as far as they are readable, and read again by their records' offset."""
 
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, Message, Schema, Statistics
-from mcap.stream_reader import breakup_chunk
+from mcap.records import Channel, DataEnd, McapRecord, Message, Schema, Statistics
 
+from harness.adapters.mcap.records import HEAD, MAGIC, PARSED, chunk_span_ns, first_line, parse_record, parts_of
 from harness.files import unreadable
 from vfoa.errors import VfoaError
 
-MAGIC = b"\x89MCAP0\r\n"
-HEAD = struct.Struct("<BQ")  # opcode and length of every record
 _FOOTER = struct.Struct("<QQI")  # summary's offset, its offset section's, checksum
-_SPAN = struct.Struct("<QQ")  # first and last log time, the first fields of a chunk
 _MESSAGE = struct.Struct("<HIQ")  # channel, sequence and log time, the first fields of a message
-PARSED = {Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK, Opcode.CHUNK_INDEX, Opcode.STATISTICS}
+
+_BLOCK_BYTES = 1 << 20
 
 
 @dataclass(slots=True)
@@ -42,20 +39,12 @@ class Walk:
     cut_span_ns: tuple[int, int] | None = None
 
 
-def is_mcap(path: Path) -> bool:
-    """Whether a path is a file that starts as MCAP does; False for one that cannot be read."""
-    try:
-        with path.open("rb") as file:
-            return file.read(len(MAGIC)) == MAGIC
-    except OSError:
-        return False
-
-
 def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) -> Iterator[tuple[int, int, Message]]:
     """Every readable message as (record's offset in the file, place in that record, message); ``walk`` is filled.
 
-    Holds one chunk at a time. A chunk whose checksum is wrong is left out whole. Attachments and metadata are
-    stepped over. ``offsets``: only of the chunks that stand there.
+    Holds one chunk at a time. A chunk whose checksum is wrong is left out whole; messages outside chunks have one
+    checksum for all, if any, which only tells that something is wrong. Attachments and metadata are stepped over.
+    ``offsets``: only of the chunks that stand there.
 
     Raises
     ------
@@ -63,14 +52,20 @@ def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) 
         If the file cannot be opened or is not MCAP.
     """
     recall_channels(path, walk)
+    is_chunked = True
     for offset, record in _records(path, walk) if offsets is None else _records_at(path, offsets, walk):
         if isinstance(record, Statistics):
             walk.message_counts = dict(record.channel_message_counts)
             continue
+        if isinstance(record, DataEnd):
+            if not is_chunked and record.data_section_crc not in (0, _checksum(path, offset)):
+                walk.losses.append("the checksum of all data is wrong: some messages are damaged, which is not known")
+            continue
+        is_chunked = is_chunked and not isinstance(record, Message)
         try:
             parts = parts_of(record)
         except Exception as error:  # the decompressors' errors have no common base
-            walk.losses.append(f"the chunk at byte {offset} is damaged ({_first_line(error)})")
+            walk.losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
             continue
         messages = 0
         for part in parts:
@@ -98,7 +93,7 @@ def read_message(path: Path, offset: int, place: int) -> Message:
             parts = parts_of(parse_record(opcode, length, file.read(length)))
             return [part for part in parts if isinstance(part, Message)][place]
     except Exception as error:
-        raise VfoaError(f"{path}: the record at byte {offset} is not readable any more: {_first_line(error)}") from None
+        raise VfoaError(f"{path}: the record at byte {offset} is not readable any more: {first_line(error)}") from None
 
 
 def summary(path: Path) -> list[McapRecord]:
@@ -142,7 +137,7 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
                 return
             if file.tell() + length > size:
                 walk.losses.append(f"cut at byte {size}: the record at byte {offset} and all that followed are lost")
-                walk.is_cut, walk.cut_span_ns = True, _chunk_span(opcode, file)
+                walk.is_cut, walk.cut_span_ns = True, chunk_span_ns(opcode, file)
                 return
             if opcode == 0:  # no such record: a file system's zeros
                 walk.losses.append(f"damaged at byte {offset}: what follows is lost")
@@ -154,7 +149,7 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
             try:
                 record = parse_record(opcode, length, file.read(length))
             except Exception as error:  # of struct, of text decoding, of the library: all mean damage
-                walk.losses.append(f"the record at byte {offset} is damaged ({_first_line(error)})")
+                walk.losses.append(f"the record at byte {offset} is damaged ({first_line(error)})")
                 continue
             yield offset, record
         walk.losses.append(f"cut at byte {size}: all that followed is lost")
@@ -169,7 +164,7 @@ def _records_at(path: Path, offsets: Sequence[int], walk: Walk) -> Iterator[tupl
                 opcode, length = HEAD.unpack(file.read(HEAD.size))
                 record = parse_record(opcode, length, file.read(length))
             except Exception as error:  # as above; an index that leads nowhere, too
-                walk.losses.append(f"the chunk at byte {offset} is damaged ({_first_line(error)})")
+                walk.losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
                 continue
             yield offset, record
 
@@ -184,7 +179,7 @@ def _spans(path: Path) -> Iterator[tuple[int, int]]:
             end = file.tell() + length
             if end > size or opcode in (0, Opcode.FOOTER):
                 return
-            if (span := _chunk_span(opcode, file)) is not None:
+            if (span := chunk_span_ns(opcode, file)) is not None:
                 yield span
             elif opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
                 log_time_ns = _MESSAGE.unpack(file.read(_MESSAGE.size))[2]
@@ -192,28 +187,13 @@ def _spans(path: Path) -> Iterator[tuple[int, int]]:
             file.seek(end)
 
 
-def parse_record(opcode: int, length: int, data: bytes) -> McapRecord:
-    """A record of one of the :data:`PARSED` kinds; whatever is raised means damage."""
-    stream = ReadDataStream(BytesIO(data))
-    match opcode:
-        case Opcode.SCHEMA:
-            return Schema.read(stream)
-        case Opcode.CHANNEL:
-            return Channel.read(stream)
-        case Opcode.MESSAGE:
-            return Message.read(stream, length)
-        case Opcode.CHUNK:
-            return Chunk.read(stream)
-        case Opcode.CHUNK_INDEX:
-            return ChunkIndex.read(stream)
-        case Opcode.STATISTICS:
-            return Statistics.read(stream)
-    raise ValueError(f"unexpected opcode {opcode}")
-
-
-def parts_of(record: McapRecord) -> list[McapRecord]:
-    """What a chunk holds; any other record alone. Whatever is raised means damage."""
-    return breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else [record]
+def _checksum(path: Path, end: int) -> int:
+    """CRC-32 of a file's bytes before ``end``."""
+    crc = 0
+    with path.open("rb") as file:
+        while data := file.read(min(_BLOCK_BYTES, end - file.tell())):
+            crc = zlib.crc32(data, crc)
+    return crc
 
 
 def _summary_start(file: BinaryIO, size: int) -> int:
@@ -225,16 +205,3 @@ def _summary_start(file: BinaryIO, size: int) -> int:
         return size
     summary_start = int(_FOOTER.unpack_from(tail)[0])
     return summary_start if 0 < summary_start < size else size
-
-
-def _chunk_span(opcode: int, file: BinaryIO) -> tuple[int, int] | None:
-    """First and last log time in the head of the chunk at which the file stands; None where there is too little."""
-    head = file.read(_SPAN.size) if opcode == Opcode.CHUNK else b""
-    if len(head) < _SPAN.size:
-        return None
-    first_ns, last_ns = _SPAN.unpack(head)
-    return first_ns, last_ns
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error) or type(error).__name__).splitlines()[0]

@@ -231,6 +231,28 @@ def test_an_image_without_a_stamp_is_refused(tmp_path: Path) -> None:
         open_clip(write_pairs(tmp_path / "a.mcap", [(0, picture(1), picture(2), LEFT, RIGHT)]))
 
 
+def test_a_frame_that_was_recorded_twice_is_one_frame(tmp_path: Path) -> None:
+    recorded = write_pairs(tmp_path / "take" / "day.mcap", pairs(range(1, 4)))
+    (tmp_path / "take" / "day (copy).mcap").write_bytes(recorded.read_bytes())
+    clip = McapClip(McapSettings(), tmp_path / "take")
+    assert [clip.time_ns(n) for n in clip.frames] == [stamp(n) for n in range(1, 4)]
+    assert np.array_equal(clip.frame(3).right, picture(1003))
+    assert clip.notes == ("3 of 6 pairs have the stamp of the one before, left out (a copy, or a clock that stood)",)
+
+
+def test_stamps_that_jump_back_are_put_in_order(tmp_path: Path) -> None:
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", [*pairs(range(4, 6)), *pairs(range(1, 4))]))
+    assert [clip.time_ns(n) for n in clip.frames] == [stamp(n) for n in range(1, 6)]
+    assert np.array_equal(clip.frame(2).left, picture(2))
+
+
+def test_files_of_any_name_are_put_in_natural_order(tmp_path: Path) -> None:
+    for name, numbers in (("we[i]rd ü\n10.mcap", range(3, 5)), ("we[i]rd ü\n9²2.mcap", range(1, 3))):
+        write_pairs(tmp_path / "split" / name, pairs(numbers))
+    clip = McapClip(McapSettings(), tmp_path / "split")
+    assert np.array_equal(clip.frame(4).left, picture(4))
+
+
 def test_a_binned_calibration_is_refused(tmp_path: Path) -> None:
     with recorder(tmp_path / "a.mcap") as record:
         for side, camera in (("left", LEFT), ("right", RIGHT)):

@@ -12,6 +12,7 @@ from mcap.writer import CompressionType
 from tests.disk import HEIGHT, WIDTH, picture, write_bytes
 from tests.harness.adapters.numbered_recording import open_clip, pairs, stamp
 from tests.recordings import Family, write_pairs
+from vfoa.errors import VfoaError
 
 
 @pytest.mark.parametrize("family", ["ros2", "protobuf", "json"])
@@ -120,3 +121,25 @@ def test_a_damaged_compressed_chunk_is_told(tmp_path: Path) -> None:
     clip = open_clip(path)
     assert 7 <= len(clip.frames) <= 9
     assert "damaged" in clip.notes[0]
+
+
+@pytest.mark.parametrize(("has_checksum", "said"), [(True, 1), (False, 0)])
+def test_a_flipped_bit_outside_chunks_is_found_by_the_checksum_of_all(
+    tmp_path: Path, has_checksum: bool, said: int
+) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs(), "json", use_chunking=False, enable_data_crcs=has_checksum)
+    assert open_clip(path).notes == ()
+    data = bytearray(path.read_bytes())
+    data[data.index(b'"data": "') + 1000] ^= 1
+    path.write_bytes(data)
+    notes = open_clip(path).notes
+    assert len(notes) == said
+    assert all("the checksum of all data is wrong" in note for note in notes)
+
+
+@pytest.mark.parametrize("has_checksum", [True, False])
+def test_a_compression_that_nobody_reads_is_named(tmp_path: Path, has_checksum: bool) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs(), "json", enable_crcs=has_checksum)
+    path.write_bytes(path.read_bytes().replace(b"zstd", b"zst2"))
+    with pytest.raises(VfoaError, match=r"a\.mcap: no message can be read: .*compression 'zst2'; expected lz4, zstd"):
+        open_clip(path)

@@ -1,0 +1,80 @@
+"""Records, of which every MCAP file consists: how they are framed, parsed, and taken out of chunks."""
+
+from __future__ import annotations
+
+import struct
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, McapRecord, Message, Schema, Statistics
+from mcap.stream_reader import breakup_chunk
+
+MAGIC = b"\x89MCAP0\r\n"
+HEAD = struct.Struct("<BQ")  # opcode and length of every record
+PARSED = {
+    Opcode.SCHEMA,
+    Opcode.CHANNEL,
+    Opcode.MESSAGE,
+    Opcode.CHUNK,
+    Opcode.DATA_END,
+    Opcode.CHUNK_INDEX,
+    Opcode.STATISTICS,
+}
+_SPAN = struct.Struct("<QQ")  # first and last log time, the first fields of a chunk
+_COMPRESSIONS = ("", "lz4", "zstd")
+
+
+def is_mcap(path: Path) -> bool:
+    """Whether a path is a file that starts as MCAP does; False for one that cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except OSError:
+        return False
+
+
+def parse_record(opcode: int, length: int, data: bytes) -> McapRecord:
+    """A record of one of the :data:`PARSED` kinds; whatever is raised means damage."""
+    stream = ReadDataStream(BytesIO(data))
+    match opcode:
+        case Opcode.SCHEMA:
+            return Schema.read(stream)
+        case Opcode.CHANNEL:
+            return Channel.read(stream)
+        case Opcode.MESSAGE:
+            return Message.read(stream, length)
+        case Opcode.CHUNK:
+            return Chunk.read(stream)
+        case Opcode.DATA_END:
+            return DataEnd.read(stream)
+        case Opcode.CHUNK_INDEX:
+            return ChunkIndex.read(stream)
+        case Opcode.STATISTICS:
+            return Statistics.read(stream)
+    raise ValueError(f"unexpected opcode {opcode}")
+
+
+def parts_of(record: McapRecord) -> list[McapRecord]:
+    """What a chunk holds; any other record alone. Whatever is raised means damage."""
+    if not isinstance(record, Chunk):
+        return [record]
+    if record.compression not in _COMPRESSIONS:  # which the library would read as if it were none
+        raise ValueError(f"compression {record.compression!r}; expected lz4, zstd or none")
+    return breakup_chunk(record, validate_crc=True)
+
+
+def chunk_span_ns(opcode: int, file: BinaryIO) -> tuple[int, int] | None:
+    """First and last log time in the head of the chunk at which the file stands; None where there is too little."""
+    head = file.read(_SPAN.size) if opcode == Opcode.CHUNK else b""
+    if len(head) < _SPAN.size:
+        return None
+    first_ns, last_ns = _SPAN.unpack(head)
+    return first_ns, last_ns
+
+
+def first_line(error: Exception) -> str:
+    """What an error says, in one line; its kind where it says nothing."""
+    return (str(error) or type(error).__name__).splitlines()[0]
