@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from harness.adapters import Clip
+from harness.adapters.studio import StudioSettings
 from harness.annotate.server import PageServer
 from harness.annotate.session import Session
+from harness.annotations.labels import IGNORED, Label, Labels, ranges_of
 from harness.runs.results import FrameRecord, to_line
+from tests.conftest import REPOSITORY
 from tests.disk import stereo_pair_folder, write_text
 from tests.records import frame_record, subject_record, target_record
 
@@ -47,6 +54,8 @@ category = "cup"
 [targets.book]
 category = "book"
 """
+LOOKS_AROUND = StudioSettings(scenario="table", frames=60, seed=15, mean_fixation_s=0.3)
+"""Somebody at a table of things, who looks at something else six times in 60 frames."""
 FRAMES = tuple(range(1, 13))
 CUP_PX, BOOK_PX = (4.0, 30.0, 14.0, 44.0), (40.0, 28.0, 60.0, 46.0)
 PREDICTED = ("cup",) * 4 + ("book",) * 4 + ("none",) * 4
@@ -78,6 +87,33 @@ def serve(**choices: Any) -> Iterator[Page]:
         server.stop()
         thread.join()
         session.close()
+
+
+@contextmanager
+def served_by_the_program(work: Path, name: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """``vfoa annotate`` in a working directory as a process of its own, and the address it prints."""
+    program = "from harness.cli import main; main()"
+    process = subprocess.Popen(
+        [sys.executable, "-c", program, "annotate", name, "--no-open"],
+        cwd=work,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    try:
+        process.stdout.readline()
+        yield process, process.stdout.readline().strip()
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+def true_labels(clip: Clip, frames: Sequence[int]) -> Labels:
+    """What a rendered clip of anna knows of itself; nobody can judge a saccade."""
+    targets = [(number, (clip.truth(number).people or ())[0].target or IGNORED) for number in frames]
+    return Labels(ranges_of("anna", ((number, Label(target=target)) for number, target in targets)))
 
 
 def make_work(folder: Path) -> Path:

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import threading
+import tomllib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
+import tomlkit
 
 from harness.adapters import Clip
 from harness.annotations.files import format_annotations
-from harness.annotations.labels import IGNORED, Label, Labels, ranges_of
+from harness.annotations.labels import IGNORED
 from harness.clips.manifest import ClipManifest, load_manifest
-from tests.annotating import serve, shown, wait_for
+from tests.annotating import LOOKS_AROUND, serve, served_by_the_program, shown, true_labels, wait_for
 from tests.browser import chromium, set_width
 from tests.disk import write_text
 from tests.repository import REPOSITORY
@@ -75,38 +74,10 @@ def browser(tmp_path: Path) -> Iterator[Chrome]:
 
 @pytest.fixture
 def studio(tmp_path: Path) -> Path:
-    """A working directory with a studio clip of 60 frames, of somebody who looks around, that nobody has labelled."""
-    text = (REPOSITORY / "datasets" / "studio_table.toml").read_text().replace("studio_table", "tabletop")
-    return write_text(
-        tmp_path / "datasets" / "tabletop.toml", text.replace("seed = 7\n", "seed = 15\nmean_fixation_s = 0.3\n")
-    )
-
-
-def _true_labels(clip: Clip) -> Labels:
-    """What the clip knows of itself; nobody can judge a saccade."""
-    targets = [(number, (clip.truth(number).people or ())[0].target or IGNORED) for number in clip.frames]
-    return Labels(ranges_of("anna", ((number, Label(target=target)) for number, target in targets)))
-
-
-@contextmanager
-def _served_by_the_program(manifest: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """``vfoa annotate`` as a process of its own, and the address it prints."""
-    program = "from harness.cli import main; main()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", program, "annotate", "tabletop", "--no-open"],
-        cwd=manifest.parents[1],
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout is not None
-    try:
-        process.stdout.readline()
-        yield process, process.stdout.readline().strip()
-    finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
+    """A working directory with a studio clip that nobody has labelled yet."""
+    document = tomllib.loads((REPOSITORY / "datasets" / "studio_table.toml").read_text())
+    document |= {"name": "tabletop", "source": LOOKS_AROUND.model_dump()}
+    return write_text(tmp_path / "datasets" / "tabletop.toml", tomlkit.dumps(document))
 
 
 def test_a_clip_is_labelled_while_it_plays_and_survives_all_that_can_happen(browser: Chrome, studio: Path) -> None:
@@ -117,7 +88,7 @@ def test_a_clip_is_labelled_while_it_plays_and_survives_all_that_can_happen(brow
         return gates[0]
 
     clip = load_manifest(str(studio)).open()
-    truth = _true_labels(clip)
+    truth = true_labels(clip, clip.frames)
     looked_at = [each.label.target for each in truth.ranges if each.label.target != IGNORED]
     assert len(clip.frames) == 60
     assert sum(one != other for one, other in pairwise(looked_at)) == 6
@@ -147,7 +118,7 @@ def test_a_clip_is_labelled_while_it_plays_and_survives_all_that_can_happen(brow
         wait_for(lambda: file.read_text() == format_annotations(truth))
 
     # killed in mid-work, twice, and started again: what was said is there, and can be undone
-    with _served_by_the_program(studio) as (process, address):
+    with served_by_the_program(studio.parents[1], "tabletop") as (process, address):
         browser.get(address)
         wait_for(lambda: shown(browser) == 1)
         keyboard.press(KEYS["none"])
@@ -156,7 +127,7 @@ def test_a_clip_is_labelled_while_it_plays_and_survives_all_that_can_happen(brow
         process.wait()
         keyboard.press(KEYS["vase"])
         wait_for(lambda: "nothing you do now is saved" in browser.find_element("id", "notice").text)
-    with _served_by_the_program(studio) as (process, address):
+    with served_by_the_program(studio.parents[1], "tabletop") as (process, address):
         browser.get(address)
         wait_for(lambda: shown(browser) == 1)
         assert "anna: none" in browser.find_element("id", "label").text

@@ -1,0 +1,104 @@
+"""A new user's way: a folder of image pairs and its calibration, four commands, no editor, and an FRR table."""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from harness.adapters.studio import StudioClip
+from harness.adapters.studio.stage import RIG
+from harness.annotations.files import format_annotations
+from harness.annotations.labels import IGNORED
+from tests.annotating import LOOKS_AROUND, served_by_the_program, shown, true_labels, wait_for
+from tests.browser import chromium
+from tests.calibrations import matrix, write_opencv
+from tests.conftest import REPOSITORY
+from tests.disk import write_image
+
+FRAMES = range(1, 11)
+TARGETS = {"mug": "cup", "vase": "vase", "laptop": "laptop", "book": "book", "bottle": "bottle"}
+KEYS = {**{name: str(key) for key, name in enumerate(TARGETS, start=1)}, "none": "n", "ignore": "i"}
+ARROW_RIGHT = "\ue014"
+
+
+def _write_pairs(folder: Path, clip: StudioClip) -> None:
+    """Images as cameras save them, and what OpenCV's stereoCalibrate says of the cameras, beside them."""
+    for number in FRAMES:
+        frame = clip.frame(number)
+        write_image(folder / "left" / f"{number:04d}.png", frame.left)
+        write_image(folder / "right" / f"{number:04d}.png", frame.right)
+    k, d = matrix(RIG.fx_px, RIG.fy_px, RIG.cx_px, RIG.cy_px), np.zeros((1, 5))
+    pose = {"R": np.eye(3), "T": np.array([[-RIG.baseline_m], [0], [0]])}
+    nodes = {"K1": k, "D1": d, "K2": k, "D2": d, **pose}
+    write_opencv(folder / "calibration.yml", nodes, (RIG.width_px, RIG.height_px))
+
+
+def _vfoa(work: Path, *words: str, **environment: str) -> str:
+    """A command as a user gives it; what it prints."""
+    done = subprocess.run(
+        [sys.executable, "-c", "from harness.cli import main; main()", *words],
+        cwd=work,
+        env={**os.environ, "PYTHONPATH": str(REPOSITORY), **environment},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def _label(work: Path, labels: list[str]) -> None:
+    """Label the clip in its page, frame by frame, by keys alone."""
+    from selenium.webdriver import ActionChains
+
+    with served_by_the_program(work, "desk") as (_, address), chromium(work / "profile") as browser:
+
+        def press(key: str) -> None:
+            ActionChains(browser).send_keys(key).perform()
+            wait_for(lambda: browser.execute_script("return document.body.getAttribute('aria-busy') === 'false'"))
+
+        browser.get(address)
+        for number, (before, target) in enumerate(zip([None, *labels], labels, strict=False), start=1):
+            wait_for(lambda number=number: shown(browser) == number)
+            if target != before:
+                press(KEYS[target])
+            press(ARROW_RIGHT)
+
+
+def test_the_commands_are_those_that_contributing_names() -> None:
+    section = (REPOSITORY / "CONTRIBUTING.md").read_text().partition("## A clip\n")[2].partition("\n## ")[0]
+    assert re.findall(r"^\d\. `vfoa ([a-z ]+?) [A-Z]", section, re.MULTILINE) == [
+        "clips add",
+        "annotate",
+        "clips check",
+        "run",
+    ]
+
+
+def test_a_folder_becomes_a_labelled_clip_and_a_table(tmp_path: Path, shared_models: Path) -> None:
+    clip = StudioClip(LOOKS_AROUND, None)
+    truth = true_labels(clip, FRAMES)
+    said = [label.target for _, _, label in truth.labelled(FRAMES)]
+    _write_pairs(tmp_path / "pairs", clip)
+
+    named = [word for name, category in TARGETS.items() for word in ("--target", f"{name}={category}")]
+    added = _vfoa(
+        tmp_path, "clips", "add", "pairs", "--name", "desk", "--set", "rate_hz=20", "--subject", "anna", *named
+    )
+    assert "calibration.yml" in added
+    _label(tmp_path, said)
+    assert (tmp_path / "annotations" / "desk.csv").read_text() == format_annotations(truth)
+    assert "desk" in _vfoa(tmp_path, "clips", "check", "desk")
+    weights = ("--set", "segmentation.model=yolo_seg", "--set", "segmentation.weights=yolov8n-seg_int8.onnx")
+    table = _vfoa(tmp_path, "run", "desk", *weights, VFOA_MODELS=str(shared_models))
+
+    judged = sum(target != IGNORED for target in said)
+    assert re.search(rf"^ *desk +default +{judged} +[0-9.]+ ", table, re.MULTILINE), table
+    with (tmp_path / "runs" / "default" / "frr.csv").open() as file:
+        rows = {(row["clip"], row["subject"], row["configuration"], int(row["n"])) for row in csv.DictReader(file)}
+    assert rows == {("desk", who, "default", judged) for who in ("(all)", "anna")}
