@@ -1,4 +1,4 @@
-"""The one error a user can mend."""
+"""Errors that are said in one line."""
 
 from __future__ import annotations
 
@@ -11,6 +11,21 @@ class VfoaError(Exception):
 
     The command line prints it and exits with 2. Any other exception is a bug and keeps its traceback.
     """
+
+
+class StageError(VfoaError):
+    """A stage raised what is no :class:`VfoaError`: a bug of whoever wrote it, or no memory, or a file it cannot open.
+
+    ``trace`` is the whole traceback; ``frame`` the number of the frame it was at, None while that is not known.
+    """
+
+    def __init__(self, line: str, trace: str = "") -> None:
+        super().__init__(line)
+        self.trace = trace
+        self.frame: int | None = None
+
+    def __str__(self) -> str:
+        return super().__str__() if self.frame is None else f"frame {self.frame}: {super().__str__()}"
 
 
 def did_you_mean(found: str, expected: Iterable[str]) -> str:

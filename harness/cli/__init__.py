@@ -25,7 +25,7 @@ from harness.cli.run import run
 from harness.cli.score import score
 from harness.cli.simulate import simulate
 from harness.cli.view import view
-from vfoa.errors import VfoaError
+from vfoa.errors import StageError, VfoaError
 
 app = typer.Typer(
     name="vfoa",
@@ -57,6 +57,9 @@ def main() -> None:
     """Run the command line."""
     try:
         app()
+    except StageError as error:  # of a verb that has no run's directory to keep the traceback in
+        print(error.trace, end="", file=sys.stderr)  # noqa: T201
+        _refuse(str(error))
     except VfoaError as error:
         _refuse(str(error))
     except BrokenPipeError:

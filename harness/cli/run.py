@@ -14,6 +14,7 @@ from harness.cli.options import Cache, Out, Workers
 
 if TYPE_CHECKING:
     from harness.recording import Size
+    from harness.runs.directory import RunDirectory
     from harness.runs.experiment import Experiment
 
 
@@ -122,13 +123,14 @@ def run(
     if save_signals:
         typer.echo(f"\nSignals: {directory.signals}  (run from them: its {experiment.name}.toml says how)")
     typer.echo(f"\nPage: {directory.path / 'report.html'}\nScrub a failure: vfoa view {directory.path} --failures")
-    _report_failures(directory.read_manifest()["failed"])
+    _report_failures(directory)
 
 
-def _report_failures(failed: list[dict[str, str]]) -> None:
+def _report_failures(directory: RunDirectory) -> None:
     """Say what could not be finished, and leave with exit code 1 if there is anything."""
+    failed = directory.read_manifest()["failed"]
     for each in failed:
-        typer.echo(f"vfoa: {each['clip']} under {each['configuration']}: {each['error']}", err=True)
+        typer.echo(f"vfoa: {directory.told(each)}", err=True)
     if failed:
         typer.echo(f"vfoa: {len(failed)} failed; again with --retry-failed, when it is mended", err=True)
         raise typer.Exit(1)

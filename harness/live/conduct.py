@@ -82,7 +82,7 @@ def conduct_live(
     Raises
     ------
     VfoaError
-        If the source cannot be read, or a frame cannot be computed. What was done before is kept.
+        If the source cannot be read, or a frame cannot be computed. What was done before is kept, as a finished run.
     """
     if not directory.is_new():
         raise VfoaError(
@@ -101,17 +101,18 @@ def conduct_live(
         recording=recording,
         watched_at=watched_at,
     )
-    error = _follow(clip, job, stopped, limit=limit, depth=1 if threads > 1 else 0, progress=progress)
+    written, error = _follow(clip, job, stopped, limit=limit, depth=1 if threads > 1 else 0, progress=progress)
     if error is None and clip.damaged and not clip.frames:
         error = VfoaError(f"no frame can be read; the first: {clip.damaged[0]}")
     if error is not None and not clip.frames:
         shutil.rmtree(directory.path, ignore_errors=True)  # it was new, and nothing came of it
         raise error
     report = _report(clip)
-    plan = Plan(experiment=experiment, clips=(_prepared(manifest, clip),), recording=recording)
-    _write(directory, plan, clip, report, started)
-    if error is not None:
-        raise error
+    plan = Plan(experiment=experiment, clips=(_prepared(manifest, clip, written),), recording=recording)
+    failure = None if error is None else directory.failure(job.pairs[0], str(error))
+    _write(directory, plan, clip, report, started, failure)
+    if error is not None and failure is not None:
+        raise VfoaError(directory.told(failure)) if "traceback" in failure else error
     return report
 
 
@@ -123,10 +124,11 @@ def _follow(
     limit: int | None,
     depth: int,
     progress: Callable[[str], None],
-) -> VfoaError | None:
-    """Lead each frame that is taken from the source to the files; what ended that, if it was an error."""
+) -> tuple[int, VfoaError | None]:
+    """Lead each frame that is taken from the source to the files; how many, and what ended that, if it was an error."""
     pipeline = SharedPipeline(job.configurations, clip)
-    with Lane(job, job.configurations[0], clip.rate_hz, Measurer(clip)) as lane:
+    error: VfoaError | None = None
+    with Lane(job, job.configurations[0], clip.rate_hz, Measurer(clip), keeps=True) as lane:
         numbers = clip.numbers(lambda first: _rehearse(first, clip, pipeline, job), limit)
         try:
             with closing(ahead(pipeline.frames(numbers), depth)) as frames, _ending(stopped):
@@ -136,9 +138,9 @@ def _follow(
                         break
                     clip.done(shared.frame.index)
                     progress(job.manifest.name)
-        except VfoaError as error:  # the source's: what it gave until then is worth keeping
-            return error
-    return VfoaError(lane.error) if lane.error else None
+        except VfoaError as broken:  # the source's: what it gave until then is worth keeping
+            error = broken
+    return lane.written, VfoaError(lane.error) if lane.error else error
 
 
 @contextmanager
@@ -159,18 +161,28 @@ def _rehearse(number: int, clip: LiveClip, pipeline: SharedPipeline, job: ClipJo
                 lane.take(shared)
 
 
-def _prepared(manifest: ClipManifest, clip: LiveClip) -> PreparedClip:
-    return PreparedClip(manifest=manifest, clip=clip, frames=clip.frames, labels=None)
+def _prepared(manifest: ClipManifest, clip: LiveClip, written: int) -> PreparedClip:
+    frames = tuple(each.frame for each in clip.latencies[:written])
+    return PreparedClip(manifest=manifest, clip=clip, frames=frames, labels=None)
 
 
-def _write(directory: RunDirectory, plan: Plan, clip: LiveClip, report: LiveReport, started: str) -> None:
+def _write(
+    directory: RunDirectory,
+    plan: Plan,
+    clip: LiveClip,
+    report: LiveReport,
+    started: str,
+    failure: dict[str, str] | None,
+) -> None:
+    """Write all but the recording; a failure before anything was written is that of the whole run."""
     finished = [pair for pair in plan.pairs if directory.has_part(pair)]
     directory.join(finished)
-    live = {"live": asdict(report), "failed": [], "cache": []}
+    failed = [failure] if failure and not finished else []
+    live = {"live": {**asdict(report), "ended_by": failure}, "failed": failed, "cache": []}
     directory.write_manifest({**describe(plan), **live, **circumstances(plan, started)})
     lines = ["frame,latency_ms,dropped_before", *map(_line, clip.latencies)]
     atomic_write(directory.path / "latency.csv", "\n".join(lines) + "\n")
-    if finished:
+    if finished and failure is None:
         directory.remove_parts()
 
 

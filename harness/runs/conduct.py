@@ -74,24 +74,21 @@ def conduct(
             skip(one, progress)
         tell(f"{directory.path}: finished before; nothing was computed")
         return directory
+    for failure in (found or {}).get("failed", ()):  # what is mended need not find what it found before
+        directory.begin_anew((failure["clip"], failure["configuration"]))
     started = now()
     directory.write_manifest(identity)
     with executor(workers, scheduler, threads=threads) as chosen:
         done = work_off(plan, directory, cache=cache, executor=chosen, progress=progress)
-    failures = done.failures
-    finished = [pair for pair in plan.pairs if pair not in failures]
+    failed = [directory.failure(pair, done.failures[pair]) for pair in plan.pairs if pair in done.failures]
+    finished = [pair for pair in plan.pairs if pair not in done.failures]
     if not finished:
-        others = f" (and {len(failures) - 1} more failed)" if len(failures) > 1 else ""
-        raise VfoaError(f"{next(iter(failures.values()))}{others}")
-    if plan.save_signals and not failures:
+        others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
+        raise VfoaError(f"{directory.told(failed[0])}{others}")
+    if plan.save_signals and not failed:
         partial = any(len(one.frames) < len(one.clip.frames) for one in plan.clips)
         write_experiment(directory.signals, plan.experiment, partial=partial)
     directory.join(finished)
-    failed = [
-        {"clip": clip, "configuration": configuration, "error": failures[clip, configuration]}
-        for clip, configuration in plan.pairs
-        if (clip, configuration) in failures
-    ]
     directory.write_manifest(
         {**identity, "failed": failed, "cache": done.account.rows(), **circumstances(plan, started)}
     )

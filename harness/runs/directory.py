@@ -2,14 +2,15 @@
 
 While a run is going on, ``parts/`` holds one JSON-lines file per (clip, configuration), called ``.partial`` until it is
 finished, and the directory has no tables. When all is done the parts are joined into ``results.jsonl`` and
-``timings.csv`` in the order of the experiment, and the tables are written from those.
+``timings.csv`` in the order of the experiment, and the tables are written from those. Where a faulty stage ended one,
+its traceback stands among the parts.
 """
 
 from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -44,6 +45,17 @@ class RunDirectory:
         """What was run, with which versions, on which data."""
         return self.path / "manifest.json"
 
+    def failure(self, pair: Pair, error: str) -> dict[str, str]:
+        """What the manifest says of a (clip, configuration) that could not be finished, and where its traceback is."""
+        row = {"clip": pair[0], "configuration": pair[1], "error": error}
+        kept = self.traceback(pair)
+        return {**row, "traceback": kept.relative_to(self.path).as_posix()} if kept.is_file() else row
+
+    def told(self, failure: Mapping[str, str]) -> str:
+        """A failure in one line."""
+        kept = f" (traceback: {self.path / failure['traceback']})" if "traceback" in failure else ""
+        return f"{failure['clip']} under {failure['configuration']}: {failure['error']}{kept}"
+
     @property
     def signals(self) -> Path:
         """What the stages found, where it was asked to be saved (:mod:`harness.signals.saved`)."""
@@ -58,6 +70,10 @@ class RunDirectory:
         run = self.read_manifest()
         pairs = [(clip["name"], configuration) for clip in run["clips"] for configuration in run["configurations"]]
         return {pair: self.recording(pair) for pair in pairs if self.recording(pair).is_file()}
+
+    def traceback(self, pair: Pair) -> Path:
+        """Where the traceback of a (clip, configuration) is kept that ended in a fault of a stage."""
+        return self._part(pair, "traceback.txt")
 
     def has_part(self, pair: Pair) -> bool:
         """Whether a (clip, configuration) is finished."""
@@ -99,6 +115,11 @@ class RunDirectory:
         pairs = list(pairs)
         _concatenate([self._part(pair, "csv") for pair in pairs], self.timings, "clip,configuration,frame,stage,ms\n")
         _concatenate([self._part(pair, "jsonl") for pair in pairs], self.results)
+
+    def begin_anew(self, pair: Pair) -> None:
+        """Remove what is there of a (clip, configuration) that is not finished."""
+        for suffix in ("jsonl.partial", "csv.partial"):
+            self._part(pair, suffix).unlink(missing_ok=True)
 
     def remove_parts(self) -> None:
         """Remove the parts, when nothing will go on with them."""

@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import Generic, TypeVar
 
+from harness.runs.faults import guarded
 from vfoa.bayes import BayesSettings
 from vfoa.dwell import revise
 from vfoa.pipeline import AttendSettings
@@ -41,7 +42,7 @@ class Hindsight(Generic[T]):
         result, companion = self._waiting[0]
         if self._settings is not None and self._awaited:
             window = [*self._past, *(each for each, _ in self._waiting)]
-            revised = revise(window, len(self._past), self._settings)
+            revised = guarded("attention", revise, window, len(self._past), self._settings)
             self._past.append(result)
         else:
             revised = result

@@ -7,9 +7,11 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from harness.clips.naming import SubjectNames, name_frame
+from harness.files import atomic_write
 from harness.recording import FrameObserver, Observers, ShownFrame
 from harness.runs.configuration import Configuration
 from harness.runs.directory import Pair
+from harness.runs.faults import guarded
 from harness.runs.hindsight import Hindsight
 from harness.runs.ledger import Bill, timed
 from harness.runs.parts import Part
@@ -18,7 +20,7 @@ from harness.runs.results import FrameMeasures, FrameRecord, to_line
 from harness.runs.sharing import SharedFrame
 from harness.scores.measures import Measurer
 from harness.scores.verdicts import Verdict, judge
-from vfoa.errors import VfoaError
+from vfoa.errors import StageError, VfoaError
 from vfoa.pipeline import Memory, attend
 from vfoa.types import FrameResult, Percepts, Scene, StereoFrame
 
@@ -33,10 +35,22 @@ class Lane:
     """Takes a clip's frames in order under one configuration, as a context manager.
 
     What goes wrong with a frame ends this lane alone: ``error`` is the one line that says why, None while all is well.
+    The traceback of a fault of a stage is kept beside the lane's results. ``keeps`` is for frames that do not come
+    again: those that were done before an error are all there will be, and their files are finished.
     """
 
-    def __init__(self, job: ClipJob, configuration: Configuration, rate_hz: float | None, measurer: Measurer) -> None:
+    def __init__(
+        self,
+        job: ClipJob,
+        configuration: Configuration,
+        rate_hz: float | None,
+        measurer: Measurer,
+        *,
+        keeps: bool = False,
+    ) -> None:
         self.error: str | None = None
+        self.written = 0
+        self._keeps = keeps
         self._job, self._configuration, self._rate_hz = job, configuration, rate_hz
         self._measurer = measurer
         self._memory, self._names = Memory(), SubjectNames()
@@ -50,9 +64,14 @@ class Lane:
         """The configuration's name."""
         return self._configuration.name
 
+    @property
+    def _pair(self) -> Pair:
+        return self._job.manifest.name, self.name
+
     def __enter__(self) -> Self:
+        pair = self._pair
         try:
-            pair = (self._job.manifest.name, self.name)
+            self._job.directory.traceback(pair).unlink(missing_ok=True)  # of an earlier try
             self._part = self._files.enter_context(self._job.directory.part(pair))
             observers = [
                 _still_writer(self._job, pair),
@@ -79,10 +98,13 @@ class Lane:
             self.error = str(late)
 
     def fail(self, error: VfoaError) -> None:
-        """End the lane; what was written stays, to go on with."""
+        """End the lane; what was written stays, to go on with if it is not kept as it is."""
         if self.error is None:
             self.error = str(error)
-            self._files.__exit__(type(error), error, error.__traceback__)
+            if isinstance(error, StageError):
+                atomic_write(self._job.directory.traceback(self._pair), error.trace)
+            finished = self._keeps and self.written > 0
+            self._files.__exit__(*((None,) * 3 if finished else (type(error), error, error.__traceback__)))
             self._files = ExitStack()
 
     def take(self, shared: SharedFrame) -> None:
@@ -96,11 +118,13 @@ class Lane:
         try:
             self._step(shared.frame, *found)
         except VfoaError as error:
+            if isinstance(error, StageError):
+                error.frame = shared.frame.index
             self.fail(error)
 
     def _step(self, frame: StereoFrame, percepts: Percepts, scene: Scene, bill: Bill) -> None:
         with timed(bill, "attention"):
-            result, self._memory = attend(scene, self._memory, self._configuration.attend)
+            result, self._memory = guarded("attention", attend, scene, self._memory, self._configuration.attend)
         with timed(bill, "measures"):
             measures = self._measurer.measure(percepts, scene)
         with timed(bill, "attention"):
@@ -118,6 +142,7 @@ class Lane:
             )
         milliseconds = {stage: 1e3 * seconds for stage, seconds in bill.items()}
         self._part.write(to_line(record), milliseconds, f"{record.clip},{record.configuration},{record.frame}")
+        self.written += 1
 
     def _record(self, result: FrameResult, measures: FrameMeasures | None) -> FrameRecord:
         """The result with the manifest's names."""

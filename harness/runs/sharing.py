@@ -18,15 +18,16 @@ from harness.adapters import Clip
 from harness.cache.stage import ClipCache, Tally
 from harness.runs.ahead import ahead
 from harness.runs.configuration import Configuration
+from harness.runs.faults import build, guarded
 from harness.runs.ledger import Bill, Ledger, Output, timed
-from harness.runs.stages import OFF, SLOTS, StageChoice
-from vfoa.errors import VfoaError
+from harness.runs.stages import OFF, StageChoice
+from vfoa.errors import StageError, VfoaError
 from vfoa.gaze import TemporalGazeModel
 from vfoa.gaze.temporal import HeadWindow, with_gazes
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
 from vfoa.tracking import TrackingSettings
-from vfoa.types import Percepts, Scene, StereoFrame
+from vfoa.types import Percepts, Scene, StereoFrame, Target
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,9 +88,9 @@ class _Waiting:
 class SharedPipeline:
     """``perceive`` and ``reconstruct`` for every configuration of one clip.
 
-    All stages are built with it, behind the ``cache`` if there is one. A stage that cannot be built, or fails on a
-    frame, ends the configurations that have it. ``ahead`` is how many frames a thread reads before they are perceived;
-    0 for none.
+    All stages are built with it, behind a guard (:mod:`harness.runs.faults`) and the ``cache`` if there is one. A stage
+    that cannot be built, or fails on a frame, ends the configurations that have it. ``ahead`` is how many frames a
+    thread reads before they are perceived; 0 for none.
     """
 
     def __init__(
@@ -129,7 +130,7 @@ class SharedPipeline:
 
     def _stage(self, choice: StageChoice) -> Any:
         """A stage, behind the cache where there is one."""
-        stage = SLOTS[choice.slot].build(choice, self._clip)
+        stage = build(choice, self._clip)
         return self._cache.wrap(choice, stage, self._ledger.charge, self._tallies) if self._cache else stage
 
     def take_tallies(self) -> dict[str, Tally]:
@@ -137,11 +138,13 @@ class SharedPipeline:
         return {key: tally.take() for key, tally in self._tallies.items()}
 
     @contextmanager
-    def _isolated(self, name: str) -> Iterator[None]:
-        """Keep what goes wrong with one configuration from the others."""
+    def _isolated(self, name: str, frame: int | None = None) -> Iterator[None]:
+        """Keep what goes wrong with one configuration, in a frame or before the first, from the others."""
         try:
             yield
         except VfoaError as error:
+            if isinstance(error, StageError):
+                error.frame = frame
             self._failed[name] = error
 
     def warm(self, numbers: Iterable[int]) -> Iterator[int]:
@@ -180,7 +183,7 @@ class SharedPipeline:
         self._ledger.outputs, self._ledger.bill = {}, {}
         fed: set[HeadWindow] = set()
         for name in [name for name in self._stages if name not in self._failed]:
-            with self._isolated(name):
+            with self._isolated(name, frame.index):
                 self._feed(name, frame, fed)
         return _Waiting(frame=frame, outputs=self._ledger.outputs, decoding=decoding)
 
@@ -196,7 +199,7 @@ class SharedPipeline:
         found: dict[str, tuple[Percepts, Scene, Bill] | VfoaError] = {}
         for configuration in self._configurations:
             if configuration.name not in self._failed:
-                with self._isolated(configuration.name):
+                with self._isolated(configuration.name, waiting.frame.index):
                     found[configuration.name] = self._run(configuration, waiting)
         return SharedFrame(frame=waiting.frame, by_configuration={**self._failed, **found})
 
@@ -208,9 +211,17 @@ class SharedPipeline:
             percepts = call("gaze", with_gazes, percepts, call("gaze", window.gazes, frame.index))
         settings = configuration.reconstruction
         seen = (percepts.disparity, percepts.instances, percepts.rig)
-        targets = call("reconstruction", place_targets, *seen, settings)
-        scene = call("reconstruction", place_people, percepts, targets, settings)
+        targets = call("reconstruction", _targets, *seen, settings)
+        scene = call("reconstruction", _scene, percepts, targets, settings)
         return percepts, scene, self._ledger.bill
+
+
+def _targets(*seen: Any) -> tuple[Target, ...]:
+    return guarded("reconstruction", place_targets, *seen)
+
+
+def _scene(*found: Any) -> Scene:
+    return guarded("reconstruction", place_people, *found)
 
 
 def _stages(chosen: Mapping[str, _Shared | None], *, in_region: bool) -> Stages:

@@ -66,7 +66,7 @@ def conduct_sweep(plan: Plan, *, workers: int, progress: Progress, cache: Store 
     tallies = list(work_through(sweep_clip, jobs, workers, progress))
     for tally in tallies:
         if tally.error:
-            raise VfoaError(tally.error)
+            raise tally.error
     labelled = [job.manifest.name for job in jobs]
     left_out = [one.manifest.name for one in plan.clips if one.manifest.name not in labelled]
     return Sweep(

@@ -40,21 +40,22 @@ class SweepJob:
 class Tally:
     """What a clip came to: ``n`` labelled (frame, subject) pairs, and of those, per configuration (S,), how many.
 
-    ``correct`` counts the right ones, ``predicted`` those with any prediction. ``error`` is the one line that says why
-    the clip could not be finished, or None.
+    ``correct`` counts the right ones, ``predicted`` those with any prediction. ``error`` says why the clip could
+    not be finished, None if it was.
     """
 
     clip: str
     n: int
     correct: Tallies
     predicted: Tallies
-    error: str | None = None
+    error: VfoaError | None = None
 
 
 def sweep_clip(job: SweepJob, progress: Progress) -> Tally:
     """Sweep over one clip; ``progress`` is told the clip's name after each frame."""
     correct, predicted = np.zeros((2, len(job.configurations)), dtype=np.int64)
-    n, error = 0, None
+    n = 0
+    error: VfoaError | None = None
     try:
         groups = _groups(job)
         pipeline = SharedPipeline([group.configuration for group in groups], job.manifest.open(), job.cache)
@@ -68,7 +69,7 @@ def sweep_clip(job: SweepJob, progress: Progress) -> Tally:
             n += sum(label.target != IGNORED for _, _, label in job.labels.labelled([shared.frame.index]))
             progress(job.manifest.name)
     except VfoaError as wrong:
-        error = str(wrong)
+        error = wrong
     return Tally(clip=job.manifest.name, n=n, correct=correct, predicted=predicted, error=error)
 
 

@@ -34,12 +34,12 @@ from harness.runs.directory import RunDirectory
 from harness.runs.experiment import Experiment, load_experiment
 from harness.runs.results import read_results
 from harness.runs.stages import SLOTS
-from harness.signals.coco_panoptic_writer import write_coco_panoptic
+from tests.alley import write_masks
 from tests.disk import HEIGHT, WIDTH, moving_picture, picture, sintel_scene, write_text, write_video
 from tests.harness.recording.test_viewer import needs_vulkan
 from tests.recordings import recorder, rectified_camera
 from vfoa.errors import VfoaError
-from vfoa.types import Instance, Instances, StereoFrame
+from vfoa.types import StereoFrame
 
 CAMERA = {"fx_px": 50.0, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.1}
 EXPERIMENT = """
@@ -58,13 +58,7 @@ MANIFEST = make_manifest({"name": "live", "adapter": "any"}, Path("live.toml"))
 def experiment_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """One that runs without models, on frames from 0 to 199."""
     folder = tmp_path_factory.mktemp("live")
-    ids = np.zeros((HEIGHT, WIDTH), np.uint16)
-    ids[10:, 8:28], ids[20:35, 40:55] = 1, 2
-    person = Instance(id=1, label="person", category_id=1, is_thing=True, score=0.9)
-    cup = Instance(id=2, label="cup", category_id=47, is_thing=True, score=0.9)
-    masks = Instances(ids=ids, instances=(person, cup))
-    write_coco_panoptic(folder / "masks", [(number, masks) for number in range(200)])
-    return write_text(folder / "plain.toml", EXPERIMENT.format(masks=(folder / "masks").as_posix()))
+    return write_text(folder / "plain.toml", EXPERIMENT.format(masks=write_masks(folder / "masks", range(200))))
 
 
 @pytest.fixture(scope="module")

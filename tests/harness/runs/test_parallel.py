@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 import pytest
 
 from harness.cache.store import Store
@@ -23,12 +22,11 @@ from harness.runs.directory import RunDirectory
 from harness.runs.executors.cluster import local_cluster
 from harness.runs.experiment import load_experiment
 from harness.runs.results import read_results
-from harness.signals.coco_panoptic_writer import write_coco_panoptic
 from tests import graphs
-from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
+from tests.alley import write_clip, write_masks
+from tests.disk import write_text
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching import SemiGlobalMatcher
-from vfoa.types import Instance, Instances
 
 FRAMES = 8
 TABLES = ("results.jsonl", "frr.csv", "frames.csv", "compared.csv", "frr.tex")
@@ -52,31 +50,16 @@ name = "wider"
 stereo.matcher = "bm"
 gaze.stride = 2
 """
-MANIFEST = """
-name = "alley"
-adapter = "sintel"
-root = "{root}"
-[source]
-scene = "alley"
-"""
 
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("parallel")
     numbers = range(1, FRAMES + 1)
-    root = sintel_scene(folder / "data", frames=tuple(numbers))
-    write_text(folder / "datasets" / "alley.toml", MANIFEST.format(root=root.as_posix()))
-    person = Instance(id=1, label="person", category_id=1, is_thing=True, score=0.9)
-    cup = Instance(id=2, label="cup", category_id=47, is_thing=True, score=0.9)
-    ids = np.zeros((HEIGHT, WIDTH), np.uint16)
-    ids[10:, 8:28], ids[20:35, 40:55] = 1, 2
-    write_coco_panoptic(folder / "masks", [(n, Instances(ids=ids, instances=(person, cup))) for n in numbers])
+    manifest = write_clip(folder, numbers)
     weights = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
-    text = EXPERIMENT.format(weights=weights, masks=(folder / "masks").as_posix())
-    return write_text(
-        folder / "parallel.toml", text.replace('"alley"', f'"{folder.as_posix()}/datasets/alley.toml"', 1)
-    )
+    text = EXPERIMENT.format(weights=weights, masks=write_masks(folder / "masks", numbers))
+    return write_text(folder / "parallel.toml", text.replace('"alley"', f'"{manifest.as_posix()}"', 1))
 
 
 def _run(
