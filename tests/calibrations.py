@@ -129,11 +129,11 @@ def write_kalibr(path: Path, rig: Rig) -> Path:
 
 def write_zed(path: Path, rig: Rig) -> Path:
     """For 1280 x 720, with another resolution's section that must not be taken; millimetres."""
-    lines = []
+    names, lines = (("k1", "k2", "p1", "p2", "k3") if rig.model == "plumb_bob" else ("k1", "k2", "k3", "k4")), []
     for side, k, d in zip(("LEFT", "RIGHT"), rig.k, rig.d, strict=True):
         for name, scale in (("FHD", 1.5), ("HD", 1.0)):
             values = dict(zip(("fx", "fy", "cx", "cy"), k[[0, 1, 0, 1], [0, 1, 2, 2]] * scale, strict=True))
-            values |= dict(zip(("k1", "k2", "p1", "p2", "k3"), np.append(d, 0.0), strict=True))
+            values |= dict(zip(names, [*d, 0.0][: len(names)], strict=True))
             lines += [f"[{side}_CAM_{name}]", *(f"{key}={value:.17g}" for key, value in values.items()), ""]
     x, y, z = rig.translation_m * 1000
     lines += ["[STEREO]", f"Baseline={-x:.17g}", f"TY={y:.17g}", f"TZ={z:.17g}", "CV_FHD=0", "RX_FHD=0", "RZ_FHD=0"]

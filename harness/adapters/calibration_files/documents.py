@@ -5,6 +5,8 @@ OpenCV's own reader is not used: a damaged file makes it end the whole process.
 
 from __future__ import annotations
 
+import codecs
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,6 +20,9 @@ from vfoa.errors import VfoaError
 from vfoa.types import Float
 
 SUFFIXES = frozenset({".yml", ".yaml", ".xml"})
+
+_OPENCV_HEAD = re.compile(rb"^%YAML:[^\n]*", re.MULTILINE)
+"""OpenCV writes "%YAML:1.0", which is none of YAML's own directives."""
 
 
 def read_document(path: Path) -> dict[str, Any]:
@@ -74,12 +79,9 @@ for _kind in ("opencv-matrix", "opencv-nd-matrix"):
 
 
 def _read_yaml(path: Path, data: bytes) -> Any:
-    lines = data.split(b"\n", 1)
-    if lines[0].startswith(b"%YAML"):  # OpenCV writes "%YAML:1.0", which is none of YAML's own directives
-        data = b"\n".join([b"", *lines[1:]])
     try:
-        return yaml.load(data, _Loader)
-    except (yaml.YAMLError, ValueError, OverflowError) as error:
+        return yaml.load(_OPENCV_HEAD.sub(b"", data.removeprefix(codecs.BOM_UTF8), count=1), _Loader)
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         line = "" if mark is None else f":{mark.line + 1}"
         problem = getattr(error, "problem", None) or "cannot be parsed"
@@ -89,9 +91,12 @@ def _read_yaml(path: Path, data: bytes) -> Any:
 def _read_xml(path: Path, data: bytes) -> dict[str, Any]:
     try:
         root = ElementTree.fromstring(data)
-        return {child.tag: _value(child) for child in root}
     except ElementTree.ParseError as error:
         raise VfoaError(f"{path}:{error.position[0]}: not XML: {error}") from None
+    except (LookupError, ValueError) as error:  # an encoding that is unknown, or that expat cannot read
+        raise VfoaError(f"{path}:1: not XML: {error}") from None
+    try:
+        return {child.tag: _value(child) for child in root}
     except (KeyError, TypeError, ValueError):
         raise VfoaError(f"{path}: an opencv-matrix whose data are not as many numbers as its size says") from None
 

@@ -46,7 +46,7 @@ def _numbers(path: Path, line: int, text: str, expected: int) -> Float:
 
 def _lines(path: Path) -> dict[str, tuple[int, str]]:
     try:
-        text = read_bytes(path).decode()
+        text = read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError:
         raise VfoaError(f"{path}: not text; expected KITTI's calibration, or another in .yml, .xml or .conf") from None
     parts = [(number, *line.partition(":")) for number, line in enumerate(text.splitlines(), start=1)]

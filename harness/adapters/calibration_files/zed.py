@@ -11,13 +11,14 @@ import numpy as np
 
 from harness.adapters.calibration_files.options import ImageSize
 from harness.adapters.calibration_files.pose import Lens, rectify_pose
-from harness.adapters.rectification import RawCalibration
+from harness.adapters.rectification import Model, RawCalibration
 from harness.files import read_bytes
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
 RESOLUTIONS = {
     (3840, 2160): "4K",
+    (3200, 1800): "QHDPLUS",
     (2208, 1242): "2K",
     (1920, 1200): "FHD1200",
     (1920, 1080): "FHD",
@@ -32,7 +33,8 @@ Section = Mapping[str, str]
 def read(path: Path, size: ImageSize) -> RawCalibration:
     """The pair for the images' resolution.
 
-    ``[STEREO]`` holds the pose x_right = R x_left + T: T = (-Baseline, TY, TZ), R the rotation vector (RX, CV, RZ).
+    ``[STEREO]`` holds the pose x_right = R x_left + T: T = (-Baseline, TY, TZ), R the rotation vector (RX, CV, RZ), as
+    Stereolabs' calibration program (zedx-one-capture) writes what OpenCV's stereoCalibrate finds.
 
     Raises
     ------
@@ -57,7 +59,7 @@ def read(path: Path, size: ImageSize) -> RawCalibration:
 def _sections(path: Path) -> dict[str, Section]:
     parser = configparser.ConfigParser(inline_comment_prefixes=(";", "#"), interpolation=None, strict=False)
     try:
-        parser.read_string(read_bytes(path).decode())
+        parser.read_string(read_bytes(path).decode("utf-8-sig"))
     except (UnicodeDecodeError, configparser.Error):
         raise VfoaError(f"{path}: cannot be parsed; expected the ZED's calibration with [LEFT_CAM_HD] ...") from None
     return {name.upper(): {key.upper(): value for key, value in parser[name].items()} for name in parser.sections()}
@@ -74,8 +76,16 @@ def _lens(sections: Mapping[str, Section], side: str, name: str, path: Path) -> 
     fx, fy, cx, cy = (_number(camera, key, path) for key in ("FX", "FY", "CX", "CY"))
     k: Float = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     distortion = sections.get(f"{side}_DISTO", camera)  # the ZED X writes one for all resolutions
-    keys = ["K1", "K2", "P1", "P2", "K3"] + (["K4", "K5", "K6"] if "K4" in distortion else [])
-    return Lens(k=k, d=np.array([_number(distortion, key, path, 0.0) for key in keys]))
+    model, keys = _model(distortion)
+    optional = {} if model == "equidistant" else {"P1": 0.0, "P2": 0.0, "K3": 0.0}  # the first ZED had K1 and K2
+    return Lens(k=k, d=np.array([_number(distortion, key, path, optional.get(key)) for key in keys]), model=model)
+
+
+def _model(distortion: Section) -> tuple[Model, list[str]]:
+    """A lens is a fisheye where it has four radial coefficients and no tangential ones; and its coefficients."""
+    if "K4" in distortion and "P1" not in distortion and "P2" not in distortion:
+        return "equidistant", ["K1", "K2", "K3", "K4"]
+    return "plumb_bob", ["K1", "K2", "P1", "P2", "K3"] + (["K4", "K5", "K6"] if "K4" in distortion else [])
 
 
 def _number(section: Section, key: str, path: Path, default: float | None = None) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -114,11 +115,37 @@ def test_every_format_brings_points_onto_common_rows(tmp_path: Path, name: str) 
     _assert_rows_match_and_depths_come_back(_raw(FORMATS[name](tmp_path)), RIG, _points(0))
 
 
-def test_fisheye_lenses_of_kalibr_and_opencv(tmp_path: Path) -> None:
+def test_fisheye_lenses_of_kalibr_opencv_and_the_zed(tmp_path: Path) -> None:
     kalibr = _raw([calibrations.write_kalibr(tmp_path / "camchain.yaml", FISHEYE)])
     opencv = _raw([write_opencv(tmp_path / "c.yml", opencv_nodes(FISHEYE), SIZE)], Options(fisheye=True))
+    zed = _raw([calibrations.write_zed(tmp_path / "SN1.conf", FISHEYE)])
     assert kalibr.rectified() == opencv.rectified()
-    _assert_rows_match_and_depths_come_back(kalibr, FISHEYE, _points(1))
+    for found in (kalibr, zed):
+        _assert_rows_match_and_depths_come_back(found, FISHEYE, _points(1))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_byte_order_mark_and_line_ends_of_windows_change_nothing(tmp_path: Path, name: str) -> None:
+    paths = FORMATS[name](tmp_path)
+    expected = _raw(paths).rectified()
+    for path in paths:
+        path.write_bytes(codecs.BOM_UTF8 + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert _raw(paths).rectified() == expected
+
+
+def test_kitti_with_a_byte_order_mark(tmp_path: Path) -> None:
+    rows = "P0: 100 0 31 0 0 1e2 23 0 0 0 1 0\r\nP1: 100 0 31 -2.5e+01 0 100 23 0 0 0 1 0\r\n"
+    path = write_text(tmp_path / "calib.txt", f"\ufeff{rows}")
+    found = read_cameras([path], _size, Options(cameras=(0, 1)))
+    assert isinstance(found, Calibration)
+    assert found.baseline_m == 0.25
+
+
+def test_a_zed_s_coefficient_that_is_missing_is_named(tmp_path: Path) -> None:
+    path = calibrations.write_zed(tmp_path / "SN1.conf", RIG)
+    write_text(path, path.read_text().replace("k2=", "k_2="))
+    with pytest.raises(VfoaError, match=r"SN1\.conf: no K2; expected the ZED's"):
+        read_cameras([path], _size)
 
 
 def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
@@ -302,7 +329,14 @@ def test_matrices_of_no_rectified_pair_are_refused(tmp_path: Path, matrices: tup
         ("c.yml", "K1: [1]\nM1: [1]", r"c\.yml: K1 and M1 both are K1; expected one of them"),
         ("c.yml", "a: [1,\n", r"c\.yml:2: not YAML"),
         ("c.yml", "", r"c\.yml: holds no names"),
+        ("c.yml", "[" * 5000, r"c\.yml: not YAML: "),
         ("c.xml", "<a>", r"c\.xml:1: not XML: "),
+        ("c.xml", '<?xml version="1.0" encoding="klingon"?><a/>', r"c\.xml:1: not XML: unknown encoding: klingon"),
+        (
+            "c.xml",
+            '<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/hostname">]><a>&b;</a>',
+            r"c\.xml:1: not XML: undefined",
+        ),
         ("c.conf", "fx=1", r"c\.conf: cannot be parsed; expected the ZED's"),
         ("c.conf", "[STEREO]\nBaseline=120\n", r"c\.conf: the images have 64 x 48 pixels; expected one of the ZED's: "),
         (
