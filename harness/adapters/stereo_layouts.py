@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -106,7 +107,7 @@ def _pairs_of_folders(root: Path, images: dict[str, list[str]]) -> Iterator[Foun
 
 def _pairs_in_folders(root: Path, images: dict[str, list[str]]) -> Iterator[FoundLayout]:
     for folder, files in images.items():
-        prefix = "" if folder == "." else f"{folder}/"
+        prefix = "" if folder == "." else f"{glob.escape(folder)}/"
         for sides in pair_names([Path(file).name for file in files], numbered=True):
             yield from _pair_of_images(root, sides, prefix)
 

@@ -152,7 +152,12 @@ class VideoPair:
         self.rate_hz = rates[0] or rates[1]
         longer = (left, right)[counts[1] > counts[0]]
         rest = (f"{longer.name}: {abs(counts[0] - counts[1])} frames after the other video's end are left out",)
-        self.notes = (*self._left.notes, *self._right.notes, *(rest if counts[0] != counts[1] else ()))
+        self.notes = (
+            *self._left.notes,
+            *self._right.notes,
+            *(rest if counts[0] != counts[1] else ()),
+            *_asunder(self._left, self._right, len(self.frames)),
+        )
 
     def time_ns(self, number: int) -> int:
         """As the left video says, from 0."""
@@ -227,6 +232,19 @@ def split(image: Image, packing: Packing, where: str) -> tuple[Image, Image]:
         raise VfoaError(f"{where}: the {name} is {length} pixels; expected an even number, for two views {packing}")
     first, second = np.split(image, 2, axis=axis)
     return np.ascontiguousarray(first), np.ascontiguousarray(second)
+
+
+def _asunder(left: Video, right: Video, count: int) -> list[str]:
+    """What to say of two videos whose frames at one place were not taken at one time: one of them has lost some."""
+    times_ns = [np.array([video.time_ns(place) for place in range(count)]) for video in (left, right)]
+    apart_ns = np.abs(times_ns[0] - times_ns[1])
+    if count < 2 or apart_ns.max() <= float(np.median(np.diff(times_ns[0]))) / 2:
+        return []
+    first, most_ms = int(np.argmax(apart_ns > 0)), apart_ns.max() / 1e6
+    return [
+        f"{right.path.name}: from frame {first} on not in step with {left.path.name}, by up to {most_ms:.0f} ms; "
+        "frames are paired by their places"
+    ]
 
 
 def _check_sizes(left: Image, right: Image, left_name: str, right_path: Path) -> None:

@@ -69,7 +69,7 @@ def read_pfm(path: Path) -> Map:
     """Read a one-channel PFM (H, W) float32: a scale below 0 means little-endian, rows go from the bottom up."""
     data = read_bytes(path)
     header = _PFM_HEADER.match(data)
-    if header is None or header[1] != b"Pf":
+    if header is None or header[1] != b"Pf" or not _is_scale(header[4]):
         raise VfoaError(f"{path}: not a one-channel PFM: the header is {data[:20]!r}")
     width, height, order = int(header[2]), int(header[3]), "<" if header[4].startswith(b"-") else ">"
     found, expected = len(data) - header.end(), 4 * width * height
@@ -77,6 +77,13 @@ def read_pfm(path: Path) -> Map:
         raise VfoaError(f"{path}: found {found} bytes of pixels; expected {expected} for {width} x {height}")
     pixels = np.frombuffer(data, f"{order}f4", offset=header.end()).reshape(height, width)
     return np.ascontiguousarray(pixels[::-1], dtype=np.float32)
+
+
+def _is_scale(text: bytes) -> bool:
+    try:
+        return float(text) != 0
+    except ValueError:
+        return False
 
 
 def _read_png(path: Path, counts_per_px: float) -> Map:
@@ -95,12 +102,13 @@ def _from_sintel(image: NDArray[np.uint8]) -> Map:
 
 def _read_npy(path: Path) -> Map:
     try:
-        array = np.load(io.BytesIO(read_bytes(path)), allow_pickle=False)
+        array = np.lib.format.read_array(io.BytesIO(read_bytes(path)), allow_pickle=False)
     except (ValueError, EOFError, OSError, SyntaxError, TokenError, MemoryError) as error:  # its header is Python
         raise VfoaError(f"{path}: not an npy file: {error}") from None
     if array.ndim != 2 or not np.issubdtype(array.dtype, np.floating):
         raise VfoaError(f"{path}: found {_kind(array)}; expected (H, W) of floating-point pixels")
-    return array.astype(np.float32)
+    with np.errstate(over="ignore"):  # what is too large for float32 is infinite, which is unknown
+        return array.astype(np.float32)
 
 
 def _kind(array: NDArray[Any]) -> str:

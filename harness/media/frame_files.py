@@ -14,25 +14,28 @@ Value = TypeVar("Value")
 
 _DIGITS = re.compile(r"\d+")
 _PRINTF = re.compile(r"%0?(\d*)d")
+_LARGEST = 2**63 - 1
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm"})
 
 
 def find_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
     """Files under ``root`` by frame number, ascending.
 
-    ``pattern`` is a folder (all its images), a glob (``left/*.png``), or has one printf field for the number
+    ``pattern`` is a folder (all its images), a file, a glob (``left/*.png``), or has one printf field for the number
     (``left/%06d.png``). Without a field, the number is the run of digits that differs between the names; a single
-    file without digits is frame 0. ``where`` (file and key) starts the messages.
+    file without digits is frame 0. Hidden files are left out. ``where`` (file and key) starts the messages.
 
     Raises
     ------
     VfoaError
-        If nothing is found, or a name's number is missing, ambiguous or there twice.
+        If nothing is found, or a name's number is missing, ambiguous, there twice or of more than 63 bits.
     """
     folder = root / pattern
     if folder.is_dir():
-        files = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+        files = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and not _is_hidden(path)]
         expected = f"images in the folder {folder}"
+    elif folder.is_file():
+        files = [folder]
     elif _PRINTF.search(pattern):
         return _printf_frames(root, pattern, where)
     else:
@@ -92,9 +95,14 @@ def _printf_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
 
 def _glob(root: Path, pattern: str) -> list[Path]:
     try:
-        return sorted(path for path in root.glob(pattern) if path.is_file())
+        return sorted(path for path in root.glob(pattern) if path.is_file() and not _is_hidden(path))
     except (ValueError, NotImplementedError):  # an empty pattern, or an absolute one
         return []
+
+
+def _is_hidden(path: Path) -> bool:
+    """As what macOS leaves beside each file on a foreign disk (``._left_01.png``) is: no image."""
+    return path.name.startswith(".")
 
 
 def _unique(pairs: Iterable[tuple[int, Value]], where: str) -> dict[int, Value]:
@@ -102,5 +110,7 @@ def _unique(pairs: Iterable[tuple[int, Value]], where: str) -> dict[int, Value]:
     for number, value in pairs:
         if number in found:
             raise VfoaError(f"{where}: frame {number} is there twice: {found[number]} and {value}")
+        if number > _LARGEST:
+            raise VfoaError(f"{where}: {value}: the frame number {number} is too large; expected at most {_LARGEST}")
         found[number] = value
     return dict(sorted(found.items()))

@@ -70,8 +70,9 @@ def _damage(data: bytes) -> str | None:
         return "the file is empty; expected an image"
     if data.startswith(_PNG):
         return _png_damage(data)
-    # Some cameras append a few bytes of their own to a JPEG; inside compressed data the end mark cannot occur.
-    if data.startswith(_JPEG) and _JPEG_END not in data[-1024:]:
+    # Some cameras append a few bytes of their own to a JPEG, or send the buffer's rest; inside compressed data the end
+    # mark cannot occur.
+    if data.startswith(_JPEG) and _JPEG_END not in data.rstrip(b"\0")[-1024:]:
         return f"truncated JPEG: no end mark in {len(data)} bytes"
     return None
 

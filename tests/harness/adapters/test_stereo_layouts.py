@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,7 @@ def _assert_same_frames(clip: StereoFolderClip, frames: tuple[int, ...], numbers
         ("cam0_{}.png", "cam1_{}.png", ("cam0_*.png", "cam1_*.png")),
         ("{}_image_0.png", "{}_image_1.png", ("*_image_0.png", "*_image_1.png")),
         ("cam1-{}.png", "cam2-{}.png", ("cam1-*.png", "cam2-*.png")),
+        ("take[1] ü/left{}.png", "take[1] ü/right{}.png", ("take[[]1] ü/left*.png", "take[[]1] ü/right*.png")),
     ],
 )
 def test_sides_in_names_are_found_and_read(tmp_path: Path, left: str, right: str, source: tuple[str, str]) -> None:
@@ -139,6 +141,30 @@ def test_two_videos(tmp_path: Path) -> None:
     clip = _open(found)
     assert clip.notes == ("left.mkv: 2 frames after the other video's end are left out",)
     _assert_like(clip)
+
+
+def test_two_videos_of_which_one_lost_a_frame(tmp_path: Path) -> None:
+    """What the mean rate does not show: one frame of 200."""
+    images = [np.full((16, 16, 3), number, np.uint8) for number in range(200)]
+    for side in ("left", "right"):
+        write_video(tmp_path / f"{side}.mkv", images, "MJPG")
+    (whole,) = find_layouts(tmp_path)
+    assert _open(whole).notes == ()
+    _drop_frame(tmp_path / "right.mkv", 120)
+    (found,) = find_layouts(tmp_path)
+    assert (
+        "right.mkv: from frame 120 on not in step with left.mkv, by up to 40 ms; frames are paired by their places"
+        in (_open(found).notes)
+    )
+
+
+def _drop_frame(video: Path, number: int) -> None:
+    """Make a frame of a Matroska file a void element of the same length."""
+    data = bytearray(video.read_bytes())
+    blocks = [match.start() for match in re.finditer(rb"\xa3[\x40-\xff].{0,7}?\x81..\x80", data, re.DOTALL)]
+    assert len(blocks) == 200
+    data[blocks[number]] = 0xEC
+    video.write_bytes(data)
 
 
 def _assert_like(clip: StereoFolderClip) -> None:

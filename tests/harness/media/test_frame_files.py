@@ -63,3 +63,21 @@ def test_a_pattern_without_a_frame_is_named(tmp_path: Path, pattern: str) -> Non
 def test_a_pattern_gives_back_the_name_it_read() -> None:
     assert printf_name("left/%06d_a.png", 42) == "left/000042_a.png"
     assert printf_name("%d.npy", 7) == "7.npy"
+
+
+def test_what_macos_leaves_beside_each_file_is_no_frame(tmp_path: Path) -> None:
+    _touch(tmp_path, *(f"left/{hidden}{n}.png" for hidden in ("", "._") for n in (1, 2)))
+    for pattern in ("left", "left/*.png"):
+        assert [path.name for path in find_frames(tmp_path, pattern, "left").values()] == ["1.png", "2.png"]
+
+
+@pytest.mark.parametrize("name", ["pair[1].png", "pair%d.png", "p*r.png", "ü\n1.png"])
+def test_a_file_s_own_name_is_that_file(tmp_path: Path, name: str) -> None:
+    (found,) = find_frames(_touch(tmp_path, name, "pair1.png"), name, "both").values()
+    assert found.name == name
+
+
+def test_a_number_that_nothing_can_count_to_is_refused(tmp_path: Path) -> None:
+    _touch(tmp_path, "f1.png", f"f{2**63}.png")
+    with pytest.raises(VfoaError, match=rf"left: .*the frame number {2**63} is too large; expected at most"):
+        find_frames(tmp_path, "f*.png", "left")

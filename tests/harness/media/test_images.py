@@ -54,6 +54,15 @@ def test_a_cut_jpeg_is_found(tmp_path: Path) -> None:
         read_rgb(write_bytes(tmp_path / "cut.jpg", data[: len(data) // 2]))
 
 
+def test_what_a_camera_s_buffer_has_behind_a_jpeg_is_no_cut(tmp_path: Path) -> None:
+    data = write_image(tmp_path / "whole.jpg", picture(4)).read_bytes()
+    assert np.array_equal(
+        read_rgb(write_bytes(tmp_path / "more.jpg", data + bytes(5000))), read_rgb(tmp_path / "whole.jpg")
+    )
+    with pytest.raises(VfoaError, match="truncated JPEG"):
+        read_rgb(write_bytes(tmp_path / "cut.jpg", data[: len(data) // 2] + bytes(5000)))
+
+
 @pytest.mark.parametrize(("content", "message"), [(b"", "empty"), (b"no image at all", "not a readable image")])
 def test_what_is_no_image_is_named(tmp_path: Path, content: bytes, message: str) -> None:
     with pytest.raises(VfoaError, match=rf"x\.png: .*{message}"):
