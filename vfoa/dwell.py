@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field
 
 from vfoa.settings import Settings
-from vfoa.types import Attention, Float, FrameResult
+from vfoa.types import Attention, Float, FrameResult, TargetAttention
 
 Keys = tuple[int | None, ...]
 Belief = Mapping[int | None, float]
@@ -80,16 +80,16 @@ def _revised(attention: Attention, window: Sequence[FrameResult], at: int, setti
     best = int(smoothed.argmax())
     if settings.smoothing == "viterbi":
         best = _likeliest(sequence, settings)[place]
-    values = tuple(
-        replace(
-            value,
-            gaze=value.gaze * probability / value.total if value.total > 0 else value.gaze,
-            head=value.head * probability / value.total if value.total > 0 else value.head,
-            total=probability,
-        )
-        for value, probability in zip(attention.values, smoothed.tolist()[:-1], strict=True)
-    )
+    probability = dict(zip(keys, smoothed.tolist(), strict=True))
+    values = tuple(_weighed(value, probability.get(value.instance_id, 0.0)) for value in attention.values)
     return replace(attention, values=values, focus=keys[best], tied=())
+
+
+def _weighed(value: TargetAttention, total: float) -> TargetAttention:
+    """A target's attention with another total, divided as before."""
+    if value.total == 0:
+        return value
+    return replace(value, gaze=value.gaze * total / value.total, head=value.head * total / value.total, total=total)
 
 
 def _is_of(attention: Attention, track: int) -> bool:
@@ -97,9 +97,10 @@ def _is_of(attention: Attention, track: int) -> bool:
 
 
 def _step(attention: Attention) -> _Step:
-    totals = [value.total for value in attention.values]
-    keys = (*(value.instance_id for value in attention.values), None)
-    return keys, np.array([*totals, max(1 - sum(totals), 0.0)])
+    """What was believed in a frame. A target without any probability was not seen: the prior had no share for it."""
+    seen = [value for value in attention.values if value.total > 0]
+    totals = [value.total for value in seen]
+    return (*(value.instance_id for value in seen), None), np.array([*totals, max(1 - sum(totals), 0.0)])
 
 
 def _backward(sequence: Sequence[_Step], settings: DwellSettings) -> _Step:
@@ -126,10 +127,12 @@ def _likeliest(sequence: Sequence[_Step], settings: DwellSettings) -> list[int]:
         for later_keys, later in sequence[1:]:
             predicted, _ = transition(dict(zip(keys, filtered.tolist(), strict=True)), later_keys, settings)
             fresh = prior(later_keys, settings)
-            best = int(score.argmax())
+            # whoever looked at what is gone has left it for certain
+            left = score + np.log([leave if key in later_keys else 1.0 for key in keys])
+            best = int(left.argmax())
             columns = {key: column for column, key in enumerate(keys)}
             came = np.array([columns.get(key, best) for key in later_keys])
-            jump = score[best] + np.log(leave * fresh)
+            jump = left[best] + np.log(fresh)
             stay = np.where(
                 [key in columns for key in later_keys], score[came] + np.log(1 - leave + leave * fresh), -np.inf
             )

@@ -35,17 +35,18 @@ def filtered(likelihoods):
     return np.array(found)
 
 
-def results(beliefs, tracks=(1,)):
-    """Frames whose attention is these beliefs."""
+def results(beliefs, keys=None):
+    """Frames whose attention is these beliefs, about the same targets or about each frame's own."""
     frames = []
     for index, belief in enumerate(beliefs):
+        seen = keys[index] if keys else KEYS
         values = tuple(
             TargetAttention(instance_id=key, gaze=0.75 * p, head=0.25 * p, total=p)
-            for key, p in zip(KEYS[:2], belief.tolist()[:2], strict=True)
+            for key, p in zip(seen[:-1], belief.tolist()[:-1], strict=True)
         )
-        attention = Attention(subject=make_subject(), values=values, focus=KEYS[int(belief.argmax())])
+        attention = Attention(subject=make_subject(), values=values, focus=seen[int(belief.argmax())])
         scene = Scene(index=index, time_ns=0, targets=(), people=())
-        frames.append(FrameResult(scene=scene, attentions=(attention,) * len(tracks)))
+        frames.append(FrameResult(scene=scene, attentions=(attention,)))
     return frames
 
 
@@ -79,6 +80,64 @@ def test_viterbi_finds_the_likeliest_of_every_sequence(seed):
     best, _ = max(weighed_sequences(likelihoods), key=lambda one: one[1])
     frames = results(filtered(likelihoods))
     assert [revise(frames, at, VITERBI).attentions[0].focus for at in range(5)] == [KEYS[column] for column in best]
+
+
+@st.composite
+def comings_and_goings(draw: st.DrawFn):
+    """Four frames with some of three targets each: keys, likelihoods."""
+    ids = draw(st.lists(st.sets(st.integers(1, 3), min_size=1), min_size=4, max_size=4))
+    keys = [(*sorted(each), None) for each in ids]
+    rng = np.random.default_rng(draw(SEEDS))
+    return keys, [rng.uniform(0.01, 1, len(each)) for each in keys]
+
+
+def sequences_of(keys, likelihoods):
+    """Every sequence of keys with its joint probability; a transition is what it makes of a belief in one key alone."""
+    for sequence in product(*keys):
+        weight = 1.0
+        for at, key in enumerate(sequence):
+            expected = prior(keys[0], BOTH) if at == 0 else transition({sequence[at - 1]: 1.0}, keys[at], BOTH)[0]
+            column = keys[at].index(key)
+            weight *= expected[column] * likelihoods[at][column]
+        yield sequence, weight
+
+
+def forward(keys, likelihoods):
+    """The beliefs of the forward pass."""
+    found = []
+    for at, likelihood in enumerate(likelihoods):
+        held = dict(zip(keys[at - 1], found[-1].tolist(), strict=True)) if found else None
+        belief = likelihood * (transition(held, keys[at], BOTH)[0] if held else prior(keys[0], BOTH))
+        found.append(belief / belief.sum())
+    return found
+
+
+@settings(deadline=None, max_examples=60)
+@given(comings_and_goings())
+def test_targets_that_come_and_go_are_looked_at_in_the_likeliest_sequence(clip):
+    keys, likelihoods = clip
+    best, _ = max(sequences_of(keys, likelihoods), key=lambda one: one[1])
+    frames = results(forward(keys, likelihoods), keys)
+    assert tuple(revise(frames, at, VITERBI).attentions[0].focus for at in range(4)) == best
+
+
+@settings(deadline=None, max_examples=60)
+@given(comings_and_goings(), st.integers(0, 3))
+def test_targets_that_are_hidden_for_a_while_take_nothing_from_those_that_are_seen(clip, at):
+    """A frame still lists them, with no probability at all."""
+    keys, likelihoods = clip
+    beliefs = forward(keys, likelihoods)
+    listed = [(1, 2, 3, None)] * 4
+    with_hidden = [
+        np.array([dict(zip(seen, belief.tolist(), strict=True)).get(key, 0.0) for key in listed[0]])
+        for seen, belief in zip(keys, beliefs, strict=True)
+    ]
+    exact = dict.fromkeys(listed[0], 0.0)
+    for sequence, weight in sequences_of(keys, likelihoods):
+        exact[sequence[at]] += weight
+    (attention,) = revise(results(with_hidden, listed), at, BOTH).attentions
+    total = sum(exact.values())
+    assert [value.total for value in attention.values] == pytest.approx([exact[key] / total for key in (1, 2, 3)])
 
 
 def test_one_frame_that_disagrees_is_outvoted_by_those_around_it():
