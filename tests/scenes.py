@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,6 +45,11 @@ def make_target(instance_id: int, box: Box3D | None) -> Target:
     """A thing with this box, without points."""
     instance = Instance(id=instance_id, label="thing", category_id=1, is_thing=True, score=1.0)
     return Target(instance=instance, box_px=np.zeros(4), points_left=np.zeros((0, 3), np.float32), box=box)
+
+
+def with_points(target: Target, points: ArrayLike) -> Target:
+    """The target with these points (N, 3)."""
+    return replace(target, points_left=np.asarray(points, dtype=np.float32))
 
 
 def make_person(

@@ -35,6 +35,9 @@ from vfoa.geometry import unit
 from vfoa.types import CUES, Attention, Float, NoAttention, Subject, Target, TargetAttention
 from vfoa.visible import SurfaceSettings, views_of
 
+_OPPOSITE = 1e-9
+"""Unit vectors whose mean is shorter cancel, but for rounding."""
+
 
 class BayesSettings(EyeHeadSettings, DwellSettings, SurfaceSettings):
     """Settings of :func:`infer_attentions`: those of its three parts, and how far looks at no target spread."""
@@ -103,14 +106,20 @@ def _infer(
 
 
 def _places(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], settings: BayesSettings) -> Places:
-    """The targets that are seen, and nowhere: about the middle of them all, or straight ahead where there is none."""
+    """The targets that are seen, and nowhere: about the middle of them all."""
     views = views_of(origin, targets, eyes, settings)
-    middle = unit(views.directions.mean(axis=0)) if views.ids else unit(-origin if origin.any() else (0, 0, -1))
     return Places(
         keys=(*views.ids, None),
-        directions=np.vstack([views.directions, middle]),
+        directions=np.vstack([views.directions, _middle(views.directions, origin)]),
         variances=np.append(views.variances, sigma_rad(settings.nowhere_deg) ** 2),
     )
+
+
+def _middle(directions: Float, origin: Float) -> Float:
+    """The middle of directions (T, 3); the way to the camera where they have none, being opposite, or no targets."""
+    if len(directions) and np.linalg.norm(mean := directions.mean(axis=0)) > _OPPOSITE:
+        return unit(mean)
+    return unit(-origin if origin.any() else (0, 0, -1))
 
 
 def _attention(

@@ -57,12 +57,14 @@ def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Floa
         rays, seen = (_cloud_rays if settings.surface == "cloud" else _box_rays)(origin, targets, boxes, settings)
         for target, directions, kept in zip(targets, rays, seen, strict=True):
             number = target.instance.id
-            if kept.any():
-                found[number] = _moments(directions[kept])
+            if not kept.any():
+                continue
             if settings.faces and number in eyes:
                 towards = eyes[number] - origin
                 distance = float(np.linalg.norm(towards))
                 found[number] = towards / distance, (FACE_RADIUS_M / distance) ** 2
+            else:
+                found[number] = _moments(directions[kept])
     return Views(
         ids=tuple(found),
         directions=np.array([direction for direction, _ in found.values()]).reshape(-1, 3),

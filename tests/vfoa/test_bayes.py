@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from tests.scenes import make_box, make_subject, make_target, random_room
+from tests.scenes import make_box, make_subject, make_target, random_room, with_points
 from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
 from vfoa.pipeline import AttendSettings, Memory, attend
 from vfoa.types import NoAttention, Scene
@@ -70,6 +70,14 @@ def test_probabilities_are_shared_out_among_targets_and_nowhere(seed):
 def test_a_look_away_from_everything_is_nowhere():
     assert infer(make_subject(gaze=(0, 0, -1)), (make_target(1, make_box((0, 0, 2))),)).focus is None
     assert infer(make_subject(gaze=AHEAD), ()).focus is None
+
+
+def test_between_two_opposite_targets_the_one_that_is_looked_at_is_likelier():
+    """They have no middle for nowhere to lie about."""
+    targets = tuple(with_points(make_target(n, make_box((x, 0, 0))), [(x, 0, 0)]) for n, x in ((1, 1.0), (2, -1.0)))
+    found = infer(make_subject(gaze=(1, 0, 0)), targets, BAYES.model_copy(update={"surface": "cloud"}))
+    assert found.focus == 1
+    assert 0 < totals(found)[2] < totals(found)[1] < 1
 
 
 def test_nobody_looks_at_their_own_body():

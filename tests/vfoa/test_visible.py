@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from tests.scenes import make_box, make_target
+from tests.scenes import make_box, make_target, with_points
 from vfoa.geometry import angle_between
 from vfoa.visible import FACE_RADIUS_M, SurfaceSettings, views_of
 
@@ -15,10 +13,6 @@ BOXES = SurfaceSettings(surface="box", directions=1000)
 CLOUDS = BOXES.model_copy(update={"surface": "cloud"})
 FIRST = {"occlusion": "first_hit"}
 EYES = np.zeros(3)
-
-
-def with_points(target, points):
-    return replace(target, points_left=np.asarray(points, dtype=np.float32))
 
 
 def plate(number, x, half, z=2.0):
@@ -62,6 +56,13 @@ def test_people_are_looked_at_in_the_face():
     assert views.directions[0] == pytest.approx(face / np.linalg.norm(face))
     assert views.variances[0] == pytest.approx(FACE_RADIUS_M**2 / (face @ face))
     assert views_of(EYES, (body,), {7: face}, BOXES.model_copy(update={"faces": False})).directions[0, 1] > 0.1
+
+
+@pytest.mark.parametrize("settings", [BOXES, CLOUDS], ids=["box", "cloud"])
+def test_a_person_who_is_hidden_altogether_has_no_face_to_look_at(settings):
+    person, screen = plate(7, 0.0, 0.1), plate(2, 0.0, 0.3, z=1.0)
+    eyes = {7: np.array([0.0, 0.0, 2.0])}
+    assert views_of(EYES, (person, screen), eyes, settings.model_copy(update=FIRST)).ids == (2,)
 
 
 def test_eyes_within_a_box_see_it_everywhere():
