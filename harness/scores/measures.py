@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.adapters import Clip, PersonTruth, Truth
 from harness.runs.ledger import Ledger
@@ -72,12 +73,23 @@ Matches = Mapping[int, tuple[int, float]]
 
 def match_masks(found: Instances, true: Instances) -> Matches:
     """Pair the masks that overlap by more than :data:`MATCH_IOU`."""
-    width = int(found.ids.max()) + 1
-    common = np.bincount(true.ids.ravel().astype(np.intp) * width + found.ids.ravel())
-    common = np.pad(common, (0, -len(common) % width)).reshape(-1, width)
-    union = common.sum(axis=1, keepdims=True) + np.bincount(found.ids.ravel(), minlength=width) - common
-    iou = common / np.maximum(union, 1)
-    return {int(t): (int(f), float(iou[t, f])) for t, f in np.argwhere(iou > MATCH_IOU) if t > 0 and f > 0}
+    (true_ids, rows), (found_ids, columns) = _places(true), _places(found)
+    size = len(true_ids), len(found_ids)
+    pairs = (rows.astype(np.intp) * size[1] + columns).ravel()
+    common = np.bincount(pairs, minlength=size[0] * size[1]).reshape(size)
+    iou = common / np.maximum(common.sum(axis=1, keepdims=True) + common.sum(axis=0) - common, 1)
+    return {true_ids[t]: (found_ids[f], float(iou[t, f])) for t, f in np.argwhere(iou > MATCH_IOU) if t > 0 and f > 0}
+
+
+def _places(instances: Instances) -> tuple[list[int], NDArray[np.uint16]]:
+    """Which ids there may be, 0 first, and each pixel's (H, W) place among them.
+
+    Ids can be as great as 65,535: a table of all numbers up to the greatest, for either view, would fill the memory.
+    """
+    ids = [0, *(each.id for each in instances.instances)]
+    place = np.zeros(2**16, np.uint16)
+    place[ids] = np.arange(len(ids))
+    return ids, place.take(instances.ids)
 
 
 def measure_targets(

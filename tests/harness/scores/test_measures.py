@@ -74,6 +74,10 @@ def measured(found: Instances, targets: tuple[Target, ...], truth: Truth) -> tup
 
 
 class TestTargets:
+    def test_ids_may_be_as_great_as_sixteen_bits_allow(self) -> None:
+        true, found = masks((65_535, 0, 20), (40_000, 20, 40)), masks((65_000, 0, 20), (65_535, 20, 40))
+        assert match_masks(found, true) == {65_535: (65_000, 1.0), 40_000: (65_535, 1.0)}
+
     def test_a_thing_is_measured_against_the_mask_that_is_the_same(self) -> None:
         """Another number, five of twenty columns too few; the box is as large, a quarter of its width aside."""
         true, found = masks((3, 10, 30)), masks((7, 10, 25), (8, 40, 50))
