@@ -1,8 +1,8 @@
 """What a stage's results on a clip follow from, beside the frame and what the stage is given: by name, and as a digest.
 
-The clip's content, the stage and all its settings, its weights' content, its code (the file it is in and every file of
-the same package, or of vfoa, that this imports, directly or not), the versions of the packages those import, and the
-machine's kind. A result is found again only if all of it is the same.
+The clip's content, the stage and all its settings, its weights' content, its code and that of the adapter that reads
+the clip (the file it is in and every file of the same package, or of vfoa, that this imports, directly or not), the
+versions of the packages those import, and the machine's kind. A result is found again only if all of it is the same.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ import platform
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib.machinery import ModuleSpec, PathFinder
 from importlib.metadata import packages_distributions, version
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
 from typing import Any
 
+from harness.adapters import Clip
 from harness.files import file_digest
 from harness.runs.provenance import weights_of
 from harness.runs.stages import SLOTS, StageChoice
@@ -39,20 +41,37 @@ class Identity:
         return self.parts["settings"].get("region") == "needed"
 
 
-def identify(choice: StageChoice, clip: str, clip_digest: str) -> Identity | None:
-    """The identity of a stage on the clip of this name; None for a stage that reads more than it is given."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Source:
+    """A clip by name, the digest of its content, and the code that makes frames of it, with its versions."""
+
+    name: str
+    digest: str
+    code: str
+    versions: Mapping[str, str]
+
+    @classmethod
+    def of(cls, name: str, clip: Clip) -> Source:
+        """The clip as it is read now."""
+        code, versions = code_of(type(clip).__module__)
+        return cls(name=name, digest=clip.digest(), code=code, versions=versions)
+
+
+def identify(choice: StageChoice, source: Source) -> Identity | None:
+    """The identity of a stage on a clip; None for a stage that reads more than it is given."""
     slot = SLOTS[choice.slot]
     if choice.name in slot.of_clip:
         return None
     code, versions = code_of(slot.stage_class(choice.name).__module__)
     parts = {
         "stage": choice.name,
-        "clip": clip,
-        "clip sha256": clip_digest,
+        "clip": source.name,
+        "clip sha256": source.digest,
+        "clip code": source.code,
         "settings": choice.settings.model_dump(mode="json"),
         "weights": {name: file_digest(locate(name)) for name in weights_of(choice)},
         "code": code,
-        "versions": versions,
+        "versions": {**source.versions, **versions},
     }
     # a clip by another name is the same clip
     content = {name: value for name, value in parts.items() if name != "clip"}
@@ -106,11 +125,19 @@ def code_of(module: str) -> tuple[str, dict[str, str]]:
 
 def _source(module: str) -> Path | None:
     """A module's file; None where the name is no module: then it is something in one."""
-    try:
-        spec = find_spec(module)
-    except (ImportError, AttributeError, ValueError):
-        return None
+    spec = _spec(module)
     return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
+
+
+def _spec(module: str) -> ModuleSpec | None:
+    """Where a module is. Nothing is imported for that, as ``find_spec`` does with the packages that it is in."""
+    package, _, name = module.rpartition(".")
+    if not package:
+        return find_spec(name)
+    above = _spec(package)
+    if above is None or above.submodule_search_locations is None:
+        return None
+    return PathFinder.find_spec(module, above.submodule_search_locations)
 
 
 def _imports(module: str, path: Path) -> Iterator[str]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from harness.cache.identity import Identity, identify
+from harness.adapters import Clip
+from harness.cache.identity import Identity, Source, identify
 from harness.cache.store import Store
 from harness.cache.values import content_digest, decode, encode
 from harness.runs.configuration import Configuration
@@ -66,10 +67,11 @@ class ClipCache:
         return not alone or not all(_place(self.store, each, frame, ()).exists() for each in alone)
 
 
-def open_cache(store: Store, clip: str, clip_digest: str, configurations: Iterable[Configuration]) -> ClipCache:
-    """The cache for all stages of these configurations on the clip of this name and content."""
+def open_cache(store: Store, name: str, clip: Clip, configurations: Iterable[Configuration]) -> ClipCache:
+    """The cache for all stages of these configurations on the clip of this name."""
     choices = {choice.key: choice for each in configurations for choice in each.choices.values() if choice}
-    found = {key: identify(choice, clip, clip_digest) for key, choice in choices.items()}
+    source = Source.of(name, clip)
+    found = {key: identify(choice, source) for key, choice in choices.items()}
     return ClipCache(store=store, identities={key: each for key, each in found.items() if each is not None})
 
 

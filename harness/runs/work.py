@@ -132,7 +132,7 @@ def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | 
 
 
 def _clip_cache(one: PreparedClip, job: ClipJob, store: Store, account: Account) -> ClipCache:
-    cache = open_cache(store, one.manifest.name, one.clip.digest(), job.configurations)
+    cache = open_cache(store, one.manifest.name, one.clip, job.configurations)
     for key, identity in cache.identities.items():
         account.open(one.manifest.name, key, identity, store)
     return cache

@@ -82,7 +82,7 @@ def conduct_sweep(plan: Plan, *, workers: int, progress: Progress, cache: Store 
 def _job(one: PreparedClip, labels: Labels, experiment: Experiment, store: Store | None) -> SweepJob:
     name = one.manifest.name
     configurations = tuple(each.for_clip(name) for each in experiment.configurations)
-    cache = open_cache(store, name, one.clip.digest(), configurations) if store else None
+    cache = open_cache(store, name, one.clip, configurations) if store else None
     return SweepJob(manifest=one.manifest, frames=one.frames, labels=labels, configurations=configurations, cache=cache)
 
 

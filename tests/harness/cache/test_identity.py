@@ -1,13 +1,18 @@
 from __future__ import annotations
 
+import importlib
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from harness.cache.identity import code_of, difference, identify
+from harness.cache.identity import Source, code_of, difference, identify
 from harness.runs.experiment import load_experiment
 from harness.runs.stages import StageChoice
 from tests.disk import write_text
+
+CLIP = Source(name="clip", digest="sha", code="read", versions={"mcap": "1"})
 
 
 def _choice(slot: str, *overrides: str, experiment: str = "demo") -> StageChoice:
@@ -17,32 +22,57 @@ def _choice(slot: str, *overrides: str, experiment: str = "demo") -> StageChoice
 
 
 def test_every_part_makes_another_identity_but_the_clips_name() -> None:
-    base = identify(_choice("stereo"), "clip", "sha")
+    base = identify(_choice("stereo"), CLIP)
     assert base is not None
-    same = identify(_choice("stereo"), "renamed", "sha")
+    same = identify(_choice("stereo"), replace(CLIP, name="renamed"))
     changed = [
-        identify(_choice("stereo"), "clip", "another"),
-        identify(_choice("stereo", "stereo.wls=true"), "clip", "sha"),
-        identify(_choice("stereo", "stereo.min_depth_m=0.9"), "clip", "sha"),
-        identify(_choice("heads", "heads.detector=person_mask"), "clip", "sha"),
+        identify(_choice("stereo"), replace(CLIP, digest="another")),
+        identify(_choice("stereo"), replace(CLIP, code="another")),
+        identify(_choice("stereo"), replace(CLIP, versions={"mcap": "2"})),
+        identify(_choice("stereo", "stereo.wls=true"), CLIP),
+        identify(_choice("stereo", "stereo.min_depth_m=0.9"), CLIP),
+        identify(_choice("heads", "heads.detector=person_mask"), CLIP),
     ]
     assert same is not None
     assert same.digest == base.digest
-    assert len({base.digest, *(each.digest for each in changed if each)}) == 5
+    assert len({base.digest, *(each.digest for each in changed if each)}) == 7
+
+
+def test_a_clip_is_known_by_its_content_and_by_all_code_that_reads_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    write_text(tmp_path / "cameras" / "__init__.py", "")
+    write_text(
+        tmp_path / "cameras" / "clip.py",
+        "from cameras import rectify\nclass Clip:\n    def digest(self):\n        return 'sha'\n",
+    )
+    rectify = write_text(tmp_path / "cameras" / "rectify.py", "")
+    clip = importlib.import_module("cameras.clip").Clip()
+    before = Source.of("table", clip)
+    rectify.write_text("# a lens is undistorted otherwise")
+    code_of.cache_clear()
+    after = Source.of("table", clip)
+    assert before.digest == after.digest == "sha"
+    assert before.code != after.code
+    one, other = (identify(_choice("stereo"), each) for each in (before, after))
+    assert one is not None
+    assert other is not None
+    assert difference(other.parts, [one.parts]) == "clip code changed"
 
 
 def test_a_stage_that_reads_more_than_it_is_given_has_none() -> None:
-    assert identify(_choice("segmentation"), "clip", "sha") is None
-    assert identify(_choice("gaze"), "clip", "sha") is None
+    assert identify(_choice("segmentation"), CLIP) is None
+    assert identify(_choice("gaze"), CLIP) is None
 
 
 def test_weights_count_by_their_content(tmp_path: Path) -> None:
     weights = tmp_path / "net.onnx"
     weights.write_bytes(b"one")
     choice = _choice("gaze", "gaze.model=l2cs", f"gaze.weights={weights.as_posix()}", experiment="default")
-    before = identify(choice, "clip", "sha")
+    before = identify(choice, CLIP)
     weights.write_bytes(b"two")
-    after = identify(choice, "clip", "sha")
+    after = identify(choice, CLIP)
     assert before is not None
     assert after is not None
     assert before.digest != after.digest
@@ -72,6 +102,7 @@ def test_the_code_is_a_file_and_all_that_it_imports_of_its_package(
         assert digest() not in seen
         seen.add(digest())
     assert {"numpy", "python", "machine"} <= code_of("mine.stage")[1].keys()
+    assert "mine" not in sys.modules  # looking at code must not run it
 
 
 def test_why_there_is_nothing_is_how_the_nearest_differs() -> None:
