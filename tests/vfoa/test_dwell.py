@@ -112,7 +112,6 @@ def forward(keys, likelihoods):
     return found
 
 
-@settings(deadline=None, max_examples=60)
 @given(comings_and_goings())
 def test_targets_that_come_and_go_are_looked_at_in_the_likeliest_sequence(clip):
     keys, likelihoods = clip
@@ -121,7 +120,6 @@ def test_targets_that_come_and_go_are_looked_at_in_the_likeliest_sequence(clip):
     assert tuple(revise(frames, at, VITERBI).attentions[0].focus for at in range(4)) == best
 
 
-@settings(deadline=None, max_examples=60)
 @given(comings_and_goings(), st.integers(0, 3))
 def test_targets_that_are_hidden_for_a_while_take_nothing_from_those_that_are_seen(clip, at):
     """A frame still lists them, with no probability at all."""
