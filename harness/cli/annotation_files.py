@@ -141,24 +141,19 @@ def agreement(
     out: Annotated[Path | None, typer.Option(help="Write the tables to this folder too: CSV, and one .md.")] = None,
 ) -> None:
     """Compare annotators: kappa with its interval, per target, confusion, and a list of where they differ."""
-    from rich.console import Console
-
     from harness.annotations.agreement import compare_annotators
+    from harness.cli.printing import print_reports
     from harness.clips.manifest import load_manifest
     from harness.files import atomic_write
     from harness.report.agreement import agreement_tables
-    from harness.report.formats import to_csv, to_markdown, to_rich
+    from harness.report.formats import to_csv, to_markdown
 
     manifest = load_manifest(clip)
     opened = manifest.open()
     labels = _labels_by_annotator(manifest, opened, annotators or [])
     found = compare_annotators(labels, opened.frames, opened.rate_hz, manifest.name)
     tables = agreement_tables(manifest.name, labels, found, opened.frames)
-    console = Console()
-    for table in tables.values():
-        console.print(to_rich(table))
-        for note in table.notes:
-            console.print(f"- {note}", highlight=False, markup=False)
+    print_reports(tables.values())
     if out:
         for name, table in tables.items():
             atomic_write(out / f"{name}.csv", to_csv(table))

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Json
-from harness.cli.printing import print_json
+from harness.cli.printing import print_json, print_reports
 
 
 class FailOn(StrEnum):
@@ -29,10 +29,7 @@ def compare(
     """Compare configurations on the same frames, by exact McNemar tests with Holm's correction."""
     from dataclasses import asdict
 
-    from rich.console import Console
-
-    from harness.report.compared import comparison_table
-    from harness.report.formats import to_rich
+    from harness.report.compared import terminal_comparisons
     from harness.scores.run_comparison import compare_runs, compare_with_baseline
     from vfoa.errors import VfoaError
 
@@ -42,6 +39,6 @@ def compare(
     if as_json:
         print_json([{**asdict(each), "sentence": each.sentence} for each in found])
     else:
-        Console().print(to_rich(comparison_table(found)))
+        print_reports([terminal_comparisons(found)])
     if fail_on is FailOn.significant_drop and any(each.is_significant_drop for each in found):
         raise typer.Exit(1)

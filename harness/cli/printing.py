@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from typing import TYPE_CHECKING
 
 import typer
+
+if TYPE_CHECKING:
+    from harness.report.formats import Table
 
 
 def print_table(header: Sequence[str], rows: Sequence[Sequence[object]], wrapped: Collection[str] = ()) -> None:
@@ -20,6 +24,24 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[object]], wrapped
     for row in rows:
         table.add_row(*(Text("-" if cell in (None, "") else str(cell)) for cell in row))
     Console().print(table)
+
+
+def print_reports(tables: Iterable[Table]) -> None:
+    """Print the tables of a report, each with what a reader must know of it, and a blank line."""
+    from rich.console import Console
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    from harness.report.formats import to_rich
+
+    console = Console()
+    for table in tables:
+        console.print(to_rich(table))
+        notes = RichTable.grid(padding=(0, 1, 0, 0))
+        for note in table.notes:
+            notes.add_row("-", Text(note))
+        console.print(notes)
+        console.print()
 
 
 def print_json(value: object) -> None:

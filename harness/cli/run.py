@@ -122,7 +122,11 @@ def run(
         typer.echo(notice)
     if save_signals:
         typer.echo(f"\nSignals: {directory.signals}  (run from them: its {experiment.name}.toml says how)")
-    typer.echo(f"\nPage: {directory.path / 'report.html'}\nScrub a failure: vfoa view {directory.path} --failures")
+    typer.echo(
+        f"\nPage: {directory.path / 'report.html'}"
+        f"\nTables: {directory.path / 'frr.md'} (all of them), frr.csv, frr.tex, compared.md (paired tests)"
+        f"\nScrub a failure: vfoa view {directory.path} --failures"
+    )
     _report_failures(directory)
 
 

@@ -9,20 +9,12 @@ if TYPE_CHECKING:
 
 
 def print_scores(scores: Scores) -> None:
-    """Print the FRR table, and what a reader must know of it."""
-    from rich.console import Console
-
-    from harness.report.formats import to_rich
-    from harness.report.oracle import ladder_table
+    """Print the FRR table, and what else fits a terminal, each with what a reader must know of it."""
+    from harness.cli.printing import print_reports
+    from harness.report.oracle import terminal_ladder
     from harness.report.published import published_table
-    from harness.report.stage_measures import pooled_measures_table
+    from harness.report.stage_measures import terminal_measures
     from harness.report.tables import terminal_table
 
-    table = terminal_table(scores)
-    console = Console()
-    console.print(to_rich(table))
-    for note in table.notes:
-        console.print(f"- {note}", highlight=False, markup=False)
-    for more in (published_table(scores), ladder_table(scores), pooled_measures_table(scores)):
-        if more.rows:
-            console.print(to_rich(more))
+    others = (published_table(scores), terminal_ladder(scores), terminal_measures(scores))
+    print_reports((terminal_table(scores), *(table for table in others if table.rows)))

@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -56,21 +58,29 @@ def to_markdown(table: Table, *, level: int = 1) -> str:
     return f"{head}{notes}{chr(10) * bool(notes)}" + "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
+LATEX_HEAD = "% needs \\usepackage{booktabs}\n"
+"""The first line of a file of tables."""
+
+
 def to_latex(table: Table, *, label: str) -> str:
-    r"""A floating table with booktabs rules; needs ``\usepackage{booktabs}``. The notes stand under it."""
+    r"""A floating table with booktabs rules; needs ``\usepackage{booktabs}``. The notes stand under it.
+
+    A little space sets groups of rows apart that begin with the same word.
+    """
     lines = [
         r"\begin{table}",
-        r"\centering",
+        r"\centering\small\setlength{\tabcolsep}{4pt}",
         rf"\caption{{{_latex(table.title)}}}",
         rf"\label{{{label}}}",
         rf"\begin{{tabular}}{{{'l' * table.words}{'r' * (len(table.columns) - table.words)}}}",
         r"\toprule",
         _latex_row(table.columns),
         r"\midrule",
-        *(_latex_row(row) for row in table.rows),
+        *_latex_body(table),
         r"\bottomrule",
         r"\end{tabular}",
-        *(rf"\par\footnotesize {_latex(note)}" for note in table.notes),
+        *([r"\par\medskip\raggedright\footnotesize"] if table.notes else []),
+        *(rf"{_latex(note)}\par" for note in table.notes),
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"
@@ -119,12 +129,22 @@ _LATEX = {
     "–": "--",
     "<": r"\textless{}",
     ">": r"\textgreater{}",
+    "°": r"\textdegree{}",
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
 }
 
 
 def _latex(text: str) -> str:
     return "".join(_LATEX.get(sign, sign) for sign in _one_line(text))
+
+
+def _latex_body(table: Table) -> Iterator[str]:
+    groups = [list(rows) for _, rows in groupby(table.rows, key=itemgetter(0))]
+    grouped = len({rows[0][0] for rows in groups}) == len(groups) < len(table.rows)
+    for i, rows in enumerate(groups):
+        if grouped and i:
+            yield r"\addlinespace"
+        yield from map(_latex_row, rows)
 
 
 def _latex_row(cells: Iterable[str]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from harness.report.formats import Table
 from harness.scores.ladder import steps
 from harness.scores.score import Scores
@@ -11,7 +13,7 @@ def ladder_table(scores: Scores) -> Table:
     """Points of FRR that each stage costs, over all clips; no rows for a run without ``--oracle``."""
     return Table(
         title="Oracle ladder: what each stage costs",
-        columns=("Rung", "Against the rung below", "n", "FRR %", "Points", "Bootstrap"),
+        columns=("Rung", "Against the row above", "n", "FRR %", "Points", "Bootstrap"),
         words=2,
         rows=tuple(
             (
@@ -27,9 +29,21 @@ def ladder_table(scores: Scores) -> Table:
         notes=(
             "Each row replaces one stage more by the truth. Points: FRR gained by that, given the rows above: errors "
             "interact, and a stage's error can hide another's (boxes that are too large forgive a gaze that is off). "
-            "Bootstrap: 95 % interval of the points, both rungs on the same resamples (moving blocks of one second).",
+            "Bootstrap: 95 % interval of the points, both rungs on the same resamples (moving blocks of one second). "
+            "As good: it holds 0.",
             "A true head pose can cost frames: a head need not point at what the eyes look at, and one that stops "
             "short of it is turned onto it by an error at times.",
+        ),
+    )
+
+
+def terminal_ladder(scores: Scores) -> Table:
+    """The same with fewer words under it."""
+    return replace(
+        ladder_table(scores),
+        notes=(
+            "Each row replaces one stage more by the truth; points of FRR gained by that, with their 95 % interval "
+            "(as good: it holds 0). frr.md says how to read it.",
         ),
     )
 

@@ -10,13 +10,13 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
+from harness.report.compared import compare_configurations
 from harness.report.formats import UNKNOWN, Table
 from harness.report.oracle import ladder_table
 from harness.report.page_data import AttentionLog, Served, confusions, differing_settings, page_data
 from harness.report.published import published_table
 from harness.report.stage_measures import stage_measures_table, thing_measures_table
 from harness.report.tables import baselines_table, causes_table, frr_table, measures_table, subjects_table
-from harness.scores.comparison import compare
 from harness.scores.score import Scores
 from harness.stills.reader import Stills
 
@@ -70,9 +70,7 @@ def render_page(
         manifest=_printed(manifest) if manifest else None,
         frr=frr,
         bars=[_bar(row.frr, row.wilson.low, row.wilson.high) for row in scores.by_clip()],
-        sentences=[
-            each.sentence for each in compare({name: scores.verdicts_of(name) for name in scores.configurations})
-        ],
+        sentences=[each.sentence for each in compare_configurations(scores)],
         ladder=ladder_table(scores),
         published=published_table(scores),
         measures=stage_measures_table(scores),

@@ -9,6 +9,7 @@ import numpy as np
 from harness.report.all_scores import ALL
 from harness.report.formats import UNKNOWN, Table
 from harness.runs.results import FrameMeasures, PersonMeasure, TargetMeasure
+from harness.scores.ladder import without_rungs
 from harness.scores.score import Scores
 
 _Value = float | None
@@ -51,13 +52,22 @@ _TERMINAL = {
 """The columns that a terminal has, and what they are called there: 80 characters leave room for a name."""
 
 
-def pooled_measures_table(scores: Scores) -> Table:
-    """What fits a terminal: the rows over all clips, without spread."""
+def terminal_measures(scores: Scores) -> Table:
+    """What fits a terminal or a page of paper: the rows over all clips, without spread and without oracle rungs."""
     table = stage_measures_table(scores)
+    shown = without_rungs(scores.configurations)
     rows = [row for row in table.rows if row[0] == ALL] or table.rows
     places = [table.columns.index(name) for name in ("Configuration", *_TERMINAL)]
-    columns = ("Configuration", *_TERMINAL.values())
-    return Table(title=table.title, columns=columns, rows=tuple(tuple(row[i] for i in places) for row in rows), words=1)
+    return Table(
+        title=table.title,
+        columns=("Configuration", *_TERMINAL.values()),
+        rows=tuple(tuple(row[i] for i in places) for row in rows if row[1] in shown),
+        words=1,
+        notes=(
+            "Medians: errors of disparity, eye origin, head and gaze direction. > 2 px: share of disparities that far "
+            "off; known: pixels with a disparity; IoU: 3D boxes and the true ones, mean.",
+        ),
+    )
 
 
 def thing_measures_table(scores: Scores) -> Table:

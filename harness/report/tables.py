@@ -6,14 +6,14 @@ import math
 from collections.abc import Sequence
 
 from harness.report.all_scores import ALL, scores_table
-from harness.report.compared import comparison_table, comparisons_csv
-from harness.report.formats import UNKNOWN, Table, to_csv, to_latex, to_markdown
-from harness.report.oracle import ladder_csv, ladder_table
+from harness.report.compared import compare_configurations, comparison_table, comparisons_csv
+from harness.report.formats import LATEX_HEAD, UNKNOWN, Table, to_csv, to_latex, to_markdown
+from harness.report.oracle import ladder_csv, ladder_table, terminal_ladder
 from harness.report.published import published_table
 from harness.report.reliability import reliability_table
-from harness.report.stage_measures import stage_measures_table, thing_measures_table
+from harness.report.stage_measures import stage_measures_table, terminal_measures, thing_measures_table
 from harness.scores.baselines import RULES
-from harness.scores.comparison import compare
+from harness.scores.ladder import without_rungs
 from harness.scores.reliability import Reliability
 from harness.scores.score import CAUSES, ScoreRow, Scores
 from harness.scores.statistics import LEVEL, REPLICATES, Interval
@@ -31,23 +31,33 @@ FRR_NOTES = (
 
 def render_tables(scores: Scores, reliabilities: Sequence[Reliability] = ()) -> dict[str, str]:
     """Every table but ``frames.csv``, by file name; those of the ladder and of the truth only where there is one."""
-    comparisons = compare({name: scores.verdicts_of(name) for name in scores.configurations})
+    comparisons = compare_configurations(scores)
     compared = comparison_table(comparisons)
     sections = (paper_table, measures_table, baselines_table, causes_table, subjects_table)
     pages = [to_markdown(frr_table(scores)), *(to_markdown(make(scores), level=2) for make in sections)]
     ladder, measures = ladder_table(scores), stage_measures_table(scores)
     more = (published_table(scores), ladder, measures, reliability_table(reliabilities))
     pages += [to_markdown(table, level=2) for table in more if table.rows]
-    papers = [(frr_table(scores), "frr"), (paper_table(scores), "paper"), (ladder, "ladder"), (measures, "measures")]
     programs = {"ladder.csv": ladder_csv(scores), "measures.csv": measures, "things.csv": thing_measures_table(scores)}
     return {
         "frr.csv": to_csv(scores_table(scores)),
         "frr.md": "\n".join(pages),
-        "frr.tex": "\n".join(to_latex(table, label=f"tab:{label}") for table, label in papers if table.rows),
+        "frr.tex": _latex_tables(scores),
         **{name: to_csv(table) for name, table in programs.items() if table.rows},
         "compared.csv": to_csv(comparisons_csv(comparisons)),
         "compared.md": to_markdown(compared),
     }
+
+
+def _latex_tables(scores: Scores) -> str:
+    """The tables that fit a page of paper."""
+    papers = {
+        "frr": terminal_table(scores),
+        "paper": paper_table(scores),
+        "ladder": terminal_ladder(scores),
+        "measures": terminal_measures(scores),
+    }
+    return LATEX_HEAD + "\n".join(to_latex(table, label=f"tab:{name}") for name, table in papers.items() if table.rows)
 
 
 def frr_table(scores: Scores) -> Table:
@@ -73,20 +83,25 @@ def frr_table(scores: Scores) -> Table:
 
 
 def terminal_table(scores: Scores) -> Table:
-    """What fits a terminal of 100 columns, with the notes that belong to this run."""
-    table = frr_table(scores)
+    """What fits a terminal of 100 columns, without oracle rungs: the words that are needed, and the run's own notes."""
+    table, shown = frr_table(scores), without_rungs(scores.configurations)
     return Table(
         title=table.title,
         columns=table.columns[:-1],
-        rows=tuple(row[:-1] for row in table.rows),
+        rows=tuple(row[:-1] for row in table.rows if row[1] in shown),
         words=table.words,
-        notes=tuple(_remarks(scores)),
+        notes=(
+            "n: labelled (frame, subject) pairs. FRR: share of them with the right answer; no answer is wrong. "
+            "Coverage: share with an answer.",
+            *_remarks(scores),
+        ),
     )
 
 
 def paper_table(scores: Scores) -> Table:
     """Configurations by correct and wrong frames, over all clips, as papers on the subject print it."""
-    rows = scores.by_clip()
+    shown = without_rungs(scores.configurations)
+    rows = [row for row in scores.by_clip() if row.configuration in shown]
     pooled = [row for row in rows if row.clip is None] or rows
     return Table(
         title="Correct and wrong frames by configuration",

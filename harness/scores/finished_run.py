@@ -83,13 +83,17 @@ class FinishedRun:
         annotator = annotator or run.get("annotator")
         found = {clip["name"]: _manifest(clip).labels(_timeline(clip), annotator) for clip in run["clips"]}
         labels = {name: each for name, each in found.items() if each is not None}
-        of_clips = [f"{clip['name']}: {note}" for clip in run["clips"] for note in clip["notes"]]
+        of_clips: dict[str, list[str]] = {}
+        for clip in run["clips"]:
+            for note in clip["notes"]:
+                of_clips.setdefault(note, []).append(clip["name"])
         by_one = [f"Scored against the labels of {annotator!r}."] if annotator else []
+        shared = [f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()]
         unlabelled = self._said_of_unlabelled([name for name in found if name not in labels])
         return Reference(
             labels=labels,
             frames={clip["name"]: clip["frames"] for clip in run["clips"]},
-            notes=(*_left_out(run)[2], *run["notes"], *by_one, *of_clips, *unlabelled),
+            notes=(*_left_out(run)[2], *run["notes"], *by_one, *shared, *unlabelled),
             published=Published.model_validate(run["published"]) if run.get("published") else None,
         )
 

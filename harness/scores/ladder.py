@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 
 from harness.adapters import Truth
@@ -105,12 +105,17 @@ class Step:
 
     @property
     def reads(self) -> str:
-        """Whether the rung is better than the one below, not worse within the interval, or falls; "" for the lowest."""
+        """Whether the rung is better than the one below, as good within the interval, or falls; "" for the lowest."""
         if self.interval is None:
             return ""
         if self.interval.low > 0:
             return "better"
-        return "as good, within the interval" if self.interval.high >= 0 else "falls"
+        return "as good" if self.interval.high >= 0 else "falls"
+
+
+def without_rungs(configurations: Collection[str]) -> list[str]:
+    """The configurations that were asked for: all but those that :func:`with_ladder` added."""
+    return [name for name in configurations if _rung_below(name, configurations) is None]
 
 
 def steps(scores: Scores) -> list[Step]:
@@ -120,12 +125,18 @@ def steps(scores: Scores) -> list[Step]:
     scored = {row.configuration: row for row in pooled}
     found: list[Step] = []
     for name, row in scored.items():
-        below, _, rung = name.rpartition("+")
-        if below in scored and rung in {each.name for each in RUNGS}:
-            found.append(_step(row, scored[below], rung))
+        below = _rung_below(name, scored)
+        if below is not None:
+            found.append(_step(row, scored[below], name.removeprefix(f"{below}+")))
         elif any(f"{name}+{each.name}" in scored for each in RUNGS):
             found.append(Step(configuration=name, replaced=None, row=row))
     return found
+
+
+def _rung_below(name: str, configurations: Collection[str]) -> str | None:
+    """The configuration that this one is a rung above; None if it is no rung."""
+    below, _, replaced = name.rpartition("+")
+    return below if below in configurations and replaced in {each.name for each in RUNGS} else None
 
 
 def _step(row: ScoreRow, below: ScoreRow, replaced: str) -> Step:

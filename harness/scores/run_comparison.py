@@ -9,6 +9,7 @@ from pathlib import Path
 from harness.runs.directory import RunDirectory
 from harness.scores.comparison import Comparison, compare
 from harness.scores.finished_run import read_scores
+from harness.scores.ladder import without_rungs
 from harness.scores.score import Scores
 from harness.scores.statistics import holm
 from vfoa.errors import VfoaError
@@ -16,6 +17,8 @@ from vfoa.errors import VfoaError
 
 def compare_runs(runs: Sequence[Path]) -> tuple[Comparison, ...]:
     """Compare every two configurations of several runs on their common frames, named ``run/configuration``.
+
+    Oracle rungs are left out, here and below.
 
     Raises
     ------
@@ -25,7 +28,7 @@ def compare_runs(runs: Sequence[Path]) -> tuple[Comparison, ...]:
     verdicts = {}
     for run in _distinct(runs):
         scores = read_scores(RunDirectory(run))
-        verdicts.update({f"{run}/{name}": scores.verdicts_of(name) for name in scores.configurations})
+        verdicts.update({f"{run}/{name}": scores.verdicts_of(name) for name in without_rungs(scores.configurations)})
     return compare(verdicts)
 
 
@@ -40,7 +43,9 @@ def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Compari
     reference = read_scores(RunDirectory(baseline))
     scored = [(run, read_scores(RunDirectory(run))) for run in _distinct([baseline, *runs])[1:]]
     found = [
-        _with_same(scores, name, run, reference, baseline) for run, scores in scored for name in scores.configurations
+        _with_same(scores, name, run, reference, baseline)
+        for run, scores in scored
+        for name in without_rungs(scores.configurations)
     ]
     corrected = holm([each.p for each in found])
     return tuple(replace(each, p_holm=p, family=len(found)) for each, p in zip(found, corrected, strict=True))

@@ -59,7 +59,16 @@ def test_latex_has_booktabs_rules_and_nothing_left_to_escape() -> None:
     assert r"{}sgbm\_two|[x] & 50 & 42--69 \\" in text
     assert r"\$1 \textbackslash{} \textasciitilde{}\textasciicircum{}\textless{}\textgreater{}\{\}\#" in text
     assert r"\caption{A\_b \& 5 \%}" in text
-    assert r"\par\footnotesize clip\_one: *made* for 100 \%." in text
+    assert r"clip\_one: *made* for 100 \%.\par" in text
+
+
+def test_latex_sets_groups_of_rows_apart() -> None:
+    rows = (("a", "one", "1"), ("a", "two", "2"), ("b", "one", "3"))
+    grouped = Table(title="T", columns=("Clip", "Name", "n"), words=2, rows=rows)
+    body = to_latex(grouped, label="t").split(r"\midrule")[1].split(r"\bottomrule")[0].split()
+    assert [word for word in body if word in (r"\addlinespace", "1", "2", "3")] == ["1", "2", r"\addlinespace", "3"]
+    scattered = Table(title="T", columns=("Rung", "n"), words=1, rows=(("a", "1"), ("b", "2"), ("a", "3")))
+    assert "addlinespace" not in to_latex(scattered, label="t")
 
 
 def test_a_terminal_never_cuts_a_number() -> None:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from harness.report.stage_measures import pooled_measures_table, stage_measures_table, thing_measures_table
+from harness.report.stage_measures import stage_measures_table, terminal_measures, thing_measures_table
 from harness.runs.results import DisparityMeasure, FrameMeasures, FrameRecord, PersonMeasure, TargetMeasure
 from harness.scores.reference import Reference
 from harness.scores.score import Scores, score
@@ -43,7 +43,7 @@ def test_medians_shares_and_percentiles_by_clip_and_over_all(scores: Scores) -> 
     assert (row["Mask IoU"], row["Box IoU"], row["Centre cm"]) == ("0.50", "0.30", "2.0")
     assert (row["Eyes cm"], row["Eyes 95 %"]) == ("6.0", "6.9")
     assert (row["Head deg"], row["Gaze deg"]) == ("–", "12.0")
-    assert [row[0] for row in pooled_measures_table(scores).rows] == ["one"]
+    assert [row[0] for row in terminal_measures(scores).rows] == ["one"]
 
 
 def test_a_true_thing_bears_the_runs_own_name_for_it(scores: Scores) -> None:

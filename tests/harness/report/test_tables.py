@@ -151,6 +151,19 @@ def test_the_terminal_shows_n_rate_intervals_and_coverage_in_100_columns() -> No
     assert re.search(r"\(all\) .* 26 +92\.3 +76–98 +\d+–\d+ +92\.3", text)
 
 
+def test_oracle_rungs_stand_in_the_ladder_and_not_between_the_configurations() -> None:
+    names = ("bm", "bm+disparity", "bm+disparity+gaze", "sgbm")
+    records = [record for name in names for record in answers(["cup", "can"], configuration=name)]
+    scores = score(records, Reference(labels={"clip": labels("cup", "cup")}))
+    assert [row[1] for row in terminal_table(scores).rows] == ["bm", "sgbm"]
+    assert [row[0] for row in paper_table(scores).rows] == ["bm", "sgbm"]
+    texts = render_tables(scores)
+    assert [row["configuration"] for row in _csv(texts["ladder.csv"])] == list(names[:3])
+    (pair,) = _csv(texts["compared.csv"])
+    assert (pair["reference"], pair["configuration"]) == ("bm", "sgbm")
+    assert pair["p"] == pair["p_holm"]  # one comparison needs no correction
+
+
 def test_frames_csv_has_a_row_per_frame_subject_and_target(tmp_path: Path) -> None:
     cup, can = target_record(1, "cup"), target_record(2, 'can, "old"')
     girl = subject_record("girl", totals={1: 0.25, 2: 0.5}, focus=2)
