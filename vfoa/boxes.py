@@ -29,11 +29,9 @@ def oriented_box(points_left: Float) -> Box3D:
         # it warns of axes that are not quite orthogonal, and they are made so below
         axes = np.array(cloud.get_minimal_oriented_bounding_box().R)
     axes = axes[:, max(permutations(range(3)), key=lambda order: np.abs(axes[range(3), order]).sum())]
+    # right-handed: named like this, the diagonal sums to more than 1, and no left-handed triad's does
     left, _, right = np.linalg.svd(axes * np.where(np.diag(axes) < 0, -1, 1))
-    axes = left @ right
-    if np.linalg.det(axes) < 0:
-        axes[:, np.argmin(np.diag(axes))] *= -1
-    return _box_along(axes, points_left)
+    return _box_along(left @ right, points_left)
 
 
 def _box_along(axes: Float, points: Float) -> Box3D:

@@ -109,7 +109,7 @@ def _backward(sequence: Sequence[_Step], settings: DwellSettings) -> _Step:
     leave = 1 / settings.dwell_frames
     for keys, filtered in reversed(sequence[:-1]):
         predicted, _ = transition(dict(zip(keys, filtered.tolist(), strict=True)), later_keys, settings)
-        ratio = np.divide(later, predicted, out=np.zeros_like(later), where=predicted > 0)
+        ratio = later / predicted
         anew = float(ratio @ prior(later_keys, settings))
         by_key = dict(zip(later_keys, ratio.tolist(), strict=True))
         smoothed = filtered * np.array([(1 - leave) * by_key.get(key, anew) + leave * anew for key in keys])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,8 +12,10 @@ from pydantic import ValidationError
 
 from tests.scenes import make_box, make_subject, make_target, random_room, with_points
 from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
+from vfoa.eye_head import REST, sigma_rad
 from vfoa.pipeline import AttendSettings, Memory, attend
 from vfoa.types import NoAttention, Scene
+from vfoa.visible import FACE_RADIUS_M
 
 BAYES = BayesSettings(method="bayes", surface="box")
 SMOOTHED = BAYES.model_copy(update={"smoothing": "forward", "dwell_frames": 10.0})
@@ -42,6 +45,67 @@ def test_a_small_target_on_the_axis_has_the_posterior_of_the_two_densities():
     attention = infer(make_subject(gaze=AHEAD), (make_target(1, make_box((0, 0, 3), 0.001)),), settings)
     assert totals(attention)[1] == pytest.approx(target / (target + nowhere), rel=1e-4)
     assert attention.focus == 1
+
+
+def test_two_small_targets_and_nowhere_between_them_have_the_posterior_of_three_densities():
+    """Each is weighed by the density of its chord to the gaze; nowhere lies in the middle, along the gaze."""
+    settings = BAYES.model_copy(update={"cues": "gaze", "gaze_error_deg": 20.0, "nowhere_deg": 40.0})
+    targets = tuple(make_target(number, make_box((x, 0, 3), 0.001)) for number, x in ((1, -3), (2, 3)))
+    error, look = sigma_rad(20.0) ** 2, sigma_rad(40.0) ** 2
+    square = 2 - 2 * np.cos(np.pi / 4)
+    beside, nowhere = 0.45 / error * np.exp(-square / error / 2), 0.1 / (error + look)
+    found = totals(infer(make_subject(gaze=AHEAD), targets, settings))
+    assert found == pytest.approx(dict.fromkeys((1, 2), beside / (2 * beside + nowhere)), rel=1e-4)
+
+
+def test_people_are_looked_at_in_the_face_where_their_eyes_are_known():
+    settings = BAYES.model_copy(update={"cues": "gaze", "gaze_error_deg": 10.0, "nowhere_deg": 60.0})
+    low = make_box((0, 1.5, 2), 0.1)
+    looker, seen, hidden = (
+        make_subject(gaze=AHEAD),
+        make_subject(gaze=AHEAD, eyes=(0, 0, 2), instance_id=7),
+        make_subject(gaze=AHEAD, eyes=None, instance_id=7),
+    )
+    (face, *_), _ = infer_attentions((looker, seen), (make_target(7, low),), BeliefState(), settings)
+    error, look = sigma_rad(10.0) ** 2, sigma_rad(60.0) ** 2
+    target, nowhere = 0.9 / (error + (FACE_RADIUS_M / 2) ** 2), 0.1 / (error + look)
+    assert totals(face)[7] == pytest.approx(target / (target + nowhere))
+    (body, *_), _ = infer_attentions((looker, hidden), (make_target(7, low),), BeliefState(), settings)
+    assert totals(body) == totals(infer(looker, (make_target(7, low),), settings))
+
+
+@pytest.mark.parametrize(("eyes", "ahead"), [((1.5, 0, 2), (-0.6, 0, -0.8)), ((0, 0, 0), (0, 0, -1))])
+def test_where_nothing_is_seen_nowhere_lies_towards_the_camera(eyes, ahead):
+    _, state = infer_attentions((make_subject(gaze=AHEAD, eyes=eyes),), (), BeliefState(), SMOOTHED)
+    assert state.by_track[1].means[0, REST] == pytest.approx(ahead)
+
+
+@pytest.mark.parametrize(
+    ("gaze", "head", "parts"), [(True, True, (0.9, 0.1)), (True, False, (1, None)), (False, True, (None, 1))]
+)
+def test_the_cues_divide_the_total_by_what_each_tells_of_the_target(gaze, head, parts):
+    """Squares of degrees: the gaze's error 100; the head's 25 and 100 aside and 100 of its rest, over 0.25."""
+    settings = BAYES.model_copy(
+        update={"gaze_error_deg": 10.0, "head_error_deg": 5.0, "aside_deg": 10.0, "rest_deg": 20.0, "head_share": 0.5}
+    )
+    subject = make_subject(gaze=AHEAD if gaze else None, head=AHEAD if head else None)
+    (value,) = infer(subject, (make_target(1, make_box((0, 0, 2))),), settings).values
+    for found, part in zip((value.gaze, value.head), parts, strict=True):
+        assert found == pytest.approx(np.nan if part is None else part * value.total, nan_ok=True)
+
+
+def test_without_smoothing_every_frame_stands_by_itself():
+    targets = (make_target(1, make_box((-0.3, 0, 2))), make_target(2, make_box((0.3, 0, 2))))
+    subject = make_subject(gaze=(-0.15, 0, 1))
+    _, state = infer_attentions((subject,), targets, BeliefState(), BAYES)
+    assert state == BeliefState()
+
+
+def test_a_frame_without_a_direction_leaves_the_belief_as_it_was():
+    targets = (make_target(1, make_box((-0.3, 0, 2))),)
+    _, before = infer_attentions((make_subject(gaze=AHEAD),), targets, BeliefState(), SMOOTHED)
+    _, after = infer_attentions((make_subject(),), targets, before, SMOOTHED)
+    assert after.by_track[1] is before.by_track[1]
 
 
 def test_a_bigger_target_is_not_favoured():
@@ -130,3 +194,10 @@ def test_the_pipeline_carries_beliefs_from_frame_to_frame():
 def test_settings_of_cones_are_refused():
     with pytest.raises(ValidationError, match="n_rays"):
         BayesSettings.model_validate({"method": "bayes", "n_rays": 4})
+
+
+def test_looks_at_nowhere_spread_up_to_a_right_angle():
+    assert BayesSettings(method="bayes", nowhere_deg=90).nowhere_deg == 90
+    for wrong in (0, 91):
+        with pytest.raises(ValidationError, match="nowhere_deg"):
+            BayesSettings(method="bayes", nowhere_deg=wrong)

@@ -70,3 +70,8 @@ def test_without_eyes_directions_or_boxes():
     assert set(SWEEP.foci(blind, targets)) == {UNKNOWN}
     assert set(SWEEP.foci(aimless, targets)) == {UNKNOWN}
     assert set(SWEEP.foci(subject, (make_target(1, None),))) == {NOWHERE}
+
+
+def test_nowhere_and_unknown_are_no_instance_ids():
+    """Ids begin at 1."""
+    assert UNKNOWN < NOWHERE < 1

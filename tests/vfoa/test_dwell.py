@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise, product
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from tests.scenes import make_subject
 from vfoa.dwell import DwellSettings, prior, revise, transition
@@ -69,9 +71,8 @@ def test_both_passes_are_the_sum_over_every_sequence(seed, at):
         exact[columns[at]] += weight
     (attention,) = revise(results(filtered(likelihoods)), at, BOTH).attentions
     assert [value.total for value in attention.values] == pytest.approx((exact / exact.sum())[:2].tolist())
-    assert [value.gaze for value in attention.values] == pytest.approx(
-        [0.75 * value.total for value in attention.values]
-    )
+    for value in attention.values:
+        assert (value.gaze, value.head) == pytest.approx((0.75 * value.total, 0.25 * value.total))
 
 
 @given(SEEDS)
@@ -153,6 +154,42 @@ def test_a_frame_without_attention_stays_so_and_is_passed_over():
     assert revise(frames, 0, BOTH).attentions[0].focus == 1
 
 
+def revised(frames, smoothing):
+    """Every frame as those around it have it."""
+    return [revise(frames, at, smoothing) for at in range(len(frames))]
+
+
+@pytest.mark.parametrize("smoothing", [BOTH, VITERBI], ids=["both", "viterbi"])
+def test_frames_without_attention_count_for_nothing(smoothing):
+    whole = results(filtered(np.random.default_rng(4).uniform(0.01, 1, (4, 3))))
+    gap = replace(whole[0], attentions=(Attention(subject=make_subject(), missing=NoAttention.NO_EYES_3D),))
+    assert revised([gap, *whole[:2], gap, *whole[2:], gap], smoothing)[1:3] == revised(whole, smoothing)[:2]
+
+
+@pytest.mark.parametrize("smoothing", [BOTH, VITERBI], ids=["both", "viterbi"])
+def test_every_subject_has_a_past_and_a_future_of_its_own(smoothing):
+    likelihoods = np.random.default_rng(5).uniform(0.01, 1, (2, 5, 3))
+    one, other = (results(filtered(each)) for each in likelihoods)
+    other = [
+        replace(frame, attentions=tuple(replace(a, subject=replace(a.subject, track_id=2)) for a in frame.attentions))
+        for frame in other
+    ]
+    both = [replace(a, attentions=b.attentions + a.attentions) for a, b in zip(one, other, strict=True)]
+    alone = [revised(other, smoothing), revised(one, smoothing)]
+    for together, *apart in zip(revised(both, smoothing), *alone, strict=True):
+        assert [a.values for a in together.attentions] == [a.values for each in apart for a in each.attentions]
+        assert [a.focus for a in together.attentions] == [a.focus for each in apart for a in each.attentions]
+
+
+@pytest.mark.parametrize("smoothing", [BOTH, VITERBI], ids=["both", "viterbi"])
+def test_a_target_that_cannot_be_stays_without_attention_and_ties_are_not_kept(smoothing):
+    frames = results(filtered(np.array([[0.0, 0.5, 0.5], [0.0, 0.9, 0.1]])))
+    frames[0] = replace(frames[0], attentions=(replace(frames[0].attentions[0], tied=(1,)),))
+    (attention,) = revise(frames, 0, smoothing).attentions
+    assert attention.values[0] == TargetAttention(instance_id=1, gaze=0.0, head=0.0, total=0.0)
+    assert (attention.focus, attention.tied) == (2, ())
+
+
 def test_what_was_believed_of_a_target_that_is_gone_is_open_again():
     predicted, stay = transition({1: 0.2, 2: 0.7, None: 0.1}, (1, None), BOTH)
     assert predicted.sum() == pytest.approx(1)
@@ -164,3 +201,19 @@ def test_what_was_believed_of_a_target_that_is_gone_is_open_again():
 def test_only_later_frames_make_a_frame_wait():
     awaited = {kind: BOTH.model_copy(update={"smoothing": kind}).frames_awaited for kind in ("off", "forward", "both")}
     assert awaited == {"off": 0, "forward": 0, "both": 25}
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "refused"),
+    [
+        ("p_nowhere", (0.01, 0.99), (0, 1)),
+        ("dwell_frames", (1.1, 500), (1,)),
+        ("look_ahead_frames", (1, 1000), (0, 1001)),
+    ],
+)
+def test_a_setting_outside_of_its_range_is_refused(name, good, refused):
+    for value in good:
+        assert getattr(DwellSettings(**{name: value}), name) == value
+    for value in refused:
+        with pytest.raises(ValidationError, match=name):
+            DwellSettings(**{name: value})

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.scenes import make_box, make_target, with_points
 from vfoa.geometry import angle_between
-from vfoa.visible import FACE_RADIUS_M, SurfaceSettings, views_of
+from vfoa.visible import FACE_RADIUS_M, SurfaceSettings, _cap, views_of
 
 BOXES = SurfaceSettings(surface="box", directions=1000)
 CLOUDS = BOXES.model_copy(update={"surface": "cloud"})
@@ -79,3 +81,70 @@ def test_nothing_to_see_is_no_view():
 
 def test_a_target_without_a_cloud_is_not_seen_by_its_cloud():
     assert views_of(EYES, (make_target(1, make_box((0, 0, 2))), plate(2, 0.5, 0.1)), {}, CLOUDS).ids == (2,)
+
+
+def test_a_cloud_of_two_points_has_their_middle_and_their_spread():
+    """Not those of the box, which is elsewhere. Each lies half the angle from the middle, on one line."""
+    target = with_points(make_target(1, make_box((3, 3, 2))), [(-0.5, 0, 2), (0.5, 0, 2)])
+    half = np.arctan2(0.5, 2)
+    views = views_of(EYES, (target,), {}, SurfaceSettings(directions=16))
+    assert views.directions[0] == pytest.approx((0, 0, 1))
+    assert views.variances[0] == pytest.approx((2 * np.sin(half / 2)) ** 2 / 2)
+
+
+def test_a_cloud_without_a_box_is_left_out():
+    lone = replace(plate(1, 0.0, 0.1), box=None)
+    views = views_of(EYES, (lone, plate(2, 0.5, 0.1)), {}, CLOUDS)
+    assert views.ids == (2,)
+    assert views.directions[0, 0] == pytest.approx(0.5 / np.hypot(0.5, 2), abs=0.01)
+
+
+def test_a_deep_box_is_seen_by_its_near_face():
+    views = views_of(EYES, (make_target(1, make_box((0, 0, 2), (0.2, 0.2, 0.5))),), {}, BOXES)
+    assert views.variances[0] == pytest.approx((0.2 / 1.5) ** 2 / 3, rel=0.05)
+
+
+@pytest.mark.parametrize("occlusion", ["ignore", "first_hit"])
+@pytest.mark.parametrize("surface", ["box", "cloud"])
+def test_only_where_things_lie_from_the_eyes_matters(surface, occlusion):
+    settings = BOXES.model_copy(update={"surface": surface, "occlusion": occlusion})
+    shift = np.array([3.0, -2.0, 1.0])
+    targets = (plate(1, 0.0, 0.2), plate(2, 0.213, 0.2, z=1.0), plate(3, -0.5, 0.1))
+    face = np.array([0.0, 0.1, 2.0])
+    moved = tuple(
+        replace(
+            each,
+            points_left=each.points_left + np.float32(shift),
+            box=replace(each.box, center_m=each.box.center_m + shift),
+        )
+        for each in targets
+    )
+    here, there = views_of(EYES, targets, {3: face}, settings), views_of(shift, moved, {3: face + shift}, settings)
+    assert there.ids == here.ids
+    # single-precision points
+    np.testing.assert_allclose(there.directions, here.directions, atol=1e-6)
+    np.testing.assert_allclose(there.variances, here.variances, rtol=1e-4)
+
+
+def test_a_box_does_not_hide_its_own_cloud():
+    target = with_points(make_target(1, make_box((0, 0, 2), 0.5)), [(0, 0, 2)])
+    assert views_of(EYES, (target,), {}, CLOUDS.model_copy(update=FIRST)).ids == (1,)
+
+
+@pytest.mark.parametrize(("depth_m", "seen"), [(0.029, True), (0.031, False)])
+def test_a_point_is_hidden_by_a_box_entered_three_centimetres_before_it(depth_m, seen):
+    wall = make_target(2, make_box((0, 0, 1.5), 0.5))
+    target = with_points(make_target(1, make_box((0, 0, 3))), [(0, 0, 1 + depth_m)])
+    found = views_of(EYES, (target, with_points(wall, [(0, 0, 1)])), {}, CLOUDS.model_copy(update=FIRST))
+    assert (1 in found.ids) is seen
+
+
+def test_the_lattice_is_even_over_its_cap():
+    """Ten rings of equal area in ten sectors: a hundred cells, each with its ten of a thousand rays, or nearly."""
+    reach = 0.8
+    x, y, z = _cap(1000, reach, (0.0, 0.0, 1.0)).T
+    ring = np.minimum((1 - z) / (1 - np.cos(reach)) * 10, 9).astype(int)
+    sector = ((np.arctan2(y, x) / (2 * np.pi) % 1) * 10).astype(int) % 10
+    cells = np.bincount(10 * ring + sector, minlength=100)
+    assert cells.min() >= 7
+    assert cells.max() <= 13
