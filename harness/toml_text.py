@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 import tomllib
 from typing import Any
@@ -14,17 +15,37 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 def toml_key(key: str) -> str:
     """One part of a key, in quotes where it needs them."""
-    return key if _BARE_KEY.fullmatch(key) else json.dumps(key, ensure_ascii=False)
+    return key if _BARE_KEY.fullmatch(key) else _text(key)
 
 
 def toml_value(value: Any) -> str:
-    """A JSON value as TOML; a null in a table is left out, which is how TOML says it."""
+    """A JSON value as TOML; a null in a table is left out, which is how TOML says it.
+
+    Raises
+    ------
+    VfoaError
+        If a text is not Unicode: a file's name of other bytes.
+    """
     if isinstance(value, dict):
         pairs = (f"{toml_key(key)} = {toml_value(each)}" for key, each in value.items() if each is not None)
         return "{ " + ", ".join(pairs) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(toml_value, value)) + "]"
-    return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return json.dumps(value)
+
+
+def _text(text: str) -> str:
+    """In JSON's quotes, which are TOML's but for one control character."""
+    if not text.isascii():
+        try:
+            text.encode()
+        except UnicodeEncodeError:
+            raise VfoaError(f"{text!a}: not UTF-8; expected a name that is") from None
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def parse_assignment(text: str, example: str) -> tuple[str, Any]:

@@ -34,7 +34,8 @@ def local_copy(address: str, where: str) -> Path:
     Raises
     ------
     VfoaError
-        If the storage is not known or not installed, cannot be reached, or has nothing there; ``where`` opens the line.
+        If the storage is not known or not installed, cannot be reached, has nothing there, or has a file whose name
+        leads out of the copy; ``where`` opens the line.
     """
     import fsspec  # type: ignore[import-untyped]
 
@@ -45,6 +46,8 @@ def local_copy(address: str, where: str) -> Path:
         if not found:
             raise FileNotFoundError
         _bring(storage, root, found, place)
+    except VfoaError as error:
+        raise VfoaError(f"{where}: {address}: {error}") from None
     except (ImportError, ValueError) as error:
         raise VfoaError(f"{where}: {address}: no such storage: {error}") from None
     except FileNotFoundError:
@@ -59,8 +62,10 @@ def _bring(storage: Any, root: str, found: dict[str, Any], place: Path) -> None:
     """Make the copy what the storage has: new and changed files are fetched, those that are gone are removed."""
     folder = str(PurePosixPath(root).parent) if list(found) == [root] else root
     wanted = {str(PurePosixPath(path).relative_to(folder)): path for path in sorted(found)}
+    if escaping := next((name for name in wanted if ".." in PurePosixPath(name).parts), None):
+        raise VfoaError(f"holds {escaping!r}; expected only names inside it")
     index = place / _INDEX
-    have: dict[str, str] = json.loads(index.read_text()) if index.is_file() else {}
+    have: dict[str, str] = json.loads(index.read_text(encoding="utf-8")) if index.is_file() else {}
     for name in have.keys() - wanted.keys():
         (place / "files" / name).unlink(missing_ok=True)
     now = {}

@@ -174,9 +174,14 @@ def _open(path: Path, packets: bool = False) -> Any:
     """A capture; ``packets``: it passes the packets on undecoded. A rotation noted in the file is not applied."""
     if not path.is_file():
         raise VfoaError(f"{path}: no such file")
+    try:
+        name = str(path)
+        name.encode()
+    except UnicodeEncodeError:  # OpenCV would end the process
+        raise VfoaError(f"{path}: its name is not UTF-8, which FFmpeg cannot open; expected it renamed") from None
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1] if packets else [])
+        capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1] if packets else [])
         capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)
     finally:
         cv2.utils.logging.setLogLevel(level)

@@ -54,6 +54,21 @@ def test_a_clip_on_other_storage_is_the_same_clip(tmp_path: Path, bucket) -> Non
         np.testing.assert_array_equal(near.frame(number).left, far.frame(number).left)
 
 
+def test_a_name_that_leads_out_of_the_copy_is_refused(bucket, tmp_path: Path) -> None:
+    storage, name = bucket
+    storage.pipe(f"{name}/clip/a.txt", b"inside")
+    evil = f"{name}/clip/../../../escaped.txt"
+    storage.store[evil] = storage.store[f"{name}/clip/a.txt"]  # what an object store can hold, pipe would tidy up
+    try:
+        with pytest.raises(
+            VfoaError, match=r"clip: holds '\.\./\.\./\.\./escaped\.txt'; expected only names inside it"
+        ):
+            local_copy(f"memory:/{name}/clip", "root")
+    finally:
+        del storage.store[evil]
+    assert not list(tmp_path.rglob("escaped.txt"))
+
+
 def test_what_changed_is_copied_again_and_what_is_gone_is_left_out(bucket) -> None:
     storage, name = bucket
     for file, text in (("a/kept.txt", "kept"), ("a/changed.txt", "old"), ("gone.txt", "gone")):

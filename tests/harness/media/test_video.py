@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import pickle
 from pathlib import Path
 
@@ -60,3 +61,10 @@ def test_files_that_are_no_video_are_one_line(tmp_path: Path, capfd: pytest.Capt
     with pytest.raises(VfoaError, match=r"b\.mp4: no such file"):
         Video(tmp_path / "b.mp4")
     assert capfd.readouterr() == ("", "")
+
+
+def test_a_name_that_is_not_utf_8_does_not_end_the_process(tmp_path: Path) -> None:
+    path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9.mkv"))
+    write_video(tmp_path / "a.mkv", [moving_picture(0)]).rename(path)
+    with pytest.raises(VfoaError, match=r"its name is not UTF-8, which FFmpeg cannot open; expected it renamed"):
+        Video(path)
