@@ -24,6 +24,7 @@ from harness.annotation_formats.exchange import Exchange, Imported, one_line
 from harness.annotations.labels import IGNORED, Label, LabelRange, Labels, ranges_of
 from harness.annotations.rows import SUGGESTED, parse_point
 from harness.files import atomic_write, read_bytes
+from harness.xml_text import parse_xml
 from vfoa.errors import VfoaError
 
 _UNDEFINED = "__undefined__"
@@ -75,10 +76,7 @@ class CvatVideo:
 
 
 def _root(path: Path) -> ElementTree.Element:
-    try:
-        root = ElementTree.fromstring(_content(path))
-    except ElementTree.ParseError as error:
-        raise VfoaError(f"{path}:{error.position[0]}: not XML: {error}") from None
+    root = parse_xml(_content(path), path)
     if root.tag != "annotations" or root.find("image") is not None or root.find("track") is None:
         raise VfoaError(f"{path}: found <{root.tag}> without tracks; expected CVAT for video 1.1")
     tasks = sorted({track.get("task_id", "") for track in root.iter("track")})

@@ -6,7 +6,6 @@ Notes, image points and suggestions stand in tiers of their own beside a subject
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from harness.annotation_formats.spans import Span, from_spans, to_spans
 from harness.annotations.labels import Label, Labels
 from harness.annotations.rows import SUGGESTED, parse_point
 from harness.files import atomic_write, read_bytes
+from harness.xml_text import parse_xml
 from vfoa.errors import VfoaError
 
 _NOTE, _POINT, _STATE = ":note", ":point_px", ":state"
@@ -70,10 +70,7 @@ class Elan:
 def _parse(path: Path) -> Any:
     from pympi.Elan import Eaf
 
-    try:
-        root = ElementTree.fromstring(read_bytes(path))
-    except ElementTree.ParseError as error:
-        raise VfoaError(f"{path}:{error.position[0]}: not XML: {error}") from None
+    root = parse_xml(read_bytes(path), path)
     if root.tag != "ANNOTATION_DOCUMENT":
         raise VfoaError(f"{path}: found <{root.tag}>; expected ELAN's <ANNOTATION_DOCUMENT>")
     try:

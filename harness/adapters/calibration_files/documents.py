@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import codecs
 import re
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import Element
 
 import numpy as np
 import yaml
 
 from harness.files import read_bytes
+from harness.xml_text import parse_xml
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -33,8 +34,7 @@ def read_document(path: Path) -> dict[str, Any]:
     VfoaError
         If it cannot be read or parsed, or is no table of names.
     """
-    data = read_bytes(path)
-    document = _read_xml(path, data) if path.suffix.lower() == ".xml" else _read_yaml(path, data)
+    document = _read_xml(path) if path.suffix.lower() == ".xml" else _read_yaml(path)
     if not isinstance(document, dict):
         raise VfoaError(f"{path}: holds no names; expected the calibration of OpenCV, ROS or Kalibr")
     return document
@@ -78,7 +78,8 @@ for _kind in ("opencv-matrix", "opencv-nd-matrix"):
     _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _matrix)
 
 
-def _read_yaml(path: Path, data: bytes) -> Any:
+def _read_yaml(path: Path) -> Any:
+    data = read_bytes(path)
     try:
         return yaml.load(_OPENCV_HEAD.sub(b"", data.removeprefix(codecs.BOM_UTF8), count=1), _Loader)
     except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
@@ -88,20 +89,15 @@ def _read_yaml(path: Path, data: bytes) -> Any:
         raise VfoaError(f"{path}{line}: not YAML: {problem}") from None
 
 
-def _read_xml(path: Path, data: bytes) -> dict[str, Any]:
-    try:
-        root = ElementTree.fromstring(data)
-    except ElementTree.ParseError as error:
-        raise VfoaError(f"{path}:{error.position[0]}: not XML: {error}") from None
-    except (LookupError, ValueError) as error:  # an encoding that is unknown, or that expat cannot read
-        raise VfoaError(f"{path}:1: not XML: {error}") from None
+def _read_xml(path: Path) -> dict[str, Any]:
+    root = parse_xml(read_bytes(path), path)
     try:
         return {child.tag: _value(child) for child in root}
     except (KeyError, TypeError, ValueError):
         raise VfoaError(f"{path}: an opencv-matrix whose data are not as many numbers as its size says") from None
 
 
-def _value(element: ElementTree.Element) -> Any:
+def _value(element: Element) -> Any:
     text = (element.text or "").strip()
     if element.get("type_id") in ("opencv-matrix", "opencv-nd-matrix"):
         parts = {child.tag: (child.text or "").split() for child in element}
