@@ -48,12 +48,10 @@ def atomic_write(path: Path, content: str | bytes) -> None:
     The folder is made where it is missing.
     """
     data = content.encode() if isinstance(content, str) else content
-    with replacing(path) as temporary:
-        with temporary.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        temporary.chmod(0o666 & ~_umask())  # mkstemp makes private files; results are meant to be shared
+    with replacing(path) as temporary, temporary.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 @contextmanager
@@ -68,6 +66,7 @@ def replacing(path: Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
+        temporary.chmod(0o666 & ~_umask())  # mkstemp makes private files; results are meant to be shared
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)

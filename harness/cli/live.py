@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -87,7 +86,7 @@ def _viewer() -> AbstractContextManager[str]:
 
 def _open(source: str, right: str | None, calibration: Path | None) -> tuple[LiveSource, ClipManifest]:
     """The source, and the manifest that says what it is called."""
-    from harness.clips.manifest import load_manifest, make_manifest
+    from harness.clips.manifest import as_clip_name, load_manifest, make_manifest
     from harness.live.sources import CameraPair, PlayedClip, open_capture
     from vfoa.errors import VfoaError
 
@@ -99,7 +98,7 @@ def _open(source: str, right: str | None, calibration: Path | None) -> tuple[Liv
     if calibration is not None:
         raise VfoaError("live: --calibration is for two cameras; expected --right too, or no --calibration")
     if source.endswith(".mcap"):
-        name = re.sub(r"[^A-Za-z0-9._-]+", "_", Path(source).stem).lstrip("._-") or "recording"
+        name = as_clip_name(Path(source).stem, default="recording")
         data = {"name": name, "adapter": "mcap", "source": {"recording": Path(source).name}}
         return _tail(Path(source), {}), make_manifest(data, Path(f"{name}.toml"))
     manifest = load_manifest(source)

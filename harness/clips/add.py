@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from harness.adapters import Clip, Recognised
 from harness.annotations.files import IGNORED, Label, LabelRange, Labels, write_annotations
 from harness.annotations.labels import UNLABELLED
 from harness.clips.locate import find
-from harness.clips.manifest import ClipManifest, make_manifest
+from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest
 from harness.clips.recognition import recognise
 from harness.files import atomic_write
 from harness.toml_text import toml_key, toml_value
@@ -80,11 +79,12 @@ def add_clip(
     ------
     VfoaError
         If nothing or several readings fit (the message lists them and the option that decides), no calibration was
-        found or given, the first pair cannot be read, or a clip of this name is there. Nothing is written then.
+        found or given, the first pair cannot be read, a clip of this name is there, or a file cannot be written.
+        Nothing is left behind then.
     """
     path = Path(os.path.abspath(path.expanduser()))  # without .., but with links as they are named
     chosen, found = recognise(path, adapter, source or {})
-    name = name or _as_name(found.name)
+    name = name or as_clip_name(found.name, default="clip")
     manifest_path, annotations_path = _free_paths(name)
     text = _manifest_text(name, chosen, found, subjects or {}, targets or {})
     manifest = make_manifest(tomllib.loads(text), manifest_path)
@@ -106,14 +106,19 @@ def add_clip(
     )
     try:
         write_annotations(annotations_path, _first_labels(manifest, clip))
-        atomic_write(manifest_path, text)
+        _write_beside(annotations_path, manifest_path, text)
     except OSError as error:
         raise VfoaError(f"{error.filename}: cannot be written: {error.strerror or error}") from None
     return added
 
 
-def _as_name(text: str) -> str:
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", text).strip("._-") or "clip"
+def _write_beside(first: Path, path: Path, text: str) -> None:
+    """Write the second of two files that are there together or not at all."""
+    try:
+        atomic_write(path, text)
+    except OSError:
+        first.unlink(missing_ok=True)
+        raise
 
 
 def _free_paths(name: str) -> tuple[Path, Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 from typing import Any, Self
 
@@ -25,7 +26,8 @@ class ClipManifest(Settings):
     ``source`` holds the adapter's own settings, ``notes`` what a reader of the tables must know.
     """
 
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+    # two underscores part a clip from a configuration in the names of a run's files
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9.-]*(_[A-Za-z0-9.-]+)*$")
     adapter: str
     root: str | None = None
     licence: str | None = None
@@ -115,6 +117,11 @@ class ClipManifest(Settings):
         return read_annotations(
             path, timeline=timeline, subjects=self.subjects, targets=self.targets, allow_gaps=allow_gaps
         )
+
+
+def as_clip_name(text: str, *, default: str) -> str:
+    """A clip's name made of any text; the default where nothing of it is left."""
+    return re.sub(r"[^A-Za-z0-9.-]+", "_", text).strip("._-") or default
 
 
 def load_manifest(name_or_path: str | os.PathLike[str]) -> ClipManifest:

@@ -94,13 +94,21 @@ def find_recordings(run: Path, clip: str | None, configuration: str | None) -> l
     if not recordings:
         raise VfoaError(f"{run}: expected a run's directory with recordings (*.rrd), found none")
     if clip is not None:
-        known = {path.stem.split("__")[0] for path in recordings}
-        recordings = [path for path in recordings if path.stem.startswith(f"{clip}__")]
+        known = {_clip_of(path) for path in recordings}
+        recordings = [path for path in recordings if _clip_of(path) == clip]
         if not recordings:
             raise VfoaError(f"{run}: found no recording of clip {clip!r}; {did_you_mean(clip, known)}")
     if configuration is not None:
-        known = {path.stem.split("__")[-1] for path in recordings}
-        recordings = [path for path in recordings if path.stem.endswith(f"__{configuration}")]
+        known = {_configuration_of(path) for path in recordings}
+        recordings = [path for path in recordings if _configuration_of(path) == configuration]
         if not recordings:
             raise VfoaError(f"{run}: found no recording under {configuration!r}; {did_you_mean(configuration, known)}")
     return recordings
+
+
+def _clip_of(recording: Path) -> str:
+    return recording.stem.partition("__")[0]
+
+
+def _configuration_of(recording: Path) -> str:
+    return recording.stem.partition("__")[2]

@@ -10,7 +10,9 @@ from typing import Any
 import pyarrow as pa  # type: ignore[import-untyped]
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
+from harness.files import replacing
 from harness.recording import entities
+from harness.recording.reading import reading
 from harness.recording.recorder import APPLICATION
 from harness.recording.viewer import viewer_binary
 from vfoa.errors import VfoaError
@@ -37,18 +39,17 @@ def write_excerpt(recording: Path, frame: int, margin: int, excerpt: Path) -> No
         (middle,) = Path(scratch).glob(f"*_{first}__{end}.rrd")
         camera = Path(scratch) / "camera.rrd"
         _write_camera(recording, first, times[first], RrdReader(middle).recordings()[0].recording_id, camera)
-        _rrd("merge", "--output", str(excerpt), str(middle), str(camera))
+        with replacing(excerpt) as draft:
+            _rrd("merge", "--output", str(draft), str(middle), str(camera))
 
 
 def _times(recording: Path) -> dict[int, Any]:
     """Time by frame."""
     found: dict[int, Any] = {}
-    try:
+    with reading(recording):
         for chunk in RrdReader(recording).stream().filter(content=entities.IMAGE, has_timeline="frame"):
             batch = chunk.to_record_batch()
             found |= dict(zip(batch.column("frame").to_pylist(), batch.column("time").to_pylist(), strict=True))
-    except RuntimeError as error:
-        raise VfoaError(f"{recording}: not a whole recording: {error}") from None
     if not found:
         raise VfoaError(f"{recording}: expected a recording of frames, found none")
     return found

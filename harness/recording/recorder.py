@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import rerun as rr
 
@@ -21,9 +21,6 @@ from harness.recording.scene import log_targets
 from harness.recording.stages import log_disparity, log_heads, log_images, log_masks
 from harness.recording.verdicts import log_verdicts
 from vfoa.types import Scene
-
-if TYPE_CHECKING:
-    pass
 
 APPLICATION = "vfoa"
 

@@ -14,6 +14,7 @@ import rerun.blueprint as rrb
 from rerun.chunk import LazyChunkStream, RrdReader
 
 from harness.recording import entities
+from harness.recording.reading import reading
 from harness.recording.recorder import APPLICATION, recording_id
 
 _PROPERTIES = "/__properties/**"
@@ -24,6 +25,11 @@ def write_side_by_side(clip: str, recordings: Mapping[str, Path], path: Path) ->
     """Write a recording that holds ``recordings``, by configuration, each under ``/<configuration>``.
 
     It stands at ``path`` when all of it is written, and replaces what stood there.
+
+    Raises
+    ------
+    VfoaError
+        If one of them is damaged.
     """
     prefixes = {configuration: f"/{rr.escape_entity_path_part(configuration)}" for configuration in recordings}
     columns = [_column(name, prefixes[name], _entities(each)) for name, each in recordings.items()]
@@ -44,7 +50,8 @@ def _under(prefix: str, recording: Path) -> LazyChunkStream:
 
 
 def _entities(recording: Path) -> list[str]:
-    return sorted({chunk.entity_path for chunk in RrdReader(recording).stream().drop(content=_PROPERTIES)})
+    with reading(recording):
+        return sorted({chunk.entity_path for chunk in RrdReader(recording).stream().drop(content=_PROPERTIES)})
 
 
 def _layout(columns: Sequence[rrb.Vertical]) -> rrb.Blueprint:

@@ -15,6 +15,7 @@ from typing import BinaryIO
 import rerun_cli
 from rerun.experimental import ViewerClient
 
+from harness.files import atomic_write
 from harness.local_server import HOST
 from vfoa.errors import VfoaError
 
@@ -91,7 +92,7 @@ def screenshot(recording: Path, frame: int | None, png: Path, *, size: tuple[int
     options = ["--headless", "--window-size", f"{size[0]}x{size[1]}"]
     with _viewer(options) as (_, client):
         _open(client, [recording], frame)
-        png.write_bytes(_settled_picture(client))
+        atomic_write(png, _settled_picture(client))
 
 
 def _open(client: ViewerClient, recordings: Sequence[Path], frame: int | None) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field
@@ -19,6 +20,8 @@ from harness.media.segment_ids import present_ids, relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.types import Instance, Instances, StereoFrame
+
+_Entry = TypeVar("_Entry", bound=BaseModel)
 
 
 class CocoPanopticSettings(Settings):
@@ -52,9 +55,11 @@ class CocoPanoptic:
         root = expand(settings.root, Path.cwd(), "segmentation.root")
         self._json, self._png = root / settings.annotations, root / settings.masks
         file = _read(self._json)
-        self._categories = {category.id: category for category in file.categories}
+        self._categories = _by_key(file.categories, "id", f"{self._json}: categories")
         self._stuff = _named_stuff(settings.stuff, file, self._json)
-        by_name = {annotation.file_name: annotation for annotation in file.annotations}
+        by_name = _by_key(file.annotations, "file_name", f"{self._json}: annotations")
+        for annotation in file.annotations:
+            _by_key(annotation.segments_info, "id", f"{self._json}: {annotation.file_name}: segments_info")
         numbers = number_names(by_name, f"{self._json}: annotations") if by_name else {}
         self._annotations = {number: by_name[name] for number, name in numbers.items()}
         every_id = (segment.id for annotation in file.annotations for segment in annotation.segments_info)
@@ -118,7 +123,7 @@ class _Segment(BaseModel):
     id: int = Field(ge=0, lt=1 << 24)
     category_id: int
     iscrowd: int = 0
-    score: float = 1.0
+    score: float = Field(default=1.0, allow_inf_nan=False)
 
 
 class _Annotation(BaseModel):
@@ -142,9 +147,17 @@ class _PanopticFile(BaseModel):
 def _read(path: Path) -> _PanopticFile:
     try:
         data: Any = json.loads(read_bytes(path))
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise VfoaError(f"{path}: not JSON: {error}") from None
     return parse(_PanopticFile, data, str(path))
+
+
+def _by_key(entries: Iterable[_Entry], key: str, where: str) -> dict[Any, _Entry]:
+    found: dict[Any, _Entry] = {}
+    for entry in entries:
+        if found.setdefault(getattr(entry, key), entry) is not entry:
+            raise VfoaError(f"{where}: {key} {getattr(entry, key)!r} is there twice; expected it once")
+    return found
 
 
 def _named_stuff(stuff: Literal["all"] | tuple[str, ...], file: _PanopticFile, path: Path) -> frozenset[str]:

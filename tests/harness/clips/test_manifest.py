@@ -87,6 +87,7 @@ def test_the_working_directory_comes_first(folder: Path, monkeypatch: pytest.Mon
         ),
         ('name = "clip"', 'name = "other"', r"name: found 'other'; expected 'clip'"),
         ('name = "clip"', 'name = "../clip"', r"name: "),
+        ('name = "clip"', 'name = "clip__two"', r"name: "),
         ('name = "clip"', "name = ", r"not TOML: .*line 2"),
     ],
 )

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 import subprocess
 
 import pytest
@@ -46,3 +47,14 @@ def test_a_frame_that_is_not_there_is_refused(frames, record_run, tmp_path):
         write_excerpt(recording, 12, 1, tmp_path / "excerpt.rrd")
     with pytest.raises(VfoaError, match="--margin"):
         write_excerpt(recording, 13, -1, tmp_path / "excerpt.rrd")
+
+
+def test_an_excerpt_that_fails_leaves_the_old_one_alone(frames, record_run, tmp_path, monkeypatch):
+    recording, excerpt = record_run(frames), tmp_path / "out" / "excerpt.rrd"
+    write_excerpt(recording, 13, 1, excerpt)
+    before = excerpt.read_bytes()
+    monkeypatch.setattr("harness.recording.excerpt._write_camera", lambda *rest: rest[-1].write_bytes(b"no recording"))
+    with pytest.raises(VfoaError, match="rerun rrd merge: "):
+        write_excerpt(recording, 10, 1, excerpt)
+    assert excerpt.read_bytes() == before
+    assert os.listdir(excerpt.parent) == ["excerpt.rrd"]

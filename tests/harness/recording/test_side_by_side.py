@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 
@@ -80,4 +81,14 @@ def test_a_mistake_is_one_line_and_writes_nothing(run, arguments, said, monkeypa
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
+    assert not list(run.glob("*__vs__*"))
+
+
+def test_a_recording_that_was_cut_is_one_line(run, monkeypatch, capsys):
+    recording = run / "clip__four cones.rrd"
+    recording.write_bytes(recording.read_bytes()[:-200])
+    assert _compare(monkeypatch, run)[0] == 2
+    assert re.fullmatch(r"vfoa: .*clip__four cones\.rrd: not a whole recording: .+\n", capsys.readouterr().err)
+    recording.write_bytes(b"no recording")
+    assert _compare(monkeypatch, run)[0] == 2
     assert not list(run.glob("*__vs__*"))

@@ -77,6 +77,9 @@ def test_recordings_are_found_by_clip_and_configuration(tmp_path):
     assert [path.stem for path in find_recordings(tmp_path, None, None)] == ["a__one", "a__two", "b__one"]
     assert [path.stem for path in find_recordings(tmp_path, "a", "two")] == ["a__two"]
     assert find_recordings(tmp_path / "a__one.rrd", None, None) == [tmp_path / "a__one.rrd"]
+    (tmp_path / "a__one__two.rrd").touch()
+    assert [path.stem for path in find_recordings(tmp_path, "a", "two")] == ["a__two"]
+    assert [path.stem for path in find_recordings(tmp_path, "a", "one__two")] == ["a__one__two"]
     with pytest.raises(VfoaError, match=r"clip 'c'.*expected one of: a, b"):
         find_recordings(tmp_path, "c", None)
     with pytest.raises(VfoaError, match=r"'two'.*expected one of: one"):

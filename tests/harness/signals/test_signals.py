@@ -106,6 +106,8 @@ def test_mistakes_in_the_masks_are_one_line(clip: StereoFolderClip, tmp_path: Pa
         segment("size", ids=_map()[1:])
     with pytest.raises(VfoaError, match=r"panoptic\.json: annotations\.0\.segments_info\.0\.category_id: missing"):
         segment("broken", segments=[{"id": 3}])
+    with pytest.raises(VfoaError, match=r"panoptic\.json: frame_0004\.png: segments_info: id 3 is there twice"):
+        segment("twice", segments=[SEGMENTS[0], *SEGMENTS])
 
 
 def test_mistakes_around_the_masks_are_one_line(clip: StereoFolderClip, tmp_path: Path) -> None:
@@ -116,9 +118,16 @@ def test_mistakes_around_the_masks_are_one_line(clip: StereoFolderClip, tmp_path
         CocoPanoptic(CocoPanopticSettings(root=str(tmp_path / "gone")), clip)
     with pytest.raises(VfoaError, match=r"needs the environment variable VFOA_NOT_SET"):
         CocoPanoptic(CocoPanopticSettings(root="${VFOA_NOT_SET}/x"), clip)
-    write_text(tmp_path / "coco" / "panoptic.json", "{")
-    with pytest.raises(VfoaError, match=r"panoptic\.json: not JSON"):
-        CocoPanoptic(CocoPanopticSettings(root=root), clip)
+    document = json.loads((tmp_path / "coco" / "panoptic.json").read_text())
+    for table, said in (("annotations", r"file_name 'frame_0004\.png'"), ("categories", "id 1")):
+        twice = document | {table: [*document[table], document[table][0]]}
+        write_text(tmp_path / "coco" / "panoptic.json", json.dumps(twice))
+        with pytest.raises(VfoaError, match=rf"panoptic\.json: {table}: {said} is there twice; expected it once"):
+            CocoPanoptic(CocoPanopticSettings(root=root), clip)
+    for content in ("{", "[" * 100_000):
+        write_text(tmp_path / "coco" / "panoptic.json", content)
+        with pytest.raises(VfoaError, match=r"panoptic\.json: not JSON"):
+            CocoPanoptic(CocoPanopticSettings(root=root), clip)
 
 
 def test_a_frame_without_masks_is_found_at_the_start(tmp_path: Path) -> None:
