@@ -46,16 +46,16 @@ def eye_origin(
 
 
 def _ball(head: Head, instance_id: int | None, seen: Seen, min_points: int) -> tuple[Float, float] | None:
-    """Middle (3,) and radius of the ball in a head's box, metres."""
+    """Middle (3,) and radius of the ball in a head's box, metres; None for one that would hold the camera."""
     u0, v0, u1, v1 = head.box_px
     rig = seen.rig
     points = _points_in((u0, v0, u1, v1), instance_id, seen)
     middle, half = np.array([u0 + u1, v0 + v1]) / 2, np.array([u1 - u0, v1 - v0]) / 2
     from_middle = (((project(points, rig) - middle) / half) ** 2).sum(axis=1)
     inside = from_middle <= 1
-    if np.count_nonzero(inside) < min_points:
-        return None
     radius_per_m = float((half / [rig.fx_px, rig.fy_px]).mean())
+    if np.count_nonzero(inside) < min_points or radius_per_m >= 1:
+        return None
     # the surface is sqrt(1 - rho^2) radii before the middle, and the radius in proportion to the middle's depth
     depth = float(np.median(points[inside, 2] / (1 - radius_per_m * np.sqrt(1 - from_middle[inside]))))
     return back_project(middle[0], middle[1], depth, rig), radius_per_m * depth

@@ -10,11 +10,11 @@ outlier  points far from their neighbours, for this cloud: single mismatches, pi
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from vfoa.boxes import axis_aligned_box, oriented_box
 from vfoa.eye_origin import EyeMethod, eye_origin
@@ -61,6 +61,12 @@ class ReconstructionSettings(Settings):
     max_points: int = Field(default=1000, ge=100)
     eyes: EyeMethod = "head"
     min_eye_points: int = Field(default=9, ge=1)
+
+    @model_validator(mode="after")
+    def _reachable(self) -> Self:
+        if self.min_points > self.max_points:
+            raise ValueError(f"min_points: expected at most max_points = {self.max_points}, found {self.min_points}")
+        return self
 
 
 def reconstruct(percepts: Percepts, settings: ReconstructionSettings) -> Scene:

@@ -130,6 +130,15 @@ def test_without_a_direction_the_patch_decides(changes) -> None:
     assert origin[2] < CENTER[2] - 0.08
 
 
+def test_a_head_that_could_only_be_about_the_camera_has_the_patch() -> None:
+    """A box wider than the focal length twice: the ball that fills it would hold the camera."""
+    wide = replace(ball(), rig=make_rig(400, 300, fx_px=40))
+    origin, patch = found(wide, SIDEWAYS), found(wide, SIDEWAYS, method="patch")
+    assert origin is not None
+    assert patch is not None
+    np.testing.assert_array_equal(origin, patch)
+
+
 def test_a_head_of_which_nothing_is_known_has_no_eyes() -> None:
     unknown = with_unknown(ball(), np.ones((RIG.height_px, RIG.width_px), bool))
     assert found(unknown, SIDEWAYS) is None

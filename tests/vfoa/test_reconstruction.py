@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
 
 from tests.scenes import make_box, make_rig, rendered_boxes
@@ -148,6 +149,11 @@ def test_too_few_points_give_no_box_but_keep_the_target(boxes):
     nothing = only_target(with_disparity(percepts, unknown | True, np.nan), boxes=boxes)
     assert nothing.box is None
     assert nothing.points_left.shape == (0, 3)
+
+
+def test_a_box_must_be_possible():
+    with pytest.raises(ValidationError, match="min_points: expected at most max_points = 1000, found 1001"):
+        ReconstructionSettings(min_points=1001)
 
 
 def test_a_small_thing_is_not_eroded_away():
