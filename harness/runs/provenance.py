@@ -91,8 +91,13 @@ def host() -> dict[str, Any]:
 
 
 def weights_of(choice: StageChoice) -> Iterator[str]:
-    """Names of weights files in a stage's settings: keys ``weights`` and ``*_weights``, one name or several."""
-    yield from _named(choice.settings.model_dump())
+    """Names of the weights files that a stage opens.
+
+    Those of its settings' keys ``weights`` and ``*_weights``, one name or several; or, where not all of them are opened
+    under all settings, those of its settings' property ``used_weights``.
+    """
+    used = getattr(choice.settings, "used_weights", None)
+    yield from _named(choice.settings.model_dump()) if used is None else used
 
 
 def _named(settings: Mapping[str, Any]) -> Iterator[str]:

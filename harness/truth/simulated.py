@@ -12,12 +12,10 @@ from pydantic import Field
 
 from harness.adapters import Clip
 from harness.truth.oracle import KnownTruth
+from vfoa.eye_head import sigma_rad
 from vfoa.geometry import perturb
 from vfoa.settings import Settings
 from vfoa.types import Float, Gaze, Head, HeadPose, StereoFrame
-
-MEAN_ANGLE_PER_SIGMA = float(np.sqrt(np.pi / 2))
-"""Mean of a Rayleigh distribution of scale 1: mean angle over the standard deviation in each tangent direction."""
 
 
 class _ErrorSettings(Settings):
@@ -49,7 +47,7 @@ class AngularError:
     """The error of one model. ``stream`` keeps the errors of different models apart under the same seed."""
 
     def __init__(self, settings: _ErrorSettings, stream: int) -> None:
-        self.sigma_rad = float(np.radians(settings.error_deg)) / MEAN_ANGLE_PER_SIGMA
+        self.sigma_rad = sigma_rad(settings.error_deg)
         self._bias_share, self._bias_frames = settings.bias_share, settings.bias_frames
         self._key = (settings.seed, stream)
 

@@ -63,6 +63,13 @@ class Adas0002:
         landmarks_weights: str = "landmarks-regression-retail-0009.onnx"
         eye_side: float = Field(default=0.85, gt=0)
 
+        @property
+        def used_weights(self) -> tuple[str, ...]:
+            """The files of the networks that are asked."""
+            own_pose = (self.head_pose_weights,) if self.head_pose == "own" else ()
+            own_landmarks = (self.landmarks_weights,) if self.landmarks == "own" else ()
+            return (self.weights, *own_pose, *own_landmarks)
+
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self._gaze = Model(settings.weights, GAZE, settings)

@@ -11,6 +11,7 @@ from harness.cache.identity import Source, code_of, difference, identify
 from harness.runs.experiment import load_experiment
 from harness.runs.stages import StageChoice
 from tests.disk import write_text
+from vfoa.errors import VfoaError
 
 CLIP = Source(name="clip", digest="sha", code="read", versions={"mcap": "1"})
 
@@ -77,6 +78,19 @@ def test_weights_count_by_their_content(tmp_path: Path) -> None:
     assert after is not None
     assert before.digest != after.digest
     assert difference(after.parts, [before.parts]) == f"weights.{weights.as_posix()} changed"
+
+
+def test_weights_that_are_not_opened_need_not_be_there(tmp_path: Path) -> None:
+    """ADAS-0002 has a network of its own for the landmarks, for those who ask for it."""
+    weights = tmp_path / "net.onnx"
+    weights.write_bytes(b"gaze")
+    used = [f"gaze.{key}={weights.as_posix()}" for key in ("weights", "head_pose_weights")]
+    absent = "gaze.landmarks_weights=absent.onnx"
+    identity = identify(_choice("gaze", *used, absent, experiment="default"), CLIP)
+    assert identity is not None
+    assert identity.parts["weights"].keys() == {weights.as_posix()}
+    with pytest.raises(VfoaError, match=r"absent\.onnx: no such model file"):
+        identify(_choice("gaze", *used, absent, "gaze.landmarks=own", experiment="default"), CLIP)
 
 
 def test_the_code_is_a_file_and_all_that_it_imports_of_its_package(
