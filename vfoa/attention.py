@@ -105,11 +105,7 @@ def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: Atten
     weights = cue_weights(axes, settings.weighting)
     if not weights:
         return Attention(subject=subject, missing=NoAttention.NO_DIRECTION)
-    boxes = {
-        target.instance.id: target.box
-        for target in targets
-        if target.box is not None and target.instance.id != subject.person.instance_id
-    }
+    boxes = boxes_of_others(subject, targets)
 
     cones = tuple(
         Cone(cue=cue, apex_left=origin, axis=axis, fov_rad=fov_rad, n_rays=settings.n_rays)
@@ -122,6 +118,12 @@ def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: Atten
     values = _weigh(tuple(boxes), dict(zip(axes, shares, strict=True)), weights)
     focus, tied = _focus(values, rays)
     return Attention(subject=subject, values=values, focus=focus, tied=tied, cones=cones, rays=rays)
+
+
+def boxes_of_others(subject: Subject, targets: tuple[Target, ...]) -> dict[int, Box3D]:
+    """What a subject can look at: the boxes by instance id, in the order of the targets, but for the subject's own."""
+    own = subject.person.instance_id
+    return {each.instance.id: each.box for each in targets if each.box is not None and each.instance.id != own}
 
 
 def cue_weights(axes: Mapping[Cue, Float], weighting: Weighting) -> dict[Cue, float]:

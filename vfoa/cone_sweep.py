@@ -14,7 +14,15 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from vfoa.attention import AttentionSettings, cue_weights, first_hits, pay_attention, pencil, score_rays
+from vfoa.attention import (
+    AttentionSettings,
+    boxes_of_others,
+    cue_weights,
+    first_hits,
+    pay_attention,
+    pencil,
+    score_rays,
+)
 from vfoa.geometry import entry_distance, left_from_crop
 from vfoa.types import CUES, Box3D, Cue, Float, Rays, Subject, Target
 
@@ -64,11 +72,7 @@ class ConeSweep:
         axes = {cue: axis for cue in CUES if (axis := subject.direction(cue)) is not None}
         if subject.person.eye_origin_left is None or not axes:
             return np.full(len(self._settings), UNKNOWN)
-        boxes = {
-            target.instance.id: target.box
-            for target in targets
-            if target.box is not None and target.instance.id != subject.person.instance_id
-        }
+        boxes = boxes_of_others(subject, targets)
         weights = [cue_weights(axes, weighting) for weighting in self._weightings]
         known = np.array([bool(each) for each in weights])[self._weighting_of]
         if not boxes:

@@ -6,8 +6,9 @@ full-size image as its guide and brings the map back to full size, doubled, alon
 a match stands for its 2 x 2 pixels. Either way the result is in pixels of the full-size pair.
 
 In a region, only its rows and columns (and a margin) are matched, against all that the right view has to offer them. A
-block match is the same there as in the whole frame, if the margin holds a block; a semi-global match and a WLS filter
-look as far as the image goes, but forget with distance, so that theirs is nearly the same.
+block match is the same there as in the whole frame. What looks further than a block (semi-global matching, the WLS
+filter, the checks for speckles and for the way back from the right view) forgets with distance, so that a margin makes
+it nearly the same.
 """
 
 from __future__ import annotations
