@@ -26,7 +26,7 @@ DOORS = {
     "tomlkit": ("harness/annotate/targets.py",),
     "onnx": ("harness/export/",),
     "filterpy": ("vfoa/gaze_filter.py",),
-    "open3d": ("vfoa/boxes.py", "harness/adapters/studio/raycast.py"),
+    "open3d": ("harness/adapters/studio/raycast.py",),
     "fsspec": ("harness/clips/remote.py",),
     "httpx": ("harness/models/download.py", "harness/recording/web_viewer.py"),
     "starlette": ("harness/annotate/", "harness/recording/site.py", "harness/local_server.py"),

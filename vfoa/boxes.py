@@ -6,6 +6,7 @@ from itertools import permutations
 
 import numpy as np
 
+from vfoa.geometry import left_from_crop, turn_about_z
 from vfoa.types import Box3D, Float
 
 MIN_HALF_SIZE_M = 0.001
@@ -18,20 +19,35 @@ def axis_aligned_box(points_left: Float) -> Box3D:
 
 
 def oriented_box(points_left: Float) -> Box3D:
-    """The smallest box that holds (N, 3) points, with a face on their convex hull (Open3D).
+    """The smallest box that holds (N, 3) points and has a face on their convex hull, in any orientation.
 
     Of the 24 ways to name its axes, that nearest to the camera's axes is taken.
     """
-    import open3d
-
-    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(_thickened(points_left)))
-    with open3d.utility.VerbosityContextManager(open3d.utility.VerbosityLevel.Error):
-        # it warns of axes that are not quite orthogonal, and they are made so below
-        axes = np.array(cloud.get_minimal_oriented_bounding_box().R)
+    axes = _smallest_axes(_thickened(points_left))
     axes = axes[:, max(permutations(range(3)), key=lambda order: np.abs(axes[range(3), order]).sum())]
     # right-handed: named like this, the diagonal sums to more than 1, and no left-handed triad's does
-    left, _, right = np.linalg.svd(axes * np.where(np.diag(axes) < 0, -1, 1))
-    return _box_along(left @ right, points_left)
+    return _box_along(axes * np.where(np.diag(axes) < 0, -1, 1), points_left)
+
+
+def _smallest_axes(points: Float) -> Float:
+    """The axes (3, 3) of that box: for every face of the hull, the smallest rectangle about what it sees of the points.
+
+    Open3D's minimal box answers with the camera's axes, and but a warning, for many a cloud that is all but flat.
+    """
+    import cv2
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(points - points.mean(axis=0))
+    vertices = hull.points[hull.vertices]
+    smallest, axes = np.inf, np.eye(3)
+    # many of the triangles lie in one face
+    for left_from_face in left_from_crop(np.unique(hull.equations[:, :3].round(9), axis=0)):
+        local = vertices @ left_from_face
+        _, size, angle_deg = cv2.minAreaRect(local[:, :2].astype(np.float32))
+        volume = float(np.prod(size) * np.ptp(local[:, 2]))
+        if volume < smallest:
+            smallest, axes = volume, left_from_face @ turn_about_z(np.deg2rad(angle_deg))
+    return axes
 
 
 def _box_along(axes: Float, points: Float) -> Box3D:

@@ -152,6 +152,12 @@ def tangent_offset(direction: ArrayLike, other: ArrayLike) -> Float:
     return np.stack([angle * np.where(aside > 0, right / length, 1), angle * down / length], axis=-1)
 
 
+def turn_about_z(angle_rad: float) -> Float:
+    """Rotation (3, 3) about z that turns x towards y by an angle."""
+    sine, cosine = np.sin(angle_rad), np.cos(angle_rad)
+    return np.array([(cosine, -sine, 0), (sine, cosine, 0), (0, 0, 1)])
+
+
 # Boxes
 
 _PARALLEL = 1e-200

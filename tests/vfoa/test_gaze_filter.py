@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 from scipy.spatial.transform import Rotation
+from scipy.special import expit
 
 from harness.bench.gaze_filter import filtered, measure_gaze_filter, noisy, saccade, steps_and_pursuits
 from tests.examples import few
 from tests.scenes import make_person
 from vfoa.gaze_filter import CueFilter, GazeFilterSettings, GazeFilterState, filter_cues, follow
 from vfoa.geometry import angle_between, perturb
-from vfoa.types import Float
+from vfoa.types import Float, Gaze, HeadPose
 
 GAZE = GazeFilterSettings(cues="gaze")
 AHEAD = np.array([0.0, 0.0, 1.0])
@@ -75,6 +79,45 @@ def test_no_direction_is_special(seed):
     measured = noisy(steps_and_pursuits(rng, 40), 5, rng)
     turn = Rotation.random(rng=rng).as_matrix()
     np.testing.assert_allclose(filtered(measured @ turn.T, GAZE), filtered(measured, GAZE) @ turn.T, atol=1e-9)
+
+
+def test_a_frame_is_one_step_of_the_kalman_filter_as_it_is_printed():
+    """Right and down of straight ahead are the camera's x and y. Degrees, one axis: position and velocity."""
+    noise = 4.0
+    moving = CueFilter(direction=AHEAD, velocity_deg=np.array([3.0, -2.0, 0.0]), covariance=np.diag([9.0, 9, 2, 2]))
+    found = follow(moving, perturb(AHEAD, *np.deg2rad([7.0, 3.0])), GazeFilterSettings(cues="gaze", noise_deg=noise))
+
+    theta = expit(0.5 * (np.hypot(7, 3) - 3 * noise))
+    transition = np.array([[1, 1], [0, 0.5]])
+    predicted = transition @ np.diag([9.0, 2]) @ transition.T + np.diag([1, 0.01])
+    gain = predicted @ np.linalg.inv(predicted + np.diag([noise**2 * (1 - theta), 1]))
+    right, down = (
+        (state := transition @ (0, velocity)) + gain @ (np.array([offset, offset]) - state)
+        for velocity, offset in ((3.0, 7.0), (-2.0, 3.0))
+    )
+    assert found is not None
+    assert found.saccades == pytest.approx((theta,))
+    assert found.theta == pytest.approx(theta)
+    np.testing.assert_allclose(found.direction, perturb(AHEAD, *np.deg2rad([right[0], down[0]])))
+    np.testing.assert_allclose(found.velocity_deg, (right[1], down[1], 0), atol=1e-12)
+    axis = np.ix_([0, 2], [0, 2])
+    np.testing.assert_allclose(found.covariance[axis], (np.eye(2) - gain) @ predicted)
+    np.testing.assert_allclose(found.covariance[1:, 1:][axis], (np.eye(2) - gain) @ predicted)
+
+
+def test_a_filter_starts_as_uncertain_as_a_measurement_and_at_rest():
+    (start,) = followed([at(5)], GazeFilterSettings(cues="gaze", noise_deg=4))
+    assert start.covariance.tolist() == np.diag([16.0, 16, 1, 1]).tolist()
+    assert not start.velocity_deg.any()
+
+
+@pytest.mark.parametrize(("down_deg", "missing"), [(89, 0), (90, 1)])
+def test_the_gate_stands_about_the_prediction(down_deg, missing):
+    """The gaze was moving right by 10 degrees a frame: 89 down is hypot(10, 89) = 89.6 degrees off, 90 down 90.6."""
+    moving = CueFilter(direction=AHEAD, velocity_deg=np.array([10.0, 0, 0]), covariance=np.eye(4))
+    found = follow(moving, perturb(AHEAD, 0, np.deg2rad(down_deg)), GAZE)
+    assert found is not None
+    assert found.missing == missing
 
 
 # What is missing or wrong
@@ -167,3 +210,29 @@ def test_a_subject_who_is_gone_for_long_is_forgotten():
 def test_a_gaze_that_was_never_measured_is_none():
     (subject,), _ = filter_cues(people(None), GazeFilterState(), GazeFilterSettings(cues="both"))
     assert (subject.gaze, subject.head_pose) == (None, None)
+
+
+def test_each_cue_is_filtered_by_its_own_measurements_and_keeps_their_uncertainty():
+    wanted = GazeFilterSettings(cues="both")
+    ((track_id, person),) = people(0)
+    view = replace(
+        person.view,
+        gaze=Gaze(direction=at(5), sigma_rad=0.1),
+        head_pose=HeadPose(direction=at(-5), yaw_rad=0.3, sigma_rad=0.2),
+    )
+    (subject,), state = filter_cues(((track_id, replace(person, view=view)),), GazeFilterState(), wanted)
+    np.testing.assert_allclose(subject.gaze.direction, at(5))
+    np.testing.assert_allclose(subject.head_pose.direction, at(-5))
+    assert (subject.gaze.sigma_rad, subject.head_pose.sigma_rad) == (0.1, 0.2)
+    assert np.isnan(subject.head_pose.yaw_rad)
+
+    (predicted,), _ = filter_cues(people(None), state, wanted)
+    np.testing.assert_allclose(predicted.gaze.direction, at(5))
+    np.testing.assert_allclose(predicted.head_pose.direction, at(-5))
+    assert (predicted.gaze.sigma_rad, predicted.head_pose.sigma_rad) == (None, None)
+
+
+@pytest.mark.parametrize(("name", "wrong"), [("noise_deg", 0), ("gate_deg", 0), ("hold", 0), ("max_missing", -1)])
+def test_a_setting_outside_of_its_range_is_refused(name, wrong):
+    with pytest.raises(ValidationError, match=name):
+        GazeFilterSettings(**{name: wrong})

@@ -29,6 +29,8 @@ from vfoa.geometry import (
     perturb,
     pixel_ray,
     project,
+    tangent_offset,
+    turn_about_z,
     unit,
 )
 
@@ -178,6 +180,25 @@ def test_a_perturbation_turns_by_its_angle_towards_its_side(right_rad, down_rad,
     local = direction_to_crop(turned, direction)
     np.testing.assert_allclose(local[:, 0] * down_rad, local[:, 1] * right_rad, atol=1e-9)
     assert (local[:, 0] * right_rad + local[:, 1] * down_rad >= -1e-12).all()
+
+
+@given(st.floats(-3.1, 3.1), st.floats(0, 3.1), SEEDS)
+def test_a_tangent_offset_is_the_perturbation_that_leads_there(towards_rad, angle_rad, seed):
+    direction, other = vectors(seed, 2)
+    offset = angle_rad * np.array([math.cos(towards_rad), math.sin(towards_rad)])
+    np.testing.assert_allclose(tangent_offset(direction, 3 * perturb(direction, *offset)), offset, atol=1e-6)
+    np.testing.assert_allclose(perturb(direction, *tangent_offset(direction, other)), unit(other), atol=1e-9)
+
+
+def test_the_opposite_direction_lies_to_the_right_and_the_same_nowhere():
+    directions = [(0, 0, 1), (0, 0, 1)]
+    np.testing.assert_array_equal(tangent_offset(directions, [(0, 0, 2), (0, 0, -2)]), [(0, 0), (math.pi, 0)])
+
+
+@given(ANGLES)
+def test_a_turn_about_z_takes_x_towards_y(angle_rad):
+    expected = Rotation.from_euler("z", angle_rad).as_matrix()
+    np.testing.assert_allclose(turn_about_z(angle_rad), expected, atol=1e-12)
 
 
 # Boxes

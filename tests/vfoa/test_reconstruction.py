@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from tests.scenes import make_box, make_rig, rendered_boxes
 from vfoa.boxes import axis_aligned_box, oriented_box
 from vfoa.geometry import back_project, box_corners, depth_from_disparity, project
-from vfoa.reconstruction import ReconstructionSettings, reconstruct
+from vfoa.reconstruction import ReconstructionSettings, _gated, _thinned, _without_outliers, reconstruct
 from vfoa.types import Disparity, Head, HeadView, Instance, Instances
 
 RIG = make_rig(320, 200, fx_px=260)
@@ -170,6 +170,98 @@ def test_a_big_cloud_is_thinned_without_losing_its_edges():
     np.testing.assert_allclose(faces(thin.box), faces(full.box), atol=4 * PIXEL_M)
 
 
+@pytest.mark.parametrize(
+    ("radius_px", "size", "left"),
+    [
+        (0, (6, 8), (6, 8)),
+        (1, (10, 30), (8, 28)),
+        (2, (10, 30), (6, 26)),
+        (1, (6, 8), (4, 6)),  # exactly half
+        (1, (6, 7), (6, 7)),  # less than half would be left
+    ],
+)
+def test_a_mask_loses_its_border_unless_that_is_more_than_half_of_it(radius_px, size, left):
+    percepts = rendered_boxes(RIG, [])
+    ids = np.zeros((RIG.height_px, RIG.width_px), np.uint16)
+    ids[50 : 50 + size[0], 70 : 70 + size[1]] = 1
+    thing = Instance(id=1, label="cup", category_id=41, is_thing=True, score=0.9)
+    (target,) = reconstruct(
+        replace(percepts, instances=Instances(ids=ids, instances=(thing,))),
+        RAW.model_copy(update={"erode_px": radius_px}),
+    ).targets
+    u, v = np.round(project(target.points_left, RIG)).astype(int).T
+    middle = (70 + (size[1] - 1) / 2, 50 + (size[0] - 1) / 2)
+    assert (len(np.unique(v)), len(np.unique(u)), len(u)) == (*left, left[0] * left[1])
+    assert ((u.min() + u.max()) / 2, (v.min() + v.max()) / 2) == middle
+
+
+def test_points_beyond_so_many_median_deviations_are_gated_out_whatever_the_mean():
+    """Most of the depths are off by 0.02 m, some by a metre: the gate stands at 8 x 0.02 m."""
+    depth = np.array([1.98] * 45 + [2.0] * 11 + [2.02] * 34 + [2.15, 2.17] + [3.0] * 8)
+    points = np.column_stack([np.zeros((len(depth), 2)), depth])
+    kept = _gated(points, ReconstructionSettings(gate_mads=8), RIG, extent_px=10)
+    assert np.unique(kept[:, 2]).tolist() == [1.98, 2.0, 2.02, 2.15]
+
+
+def grid_with(*extra):
+    """A hundred points 1 cm apart at a depth of 1 m, and some more."""
+    across = np.arange(10) / 100
+    return np.array([(x, y, 1.0) for x in across for y in across] + list(extra))
+
+
+def test_an_outlier_is_measured_by_as_many_neighbours_as_are_asked_for():
+    """Two points that fly together are each other's nearest, but have no second one."""
+    pair = grid_with((0.5, 0.5, 1.0), (0.51, 0.5, 1.0))
+    for neighbours, left in ((1, 102), (2, 100)):
+        settings = ReconstructionSettings(outlier_neighbours=neighbours, outlier_ratio=3)
+        assert len(_without_outliers(pair, settings)) == left
+
+
+def test_an_outlier_is_measured_against_the_median_whatever_the_mean():
+    """Its neighbour is 6 times as far as is usual, but not 6 times as far as the mean with a point at 100 m."""
+    cloud = grid_with((0.15, 0.09, 1.0), (100, 0, 1.0))
+    assert len(_without_outliers(cloud, ReconstructionSettings(outlier_neighbours=1, outlier_ratio=5))) == 100
+    assert len(_without_outliers(cloud, ReconstructionSettings(outlier_neighbours=1, outlier_ratio=7))) == 101
+
+
+@pytest.mark.parametrize("count", [100, 233, 1000])
+def test_thinning_leaves_no_gap_of_twice_the_usual(count):
+    rows = np.arange(100_000)[:, None]
+    chosen = _thinned(rows, count)[:, 0]
+    assert len(chosen) == count
+    assert np.diff([0, *chosen, 100_000]).max() < 2 * 100_000 / count
+    np.testing.assert_array_equal(_thinned(rows, 100_000), rows)
+
+
+def test_an_oriented_box_is_smaller_about_a_thing_that_stands_askew():
+    askew = make_box((0, 0, 1.8), (0.3, 0.1, 0.2), Rotation.from_euler("z", 30, degrees=True).as_matrix())
+    percepts = rendered_boxes(RIG, [askew])
+    boxes = [only_target(percepts, boxes=kind).box for kind in ("aabb", "oriented")]
+    np.testing.assert_array_equal(boxes[0].left_from_box, np.eye(3))
+    np.testing.assert_allclose(boxes[1].left_from_box[:, 0], askew.left_from_box[:, 0], atol=0.05)
+    assert np.prod(boxes[1].half_size_m) < 0.8 * np.prod(boxes[0].half_size_m)
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "wrong"),
+    [
+        ("erode_px", (0, 20), (-1, 21)),
+        ("gate_mads", (0.1,), (0,)),
+        ("outlier_neighbours", (1,), (0,)),
+        ("outlier_ratio", (1,), (0.9,)),
+        ("min_points", (1,), (0,)),
+        ("max_points", (100,), (99,)),
+        ("min_eye_points", (1,), (0,)),
+    ],
+)
+def test_a_setting_outside_of_its_range_is_refused(name, good, wrong):
+    for value in good:
+        assert getattr(ReconstructionSettings(**{name: value}), name) == value
+    for value in wrong:
+        with pytest.raises(ValidationError, match=name):
+            ReconstructionSettings(**{name: value})
+
+
 def test_reconstruction_is_repeatable():
     percepts = rendered_boxes(RIG, [CUBE, make_box((0.4, 0.2, 2.2), 0.25)])
     for boxes in ("aabb", "oriented"):
@@ -215,6 +307,21 @@ def test_an_oriented_box_finds_the_box_its_points_fill(seed):
     assert found.left_from_box.trace() >= 1 - 1e-9
     np.testing.assert_allclose(found.center_m, box.center_m, atol=2e-3)
     np.testing.assert_allclose(np.sort(found.half_size_m), np.sort(box.half_size_m), atol=2e-3)
+
+
+@given(seed=st.integers(0, 2**32 - 1), thickness=st.sampled_from([0, 1e-6, 1e-3, 0.02]))
+def test_an_oriented_box_finds_the_plate_its_points_fill_in_any_orientation(seed, thickness):
+    """As a grid, as stereo sees a face."""
+    rng = np.random.default_rng(seed)
+    plate = make_box(rng.normal(size=3), (*rng.uniform(0.1, 0.5, 2), 0.001), Rotation.random(rng=rng).as_matrix())
+    u, v = np.mgrid[-1:1:15j, -1:1:15j].reshape(2, -1)
+    local = np.column_stack([u, v, rng.uniform(-thickness, thickness, u.shape)]) * [*plate.half_size_m[:2], 1]
+    found = oriented_box(local @ plate.left_from_box.T + plate.center_m)
+    np.testing.assert_allclose(
+        np.sort(found.half_size_m)[1:], np.sort(plate.half_size_m[:2]), rtol=0.02, atol=thickness
+    )
+    normal = found.left_from_box[:, found.half_size_m.argmin()]
+    assert abs(normal @ plate.left_from_box[:, 2]) == pytest.approx(1, abs=2 * max(thickness, 1e-3))
 
 
 @pytest.mark.parametrize("make", [axis_aligned_box, oriented_box])
@@ -321,6 +428,14 @@ def test_a_head_belongs_to_the_person_that_covers_most_of_it():
     assert only_person(portrait(face(instance_id=1), ids=ids)).instance_id == 1
     assert only_person(portrait(face(), ids=ids, label="bird")).instance_id is None
     assert only_person(portrait(face(), ids=ids, label="bird"), person=("child", "bird")).instance_id == 2
+
+
+def test_a_single_pixel_in_the_heads_box_is_enough_to_belong_and_of_equals_the_first_has_it():
+    ids = np.zeros((RIG.height_px, RIG.width_px), int)
+    ids[60, 120] = 2
+    assert only_person(portrait(face(), ids=ids)).instance_id == 2
+    ids[61, 120] = 1
+    assert only_person(portrait(face(), ids=ids)).instance_id == 1
 
 
 def test_people_are_targets_of_others():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from tests.scenes import make_person
 from vfoa.geometry import box_iou
@@ -86,6 +87,32 @@ def test_an_id_is_not_given_twice():
     _, state = track_people((), state, PUBLISHED)
     tracked, _ = track_people((at(0),), state, PUBLISHED)
     assert [track_id for track_id, _ in tracked] == [2]
+
+
+def test_a_track_counts_from_exactly_its_least_score_overlap_and_length_on():
+    """The second head covers the first and as much again: an overlap of exactly a half."""
+    settings = TrackingSettings(sigma_h=0.6, sigma_iou=0.5, t_min=3, ttl=0)
+    wide = make_person((0, 0, 10, 20), score=0.6)
+    assert set(final_tracks([(at(0, 0.6),), (wide,), (wide,)], settings)) == {1}
+    assert not final_tracks([(at(0, 0.6),), (wide,)], settings)
+
+
+@pytest.mark.parametrize(
+    ("name", "good", "wrong"),
+    [
+        ("sigma_l", (0,), (-0.1,)),
+        ("sigma_h", (0,), (-0.1,)),
+        ("sigma_iou", (0.01, 1), (0, 1.1)),
+        ("t_min", (1,), (0,)),
+        ("ttl", (0,), (-1,)),
+    ],
+)
+def test_a_setting_outside_of_its_range_is_refused(name, good, wrong):
+    for value in good:
+        assert getattr(TrackingSettings(**{name: value}), name) == value
+    for value in wrong:
+        with pytest.raises(ValidationError, match=name):
+            TrackingSettings(**{name: value})
 
 
 boxes = st.builds(
