@@ -169,8 +169,15 @@ class Store:
         return removed
 
     def clear(self) -> None:
-        """Remove every result."""
-        shutil.rmtree(self.stages, ignore_errors=True)
+        """Remove every result.
+
+        Raises
+        ------
+        OSError
+            If something cannot be removed; what others remove meanwhile is gone as well.
+        """
+        with suppress(FileNotFoundError):
+            shutil.rmtree(self.stages)
 
 
 def _checksum(data: bytes) -> bytes:

@@ -30,7 +30,7 @@ def calibrate(
     layout: Annotated[str, typer.Option(help=LAYOUT)] = "images",
     every: Annotated[int, typer.Option(min=1, help="Use each so many-th frame of a video.")] = 1,
     max_edge_px: Annotated[float, typer.Option(min=1, help="Wider edges of the board are blurred.")] = 4.0,
-    out: Annotated[Path, typer.Option(help="The file to write.")] = Path("stereo.yml"),
+    out: Annotated[Path, typer.Option(help="The file to write, .yml or .yaml.")] = Path("stereo.yml"),
 ) -> None:
     """Calibrate two cameras from pictures of a chessboard or a ChArUco board (--marker-mm).
 
@@ -44,6 +44,7 @@ def calibrate(
     from harness.calibration.solve import solve
     from harness.calibration.views import find_views
 
+    _check_name(out)
     if left is right is both is None:
         left, right = "left*", "right*"
     views = _views(folder, {"layout": layout, "left": left, "right": right, "both": both})
@@ -66,6 +67,14 @@ def calibrate(
     typer.echo(f"{preview}: frame {shown}, rectified")
     errors = f"RMS {found.rms_px:.3f} px, mean epipolar error {found.epipolar_px:.3f} px"
     typer.echo(f"{out}: {len(found.errors)} pairs, {errors}, baseline {rectified.calibration.baseline_m:.4f} m")
+
+
+def _check_name(out: Path) -> None:
+    """What is written is YAML, and a calibration is told by its suffix."""
+    from vfoa.errors import VfoaError
+
+    if out.suffix.lower() not in (".yml", ".yaml"):
+        raise VfoaError(f"--out {out}: found the suffix {out.suffix!r}; expected .yml or .yaml")
 
 
 def _views(folder: Path, files: dict[str, str | None]) -> Views:

@@ -130,14 +130,18 @@ def _only(experiment: Experiment, config: str | None) -> Experiment:
 
 @contextmanager
 def _ended_by_ctrl_c(stopped: Event) -> Iterator[None]:
-    """Let the first Ctrl-C end the run and keep all of it; the second one breaks it off."""
+    """Let the first Ctrl-C, or SIGTERM, end the run and keep all of it; the second one breaks it off."""
+
+    def restore() -> None:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
     def stop(number: int, frame: object) -> None:
         stopped.set()
-        signal.signal(signal.SIGINT, before)
+        restore()
 
-    before = signal.signal(signal.SIGINT, stop)
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        restore()

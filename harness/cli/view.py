@@ -30,6 +30,7 @@ def view(
 ) -> None:
     """Open a run's recordings in the Rerun viewer; with several, the first is in front and all are listed."""
     from harness.cli.failures import step_through
+    from harness.local_server import ended_by_sigterm
     from harness.recording import find_recordings, viewer
     from vfoa.errors import VfoaError
 
@@ -48,7 +49,8 @@ def view(
     elif web:
         _browse(recordings, frame)
     else:
-        viewer.show(recordings, frame)
+        with ended_by_sigterm():
+            viewer.show(recordings, frame)
 
 
 def _browse(recordings: list[Path], frame: int | None) -> None:

@@ -72,6 +72,16 @@ def test_usage_says_what_each_stage_takes_and_clearing_leaves_none(store: Store)
     assert (store.root / "studio").exists()
 
 
+def test_what_cannot_be_cleared_is_said(store: Store, tmp_path: Path) -> None:
+    elsewhere = Store(tmp_path / "elsewhere", 0)
+    elsewhere.save(elsewhere.folder("stereo", "abc") / "000001-0.bin", b"x")
+    store.clear()
+    store.stages.symlink_to(elsewhere.stages)
+    with pytest.raises(OSError, match="symbolic link"):
+        store.clear()
+    assert (elsewhere.folder("stereo", "abc") / "000001-0.bin").exists()
+
+
 @pytest.mark.parametrize("text", ["lots", "-1", "nan", "inf"])
 def test_a_limit_that_is_none_is_refused(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("VFOA_CACHE_GB", text)

@@ -17,7 +17,7 @@ from harness.calibration.files import write_calibration
 from harness.calibration.pictures import Pictures
 from harness.calibration.solve import solve
 from harness.calibration.views import View, find_views
-from harness.cli import app
+from harness.cli import app, main
 from harness.media.images import read_rgb
 from tests.calibrations import rectified_rows_px, write_opencv
 from tests.disk import write_image
@@ -126,3 +126,18 @@ def test_the_verb_writes_the_file_and_a_picture(shared_data: Path, tmp_path: Pat
     assert "13 pairs, RMS" in result.output
     assert isinstance(read_cameras([out], lambda: (1, 1)), RawCalibration)
     assert read_rgb(tmp_path / "stereo.png").shape == (480, 1280, 3)
+
+
+@pytest.mark.parametrize("name", ["stereo", "stereo.png", "stereo.xml", "stereo.conf"])
+def test_a_file_that_would_not_be_read_back_is_not_written(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        "sys.argv", ["vfoa", "calibrate", ".", "--columns", "9", "--rows", "6", "--square-mm", "25", "--out", name]
+    )
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert f"--out {name}: found the suffix '{Path(name).suffix}'; expected .yml or .yaml" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []

@@ -349,7 +349,8 @@ def test_a_viewer_is_shown_the_frames_and_follows_them(experiment: Experiment, t
 # The command
 
 
-def test_ctrl_c_ends_a_live_run_and_keeps_it(experiment_file: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("sign", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_live_run_and_keeps_it(sign: signal.Signals, experiment_file: Path, tmp_path: Path) -> None:
     root = sintel_scene(tmp_path / "data", frames=tuple(range(1, 151)))
     write_text(
         tmp_path / "datasets" / "alley.toml",
@@ -368,7 +369,7 @@ def test_ctrl_c_ends_a_live_run_and_keeps_it(experiment_file: Path, tmp_path: Pa
     while not list(tmp_path.glob("run/parts/*.partial")) and time.monotonic() < deadline:
         time.sleep(0.05)
     time.sleep(2.5)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(sign)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 0, err
     frames = _frames(tmp_path / "run")
