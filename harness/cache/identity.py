@@ -2,7 +2,8 @@
 
 The clip's content, the stage and all its settings, its weights' content, its code and that of the adapter that reads
 the clip (the file it is in and every file of the same package, or of vfoa, that this imports, directly or not), the
-versions of the packages those import, and the machine's kind. A result is found again only if all of it is the same.
+versions of the packages those import, the machine's kind, and the code that writes results down. A result is found
+again only if all of it is the same.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.adapters import Clip
+from harness.cache import values
 from harness.files import file_digest
 from harness.runs.provenance import weights_of
 from harness.runs.stages import SLOTS, StageChoice
@@ -72,6 +74,7 @@ def identify(choice: StageChoice, source: Source) -> Identity | None:
         "weights": {name: file_digest(locate(name)) for name in weights_of(choice)},
         "code": code,
         "versions": {**source.versions, **versions},
+        "format": file_digest(Path(values.__file__)),
     }
     # a clip by another name is the same clip
     content = {name: value for name, value in parts.items() if name != "clip"}

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.cache import values
 from harness.cache.identity import Source, code_of, difference, identify
 from harness.runs.experiment import load_experiment
 from harness.runs.stages import StageChoice
@@ -37,6 +38,16 @@ def test_every_part_makes_another_identity_but_the_clips_name() -> None:
     assert same is not None
     assert same.digest == base.digest
     assert len({base.digest, *(each.digest for each in changed if each)}) == 7
+
+
+def test_results_of_another_format_are_not_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = identify(_choice("stereo"), CLIP)
+    monkeypatch.setattr(values, "__file__", str(write_text(tmp_path / "values.py", "# every array in Fortran's order")))
+    after = identify(_choice("stereo"), CLIP)
+    assert before is not None
+    assert after is not None
+    assert before.digest != after.digest
+    assert difference(after.parts, [before.parts]) == "format changed"
 
 
 def test_a_clip_is_known_by_its_content_and_by_all_code_that_reads_it(
