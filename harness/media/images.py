@@ -19,6 +19,9 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _JPEG = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
 
+MOST_PIXELS = 2**30
+"""More than that OpenCV does not decode; an 8K image has 2**25."""
+
 
 def read_rgb(path: Path) -> Image:
     """Read an image (H, W, 3) uint8 RGB. Gray is repeated, alpha dropped, 16 bits are cut to 8.
@@ -87,6 +90,10 @@ def _png_damage(data: bytes) -> str | None:
             break
         if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
             return f"damaged PNG: wrong checksum of chunk {kind.decode('latin-1')!r} at byte {at}"
+        if kind == b"IHDR" and length >= 8:
+            width, height = struct.unpack_from(">II", data, at + 8)
+            if not 0 < width * height <= MOST_PIXELS:
+                return f"not a readable PNG: it claims {width} x {height} pixels; expected 1 to {MOST_PIXELS}"
         if kind == b"IEND":
             return None
         at = end

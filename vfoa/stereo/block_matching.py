@@ -22,6 +22,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatcherSettings, SemiGlobalMatcherSettings
 from vfoa.stereo.cut import cropped, cut, enlarged, gray, in_frame
 from vfoa.stereo.region import Region, whole
@@ -66,11 +67,24 @@ class _Matcher(ABC):
 
         Unknown are pixels without a match, with a match outside the right image, and of low confidence.
         """
-        return self._match(frame, whole(frame.rig))
+        return self._match_if_there_is_room(frame, whole(frame.rig))
 
     def match_region(self, frame: StereoFrame, region: Region) -> Disparity:
         """Match a region, and a margin, of one pair (see :class:`vfoa.stereo.RegionMatcher`)."""
-        return self._match(frame, region.grown(self._common.region_margin_px, frame.rig))
+        return self._match_if_there_is_room(frame, region.grown(self._common.region_margin_px, frame.rig))
+
+    def _match_if_there_is_room(self, frame: StereoFrame, region: Region) -> Disparity:
+        try:
+            return self._match(frame, region)
+        except cv2.error as error:
+            if error.code != cv2.Error.StsNoMem:
+                raise
+            size = f"{region.u1 - region.u0} x {region.v1 - region.v0} pixels"
+            raise VfoaError(
+                f"frame {frame.index}: no memory for matching {size} with {self._searched.count} disparities; "
+                'expected a greater stereo.min_depth_m, stereo.resolution = "half", stereo.region = "needed" or, of '
+                'sgbm, stereo.mode = "3way"'
+            ) from None
 
     def _match(self, frame: StereoFrame, region: Region) -> Disparity:
         if region.is_empty:

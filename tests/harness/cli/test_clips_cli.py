@@ -9,7 +9,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
-from harness.clips.check import matched_offsets_px
+from harness.clips.check import MATCHED_SIDE_PX, matched_offsets_px
 from tests.disk import write_bytes, write_image, write_text
 
 WIDTH, HEIGHT, DISPARITY = 320, 240, 12
@@ -66,6 +66,14 @@ def test_the_row_difference_is_measured(rows_apart: int) -> None:
     found = matched_offsets_px(*_textured(rows_apart))
     assert len(found) >= 30
     np.testing.assert_allclose(np.median(found, axis=0), (DISPARITY, -rows_apart), atol=0.1)
+
+
+def test_the_row_difference_of_large_pictures_is_measured_in_their_own_pixels() -> None:
+    factor = 1 + MATCHED_SIDE_PX // WIDTH
+    size = (factor * WIDTH + 1, factor * HEIGHT)  # which no whole number of squares fills
+    found = matched_offsets_px(*(cv2.resize(image, size) for image in _textured(4)))
+    assert len(found) >= 30
+    np.testing.assert_allclose(np.median(found, axis=0), (factor * DISPARITY, -factor * 4), atol=0.2 * factor)
 
 
 def test_pictures_without_features_give_no_measure() -> None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import os
+import struct
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from io import BytesIO
@@ -110,6 +112,18 @@ def image(path: str, pixels: np.ndarray) -> Damage:
     return damage
 
 
+def claims(path: str, width: int, height: int) -> Damage:
+    """The size in a PNG's head is another one, and its checksum right."""
+
+    def damage(root: Path) -> None:
+        data = bytearray((root / path).read_bytes())
+        data[16:24] = struct.pack(">II", width, height)
+        data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+        put(root / path, bytes(data))
+
+    return damage
+
+
 def array(path: str, values: np.ndarray, *, pickled: bool = False) -> Damage:
     content = BytesIO()
     np.save(content, values, allow_pickle=pickled)
@@ -201,6 +215,8 @@ _IMAGES = [
     case("image is text", text(LEFT), "000002.png"),
     case("image of another size", image(LEFT, np.zeros((48, 64, 3), np.uint8)), "000002.png", "64", "1024"),
     case("image of one pixel", image(LEFT, np.zeros((1, 1, 3), np.uint8)), "000002.png"),
+    case("image claims 60000 x 60000 pixels", claims(LEFT, 60_000, 60_000), "000002.png", "60000 x 60000 pixels"),
+    case("image claims no pixels", claims(LEFT, 0, 436), "000002.png", "0 x 436 pixels"),
     case("image gone on one side", gone("images/right/000002.png"), "frame 2: not in the clip"),
     case("image is a folder", a_folder(LEFT), "000002.png", "directory"),
     case("image is a dangling link", dangling(LEFT), "000002.png", "no such file"),

@@ -47,6 +47,7 @@ def test_an_undamaged_source_passes(
     source.damage(tmp_path)
     code, said, complaint = vfoa(monkeypatch, capsys, *source.command)
     assert code == 0, said + complaint
+    assert [word for word in source.says if word not in said] == [], said
 
 
 @pytest.mark.parametrize("damaged", DAMAGED, ids=lambda each: each.name)

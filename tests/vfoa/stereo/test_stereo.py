@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import pickle
+import subprocess
+import sys
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -207,3 +210,30 @@ def test_semi_global_matching_sees_more_of_bandage_2_than_block_matching(bandage
 
 def test_semi_global_matching_with_wls_is_right_to_half_a_pixel_on_bandage_2(bandage_2):
     assert np.nanmedian(np.abs(errors(matcher("sgbm"), bandage_2))) < 0.5
+
+
+_ASKS_FOR_TWELVE_GB = """
+import resource
+resource.setrlimit(resource.RLIMIT_AS, (6 << 30, 6 << 30))
+import numpy as np
+from tests.scenes import make_rig
+from vfoa.errors import VfoaError
+from vfoa.stereo.block_matching import SemiGlobalMatcher
+from vfoa.types import StereoFrame
+
+image = np.zeros((1500, 2000, 3), np.uint8)
+rig = make_rig(width_px=2000, height_px=1500, fx_px=5000.0, baseline_m=0.1)
+matcher = SemiGlobalMatcher(SemiGlobalMatcher.Settings(mode="hh", min_depth_m=0.5))
+try:
+    matcher.match(StereoFrame(index=7, time_ns=0, left=image, right=image, rig=rig))
+except VfoaError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no limit on a process's memory")
+def test_a_pair_too_large_for_the_memory_says_what_takes_less() -> None:
+    command = [sys.executable, "-c", _ASKS_FOR_TWELVE_GB]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=Path(__file__).parents[3])
+    assert done.stdout.startswith("frame 7: no memory for matching 2000 x 1500 pixels with 1008 disparities; expected ")
+    assert done.stdout.count("\n") == 1
