@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -28,7 +29,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise VfoaError(f"{path}: not TOML: {error}") from None
 
 
-def parse(model: type[Model], data: Any, where: str, table: str = "") -> Model:
+def parse(model: type[Model], data: Any, where: str, table: str = "", beside: Iterable[str] = ()) -> Model:
     """Check ``data`` against a model.
 
     Parameters
@@ -41,6 +42,8 @@ def parse(model: type[Model], data: Any, where: str, table: str = "") -> Model:
         The start of the message, such as a file.
     table
         Where ``data`` stands in that file, put before the key: ``"source"`` makes ``source.scene``.
+    beside
+        Keys that the file has in the same table and ``data`` has not: one of them may be what was meant.
 
     Raises
     ------
@@ -53,16 +56,17 @@ def parse(model: type[Model], data: Any, where: str, table: str = "") -> Model:
     except ValidationError as error:
         mistakes = sorted(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
         more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
-        raise VfoaError(f"{where}: {_sentence(model, mistakes[0], table)}{more}") from None
+        raise VfoaError(f"{where}: {_sentence(model, mistakes[0], table, beside)}{more}") from None
 
 
-def _sentence(model: type[BaseModel], mistake: Any, table: str) -> str:
+def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable[str]) -> str:
     """One pydantic error as ``key: what was found and expected``."""
     location, kind = mistake["loc"], mistake["type"]
     key = ".".join(map(str, (*([table] if table else []), *location)))
     prefix = f"{key}: " if key else ""
     if kind == "extra_forbidden":
-        return f"unknown key {key!r}; {did_you_mean(str(location[-1]), _keys_beside(model, location))}"
+        keys = _keys_beside(model, location) | set(beside if len(location) == 1 else ())
+        return f"unknown key {key!r}; {did_you_mean(str(location[-1]), keys)}"
     if kind == "missing":
         return f"{prefix}missing, and it is required"
     if kind == "value_error":  # raised by a validator of ours, which says what was found

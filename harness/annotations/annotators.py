@@ -37,7 +37,8 @@ class AnnotationFiles:
         """
         if path := self.find(annotator):
             return path
-        hint = did_you_mean(annotator, self.annotators())
+        known = self.annotators()
+        hint = did_you_mean(annotator, known) if known else f"expected one of {self.clip}@ANNOTATOR.csv, found none"
         raise VfoaError(f"{self.clip}: no annotations by {annotator!r} ({self._stem(annotator)}.csv); {hint}")
 
     def place(self, annotator: str | None = None) -> Path:

@@ -7,14 +7,22 @@ from typing import Annotated
 
 import typer
 
+_FOLDERS = {
+    "datasets": "clips, a .toml each, as `vfoa clips add PATH` writes them",
+    "annotations": "who looks at what, a .csv for each clip (`vfoa annotate CLIP`)",
+    "experiments": "clips under configurations, a .toml each, for `vfoa run NAME`",
+}
+
 
 def init(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Made where it is missing.")]) -> None:
     """Make a working directory with the three data folders; what is there already stays."""
     from vfoa.errors import VfoaError
 
-    for name in ("datasets", "annotations", "experiments"):
+    for name, use in _FOLDERS.items():
         try:
             (folder / name).mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError):
             raise VfoaError(f"{folder / name}: a file is in the way; expected a folder") from None
-        typer.echo(str(folder / name))
+        typer.echo(f"{folder / name}: {use}")
+    inside = "" if folder.resolve() == Path.cwd() else f"cd {folder} && "
+    typer.echo(f"next: {inside}vfoa clips add PATH")

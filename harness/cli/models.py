@@ -60,15 +60,27 @@ def fetch(
         bool, typer.Option("--accept-licence", help="Accept terms that allow no commercial use.")
     ] = False,
 ) -> None:
-    """Fetch models from their own homes into the cache directory; a fetch that was cut goes on where it stopped."""
+    """Fetch models from their own homes into the cache directory; a fetch that was cut goes on where it stopped.
+
+    One that cannot be fetched is named and does not stop the others; the exit code is 2 then.
+    """
     from harness.cli.progress import bytes_bar
     from harness.models.catalogue import fetch_model, find_model
+    from vfoa.errors import VfoaError
 
+    failed = False
     for name, entry in [(name, find_model(name)) for name in names]:
         typer.echo(f"{name}: licence: {entry.licence}; {entry.home}")
-        with bytes_bar(name) as progress:
-            path = fetch_model(name, entry, accept_licence=accept_licence, progress=progress)
-        typer.echo(f"{name}: {path}")
+        try:
+            with bytes_bar(name) as progress:
+                path = fetch_model(name, entry, accept_licence=accept_licence, progress=progress)
+        except VfoaError as error:
+            typer.echo(f"vfoa: {error}", err=True)
+            failed = True
+        else:
+            typer.echo(f"{name}: {path}")
+    if failed:
+        raise typer.Exit(2)
 
 
 @app.command(name="check")

@@ -142,6 +142,7 @@ def _report_failures(directory: RunDirectory) -> None:
 
 def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...], preset: str | None) -> Experiment:
     """The experiment that is meant: one by name or file, or the default one on the clips that are named."""
+    from harness.clips.locate import find
     from harness.runs.experiment import is_experiment, load_experiment
     from vfoa.errors import VfoaError
 
@@ -151,4 +152,21 @@ def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, .
         raise VfoaError(
             f"run: expected one experiment, or clips; found {' '.join(what)} ({both[0]!r} is an experiment)"
         )
+    for name in what:
+        if not name.endswith(".toml") and find("datasets", name) is None:
+            raise VfoaError(_said_of_unknown(name))
     return load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
+
+
+def _said_of_unknown(name: str) -> str:
+    from difflib import get_close_matches
+
+    from harness.clips.locate import names
+
+    experiments, clips = names("experiments"), names("datasets")
+    near = get_close_matches(name, [*experiments, *clips], n=1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return (
+        f"run: no experiment or clip {name!r}; {hint}expected one of: {', '.join(experiments)}, an experiment's .toml "
+        "file, or clips (`vfoa clips list`)"
+    )

@@ -44,6 +44,8 @@ def view(
     if web and screenshot is not None:
         raise VfoaError("view: --web draws no file: leave out --screenshot")
     recordings = find_recordings(run, clip, config) if compare is None else [_side_by_side(run, clip, config, compare)]
+    if frame is not None:
+        _expect_frame(run, recordings[0], frame)
     if screenshot is not None:
         viewer.screenshot(recordings[0], frame, screenshot)
     elif web:
@@ -59,6 +61,19 @@ def _browse(recordings: list[Path], frame: int | None) -> None:
 
     first, *others = recordings
     browse(recordings, [open_path(first.stem, frame), *(open_path(other.stem, None) for other in others)])
+
+
+def _expect_frame(run: Path, recording: Path, frame: int) -> None:
+    """Refuse a frame that the run does not have; the viewer would go to the nearest and say nothing."""
+    from harness.runs.directory import RunDirectory
+    from vfoa.errors import VfoaError
+
+    if not RunDirectory(run).manifest.is_file():
+        return
+    frames = {clip["name"]: clip["frames"] for clip in RunDirectory(run).read_manifest()["clips"]}
+    known = frames[recording.stem.split("__")[0]]
+    if frame not in known:
+        raise VfoaError(f"{recording}: found no frame {frame}; expected one of {min(known)} to {max(known)}")
 
 
 def _side_by_side(run: Path, clip: str | None, config: str | None, compare: tuple[str, str]) -> Path:

@@ -60,7 +60,10 @@ def expand(text: str, base: Path, where: str) -> Path:
     def value(match: re.Match[str]) -> str:
         found = os.environ.get(match[1])
         if not found:
-            raise VfoaError(f"{where}: {text!r} needs the environment variable {match[1]}, which is not set")
+            raise VfoaError(
+                f"{where}: {text!r} needs the environment variable {match[1]}, which is not set; "
+                f"set it to what ${{{match[1]}}} stands for there"
+            )
         return found
 
     place = _VARIABLE.sub(value, text)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -13,7 +13,7 @@ from harness.config_errors import parse, read_toml
 from harness.files import file_digest
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
-from vfoa.weights import cache_directory, locate
+from vfoa.weights import cache_directory, directories, locate
 
 Progress = Callable[[int, int | None], None]
 """Told the bytes that are there, and those of the whole file where they are known."""
@@ -77,6 +77,26 @@ def find_model(name: str) -> CatalogueEntry:
     if name not in models:
         raise VfoaError(f"models: no {name!r}; {did_you_mean(name, models)}")
     return models[name]
+
+
+def locate_all(files: Iterable[str]) -> dict[str, Path]:
+    """The path of each weights file.
+
+    Raises
+    ------
+    VfoaError
+        As :func:`vfoa.weights.locate`; where the catalogue knows one that is missing, with all that are, and the
+        command that brings them.
+    """
+    files = list(files)
+    models = {entry.file: name for name, entry in catalogue().items() if entry.find() is None}
+    if absent := [file for file in files if file in models]:
+        folders = ", ".join(map(str, directories()))
+        raise VfoaError(
+            f"no such model files: {', '.join(absent)}; expected in {folders}: `vfoa models fetch "
+            f"{' '.join(models[file] for file in absent)}` brings them, or says where they are to be had"
+        )
+    return {file: locate(file) for file in files}
 
 
 def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progress: Progress | None = None) -> Path:

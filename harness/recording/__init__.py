@@ -92,7 +92,11 @@ def find_recordings(run: Path, clip: str | None, configuration: str | None) -> l
         return [run]
     recordings = sorted(path for path in run.glob("*__*.rrd") if VERSUS not in path.stem)
     if not recordings:
-        raise VfoaError(f"{run}: expected a run's directory with recordings (*.rrd), found none")
+        if run.is_dir():
+            raise VfoaError(
+                f"{run}: expected a run's directory with recordings (*.rrd), found none (run with --recording none?)"
+            )
+        raise VfoaError(f"{run}: expected a run's directory or a recording (.rrd), found nothing there")
     if clip is not None:
         known = {_clip_of(path) for path in recordings}
         recordings = [path for path in recordings if _clip_of(path) == clip]

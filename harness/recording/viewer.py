@@ -148,7 +148,13 @@ def _connect(process: subprocess.Popen[bytes], port: int, said: BinaryIO) -> Vie
         if process.poll() is not None:
             said.seek(0)
             lines = said.read().decode(errors="replace").strip().splitlines()
-            raise VfoaError(f"the Rerun viewer ended with status {process.returncode}: {lines[-1] if lines else ''}")
+            said_last = lines[-1] if lines else ""
+            if "DISPLAY" in said_last:
+                raise VfoaError(
+                    "the Rerun viewer: found no display to open its window on; "
+                    "--web shows a recording in a browser, --screenshot PNG draws it into a file"
+                )
+            raise VfoaError(f"the Rerun viewer ended with status {process.returncode}: {said_last}")
         try:
             return ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
         except Exception:  # the client has no error type of its own for "not yet there"

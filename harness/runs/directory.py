@@ -18,7 +18,7 @@ from typing import Any
 
 from harness.files import atomic_write
 from harness.runs.parts import Part, open_part
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, did_you_mean
 
 Pair = tuple[str, str]
 """A clip's name and a configuration's."""
@@ -90,9 +90,17 @@ class RunDirectory:
         try:
             return json.loads(self.manifest.read_text(encoding="utf-8"))
         except FileNotFoundError:
-            raise VfoaError(f"{self.path}: expected a run's directory, found no manifest.json in it") from None
+            raise VfoaError(f"{self.path}: expected a run's directory, found {self._what_is_there()}") from None
         except ValueError as error:
             raise VfoaError(f"{self.manifest}: not a run's manifest: {error}") from None
+
+    def _what_is_there(self) -> str:
+        """Why this is no run's directory, and which ones are in it or, where it is missing, beside it."""
+        place = self.path if self.path.is_dir() else self.path.parent
+        near = sorted({str(each.parent) for under in ("*", "runs/*") for each in place.glob(f"{under}/manifest.json")})
+        if self.path.is_dir():
+            return f"no manifest.json in it{'; runs in it: ' if near else ''}{', '.join(near)}"
+        return f"nothing there; {did_you_mean(str(self.path), near)}" if near else "nothing there"
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
         """Write the manifest."""

@@ -109,6 +109,7 @@ def load_experiment(
     path = _find(name_or_path)
     where = str(path)
     file = parse(_File, read_toml(path), where)
+    where = " --set ".join((where, *overrides))
     chosen = clips or file.clips
     if not chosen:
         raise VfoaError(f"{where}: clips: expected at least one clip, found none")

@@ -12,9 +12,9 @@ from typing import Any
 
 from harness.adapters import Clip
 from harness.files import digest_files, file_digest
+from harness.models.catalogue import locate_all
 from harness.runs.experiment import Experiment
 from harness.runs.stages import SLOTS, StageChoice
-from vfoa.weights import locate
 
 _PACKAGES = (
     "vfoa",
@@ -32,11 +32,16 @@ _PACKAGES = (
 
 
 def weights_digests(experiment: Experiment) -> dict[str, str]:
-    """The sha256 of every weights file the experiment's stages name, by that name."""
+    """The sha256 of every weights file the experiment's stages name, by that name.
+
+    Raises
+    ------
+    VfoaError
+        If some are not here: which, and how they are fetched.
+    """
     choices = [choice for one in experiment.configurations for choice in one.choices.values() if choice]
-    return {
-        name: file_digest(locate(name)) for name in sorted({name for choice in choices for name in weights_of(choice)})
-    }
+    found = locate_all(sorted({name for choice in choices for name in weights_of(choice)}))
+    return {name: file_digest(path) for name, path in found.items()}
 
 
 def signals_digests(experiment: Experiment, name: str, clip: Clip) -> list[str]:

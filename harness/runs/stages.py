@@ -56,9 +56,8 @@ class Slot:
             return None
         if name not in self:
             raise VfoaError(f"{where}: {self.name}.{self.key}: no {name!r}; {did_you_mean(str(name), self.names())}")
-        return StageChoice(
-            slot=self.name, name=name, settings=parse(self.settings_class(name), settings, f"{where}: {self.name}")
-        )
+        checked = parse(self.settings_class(name), settings, f"{where}: {self.name}", beside=(self.key,))
+        return StageChoice(slot=self.name, name=name, settings=checked)
 
     def settings_class(self, name: str) -> type[Settings]:
         """The class of the settings of the stage called ``name``."""

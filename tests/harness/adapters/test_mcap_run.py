@@ -19,7 +19,7 @@ from tests.disk import write_text
 from tests.recordings import Camera, Family, Pixels, rectified_camera, write_pairs
 
 NUMBERS = range(1, 4)
-SPREAD = range(1, 51, 9)
+THIRD = range(1, 51, 3)
 
 MANIFEST = """
 name = "{name}"
@@ -46,7 +46,7 @@ head_pose.model = "fsanet"
 gaze.model = "adas_0002"
 
 [grid]
-"attention.cones_deg" = { narrow = [50], wide = [90] }
+"attention.cones_deg" = { narrow = [50], edge = [60], wide = [80] }
 """
 
 
@@ -129,15 +129,20 @@ def test_a_run_on_the_recording_gives_the_same_table(sintel: SintelClip, work: P
     assert rows["raw"] == rows["png"] == rows["sintel_bandage_2"]
 
 
-def test_jpeg_gives_nearly_the_same_rate(sintel: SintelClip, work: Path) -> None:
-    """Quality 95; frames spread over the clip, of which narrow cones hit the target in some only."""
-    _add(work, sintel, "raw", "raw", SPREAD)
-    _add(work, sintel, "jpeg", "jpeg", SPREAD)
-    rates = {
-        (row["configuration"], row["clip"]): float(row["frr"])
-        for row in _run(work, ("raw", "jpeg"), SPREAD, "frr.csv")
-        if row["subject"] == "girl"
-    }
-    assert 0 < rates["narrow", "raw"] < rates["wide", "raw"]
-    for configuration in ("narrow", "wide"):
-        assert rates[configuration, "jpeg"] == pytest.approx(rates[configuration, "raw"], abs=0.01)
+def test_jpeg_changes_only_frames_at_the_edge_of_a_cone(sintel: SintelClip, work: Path) -> None:
+    """Quality 95, a third of the clip: wide cones give the same rate, and in narrow ones hardly a frame changes.
+
+    As many change when the pixels get noise of one gray level: datasets/README.md has the table.
+    """
+    _add(work, sintel, "raw", "raw", THIRD)
+    _add(work, sintel, "jpeg", "jpeg", THIRD)
+    right: dict[tuple[str, str], set[str]] = {}
+    for row in _run(work, ("raw", "jpeg"), THIRD, "frames.csv"):
+        frames = right.setdefault((row["configuration"], row["clip"]), set())
+        if row["outcome"] == "correct":
+            frames.add(row["frame"])
+    raw = {cone: right[cone, "raw"] for cone in ("narrow", "edge", "wide")}
+    changed = {cone: raw[cone] ^ right[cone, "jpeg"] for cone in raw}
+    assert 0 < len(raw["narrow"]) < len(raw["edge"]) < len(raw["wide"])
+    assert not changed["wide"]
+    assert len(changed["narrow"]) + len(changed["edge"]) <= 0.1 * 2 * len(THIRD)

@@ -38,13 +38,16 @@ def test_help_loads_nothing_heavy() -> None:
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
-        (("run", "demmo"), "no clip 'demmo'"),
+        (("run", "demmo"), "no experiment or clip 'demmo'; did you mean 'demo'?"),
+        (("run", "studio_tabel"), "no experiment or clip 'studio_tabel'; did you mean 'studio_table'?"),
         (("run", "demo", "--clip", "studio_tabel"), "no clip 'studio_tabel'; did you mean 'studio_table'?"),
         (("run", "demo", "--set", "stereo.matcher=sgmb"), "no 'sgmb'; did you mean 'sgbm'?"),
+        (("run", "demo", "--set", "stereo.machter=bm"), "demo.toml --set stereo.machter=bm: "),
+        (("run", "demo", "--set", "stereo.machter=bm"), "unknown key 'machter'; did you mean 'matcher'?"),
         (("run", "demo", "--set", "attention"), "--set attention: expected KEY=VALUE"),
         (("run", "nowhere/mine.toml"), "nowhere/mine.toml: no such file"),
-        (("score", "nowhere"), "nowhere: expected a run's directory"),
-        (("view", "nowhere"), "nowhere"),
+        (("score", "nowhere"), "nowhere: expected a run's directory, found nothing there"),
+        (("view", "nowhere"), "nowhere: expected a run's directory or a recording (.rrd), found nothing there"),
     ],
 )
 def test_a_wrong_word_is_one_line_and_exit_code_2(

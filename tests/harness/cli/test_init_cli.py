@@ -12,7 +12,9 @@ from vfoa.errors import VfoaError
 
 def test_a_working_directory_has_the_folders_that_are_searched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for _ in range(2):  # a second time changes nothing
-        assert CliRunner().invoke(app, ["init", str(tmp_path / "mine")]).exit_code == 0
+        result = CliRunner().invoke(app, ["init", str(tmp_path / "mine")])
+        assert result.exit_code == 0
+        assert result.stdout.splitlines()[-1] == f"next: cd {tmp_path / 'mine'} && vfoa clips add PATH"
     monkeypatch.chdir(tmp_path / "mine")
     for kind in ("datasets", "annotations", "experiments"):
         assert (Path.cwd() / kind).is_dir()

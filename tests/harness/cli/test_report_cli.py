@@ -53,6 +53,12 @@ def test_options_of_the_server_alone_are_refused_without_it(run: Path) -> None:
             CliRunner().invoke(app, ["report", str(run), *options], catch_exceptions=False)
 
 
+def test_a_frame_that_the_run_does_not_have_is_refused(run: Path) -> None:
+    (run / "clip__one.rrd").touch()
+    with pytest.raises(VfoaError, match=r"clip__one\.rrd: found no frame 9; expected one of 1 to 2"):
+        CliRunner().invoke(app, ["view", str(run), "--frame", "9"], catch_exceptions=False)
+
+
 REPORT = ("report", "--serve", "--no-open")
 VIEW = ("view", "--web", "--frame", "2")
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner, Result
 
 from harness.cli.models import app
 from harness.models import catalogue as models
-from harness.models.catalogue import CatalogueEntry, catalogue, fetch_model, find_model
+from harness.models.catalogue import CatalogueEntry, catalogue, fetch_model, find_model, locate_all
 from harness.models.check import check_model, signature
 from harness.runs.stages import SLOTS
 from tests import graphs
@@ -269,11 +269,35 @@ def test_fetch_shows_the_licence_and_the_path(tmp_path: Path, site: Site, monkey
     entry = entry_of(address=site.url("/model.onnx"), licence="research only", non_commercial=True)
     monkeypatch.setattr(models, "catalogue", lambda: {"small": entry})
     refused = run("fetch", "small")
-    assert isinstance(refused.exception, VfoaError)
+    assert refused.exit_code == 2
     assert "small: licence: research only" in refused.stdout
+    assert refused.stderr == "vfoa: small: licence: research only; expected --accept-licence\n"
     found = run("fetch", "small", "--accept-licence")
     assert found.exit_code == 0
     assert found.stdout.splitlines()[-1] == f"small: {tmp_path / 'cache' / 'models' / 'model.onnx'}"
+
+
+def test_what_cannot_be_fetched_does_not_stop_the_others(
+    tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    site.files["/model.onnx"] = b"weights"
+    here, nowhere = entry_of(address=site.url("/model.onnx")), entry_of(file="other.onnx")
+    monkeypatch.setattr(models, "catalogue", lambda: {"nowhere": nowhere, "here": here})
+    found = run("fetch", "nowhere", "here")
+    assert found.exit_code == 2
+    assert "vfoa: nowhere: no address is known" in found.stderr
+    assert found.stdout.splitlines()[-1] == f"here: {tmp_path / 'cache' / 'models' / 'model.onnx'}"
+
+
+def test_weights_that_are_missing_are_all_named_with_the_command_that_brings_them(tmp_path: Path) -> None:
+    one, two = (find_model(name) for name in ("fsanet-1x1", "fsanet-var"))
+    with pytest.raises(VfoaError, match=rf"{one.file}, {two.file}; .*`vfoa models fetch fsanet-1x1 fsanet-var`"):
+        locate_all([one.file, two.file])
+    for entry in (one, two):
+        (tmp_path / "given" / entry.file).touch()
+    assert locate_all([one.file, two.file]) == {e.file: tmp_path / "given" / e.file for e in (one, two)}
+    with pytest.raises(VfoaError, match=r"mine\.onnx: no such model file"):
+        locate_all([one.file, "mine.onnx"])
 
 
 def test_the_list_says_what_is_here(tmp_path: Path) -> None:

@@ -84,5 +84,8 @@ def test_recordings_are_found_by_clip_and_configuration(tmp_path):
         find_recordings(tmp_path, "c", None)
     with pytest.raises(VfoaError, match=r"'two'.*expected one of: one"):
         find_recordings(tmp_path, "b", "two")
-    with pytest.raises(VfoaError, match="found none"):
+    with pytest.raises(VfoaError, match="found nothing there"):
         find_recordings(tmp_path / "nowhere", None, None)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(VfoaError, match="found none"):
+        find_recordings(tmp_path / "empty", None, None)
