@@ -1,7 +1,7 @@
 """What every clip promises, checked: for the tests of adapters, those of other packages too.
 
 def test_my_adapter_keeps_the_contract(tmp_path):
-check_contract(MyClip(MyClip.Settings(...), tmp_path), spawn=True)
+    check_contract(MyClip(MyClip.Settings(...), tmp_path), spawn=True)
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ PASSES = ("clean", "final")
 
 LICENCE = "CC-BY 3.0, (c) Blender Foundation"
 
-_NAME = re.compile(r"frame_(\d+)\.png")
+_NAME = re.compile(r"frame_([0-9]{4}|[1-9][0-9]{4,})\.png")
 _TRUTHS = (
     ("disparity", "disparities", "the stereo set"),
     ("instances", "segmentation", "the segmentation set"),
@@ -160,6 +160,8 @@ class SintelClip:
         """
         paths = [path for kind in ("occlusions", "outofframe") if (path := self._path(kind, number)).is_file()]
         masks = [_any_channel(read_raw(path)) for path in paths]
+        if len({mask.shape for mask in masks}) > 1:
+            raise VfoaError(f"{paths[1]}: found shape {masks[1].shape}, {paths[0]} has {masks[0].shape}")
         return np.logical_or.reduce(masks) if masks else None
 
     def digest(self) -> str:

@@ -57,7 +57,7 @@ class StereoFolderSettings(ViewFiles):
     fisheye: bool = False
     rectified: bool = False
     camera: CameraNumbers | None = None
-    rate_hz: float | None = Field(default=None, gt=0)
+    rate_hz: float | None = Field(default=None, ge=1e-3, le=1e6)
 
     @model_validator(mode="after")
     def _one_calibration(self) -> Self:
@@ -162,8 +162,8 @@ class StereoFolderClip:
         settings = self._settings
         if settings.camera is not None:
             return settings.camera.calibration()
-        files = settings.calibration or ()
-        paths = [folder / file for file in ([files] if isinstance(files, str) else files)]
+        files = (settings.calibration,) if isinstance(settings.calibration, str) else settings.calibration
+        paths = [folder / file for file in files or ()]
         return read_cameras(paths, self._size_px, settings.options())
 
     def _size_px(self) -> tuple[int, int]:

@@ -152,6 +152,19 @@ def test_wrong_places_are_one_line(root: Path) -> None:
         SintelClip(SETTINGS, root).frame(4)
 
 
+@pytest.mark.parametrize("name", ["frame_1.png", "frame_00001.png", "frame_0001 (copy).png", "._frame_0001.png"])
+def test_a_file_that_is_not_called_as_a_frame_is_none(root: Path, name: str) -> None:
+    write_image(root / "training/clean_left/alley" / name, picture(1))
+    assert SintelClip(SintelSettings(scene="alley"), root).frames == (1, 2, 3)
+
+
+def test_masks_of_two_sizes_are_one_line(root: Path) -> None:
+    write_image(root / "training/occlusions/alley/frame_0001.png", np.zeros((HEIGHT, WIDTH), np.uint8))
+    write_image(root / "training/outofframe/alley/frame_0001.png", np.zeros((HEIGHT, WIDTH - 1), np.uint8))
+    with pytest.raises(VfoaError, match=r"outofframe/alley/frame_0001\.png: found shape \(48, 63\), .* has \(48, 64\)"):
+        SintelClip(SintelSettings(scene="alley"), root).hidden(1)
+
+
 def test_a_right_image_of_another_size_is_one_line(root: Path) -> None:
     write_image(root / "training/clean_right/alley/frame_0001.png", picture(0, WIDTH, HEIGHT - 1))
     with pytest.raises(VfoaError, match=r"frame_0001\.png: the right image is 64 x 47 pixels, the left .* 64 x 48"):

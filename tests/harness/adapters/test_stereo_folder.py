@@ -99,6 +99,12 @@ def test_a_missing_calibration_is_named(tmp_path: Path) -> None:
         StereoFolderClip(settings, tmp_path)
 
 
+def test_a_calibration_without_a_name_is_one_line(tmp_path: Path) -> None:
+    stereo_pair_folder(tmp_path)
+    with pytest.raises(VfoaError, match=f"{tmp_path}: cannot be read: Is a directory"):
+        StereoFolderClip(StereoFolderSettings(left="left", right="right", calibration=""), tmp_path)
+
+
 def test_a_calibration_for_another_size_is_refused(tmp_path: Path) -> None:
     stereo_pair_folder(tmp_path)
     nodes = {"P1": _projection(50, 30), "P2": _projection(50, 30, -5.0)}
