@@ -12,7 +12,7 @@ its density is spread over all that is seen of it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -51,6 +51,10 @@ class BeliefState:
     """What is believed of each track; empty without smoothing."""
 
     by_track: Mapping[int, Hypotheses] = field(default_factory=dict)
+
+    def of(self, tracks: Collection[int]) -> BeliefState:
+        """What is believed of these tracks alone: those that have ended never come back."""
+        return BeliefState(by_track={track: belief for track, belief in self.by_track.items() if track in tracks})
 
 
 def infer_attentions(

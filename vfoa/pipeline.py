@@ -94,6 +94,7 @@ def attend(scene: Scene, memory: Memory, settings: AttendSettings) -> tuple[Fram
     beliefs = memory.beliefs
     if isinstance(settings.attention, BayesSettings):
         attentions, beliefs = infer_attentions(subjects, scene.targets, beliefs, settings.attention)
+        beliefs = beliefs.of({track.id for track in tracker.tracks})
     else:
         attentions = tuple(pay_attention(subject, scene.targets, settings.attention) for subject in subjects)
     memory = Memory(tracker=tracker, gaze_filter=gaze_filter, beliefs=beliefs)

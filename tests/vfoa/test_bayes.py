@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from tests.scenes import make_box, make_subject, make_target, random_room, with_points
+from tests.scenes import make_box, make_person, make_subject, make_target, random_room, with_points
 from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
 from vfoa.eye_head import REST, sigma_rad
 from vfoa.pipeline import AttendSettings, Memory, attend
@@ -189,6 +189,16 @@ def test_the_pipeline_carries_beliefs_from_frame_to_frame():
     first, memory = attend(scene, Memory(), settings)
     second, _ = attend(replace(scene, index=2), memory, settings)
     assert totals(second.attentions[0])[1] > totals(first.attentions[0])[1]
+
+
+def test_the_memory_does_not_grow_with_the_people_who_have_left():
+    memory, settings = Memory(), AttendSettings(attention=SMOOTHED)
+    for index in range(30):
+        person = make_person((100 * index, 0, 100 * index + 50, 50), gaze=AHEAD)
+        scene = Scene(index=index, time_ns=0, targets=(make_target(1, make_box((0, 0, 2))),), people=(person,))
+        result, memory = attend(scene, memory, settings)
+        assert result.attentions[0].subject.track_id in memory.beliefs.by_track
+    assert len(memory.beliefs.by_track) == len(memory.tracker.tracks) == settings.tracking.ttl + 1
 
 
 def test_settings_of_cones_are_refused():
