@@ -31,8 +31,11 @@ _last_truths: WeakKeyDictionary[Clip, tuple[int, Truth]] = WeakKeyDictionary()
 
 
 def truth_of(clip: Clip, frame: int) -> Truth:
-    """A clip's truth of one frame; that of the last frame asked for is kept."""
-    last = _last_truths.get(clip)
+    """A clip's truth of one frame; that of the last frame asked for is kept, where clips of this class allow that."""
+    try:
+        last = _last_truths.get(clip)
+    except TypeError:  # no hash, as a dataclass that is not frozen, or no weak reference, as one with slots
+        return clip.truth(frame)
     if last is None or last[0] != frame:
         last = _last_truths[clip] = frame, clip.truth(frame)
     return last[1]

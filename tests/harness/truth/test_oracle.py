@@ -1,5 +1,6 @@
 """Stages that answer with the truth, and those that answer with it and an error of a known size."""
 
+from dataclasses import make_dataclass
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from harness.truth.oracle import (
     TruthMatcher,
     TruthSegmenter,
     true_labels,
+    truth_of,
 )
 from harness.truth.simulated import (
     AngularError,
@@ -178,6 +180,14 @@ class TestTruthStages:
             call(clip, clip.frame(1))
         assert str(error.value).startswith("FakeClip, frame 1: the clip has ")
         assert message in str(error.value)
+
+
+@pytest.mark.parametrize("options", [{}, {"frozen": True, "slots": True}], ids=["no hash", "no weak references"])
+def test_a_clip_may_be_a_dataclass_of_any_kind(options: dict[str, bool]) -> None:
+    methods = {"truth": lambda self, number: self.known}
+    kind = make_dataclass("DataClip", [("known", Truth)], namespace=methods, **options)
+    truth = whole_truth()
+    assert truth_of(kind(truth), 1) is truth_of(kind(truth), 2) is truth
 
 
 class TestTrueLabels:
