@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from harness.annotate.marks import Mark, Stretch, Track, stretch_at, stretches
+from harness.annotate.marks import Mark, Stretch, Track, counts, stretch_at, stretches
 
 PointPx = tuple[float, float]
 
@@ -27,11 +27,14 @@ def mark_range(first: int, last: int, target: str | None) -> list[Stretch]:
     return [Stretch(first=first, last=last, mark=None if target is None else Mark(target=target))]
 
 
-def accept(track: Sequence[Mark | None], suggested: Sequence[str | None]) -> list[Stretch]:
-    """Fill what is unlabelled with suggestions, one a frame or None; they stay suggestions."""
+def accept(track: Sequence[Mark | None], suggested: Sequence[str | None], seen: int) -> list[Stretch]:
+    """Fill what is unlabelled with suggestions, one a frame or None; they stay suggestions.
+
+    What is only carried past the last frame that was ``seen`` is unlabelled, too.
+    """
     filled: Track = [
-        Mark(target=target, suggested=True) if mark is None and target is not None else mark
-        for mark, target in zip(track, suggested, strict=True)
+        mark if target is None or counts(mark, at, seen) else Mark(target=target, suggested=True)
+        for at, (mark, target) in enumerate(zip(track, suggested, strict=True))
     ]
     return _differing(track, filled)
 

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from harness.annotate.marks import Stretch, Track, counts, stretches, to_labels
+from harness.annotate.marks import Stretch, Track, counted, stretches, to_labels
 from harness.annotations.labels import Labels
 
 Entry = dict[str, Any]
@@ -99,12 +99,12 @@ class History:
         return to_labels(self.tracks, self.seen, self._frames)
 
     def labelled(self) -> int:
-        """How many (frame, subject) pairs a person has labelled."""
+        """How many (frame, subject) pairs a person has labelled; what is to be decided is not."""
         return sum(
-            counts(mark, at, self.seen[subject]) and not mark.suggested
+            each.last - each.first + 1
             for subject in self.subjects
-            for at, mark in enumerate(self.tracks[subject])
-            if mark is not None
+            for each in stretches(counted(self.tracks[subject], self.seen[subject]), 0, len(self._frames) - 1)
+            if each.mark is not None and not each.mark.suggested and not each.mark.label().is_undecided
         )
 
     def _begin(self, entry: Entry) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any
 
 from harness.annotations.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels, ranges_of
@@ -26,6 +25,10 @@ class Mark:
     point_px: tuple[float, float] | None = None
     suggested: bool = False
     carried: bool = False
+
+    def label(self) -> Label:
+        """As it stands in the file."""
+        return Label(target=self.target, note=self.note, point_px=self.point_px, is_suggested=self.suggested)
 
 
 Track = list[Mark | None]
@@ -62,18 +65,27 @@ class Stretch:
 def stretches(track: Sequence[Mark | None], first: int, last: int) -> tuple[Stretch, ...]:
     """The part of a track between two positions, both included, as maximal stretches."""
     found = []
-    for mark, positions in groupby(range(first, last + 1), key=lambda position: track[position]):
-        run = list(positions)
-        found.append(Stretch(first=run[0], last=run[-1], mark=mark))
+    start = first
+    for position in range(first + 1, last + 1):
+        mark, before = track[position], track[position - 1]
+        if mark is not before and mark != before:  # most neighbours are one object, and equality takes longer
+            found.append(Stretch(first=start, last=position - 1, mark=before))
+            start = position
+    found.append(Stretch(first=start, last=last, mark=track[start]))
     return tuple(found)
 
 
 def stretch_at(track: Sequence[Mark | None], at: int, *, same_target: bool = False) -> tuple[int, int]:
-    """First and last position around ``at`` with the same mark (or, if so asked, a mark with the same target)."""
+    """First and last position around ``at`` with the same mark (or, if so asked, a mark with the same target).
+
+    What is to be decided goes as far as the annotators differ in the same way.
+    """
 
     def key(position: int) -> object:
         mark = track[position]
-        return (mark.target, mark.suggested) if same_target and mark else mark
+        if not same_target or mark is None:
+            return mark
+        return mark.target, mark.suggested, mark.note if mark.label().is_undecided else None
 
     first = last = at
     while first > 0 and key(first - 1) == key(at):
@@ -88,25 +100,27 @@ def counts(mark: Mark | None, position: int, seen: int) -> bool:
     return mark is not None and (not mark.carried or position <= seen)
 
 
+def counted(track: Track, seen: int) -> Track:
+    """A track with the marks alone that are labels by now."""
+    return [mark if counts(mark, at, seen) else None for at, mark in enumerate(track)]
+
+
 def to_labels(tracks: dict[str, Track], seen: dict[str, int], frames: Sequence[int]) -> Labels:
     """The labels of the file. Gaps between labels, which the format does not allow, are ``ignore`` with a note."""
     return Labels(row for subject in tracks for row in _rows(subject, tracks[subject], seen[subject], frames))
 
 
 def _rows(subject: str, track: Track, seen: int, frames: Sequence[int]) -> Iterator[LabelRange]:
-    marked = [position for position, mark in enumerate(track) if counts(mark, position, seen)]
+    labelled = counted(track, seen)
+    marked = [at for at, mark in enumerate(labelled) if mark is not None]
     if not marked:
         return iter(())
-    known = range(marked[0], marked[-1] + 1)
-    return ranges_of(
-        subject, ((frames[at], _label(track[at] if counts(track[at], at, seen) else None)) for at in known)
-    )
+    parts = stretches(labelled, marked[0], marked[-1])
+    return ranges_of(subject, ((frames[at], _label(part.mark)) for part in parts for at in (part.first, part.last)))
 
 
 def _label(mark: Mark | None) -> Label:
-    if mark is None:
-        return Label(target=IGNORED, note=UNLABELLED)
-    return Label(target=mark.target, note=mark.note, point_px=mark.point_px, is_suggested=mark.suggested)
+    return Label(target=IGNORED, note=UNLABELLED) if mark is None else mark.label()
 
 
 def from_labels(labels: Labels, subject: str, frames: Sequence[int]) -> Track:

@@ -14,6 +14,7 @@ from harness.annotate.scene import Scenes, saved_folder
 from harness.annotate.store import LabelStore
 from harness.annotate.suggestions import Predictions
 from harness.annotate.targets import add_target
+from harness.annotations.labels import TO_DECIDE
 from harness.annotations.timeline import timeline_of
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.naming import NameRule
@@ -99,6 +100,7 @@ class Session:
             "order": {name: shown.order(self._frames, name) for name in self._store.subjects} if shown else None,
             "uncertain_first": self._uncertain_first,
             "blind": self._blind,
+            "to_decide": TO_DECIDE,
         }
 
     def state(self) -> dict[str, Any]:
@@ -119,7 +121,7 @@ class Session:
         """Take over suggestions where the attention is at least this, as suggestions, where nothing is labelled."""
         wanted = [found[0] if found and found[1] >= attention else None for found in self._suggestions(subject) or ()]
         if wanted:
-            self._edit(revision, subject, lambda track: edits.accept(track, wanted), 0)
+            self._edit(revision, subject, lambda track: edits.accept(track, wanted, self._store.seen(subject)), 0)
 
     def confirm(self, revision: int, subject: str, at: int) -> None:
         """Agree with the suggestion at a position."""

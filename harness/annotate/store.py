@@ -90,6 +90,11 @@ class LabelStore:
         self._check_subject(subject)
         return self._history.tracks[subject]
 
+    def seen(self, subject: str) -> int:
+        """The last position up to which a subject's frames were seen; -1: none."""
+        self._check_subject(subject)
+        return self._history.seen[subject]
+
     def state(self) -> dict[str, Any]:
         """All that the page shows, as JSON."""
         history, last = self._history, len(self._frames) - 1

@@ -14,6 +14,8 @@ IGNORED = "ignore"
 RESERVED = (NOWHERE, IGNORED)
 UNLABELLED = "not labelled yet"
 """The note of an ``ignore`` that stands where nobody has said anything yet."""
+TO_DECIDE = "to decide: "
+"""How the note of an ``ignore`` begins on which annotators differ, for a person to decide; who said what follows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +29,11 @@ class Label:
     note: str = ""
     point_px: tuple[float, float] | None = None
     is_suggested: bool = False
+
+    @property
+    def is_undecided(self) -> bool:
+        """Whether annotators differ on it, and nobody has decided yet."""
+        return self.target == IGNORED and self.note.startswith(TO_DECIDE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,15 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal, get_args
 
-from harness.annotations.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels, gaps, ranges_of
+from harness.annotations.labels import IGNORED, TO_DECIDE, UNLABELLED, Label, LabelRange, Labels, gaps, ranges_of
 
 Rule = Literal["agree", "first", "adjudicate"]
 RULES: tuple[Rule, ...] = get_args(Rule)
 
 DIFFER = "annotators differ"
-TO_DECIDE = "to decide: "
-"""The note of an ``ignore`` that a person has to decide; who said what follows."""
-
 _UNLABELLED = Label(target=IGNORED, note=UNLABELLED)
 
 
@@ -41,7 +38,7 @@ def merge_labels(labels: Mapping[str, Labels], frames: Sequence[int], rule: Rule
 
 def to_decide(labels: Labels) -> list[LabelRange]:
     """The ranges that a person has to decide."""
-    return [row for row in labels.ranges if row.label.note.startswith(TO_DECIDE)]
+    return [row for row in labels.ranges if row.label.is_undecided]
 
 
 def _said(labels: Mapping[str, Labels], frame: int, subject: str) -> dict[str, Label | None]:

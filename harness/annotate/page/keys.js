@@ -32,6 +32,7 @@ const rows = (page) => [
 ];
 
 const named = { " ": "Space" };
+const shown = { ArrowLeft: "←", ArrowRight: "→", "Shift+ArrowLeft": "Shift ←", "Shift+ArrowRight": "Shift →" };
 
 function pressed(event) {
   const key = named[event.key] || (event.key.length === 1 ? event.key.toLowerCase() : event.key);
@@ -41,12 +42,21 @@ function pressed(event) {
 
 const typing = (element) => element && element.tagName === "INPUT";
 
+// What has the focus by the Tab key answers to Enter and Space itself.
+const pressing = (event) => ["Enter", " "].includes(event.key) && document.activeElement.closest("button, summary");
+
+// A click of the mouse leaves no focus behind, so that the next Space plays.
+export const onPress = (button, run) => button.addEventListener("click", (event) => {
+  if (event.detail) button.blur();
+  run();
+});
+
 export function bind(page, names) {
   const possible = { run: page.hasRun, several: page.about.subjects.length > 1 };
   const actions = rows(page).filter((row) => possible[row[5]] ?? true);
   const byKey = new Map(actions.flatMap((row) => row[1].map((key) => [key, row[4]])));
   addEventListener("keydown", (event) => {
-    if (typing(document.activeElement) || event.altKey) return;
+    if (typing(document.activeElement) || pressing(event) || event.altKey) return;
     const name = event.ctrlKey || event.metaKey ? undefined : names.ofKey(event);
     const run = name ? () => page.look(name) : byKey.get(pressed(event));
     if (!run) return;
@@ -57,14 +67,15 @@ export function bind(page, names) {
   document.getElementById("keys").replaceChildren(
     line("1 2 3 …", "click on it: the subject looks at it, from here until the next change; or in the range"),
     line("n, i", "looks at nothing in the scene; do not score"),
-    ...actions.map((row) => line(row[1].join(", "), row[2])),
+    ...actions.map((row) => line(row[1].map((key) => shown[key] || key).join(", "), row[2])),
   );
+  onPress(document.querySelector("#help summary"), () => {});
 }
 
 function tool(id, keys, words, sign, run) {
-  const button = Object.assign(document.createElement("button"), { id: `do-${id}`, title: `${words} (${keys[0]})`, textContent: sign });
+  const button = Object.assign(document.createElement("button"), { id: `do-${id}`, title: `${words} (${shown[keys[0]] || keys[0]})`, textContent: sign });
   button.setAttribute("aria-label", words);
-  button.addEventListener("click", () => { button.blur(); run(); });
+  onPress(button, run);
   return button;
 }
 

@@ -1,6 +1,8 @@
 // What can be looked at: a key, a colour and a pattern for each name, and the form for a new one.
 
 import { post } from "./api.js";
+import { Form } from "./form.js";
+import { onPress } from "./keys.js";
 
 const COLOURS = 10;
 const PATTERNS = 4; // with ten colours, twenty names look different
@@ -11,14 +13,24 @@ export class Names {
   constructor({ look, changed, failed }) {
     Object.assign(this, { look, changed, failed });
     this.root = document.getElementById("names");
-    this.form = document.getElementById("new-target");
-    this.form.addEventListener("submit", (event) => { event.preventDefault(); this.add(); });
-    this.form.querySelector('[value="cancel"]').addEventListener("click", () => { this.form.hidden = true; });
+    this.form = new Form("new-target", () => this.add());
   }
 
   set(names) {
     this.names = names;
     this.free = names.filter((name) => name !== "none" && name !== "ignore");
+    this.root.replaceChildren(...names.map((name) => this.button(name)));
+  }
+
+  button(name) {
+    const button = document.createElement("button");
+    button.dataset.target = name;
+    button.className = this.className(name);
+    const key = document.createElement("kbd");
+    key.textContent = this.key(name);
+    button.append(key, ` ${name}`);
+    onPress(button, () => this.look(name));
+    return button;
   }
 
   className(name) {
@@ -43,38 +55,25 @@ export class Names {
   }
 
   draw(subject, current) {
-    this.root.replaceChildren(...this.names.map((name) => {
-      const button = document.createElement("button");
-      button.dataset.target = name;
-      button.className = this.className(name);
-      button.disabled = name === subject;
-      button.setAttribute("aria-pressed", name === current);
-      const key = document.createElement("kbd");
-      key.textContent = this.key(name);
-      button.append(key, ` ${name}`);
-      button.addEventListener("click", () => { button.blur(); this.look(name); });
-      return button;
-    }));
+    for (const button of this.root.children) {
+      const { target } = button.dataset;
+      button.disabled = target === subject;
+      button.setAttribute("aria-pressed", target === current);
+    }
   }
 
   // Ask for the name of an instance that has none, or of anything.
   ask(object, objects) {
-    const { name, category } = this.form.elements;
-    name.value = "";
-    category.value = object ? object.label : "";
     this.rule = object ? ruleOf(object, objects) : {};
     document.getElementById("rule").textContent = this.rule.at_px ? `the one nearest to ${this.rule.at_px.join(", ")} px` : "";
-    this.form.hidden = false;
-    name.focus();
+    this.form.open({ name: "", category: object ? object.label : "" });
   }
 
   async add() {
-    const { name, category } = this.form.elements;
-    const rule = { ...this.rule, category: category.value.trim() };
+    const { name, category } = this.form.values;
     try {
-      this.changed(await post("/api/target", { name: name.value.trim(), rule }));
-      this.form.hidden = true;
-      document.activeElement.blur();
+      this.changed(await post("/api/target", { name, rule: { ...this.rule, category } }));
+      this.form.close();
     } catch (error) { this.failed(error); }
   }
 }

@@ -1,9 +1,9 @@
 // The labelling page: where it is in the clip, who is labelled, and what a key or a click does.
 
 import { Queue, get, post } from "./api.js";
+import { Form } from "./form.js";
 import { Names } from "./names.js";
-import { askNote } from "./note.js";
-import { drawLabel, drawPlace, drawProgress, drawSubjects } from "./panel.js";
+import { drawLabel, drawMode, drawPlace, drawProgress, drawSubject, drawViews, makeSubjects } from "./panel.js";
 import { Player } from "./player.js";
 import { Seen } from "./seen.js";
 import { Stage } from "./stage.js";
@@ -25,18 +25,22 @@ export class Page {
     this.stage = new Stage({ name: (each) => this.named(each), choose: (each, point) => this.chosen(each, point) });
     this.total = about.frames.length;
     this.strip = new Strip(find("strips"), {
-      total: this.total,
+      frames: about.frames,
       look: (name) => this.names.className(name),
       select: (range) => this.select(range),
       seek: (position, subject) => this.seek(position, subject || this.subject),
     });
     this.player = new Player(this, about.rate_hz);
+    this.noteForm = new Form("note", () => this.noted());
+    makeSubjects(about.subjects, (name) => this.turnTo(name));
     this.wanted = this.shown = 0;
-    this.state = read(state);
     this.take(about);
+    this.state = read(state, about.to_decide);
+    drawMode(about);
     find("plenty").hidden = !this.hasRun;
     find("plenty").addEventListener("pointerup", (event) => event.target.blur());
     find("plenty").addEventListener("input", (event) => { find("plenty").lastElementChild.value = event.target.value; });
+    addEventListener("resize", () => this.draw()); // names are larger on a narrow screen
     addEventListener("pagehide", () => this.seen.leave());
     addEventListener("focus", () => this.queue.add(async () => this.update(await get("/api/state"))));
   }
@@ -119,11 +123,12 @@ export class Page {
     if (position !== null) this.go(position);
   }
 
-  // Where a subject's work goes on: the first frame that is not labelled, or not confirmed.
+  // Where a subject's work goes on: the first frame that is not labelled, confirmed or decided.
   start() {
     if (this.about.uncertain_first) return this.order[0];
     const seen = this.state.seen[this.subject];
-    const open = this.track.find((each) => each.target === null || each.suggested || (each.carried && each.last > seen));
+    const isOpen = (each) => each.target === null || each.suggested || each.undecided || (each.carried && each.last > seen);
+    const open = this.track.find(isOpen);
     if (!open) return 0;
     return open.carried ? Math.max(open.first, seen, 0) : open.first;
   }
@@ -181,7 +186,13 @@ export class Page {
     if (by > 0 && this.wanted === moved.at) this.go(this.wanted + 1, true);
   }
 
-  accept() { if (this.suggestions) this.change({ kind: "accept", attention: Number(find("plenty").firstElementChild.value) }); }
+  async accept() {
+    if (!this.suggestions) return;
+    const { revision } = this.state;
+    const attention = Number(find("plenty").firstElementChild.value);
+    await this.change({ kind: "accept", attention });
+    if (this.state.revision === revision) this.say(`There is nothing to take over: no suggestion of ${attention} or more where nothing is labelled.`);
+  }
 
   async confirm() {
     await this.change({ kind: "confirm", at: this.wanted });
@@ -191,9 +202,14 @@ export class Page {
 
   note() {
     const here = at(this.track, this.wanted);
-    const position = this.wanted;
-    if (here.target === null) this.say("there is no label here to put a note on");
-    else askNote(here.note, (note) => this.change({ kind: "note", at: position, note }));
+    this.noteAt = this.wanted;
+    if (here.target === null) this.say("There is no label here to put a note on.");
+    else this.noteForm.open({ note: here.note });
+  }
+
+  noted() {
+    this.change({ kind: "note", at: this.noteAt, note: this.noteForm.values.note });
+    this.noteForm.close();
   }
 
   newTarget() { this.names.ask(null, []); }
@@ -206,7 +222,7 @@ export class Page {
   // What is shown
 
   update(plain, expected = this.state.revision) {
-    this.state = read(plain);
+    this.state = read(plain, this.about.to_decide);
     if (plain.revision !== expected) this.overtaken();
     this.seen.keep(this.state.seen);
     this.draw();
@@ -244,13 +260,14 @@ export class Page {
     drawLabel(this.subject, here);
     this.names.draw(this.subject, here.target);
     this.strip.draw({
-      subjects: this.about.subjects, subject: this.subject, tracks: this.state.tracks,
-      seen: this.state.seen, suggestions: this.suggestions,
+      subjects: this.about.subjects, subject: this.subject, tracks: this.state.tracks, seen: this.state.seen,
+      revision: this.state.revision, names: this.about.names, suggestions: this.suggestions,
     });
     this.strip.point(this.shown);
-    drawSubjects(this.about.subjects, this.subject, (name) => this.turnTo(name));
+    drawSubject(this.subject);
     drawProgress(this.state);
-    if (this.stage.scene) this.stage.draw(this.stage.scene, this.subject);
+    drawViews(this.stage);
+    this.stage.draw(this.subject, this.about.names);
     for (const [id, can] of [["undo", this.state.can_undo], ["redo", this.state.can_redo]]) find(`do-${id}`).disabled = !can;
   }
 }

@@ -1,24 +1,39 @@
 // What is said in words around the picture.
 
+import { onPress } from "./keys.js";
+
 const find = (id) => document.getElementById(id);
 
+export function drawMode({ configuration, uncertain_first: uncertainFirst, blind }) {
+  const said = [configuration && `suggestions of ${configuration}`, uncertainFirst && "least sure first", blind && "blind"];
+  find("mode").textContent = said.filter(Boolean).join(", ");
+}
+
 export function drawPlace(number, position, total, speed) {
-  find("frame").value = number === null ? "Loading the first frame …" : `Frame ${number}, ${position + 1} of ${total}, ×${speed}`;
+  find("frame").value = number === null ? "Loading the first frame …"
+    : `Frame ${number} (${position + 1} of ${total}), plays at ×${speed}`;
 }
 
-export function drawLabel(subject, { target, suggested, note }) {
+export function drawLabel(subject, { target, suggested, note, undecided }) {
   const said = target === null ? "not labelled" : `${target}${suggested ? " (a suggestion)" : ""}`;
-  find("label").value = `${subject}: ${said}${note ? ` – ${note}` : ""}`;
+  find("label").value = undecided ? `${subject}: to decide: ${undecided}` : `${subject}: ${said}${note ? ` – ${note}` : ""}`;
 }
 
-export function drawSubjects(subjects, current, turnTo) {
+export function drawViews(stage) {
+  const open = { right: stage.beside === "right", disparity: stage.beside === "disparity", head: stage.zoomed };
+  for (const [id, is] of Object.entries(open)) find(`do-${id}`).setAttribute("aria-pressed", is);
+}
+
+export function makeSubjects(subjects, turnTo) {
   find("subjects").replaceChildren(...subjects.map((name) => {
     const button = Object.assign(document.createElement("button"), { textContent: name });
-    button.setAttribute("role", "tab");
-    button.setAttribute("aria-selected", name === current);
-    button.addEventListener("click", () => turnTo(name));
+    onPress(button, () => turnTo(name));
     return button;
   }));
+}
+
+export function drawSubject(current) {
+  for (const button of find("subjects").children) button.setAttribute("aria-pressed", button.textContent === current);
 }
 
 export function drawProgress({ labelled, total, seconds_left: left }) {

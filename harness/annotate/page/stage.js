@@ -4,6 +4,8 @@ import { get } from "./api.js";
 
 const KEPT = 80;
 const NS = "http://www.w3.org/2000/svg";
+const LEAST_LETTERS = 14; // of a name on the picture, however small the object; the button below has all of it
+const LETTER = .6; // width over height
 
 // What was loaded last, by key; the oldest is let go.
 class Kept {
@@ -45,6 +47,7 @@ export class Stage {
     this.extra = document.getElementById("extra");
     this.head = document.getElementById("head");
     this.scene = null;
+    this.drawn = [];
     this.beside = null;
     this.zoomed = false;
   }
@@ -60,16 +63,24 @@ export class Stage {
   }
 
   show(image, scene, at, subject) {
+    image.alt = "left view";
     this.picture.replaceChildren(image);
+    this.width = image.naturalWidth;
     this.overlay.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
     this.unit = image.naturalWidth / 1000; // text is as large in every image
     this.overlay.style.setProperty("--unit", `${this.unit}px`);
-    this.draw(scene, subject);
+    this.scene = scene;
     this.showBeside(at, subject, scene);
   }
 
-  draw(scene, subject) {
-    this.scene = scene;
+  // Outlines and names of the frame that is shown; nothing is done where these are drawn already.
+  draw(subject, names) {
+    const { scene } = this;
+    this.letter = this.unit * getComputedStyle(this.overlay).getPropertyValue("--text"); // its height in pixels
+    const now = [scene, subject, names, this.letter];
+    if (!scene || now.every((each, place) => each === this.drawn[place])) return;
+    this.drawn = now;
+    this.taken = [];
     const objects = scene.objects.map((each) => this.object(each, each.name === subject));
     const box = scene.heads_px[subject];
     if (box) {
@@ -84,12 +95,22 @@ export class Stage {
     const group = shape("g", { class: `object ${isSubject ? "subject" : className}`, "data-name": each.name });
     const path = each.outline.map((points) => `M${points.map((point) => point.join(",")).join("L")}Z`).join("");
     group.append(shape("path", { d: path, class: "halo" }), shape("path", { d: path }));
-    const [u0, v0, u1, v1] = each.box_px;
-    const label = shape("text", { x: (u0 + u1) / 2, y: isSubject ? v0 + 14 * this.unit : (v0 + v1) / 2 });
-    label.textContent = isSubject ? each.name : text;
-    group.append(label);
+    group.append(this.label(isSubject ? each.name : text, each.box_px, isSubject));
     if (!isSubject) group.addEventListener("click", (event) => this.choose(each, this.pointOf(event)));
     return group;
+  }
+
+  // A name that is as long as there is room for, within the picture, and below a name that has its place already.
+  label(words, [u0, v0, u1, v1], isHigh) {
+    const most = Math.max(LEAST_LETTERS, Math.floor((u1 - u0) / this.letter / LETTER));
+    const text = words.length > most ? `${words.slice(0, most - 1).trimEnd()}…` : words;
+    const half = text.length * this.letter * LETTER / 2;
+    const x = Math.max(Math.min((u0 + u1) / 2, this.width - half), half);
+    let y = isHigh ? v0 + .8 * this.letter : (v0 + v1) / 2;
+    const hides = (other) => Math.abs(other.x - x) < other.half + half && Math.abs(other.y - y) < this.letter;
+    for (let tries = 0; tries < 2 && this.taken.some(hides); tries += 1) y += 1.1 * this.letter;
+    this.taken.push({ x, y, half });
+    return Object.assign(shape("text", { x, y }), { textContent: text });
   }
 
   pointOf(event) {

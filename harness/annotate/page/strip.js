@@ -9,9 +9,11 @@ function piece(each, total, look) {
   box.className = `piece ${look(each.target)}`;
   if (each.suggested) box.classList.add("suggested");
   if (each.unseen) box.classList.add("unseen");
+  if (each.undecided) box.classList.add("undecided");
   box.style.left = `${100 * each.first / total}%`;
   box.style.width = `${100 * (each.last - each.first + 1) / total}%`;
-  box.textContent = `${each.suggested ? "? " : ""}${each.target}${each.unseen ? " …" : ""}${each.note ? " ✎" : ""}`;
+  const noted = `${each.target}${each.unseen ? " …" : ""}${each.note ? " ✎" : ""}`;
+  box.textContent = `${each.suggested || each.undecided ? "? " : ""}${each.undecided || noted}`;
   box.title = [each.target, each.suggested && "a suggestion", each.unseen && "not seen yet", each.note]
     .filter(Boolean).join(", ");
   return box;
@@ -19,8 +21,8 @@ function piece(each, total, look) {
 
 export class Strip {
   // look: name -> class; select(first, last): a range was dragged; seek(position, subject): a place was clicked.
-  constructor(root, { total, look, select, seek }) {
-    Object.assign(this, { root, total, look, select, seek });
+  constructor(root, { frames, look, select, seek }) {
+    Object.assign(this, { root, frames, total: frames.length, look, select, seek, rows: new Map() });
     this.cursor = document.createElement("b");
     this.range = document.createElement("u");
     this.overlay = document.createElement("div");
@@ -31,28 +33,45 @@ export class Strip {
     root.addEventListener("pointerdown", (event) => this.press(event));
   }
 
-  draw({ subjects, subject, tracks, seen, suggestions }) {
-    this.root.replaceChildren(...subjects.map((name) => {
-      const row = this.row(name, name === subject ? "row current" : "row");
-      row.lastChild.append(...pieces(tracks[name], seen[name])
-        .filter((each) => each.target !== null).map((each) => piece(each, this.total, this.look)));
-      return row;
-    }));
-    if (suggestions) this.root.append(this.suggested(suggestions));
-    this.root.append(this.overlay);
+  // A row is made anew only when what it shows has changed: a long clip has hundreds of pieces.
+  draw({ subjects, subject, tracks, seen, revision, names, suggestions }) {
+    const rows = subjects.map((name) => this.keep(name, [revision, names, seen[name]], () => this.labels(name, tracks[name], seen[name])));
+    for (const row of rows) row.classList.toggle("current", row.dataset.subject === subject);
+    if (suggestions) rows.push(this.keep("", [names, suggestions], () => this.suggested(suggestions)));
+    rows.push(this.overlay);
+    if (rows.length !== this.root.children.length || rows.some((row, place) => row !== this.root.children[place])) {
+      this.root.replaceChildren(...rows);
+    }
   }
 
-  row(name, className) {
+  keep(name, shows, make) {
+    const kept = this.rows.get(name);
+    if (kept && shows.every((each, place) => each === kept.shows[place])) return kept.row;
+    const row = make();
+    this.rows.set(name, { shows, row });
+    return row;
+  }
+
+  row(name, words, className) {
     const row = document.createElement("div");
-    row.className = className;
+    row.className = `row ${className}`;
     row.dataset.subject = name;
-    row.append(Object.assign(document.createElement("span"), { textContent: name }), document.createElement("div"));
+    row.append(Object.assign(document.createElement("span"), { textContent: words, title: words }), document.createElement("div"));
+    return row;
+  }
+
+  labels(name, track, seen) {
+    const row = this.row(name, name, "");
+    const found = pieces(track, seen).filter((each) => each.target !== null);
+    row.lastChild.append(...found.map((each) => piece(each, this.total, this.look)));
+    const said = found.map((each) => `${each.target} ${this.frames[each.first]} to ${this.frames[each.last]}`);
+    row.setAttribute("role", "img");
+    row.setAttribute("aria-label", `${name}: ${said.join(", ") || "not labelled"}`);
     return row;
   }
 
   suggested(suggestions) {
-    const row = this.row("", "row run");
-    row.firstChild.textContent = "run";
+    const row = this.row("", "run", "run");
     let open = null;
     suggestions.forEach((each, position) => {
       if (each && open && open.target === each[0]) open.last = position;

@@ -1,19 +1,22 @@
 // Labels as the server sends them: stretches [first, last, target, note, point, suggested, carried] by position.
 
-const parse = ([first, last, target, note, , suggested, carried]) =>
-  ({ first, last, target: target ?? null, note: note || "", suggested: !!suggested, carried: !!carried });
+// undecided: who said what, where annotators differ and a person has to decide.
+const parse = (toDecide) => ([first, last, target, note, , suggested, carried]) => ({
+  first, last, target: target ?? null, note: note || "", suggested: !!suggested, carried: !!carried,
+  undecided: target === "ignore" && note.startsWith(toDecide) ? note.slice(toDecide.length) : "",
+});
 
-export function read(state) {
-  const tracks = Object.entries(state.tracks).map(([name, track]) => [name, track.map(parse)]);
+export function read(state, toDecide) {
+  const tracks = Object.entries(state.tracks).map(([name, track]) => [name, track.map(parse(toDecide))]);
   return { ...state, tracks: Object.fromEntries(tracks) };
 }
 
-// Stretches by what is looked at alone.
+// Stretches by what is looked at alone, or by what is to be decided.
 export function runs(track) {
   const found = [];
   for (const each of track) {
     const before = found[found.length - 1];
-    if (before && before.target === each.target && before.suggested === each.suggested) before.last = each.last;
+    if (before && ["target", "suggested", "undecided"].every((key) => before[key] === each[key])) before.last = each.last;
     else found.push({ ...each });
   }
   return found;

@@ -12,8 +12,9 @@ from hypothesis import strategies as st
 from harness.annotate import edits
 from harness.annotate.store import LabelStore, StaleRevisionError
 from harness.annotations.files import read_annotations
-from harness.annotations.labels import Label, Labels
+from harness.annotations.labels import TO_DECIDE, Label, Labels
 from harness.annotations.timeline import Timeline
+from tests.disk import write_text
 from vfoa.errors import VfoaError
 
 FRAMES = (1, 2, 3, 4, 5, 8, 9, 10)  # two are missing
@@ -87,7 +88,7 @@ def test_what_lies_between_labels_and_was_never_said_is_not_scored_and_is_unlabe
 def test_a_suggestion_is_not_scored_until_a_person_confirms_it(tmp_path: Path) -> None:
     store = _open(tmp_path)
     suggested = ["cup", "cup", "book", "book", None, None, None, "cup"]
-    store.put(store.revision, "ann", edits.accept(store.track("ann"), suggested))
+    store.put(store.revision, "ann", edits.accept(store.track("ann"), suggested, store.seen("ann")))
     assert _file(tmp_path).at(1, "ann") == Label(target="cup", is_suggested=True)
     assert set(_targets(_file(tmp_path).confirmed())) == {"ignore"}
     assert store.state()["labelled"] == 0
@@ -107,9 +108,34 @@ def test_a_suggestion_is_not_scored_until_a_person_confirms_it(tmp_path: Path) -
 def test_suggestions_fill_only_what_is_unlabelled(tmp_path: Path) -> None:
     store = _open(tmp_path)
     store.put(store.revision, "ann", edits.mark_range(1, 2, "none"))
-    store.put(store.revision, "ann", edits.accept(store.track("ann"), ["cup"] * 8))
+    store.put(store.revision, "ann", edits.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
     marks = [mark and (mark.target, mark.suggested) for mark in store.track("ann")]
     assert marks == [("cup", True), *[("none", False)] * 2, *[("cup", True)] * 5]
+
+
+def test_suggestions_go_before_what_is_only_carried_ahead(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    _look(store, 1, "book")
+    store.put(store.revision, "ann", edits.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
+    marks = [mark and (mark.target, mark.suggested) for mark in store.track("ann")]
+    assert marks == [("cup", True), ("book", False), *[("cup", True)] * 6]
+
+
+def test_what_annotators_differ_in_is_decided_one_difference_at_a_time(tmp_path: Path) -> None:
+    """As `vfoa annotations merge --rule adjudicate` writes it: one range after the other, ignored both."""
+    first, second = f"{TO_DECIDE}anna cup, ben book", f"{TO_DECIDE}anna book, ben cup"
+    rows = ((1, 2, first), (3, 5, second), (8, 10, "eyes shut"))
+    text = "".join(f'{start},{end},ann,ignore,"{note}"\n' for start, end, note in rows)
+    write_text(
+        tmp_path / "annotations" / "clip.csv",
+        f"# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n{text}",
+    )
+    store = _open(tmp_path)
+    assert store.state()["labelled"] == 3  # eyes that are shut are a decision
+    _look(store, 0, "cup")
+    assert _targets(_file(tmp_path)) == ["cup"] * 2 + ["ignore"] * 6
+    assert [each.label.note for each in _file(tmp_path).of("ann")] == ["", second, "eyes shut"]
+    assert store.state()["labelled"] == 5
 
 
 def test_a_note_stays_with_its_label(tmp_path: Path) -> None:
@@ -232,7 +258,7 @@ def _take(store: LabelStore, step: tuple[object, ...]) -> None:
         case ("see", str(subject), int(at)):
             store.see(subject, at)
         case ("accept", str(subject), list(suggested)):
-            if new := edits.accept(store.track(subject), suggested):
+            if new := edits.accept(store.track(subject), suggested, store.seen(subject)):
                 store.put(store.revision, subject, new)
         case ("undo",):
             store.undo(store.revision)

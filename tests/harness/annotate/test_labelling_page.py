@@ -15,6 +15,7 @@ from harness.annotations.timeline import Timeline
 from harness.clips.manifest import load_manifest
 from tests.annotating import FRAMES, Page, shown, wait_for
 from tests.browser import chromium, requested, set_width
+from tests.disk import write_text
 from vfoa.types import StereoFrame
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ def test_several_subjects_are_labelled_one_by_one(browser: Chrome, noise: Start)
     _keys(browser, "3", "\ue014", "\ue014", "s")  # 3 is ann: ben looks at her
     assert "".join(_targets(page)) == "cc.........."
     assert "".join(_targets(page, "ben")) == "aaa........."
-    assert "ann" in browser.find_element("css selector", '[aria-selected="true"]').text
+    assert "ann" in browser.find_element("css selector", '#subjects [aria-pressed="true"]').text
 
 
 def test_a_second_tab_overwrites_nothing_and_is_shown_the_newer_state(browser: Chrome, noise: Start) -> None:
@@ -256,7 +257,7 @@ def test_a_new_target_is_named_in_place_and_stands_in_the_manifest(browser: Chro
     assert form.find_element("name", "category").get_attribute("value") == "thing"
     form.find_element("name", "name").send_keys("wall clock")
     form.find_element("xpath", ".//button[text()='Add']").click()
-    wait_for(lambda: browser.find_elements("css selector", '[data-target="wall clock"]'))
+    wait_for(lambda: browser.find_elements("css selector", '[data-name="wall clock"]'))
     text = page.session.manifest.path.read_text()
     assert text.startswith(before)
     rule = load_manifest(str(page.session.manifest.path)).targets["wall clock"]
@@ -282,6 +283,47 @@ def test_every_tool_is_a_button_that_says_what_it_does(browser: Chrome, noise: S
     assert "not labelled" in browser.find_element("id", "label").text
     _click(browser, "#do-redo")
     assert "ann: none" in browser.find_element("id", "label").text
+
+
+def test_whoever_tabs_to_a_button_presses_it_and_stays_there(browser: Chrome, noise: Start) -> None:
+    page = noise()
+    _open(browser, page)
+    button = browser.find_element("css selector", '[data-target="book"]')
+    browser.execute_script("arguments[0].focus()", button)
+    _keys(browser, "\ue007")  # Enter
+    assert _targets(page)[0] == "b"
+    assert browser.switch_to.active_element == button
+    assert button.get_attribute("aria-pressed") == "true"
+    note = browser.find_element("id", "do-note")
+    browser.execute_script("arguments[0].focus()", note)
+    _keys(browser, " ")  # presses it, plays nothing
+    form = browser.find_element("id", "note")
+    assert form.is_displayed()
+    _keys(browser, "\ue00c")  # Escape
+    assert not form.is_displayed()
+    assert browser.switch_to.active_element == note
+    assert shown(browser) == 1
+
+
+def test_what_annotators_differ_in_is_found_shown_and_decided(browser: Chrome, noise: Start, work: Path) -> None:
+    rows = [
+        "1,3,ann,cup,",
+        '4,5,ann,ignore,"to decide: ann cup, ben book"',
+        '6,9,ann,ignore,"to decide: ann -, ben book"',
+    ]
+    head = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+    write_text(work / "annotations" / "noise@final.csv", head + "\n".join(rows) + "\n")
+    page = noise(annotator="final")
+    _open(browser, page)
+    assert shown(browser) == 4
+    assert "ann: to decide: ann cup, ben book" in browser.find_element("id", "label").text
+    assert [each.text for each in browser.find_elements("css selector", ".undecided")] == [
+        "? ann cup, ben book",
+        "? ann -, ben book",
+    ]
+    _keys(browser, "2", "]", "n")
+    assert shown(browser) == 6
+    assert "".join(_targets(page)) == "cccbbnnnn..."
 
 
 def test_a_key_says_nothing_of_a_clip_that_is_not_shown_yet(browser: Chrome, noise: Start) -> None:
