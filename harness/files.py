@@ -11,6 +11,9 @@ from pathlib import Path
 
 from vfoa.errors import VfoaError
 
+_UMASK = os.umask(0)  # to ask is to change it, for all threads: asked once
+os.umask(_UMASK)
+
 
 def read_bytes(path: Path) -> bytes:
     """Read a file whole; a :class:`VfoaError` that names it where that fails."""
@@ -66,7 +69,7 @@ def replacing(path: Path) -> Iterator[Path]:
     temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o666 & ~_umask())  # mkstemp makes private files; results are meant to be shared
+        temporary.chmod(0o666 & ~_UMASK)  # mkstemp makes private files; results are meant to be shared
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
@@ -88,9 +91,3 @@ def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
     for role, path in parts:
         total.update(f"{role}\0{file_digest(path)}\n".encode())
     return total.hexdigest()
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -34,7 +34,7 @@ class MergeRule(StrEnum):
 
 
 Annotators = Annotated[
-    list[str] | None, typer.Argument(metavar="[ANNOTATOR]...", help="All the clip has if not given; CLIP is CLIP.csv.")
+    list[str] | None, typer.Argument(metavar="ANNOTATOR", help="All the clip has if not given; CLIP is CLIP.csv.")
 ]
 ClipOption = Annotated[str, typer.Option("--clip", metavar="CLIP", help="The clip's name, or its .toml file.")]
 Annotator = Annotated[

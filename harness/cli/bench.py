@@ -8,12 +8,18 @@ from typing import Annotated
 
 import typer
 
+ONLY_HELP = "Measure only this: stages, stereo, attention, memory ... (several times for more)."
+
 
 def bench(
-    experiment: Annotated[str, typer.Argument(help="The experiment whose configurations are measured.")] = "demo",
-    clip: Annotated[str | None, typer.Option(help="On this clip; the experiment's first if not given.")] = None,
+    experiment: Annotated[
+        str, typer.Argument(metavar="EXPERIMENT", help="The experiment whose configurations are measured.")
+    ] = "demo",
+    clip: Annotated[
+        str | None, typer.Option(metavar="CLIP", help="On this clip; the experiment's first if not given.")
+    ] = None,
     limit: Annotated[int, typer.Option(min=2, help="Frames to measure.")] = 20,
-    only: Annotated[list[str] | None, typer.Option(help="Measure only this (several times for more).")] = None,
+    only: Annotated[list[str] | None, typer.Option(metavar="SECTION", help=ONLY_HELP)] = None,
     out: Annotated[Path | None, typer.Option(help="Write the tables to this Markdown file too.")] = None,
 ) -> None:
     """Measure what stages, matchers, attention, recordings and scores cost, against plain ways of doing the same."""

@@ -19,9 +19,11 @@ if TYPE_CHECKING:
 def add_clip(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A recording, a folder of images, a scene of Sintel.")],
     name: Annotated[
-        str | None, typer.Option(help="What to call the clip; a word made of the path if not given.")
+        str | None, typer.Option(metavar="NAME", help="What to call the clip; a word made of the path if not given.")
     ] = None,
-    adapter: Annotated[str | None, typer.Option(help="The adapter that is to read it, where several can.")] = None,
+    adapter: Annotated[
+        str | None, typer.Option(metavar="ADAPTER", help="The adapter that is to read it, where several can.")
+    ] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="A setting of the adapter, such as pass=final."),

@@ -34,7 +34,7 @@ def list_clips(as_json: Json = False) -> None:
 @app.command(name="check")
 def check_clips(
     clips: Annotated[
-        list[str] | None, typer.Argument(metavar="[CLIP]...", help="Names, or .toml files; all clips if none.")
+        list[str] | None, typer.Argument(metavar="CLIP", help="Names, or .toml files; all clips if none.")
     ] = None,
     as_json: Json = False,
 ) -> None:

@@ -19,7 +19,7 @@ class FailOn(StrEnum):
 
 
 def compare(
-    runs: Annotated[list[Path], typer.Argument(help="Directories of finished runs.", metavar="RUN...")],
+    runs: Annotated[list[Path], typer.Argument(help="Directories of finished runs.", metavar="RUN")],
     baseline: Annotated[
         Path | None, typer.Option(metavar="RUN", help="Compare each configuration with this run's of the same name.")
     ] = None,

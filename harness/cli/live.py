@@ -26,15 +26,20 @@ OUT_HELP = "The run's directory; if not given, runs/live-<time>."
 
 def live(
     source: Annotated[str, typer.Argument(help=SOURCE_HELP, metavar="RECORDING.mcap | CLIP | CAMERA")],
-    right: Annotated[str | None, typer.Option(help="The right camera: a number, or a stream's address.")] = None,
-    calibration: Annotated[Path | None, typer.Option(help="The cameras' calibration file.")] = None,
+    right: Annotated[
+        str | None, typer.Option(metavar="CAMERA", help="The right camera: a number, or a stream's address.")
+    ] = None,
+    calibration: Annotated[Path | None, typer.Option(metavar="FILE", help="The cameras' calibration file.")] = None,
     experiment: Annotated[
-        str, typer.Option(help="The experiment, by name or file, whose configuration is run.")
+        str, typer.Option(metavar="EXPERIMENT", help="The experiment, by name or file, whose configuration is run.")
     ] = "default",
     config: Annotated[
-        str | None, typer.Option(help="Which of the experiment's configurations, if it has several.")
+        str | None,
+        typer.Option(metavar="CONFIGURATION", help="Which of the experiment's configurations, if it has several."),
     ] = None,
-    preset: Annotated[str, typer.Option(help="A bundle of settings over the defaults; none for none.")] = "realtime",
+    preset: Annotated[
+        str, typer.Option(metavar="NAME", help="A bundle of settings over the defaults; none for none.")
+    ] = "realtime",
     overrides: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting.")] = None,
     out: Annotated[Path | None, typer.Option(help=OUT_HELP)] = None,
     recording: Annotated[Recording, typer.Option(help="Size of the Rerun recording.")] = Recording.light,
@@ -61,7 +66,7 @@ def live(
     directory = RunDirectory(out or Path("runs") / f"live-{datetime.now():%Y%m%d-%H%M%S}")
     stopped = Event()
     watching = _viewer() if viewer else nullcontext(connect)
-    with _ended_by_ctrl_c(stopped), watching as address, frames_bar(limit or 0, "live") as progress:
+    with _ended_by_signals(stopped), watching as address, frames_bar(limit or 0, "live") as progress:
         report = conduct_live(
             opened,
             manifest,
@@ -129,7 +134,7 @@ def _only(experiment: Experiment, config: str | None) -> Experiment:
 
 
 @contextmanager
-def _ended_by_ctrl_c(stopped: Event) -> Iterator[None]:
+def _ended_by_signals(stopped: Event) -> Iterator[None]:
     """Let the first Ctrl-C, or SIGTERM, end the run and keep all of it; the second one breaks it off."""
 
     def restore() -> None:

@@ -55,7 +55,7 @@ def list_models(as_json: Json = False) -> None:
 
 @app.command(name="fetch")
 def fetch(
-    names: Annotated[list[str], typer.Argument(metavar="NAME...", help="Names of the catalogue.")],
+    names: Annotated[list[str], typer.Argument(metavar="NAME", help="Names of the catalogue.")],
     accept_licence: Annotated[
         bool, typer.Option("--accept-licence", help="Accept terms that allow no commercial use.")
     ] = False,
@@ -86,7 +86,7 @@ def fetch(
 @app.command(name="check")
 def check(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="[NAME]...", help="Names of the catalogue; all that are here if none.")
+        list[str] | None, typer.Argument(metavar="NAME", help="Names of the catalogue; all that are here if none.")
     ] = None,
     provider: Annotated[ProviderName, typer.Option(help="What to run them on.")] = ProviderName.cpu,
     threads: Annotated[int, typer.Option(min=1, help="Threads of one inference.")] = 1,

@@ -34,14 +34,16 @@ class Recording(StrEnum):
 
 def run(
     what: Annotated[
-        list[str], typer.Argument(help="An experiment (name or .toml file), or clips.", metavar="EXPERIMENT | CLIP...")
+        list[str], typer.Argument(help="An experiment (name or .toml file), or clips.", metavar="EXPERIMENT | CLIP")
     ],
     overrides: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting in every configuration.")
     ] = None,
     preset: Annotated[
         str | None,
-        typer.Option(help="A bundle of settings over the defaults of every configuration, such as realtime."),
+        typer.Option(
+            metavar="NAME", help="A bundle of settings over the defaults of every configuration, such as realtime."
+        ),
     ] = None,
     clips: Annotated[
         list[str] | None, typer.Option("--clip", metavar="CLIP", help="Run this clip instead of the experiment's own.")
@@ -52,7 +54,8 @@ def run(
         int, typer.Option(min=0, help="Threads of a single process (--workers 1): read ahead; 0 means one a core.")
     ] = 0,
     scheduler: Annotated[
-        str | None, typer.Option(help="Work on the cluster of this Dask scheduler, tcp://HOST:PORT, instead.")
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Work on the cluster of this Dask scheduler, tcp://HOST:PORT, instead."),
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first frames of each clip.")] = None,
     recording: Annotated[Recording, typer.Option(help="Size of the Rerun recordings.")] = Recording.light,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import lzma
 import shutil
 import zipfile
 import zlib
@@ -62,7 +63,7 @@ def unpack(archive: Path, root: Path) -> None:
                 _check_name(archive, member)
             _check_room(archive, root, sum(member.file_size for member in members))
             file.extractall(root, members)
-    except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+    except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError) as error:  # RuntimeError: encrypted
         archive.unlink()
         raise VfoaError(f"{archive}: damaged, thrown away: {error}; expected a whole zip (try again)") from None
     except OSError as error:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
@@ -11,6 +10,7 @@ import cv2
 import msgspec
 import numpy as np
 
+from harness.files import replacing
 from harness.recording import ShownFrame
 from harness.recording.cones import cone_wire, reach_m
 from harness.runs.results import FrameRecord
@@ -52,9 +52,8 @@ class StillWriter:
         """Write one frame."""
         path = picture_path(self._run, self._clip, shown.frame.index)
         if not path.exists():  # another configuration has written it
-            draft = path.with_suffix(f".{os.getpid()}.partial")  # or is writing it, in another process
-            draft.write_bytes(picture(shown.frame.left))
-            draft.replace(path)
+            with replacing(path) as draft:  # or is writing it, in another process
+                draft.write_bytes(picture(shown.frame.left))
         self._file.write(self._encoder.encode(still(shown.frame.rig, shown.result, shown.record)) + b"\n")
 
 

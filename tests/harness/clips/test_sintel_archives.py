@@ -82,6 +82,17 @@ def test_a_damaged_archive_is_thrown_away(tmp_path: Path) -> None:
     assert not archive.exists()
 
 
+@pytest.mark.parametrize(("offset", "value"), [(6, 1), (8, 99)], ids=["encrypted", "unknown compression"])
+def test_an_archive_that_nobody_can_unpack_is_one_line(tmp_path: Path, offset: int, value: int) -> None:
+    content = bytearray(_zip({"training/a.png": b"x" * 100}))
+    for head, place in ((b"PK\x03\x04", offset), (b"PK\x01\x02", offset + 2)):
+        content[content.index(head) + place] = value
+    archive = tmp_path / "a.zip"
+    archive.write_bytes(content)
+    with pytest.raises(VfoaError, match=r"a\.zip: damaged, thrown away: .*; expected a whole zip"):
+        unpack(archive, tmp_path)
+
+
 class Terminal(io.StringIO):
     def isatty(self) -> bool:
         return True

@@ -141,3 +141,15 @@ def test_a_damaged_file_is_named(run: Path, shown: list[ShownFrame], line: Any) 
     lines_path(run, "clip", "two cones").write_bytes(line)
     with pytest.raises(VfoaError, match=r"clip__two cones\.jsonl: not the stills"):
         read_stills(run, _verdicts(shown, "red cup"))
+
+
+def test_a_picture_that_cannot_be_written_leaves_no_draft(
+    tmp_path: Path, shown: list[ShownFrame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise OSError("disk full")
+
+    monkeypatch.setattr(Path, "write_bytes", fail)
+    with pytest.raises(OSError, match="disk full"):
+        _write(tmp_path, shown, "one")
+    assert list(picture_path(tmp_path, "clip", 1).parent.iterdir()) == []
