@@ -70,6 +70,12 @@ def _finite(value: object, *names: str) -> None:
             raise ValueError(f"{type(value).__name__}.{name}: expected a finite number, found {getattr(value, name)}")
 
 
+def _angle_or_none(value: object, name: str) -> None:
+    found = getattr(value, name)
+    if found is not None and not 0 <= found < math.inf:
+        raise ValueError(f"{type(value).__name__}.{name}: expected an angle of at least 0 or None, found {found}")
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoRig:
     """A rectified stereo pair of pin-hole cameras with parallel axes.
@@ -184,13 +190,14 @@ class Head:
     instance_id: int | None = None
 
     def __post_init__(self) -> None:
+        _finite(self, "score")
         if self.landmarks_px is not None:
             _set(self, "landmarks_px", self.landmarks_px, np.float64, 5, 2)
         for name in ("box_px", "face_box_px"):
             if (box := getattr(self, name)) is not None:
                 _set(self, name, box, np.float64, 4)
                 u0, v0, u1, v1 = getattr(self, name)
-                if not (u1 > u0 and v1 > v0):
+                if not (-math.inf < u0 < u1 < math.inf and -math.inf < v0 < v1 < math.inf):
                     raise ValueError(f"Head.{name}: expected u0 < u1 and v0 < v1, found {box}")
 
 
@@ -211,6 +218,7 @@ class HeadPose:
 
     def __post_init__(self) -> None:
         _set_unit(self, "direction", self.direction)
+        _angle_or_none(self, "sigma_rad")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -222,6 +230,7 @@ class Gaze:
 
     def __post_init__(self) -> None:
         _set_unit(self, "direction", self.direction)
+        _angle_or_none(self, "sigma_rad")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -316,6 +325,8 @@ class Person:
     def __post_init__(self) -> None:
         if self.eye_origin_left is not None:
             _set(self, "eye_origin_left", self.eye_origin_left, np.float64, 3)
+            if not np.isfinite(self.eye_origin_left).all():
+                raise ValueError(f"Person.eye_origin_left: expected a point or None, found {self.eye_origin_left}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -115,6 +115,11 @@ WRONG = [
     ("distinct ids above 0", lambda: Instances(ids=np.zeros((6, 8), np.uint16), instances=(CUP, CUP))),
     ("u0 < u1 and v0 < v1", lambda: Head(box_px=np.array([5.0, 0, 5, 9]), score=1.0)),
     ("u0 < u1 and v0 < v1", lambda: Head(box_px=np.array([np.nan, 0, 5, 9]), score=1.0)),
+    ("u0 < u1 and v0 < v1", lambda: Head(box_px=np.array([0.0, 0, np.inf, 9]), score=1.0)),
+    ("score: expected a finite number", lambda: Head(box_px=np.arange(4.0), score=np.nan)),
+    ("Gaze.sigma_rad: expected an angle", lambda: Gaze(direction=np.ones(3), sigma_rad=np.nan)),
+    ("HeadPose.sigma_rad: expected an angle", lambda: HeadPose(direction=np.ones(3), sigma_rad=-0.1)),
+    ("eye_origin_left: expected a point or None", lambda: make_person(eyes=(0, np.nan, 1))),
     (
         "landmarks_px: expected shape .5, 2.",
         lambda: Head(box_px=np.arange(4.0), score=1.0, landmarks_px=np.ones((4, 2))),
