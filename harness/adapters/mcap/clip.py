@@ -13,15 +13,13 @@ from pydantic import Field, model_validator
 from harness.adapters import Recognised, Truth
 from harness.adapters.mcap.cameras import Cameras, FileCameras, RecordedCameras
 from harness.adapters.mcap.index import Index, index_recording, recording_files
-from harness.adapters.mcap.messages import picture
 from harness.adapters.mcap.pairing import join, of_distinct_stamps
-from harness.adapters.mcap.pixels import rgb
+from harness.adapters.mcap.pixels import read_image
 from harness.adapters.mcap.recording import read_message
 from harness.adapters.mcap.records import is_mcap
-from harness.adapters.mcap.topics import Place, Topic, find_camera, find_pair
+from harness.adapters.mcap.topics import Place, Topic, are_rectified, find_camera, find_pair
 from harness.adapters.mcap.window import find_window
 from harness.files import digest_files
-from harness.media.images import decode_rgb
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Image, StereoFrame
@@ -195,10 +193,8 @@ class McapClip:
 
     def _image(self, topic: Topic, place: Place) -> Image:
         path = self._files[place.file]
-        where = f"{path}: {topic.name}"
         message = read_message(path, place.offset, place.place)
-        content = picture(topic.type, message.data, where)
-        return decode_rgb(content, where) if isinstance(content, bytes) else rgb(content, where)
+        return read_image(topic.type, message.data, f"{path}: {topic.name}")
 
     def _size_px(self) -> tuple[int, int]:
         height, width = self._image(self._topics[0], self._pairs[0][0]).shape[:2]
@@ -206,9 +202,7 @@ class McapClip:
 
     def _find_cameras(self, index: Index) -> Cameras:
         settings, (left, right) = self._settings, self._topics
-        rectified = settings.rectified
-        if rectified is None:
-            rectified = "image_rect" in left.name and "image_rect" in right.name
+        rectified = are_rectified(self._topics) if settings.rectified is None else settings.rectified
         if settings.calibration is not None:
             return FileCameras(self._folder / settings.calibration, self._size_px, rectified)
         topics = index.topics.values()

@@ -1,11 +1,12 @@
-"""Raw images of cameras, in the encodings of ROS and Foxglove, as RGB."""
+"""Images of cameras, compressed or raw in the encodings of ROS and Foxglove, as RGB."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from harness.adapters.mcap.messages import RawPicture
+from harness.adapters.mcap.messages import MessageType, RawPicture, picture
+from harness.media.images import decode_rgb
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Image
 
@@ -32,6 +33,18 @@ _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
     "bayer_gbrg16": (2, 1, cv2.COLOR_BayerGBRG2RGB),
     "bayer_grbg16": (2, 1, cv2.COLOR_BayerGRBG2RGB),
 }
+
+
+def read_image(kind: MessageType, data: bytes, where: str) -> Image:
+    """The picture (H, W, 3) uint8 RGB in a message.
+
+    Raises
+    ------
+    VfoaError
+        If the message is not of its type, or its picture damaged or as in :func:`rgb`.
+    """
+    content = picture(kind, data, where)
+    return decode_rgb(content, where) if isinstance(content, bytes) else rgb(content, where)
 
 
 def rgb(raw: RawPicture, where: str) -> Image:

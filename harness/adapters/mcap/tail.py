@@ -15,14 +15,13 @@ from harness.adapters.calibration_files.options import Options
 from harness.adapters.calibration_files.read import read_cameras
 from harness.adapters.mcap.clip import McapSettings
 from harness.adapters.mcap.follow import follow_records
-from harness.adapters.mcap.messages import MessageType, camera, message_type, picture, stamp_ns
-from harness.adapters.mcap.pixels import rgb
-from harness.adapters.mcap.topics import Topic, find_camera, find_pair
+from harness.adapters.mcap.messages import MessageType, camera, message_type, stamp_ns
+from harness.adapters.mcap.pixels import read_image
+from harness.adapters.mcap.topics import Topic, are_rectified, find_camera, find_pair
 from harness.adapters.rectification import Optics, RawCalibration, RawCamera, optics
 from harness.live import Arrival
-from harness.media.images import decode_rgb
 from vfoa.errors import VfoaError
-from vfoa.types import Image, StereoFrame
+from vfoa.types import StereoFrame
 
 _WAITING = 32
 """Images of one side that wait for one of the other."""
@@ -131,10 +130,11 @@ class McapTail:
         return Arrival(number=number, time_ns=left.stamp_ns, arrived_s=time.monotonic(), read=read)
 
     def _frame(self, number: int, left: _Taken, right: _Taken, calibrations: dict[str, RawCamera]) -> StereoFrame:
-        images = [_image(taken, f"{self._path}: frame {number}") for taken in (left, right)]
+        where = f"{self._path}: frame {number}"
+        images = [read_image(taken.type, taken.data, where) for taken in (left, right)]
         if images[0].shape != images[1].shape:
             sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in images)
-            raise VfoaError(f"{self._path}: frame {number}: left and right are {sizes} pixels; expected the same")
+            raise VfoaError(f"{where}: left and right are {sizes} pixels; expected the same")
         found = self._optics_of(calibrations, (images[0].shape[1], images[0].shape[0]))
         first, second = found.rectify(*images)
         rig = found.calibration.rig(first.shape[1], first.shape[0])
@@ -143,9 +143,8 @@ class McapTail:
     def _optics_of(self, calibrations: dict[str, RawCamera], size: tuple[int, int]) -> Optics:
         """Of the calibrations that had come with a pair; maps are computed only where they changed."""
         assert self._pair is not None
-        settings, rectified = self._settings, self._settings.rectified
-        if rectified is None:
-            rectified = all("image_rect" in topic.name for topic in self._pair)
+        settings = self._settings
+        rectified = are_rectified(self._pair) if settings.rectified is None else settings.rectified
         if settings.calibration is not None:
             if self._optics is None:
                 path = self._path.parent / settings.calibration
@@ -161,8 +160,3 @@ class McapTail:
             raw = RawCalibration(left=left, right=right, where=str(self._path))
             self._optics = left.key + right.key, optics(raw.rectified() if rectified else raw)
         return self._optics[1]
-
-
-def _image(taken: _Taken, where: str) -> Image:
-    content = picture(taken.type, taken.data, where)
-    return decode_rgb(content, where) if isinstance(content, bytes) else rgb(content, where)

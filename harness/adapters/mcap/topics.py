@@ -94,6 +94,11 @@ def find_camera(topics: Iterable[Topic], image: Topic, named: str | None, where:
     )
 
 
+def are_rectified(pair: tuple[Topic, Topic]) -> bool:
+    """Whether both image topics are called as ROS's ``image_proc`` calls rectified ones."""
+    return all("image_rect" in topic.name for topic in pair)
+
+
 def _named(topics: list[Topic], name: str, side: str, where: str) -> Topic:
     for topic in topics:
         if topic.name == name:
