@@ -5,21 +5,22 @@ from __future__ import annotations
 import re
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
 from harness.adapters import Recognised, Truth
+from harness.adapters.sintel_files import read_camera, read_mask, read_segments
 from harness.adapters.stereo_views import read_pair
-from harness.files import digest_files, read_bytes
+from harness.files import digest_files
 from harness.media.disparity_files import read_depth, read_sintel_disparity
-from harness.media.images import read_raw
+from harness.media.images import png_size_px
 from harness.media.segment_ids import relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
-from vfoa.types import Disparity, Float, Instance, Instances, Map, Mask, StereoFrame, StereoRig
+from vfoa.types import Disparity, Instance, Instances, Map, Mask, StereoFrame, StereoRig
 
 BASELINE_M = 0.10
 """Of the parallel stereo cameras (the stereo set's README)."""
@@ -37,7 +38,8 @@ _TRUTHS = (
     ("instances", "segmentation", "the segmentation set"),
 )
 _HOLDERS = {"png": "the stereo set", "cam": "the depth set, which holds the cameras,"}
-_CAMERA_TAG = np.float32(202021.25)
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 class SintelSettings(Settings):
@@ -137,9 +139,10 @@ class SintelClip:
     def truth(self, number: int) -> Truth:
         """Disparity and instances, each where its file is there."""
         self._check_number(number)
-        disparity = self._path("disparities", number)
+        path = self._path("disparities", number)
+        disparity = self._fitting(read_sintel_disparity(path), path, number) if path.is_file() else None
         return Truth(
-            disparity=Disparity(disparity_px=read_sintel_disparity(disparity)) if disparity.is_file() else None,
+            disparity=None if disparity is None else Disparity(disparity_px=disparity),
             instances=self._instances(number),
             missing={
                 name: f"{path}: no such file; expected {part} of MPI Sintel (vfoa clips fetch sintel)"
@@ -151,7 +154,7 @@ class SintelClip:
     def depth_m(self, number: int) -> Map | None:
         """True depth (H, W) in metres; None where the depth set is not there."""
         path = self._path("depth", number, "dpt")
-        return read_depth(path) if path.is_file() else None
+        return self._fitting(read_depth(path), path, number) if path.is_file() else None
 
     def hidden(self, number: int) -> Mask | None:
         """Pixels (H, W) of the left view that the right one does not see: occluded or out of its frame.
@@ -159,9 +162,7 @@ class SintelClip:
         None where neither mask is there.
         """
         paths = [path for kind in ("occlusions", "outofframe") if (path := self._path(kind, number)).is_file()]
-        masks = [_any_channel(read_raw(path)) for path in paths]
-        if len({mask.shape for mask in masks}) > 1:
-            raise VfoaError(f"{paths[1]}: found shape {masks[1].shape}, {paths[0]} has {masks[0].shape}")
+        masks = [self._fitting(read_mask(path), path, number) for path in paths]
         return np.logical_or.reduce(masks) if masks else None
 
     def digest(self) -> str:
@@ -195,11 +196,19 @@ class SintelClip:
         if number not in self._frames:
             raise VfoaError(f"{self._scene}: no frame {number}; expected {self._frames[0]} to {self._frames[-1]}")
 
+    def _fitting(self, found: NDArray[Scalar], path: Path, number: int) -> NDArray[Scalar]:
+        """What is said of each pixel, if it is of the left image's size."""
+        left = self._path(f"{self._pass}_left", number)
+        width, height = png_size_px(left)
+        if found.shape != (height, width):
+            raise VfoaError(f"{path}: found {found.shape[1]} x {found.shape[0]} pixels, {left} has {width} x {height}")
+        return found
+
     def _instances(self, number: int) -> Instances | None:
         path = self._path("segmentation", number)
         if not path.is_file():
             return None
-        ids = relabel(_read_segments(path), self._small_ids)
+        ids = self._fitting(relabel(read_segments(path), self._small_ids), path, number)
         drawn = [int(each) for each in np.unique(ids) if each]
         return Instances(
             ids=ids,
@@ -212,38 +221,9 @@ class SintelClip:
     def _small_ids(self) -> dict[int, int]:
         """16-bit ids for the whole scene's segments, so that one thing has one id in every frame."""
         paths = [path for number in self._frames if (path := self._path("segmentation", number)).is_file()]
-        every_id = (int(each) for path in paths for each in np.unique(_read_segments(path)))
+        every_id = (int(each) for path in paths for each in np.unique(read_segments(path)))
         return small_ids(every_id, f"{self._training / 'segmentation' / self._scene}")
-
-
-def read_camera(path: Path) -> Float:
-    """Read the intrinsics M (3, 3), pixels, of a Sintel ``.cam``: float32 tag, float64[9] M, float64[12] N.
-
-    Raises
-    ------
-    VfoaError
-        If the file is not one.
-    """
-    data = read_bytes(path)
-    if len(data) != 4 + 21 * 8 or np.frombuffer(data, "<f4", 1)[0] != _CAMERA_TAG:
-        raise VfoaError(f"{path}: not a Sintel camera: expected {4 + 21 * 8} bytes with the tag {_CAMERA_TAG}")
-    matrix = np.frombuffer(data, "<f8", 9, offset=4).reshape(3, 3).astype(np.float64)
-    if not (np.isfinite(matrix).all() and matrix[0, 0] > 0 and matrix[1, 1] > 0):
-        raise VfoaError(f"{path}: expected finite intrinsics with positive focal lengths, found {matrix.tolist()}")
-    return matrix
 
 
 def _is_training(folder: Path) -> bool:
     return folder.name == "training" and any((folder / f"{each}_left").is_dir() for each in PASSES)
-
-
-def _read_segments(path: Path) -> NDArray[np.uint32]:
-    """A segmentation PNG: id = (R 256 + G) 256 + B."""
-    image = read_raw(path)
-    if image.ndim != 3 or image.dtype != np.uint8:
-        raise VfoaError(f"{path}: found shape {image.shape} of {image.dtype}; expected Sintel's 8-bit RGB segmentation")
-    return image.astype(np.uint32) @ np.array([65536, 256, 1], dtype=np.uint32)
-
-
-def _any_channel(image: NDArray[np.uint8]) -> Mask:
-    return (image if image.ndim == 2 else image.max(axis=2)) > 0

@@ -11,11 +11,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.files import read_bytes
+from harness.files import read_bytes, unreadable
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
 _PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_HEAD = struct.Struct(">16sII")  # up to the size, the first fields of the chunk IHDR
 _JPEG = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
 
@@ -52,6 +53,19 @@ def read_raw(path: Path) -> NDArray[Any]:
     """
     image = _decode(read_bytes(path), str(path), cv2.IMREAD_UNCHANGED)
     return image if image.ndim == 2 else np.ascontiguousarray(image[..., 2::-1])
+
+
+def png_size_px(path: Path) -> tuple[int, int]:
+    """(width, height) of a PNG, from its first bytes; a :class:`VfoaError` that names it where it is none."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_PNG_HEAD.size)
+    except OSError as error:
+        raise unreadable(path, error) from None
+    if len(head) < _PNG_HEAD.size or not head.startswith(_PNG):
+        raise VfoaError(f"{path}: not a PNG: it starts with {head[:8]!r}")
+    width, height = _PNG_HEAD.unpack(head)[1:]
+    return width, height
 
 
 def _decode(data: bytes, where: str, flags: int) -> NDArray[Any]:

@@ -158,11 +158,16 @@ def test_a_file_that_is_not_called_as_a_frame_is_none(root: Path, name: str) -> 
     assert SintelClip(SintelSettings(scene="alley"), root).frames == (1, 2, 3)
 
 
-def test_masks_of_two_sizes_are_one_line(root: Path) -> None:
-    write_image(root / "training/occlusions/alley/frame_0001.png", np.zeros((HEIGHT, WIDTH), np.uint8))
-    write_image(root / "training/outofframe/alley/frame_0001.png", np.zeros((HEIGHT, WIDTH - 1), np.uint8))
-    with pytest.raises(VfoaError, match=r"outofframe/alley/frame_0001\.png: found shape \(48, 63\), .* has \(48, 64\)"):
-        SintelClip(SintelSettings(scene="alley"), root).hidden(1)
+@pytest.mark.parametrize("kind", ["disparities", "segmentation", "occlusions", "depth"])
+def test_a_truth_of_another_size_is_one_line(root: Path, kind: str) -> None:
+    path = root / f"training/{kind}/alley/frame_0001.{'dpt' if kind == 'depth' else 'png'}"
+    if kind == "depth":
+        write_bytes(path, struct.pack("<fii", 202021.25, WIDTH, 1) + bytes(4 * WIDTH))
+    else:
+        write_image(path, np.zeros((1, WIDTH, 3), np.uint8))
+    clip = SintelClip(SintelSettings(scene="alley"), root)
+    with pytest.raises(VfoaError, match=rf"{path}: found 64 x 1 pixels, .*clean_left.*\.png has 64 x 48"):
+        clip.truth(1), clip.hidden(1), clip.depth_m(1)
 
 
 def test_a_right_image_of_another_size_is_one_line(root: Path) -> None:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from harness.adapters.calibration_files.read import read_cameras
 from harness.adapters.mcap.clip import McapClip, McapSettings
-from harness.adapters.sintel import read_camera
+from harness.adapters.sintel_files import read_camera
 from harness.annotation_formats import FORMATS
 from harness.annotations.files import read_annotations
 from harness.annotations.labels import Labels
