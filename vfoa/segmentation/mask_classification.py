@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 from pydantic import Field
+from scipy.special import expit
 
 from vfoa.coco import STUFF, STUFF_IDS, THING_IDS, THINGS
 from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
@@ -76,7 +77,7 @@ class MaskClassification:
         claims = []
         for n, score in enumerate(scores):
             upsampled = placement.whole(logits[n])
-            weighted = np.float32(score) / (1 + np.exp(-upsampled))
+            weighted = np.float32(score) * expit(upsampled)
             better = weighted > greatest
             owner[better], greatest[better] = n, weighted[better]
             claims.append(upsampled >= 0)

@@ -80,6 +80,14 @@ def test_a_pixel_belongs_to_the_greatest_product_of_class_and_mask_probability(t
     assert_masks(found, ~left)
 
 
+def test_logits_may_be_of_any_size(tmp_path: Path) -> None:
+    """exp(89) is beyond a float32."""
+    sky, person = patchwork(SIZE, SIZE, 2)
+    answer = outputs((SKY, 0.95, sky), (PERSON, 0.9, person))
+    answer["masks_queries_logits"] *= 1000
+    assert_masks(segment(tmp_path, answer), sky, person)
+
+
 def test_the_same_stuff_is_one_segment_the_same_thing_is_two(tmp_path: Path) -> None:
     a, b, c, d = patchwork(SIZE, SIZE, 4)
     found = segment(tmp_path, outputs((SEA, 0.9, a), (BOOK, 0.98, b), (SEA, 0.95, c), (BOOK, 0.97, d)))
