@@ -195,7 +195,6 @@ def _follow(pace: float, keep: float, settings: EyeHeadSettings) -> Float:
     """One frame of the linear model (5, 5)."""
     step = np.eye(_SIZE)
     step[BIAS, BIAS] = keep
-    step[HEAD] = 0
     step[HEAD, [OFFSET, ASIDE, HEAD, REST]] = (
         pace * settings.head_share,
         pace,

@@ -172,7 +172,7 @@ def _block(positions: Codes, rate: float | None) -> int:
 
 def answer(verdict: Verdict) -> str | None:
     """The predicted name, marked where it is the truth's but another instance was meant; None without prediction."""
-    if verdict.outcome == "wrong" and verdict.predicted is not None and verdict.predicted == verdict.truth:
+    if verdict.outcome == "wrong" and verdict.predicted == verdict.truth:
         return f"{verdict.predicted} {ANOTHER}"
     return verdict.predicted
 

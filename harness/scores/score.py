@@ -186,13 +186,13 @@ def _baselines(group: list[Outcomes]) -> dict[str, float]:
 
 
 def _confusion(group: list[Outcomes]) -> Counts:
-    """Truth by answer, over the labels that occur in the truth, then "another target", then "no prediction".
+    """Truth by answer, over the labels that occur in the truth, then any other answer or none.
 
-    Targets that are never the truth share one answer: telling them apart would change neither kappa nor macro F1.
+    Answers that are never the truth are one: telling them apart would change neither kappa nor macro F1.
     """
     truth, predicted = (np.concatenate([getattr(each, name) for each in group]) for name in ("truth", "predicted"))
     labels, true_codes = np.unique(truth, return_inverse=True)
     another = len(labels)
     nearest = np.minimum(np.searchsorted(labels, predicted), another - 1)
-    answers = np.where(labels[nearest] == predicted, nearest, np.where(predicted < 0, another + 1, another))
-    return confusion_matrix(true_codes, answers, another + 2)
+    answers = np.where(labels[nearest] == predicted, nearest, another)
+    return confusion_matrix(true_codes, answers, another + 1)

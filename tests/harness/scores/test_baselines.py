@@ -45,3 +45,23 @@ def test_the_commonest_label_is_the_first_by_name_of_equals() -> None:
     assert commonest(["cup", "can", "cup"]) == "cup"
     assert commonest(["cup", "can"]) == "can"
     assert commonest([]) is None
+
+
+def test_the_largest_is_so_by_its_area_wherever_it_lies() -> None:
+    small = target_record(1, "small", box_px=(500, 10, 520, 30))
+    tall = target_record(2, "tall", box_px=(10, 500, 20, 530))
+    large = target_record(3, "large", box_px=(0, 0, 25, 20))
+    assert Rules(frame_record([small, tall, large])).choose(GIRL).largest == 3
+
+
+def test_the_central_is_so_by_its_angle_whatever_its_distance() -> None:
+    far, near = target_record(1, "far", center=(5.0, 0.0, 9.0)), target_record(2, "near", center=(0.1, 0.0, 0.5))
+    assert Rules(frame_record([far, near])).choose(GIRL).central == 2
+
+
+def test_a_box_about_the_camera_has_no_angle_and_counts_as_a_right_one() -> None:
+    around, ahead, behind = (
+        target_record(each, "box", center=(0.0, 0.0, z)) for each, z in ((1, 0.0), (2, 1), (3, -1))
+    )
+    picked = [Rules(frame_record(each)).choose(GIRL).central for each in ([around, ahead], [around, behind])]
+    assert picked == [2, 1]

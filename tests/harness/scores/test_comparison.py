@@ -44,6 +44,9 @@ def test_the_papers_best_case_is_not_distinguishable() -> None:
     (found,) = compare({"1": scores.verdicts_of("BM, 1 cone"), "2 cones": scores.verdicts_of("BM, 2 cones")})
     assert (found.better, found.worse, found.n, found.p) == (3, 0, 50, 0.25)
     assert found.sentence == "2 cones vs 1: 3 frames better, 0 worse, p = 0.25: not distinguishable"
+    (back,) = compare({"2 cones": scores.verdicts_of("BM, 2 cones"), "1": scores.verdicts_of("BM, 1 cone")})
+    assert back.worse == 3
+    assert not back.is_significant_drop
 
 
 def test_several_comparisons_are_corrected_together() -> None:
@@ -81,4 +84,5 @@ def test_without_common_frames_nothing_is_claimed() -> None:
 
 
 def test_p_values_for_people() -> None:
-    assert [format_p(p) for p in (1.0, 0.25, 0.0312, 0.00099)] == ["p = 1", "p = 0.25", "p = 0.031", "p < 0.001"]
+    shown = {1.0: "p = 1", 0.25: "p = 0.25", 0.0312: "p = 0.031", 0.001: "p = 0.001", 0.00099: "p < 0.001"}
+    assert {p: format_p(p) for p in shown} == shown

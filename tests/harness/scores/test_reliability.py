@@ -74,3 +74,31 @@ def test_the_table_and_the_diagram_are_the_same_for_the_same_frames(tmp_path):
         assert (tmp_path / f"one.{kind}").read_bytes() == (tmp_path / f"other.{kind}").read_bytes()
     assert "ECE 0.550" in (tmp_path / "one.svg").read_text()
     assert reliability_table(found).rows == (("bayes", "2", "50.0", "75.0", "0.550", "0.300"),)
+
+
+def test_confidences_fall_into_tenths_of_which_the_last_holds_certainty():
+    confidence = np.array([0.0, 0.09, 0.1, 0.55, 0.9, 0.99, 1.0])
+    right = np.array([0, 1, 1, 0, 1, 1, 1])
+    found = reliability("sure", np.stack([confidence, right, right], axis=1))
+    assert found.counts.tolist() == [2, 1, 0, 0, 0, 1, 0, 0, 0, 3]
+    np.testing.assert_allclose(found.accuracy[[0, 1, 5, 9]], [0.5, 1, 0, 1])
+
+
+def test_a_target_that_the_frame_has_not_was_given_no_probability():
+    log = BeliefLog(["bayes"], labels("vase"))
+    list(log.watch([frame(1, {1: 0.5, 2: 0.3}, 1)]))
+    (found,) = log.reliabilities()
+    assert found.brier == pytest.approx(1 + 0.25 + 0.09 + 0.04)
+    assert (found.share_right, found.mean_confidence) == (0, 0.5)
+
+
+def test_clips_without_labels_and_configurations_without_frames_have_no_calibration():
+    log = BeliefLog(["bayes", "idle"], labels("cup", "cup", "none"))
+    frames = [frame(number, {1: 0.5, 2: 0.3}, 1) for number in (1, 2, 3)]
+    free = frame_record(
+        [target_record(1, "cup")], [subject_record("anna", focus=1)], clip="free", configuration="bayes"
+    )
+    list(log.watch([*frames, free]))
+    (found,) = log.reliabilities()
+    assert (found.configuration, found.n) == ("bayes", 3)
+    assert found.share_right == pytest.approx(2 / 3)

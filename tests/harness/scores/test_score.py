@@ -182,3 +182,33 @@ def test_the_papers_own_table(correct: int, frr: float) -> None:
     assert (row.n, row.correct, row.frr) == (50, correct, frr)
     assert row.coverage == 44 / 50
     assert row.baselines["commonest"] == 1.0
+
+
+def test_events_run_over_the_frames_that_a_source_has_whatever_their_numbers() -> None:
+    """Every seventh frame was kept: neighbours in the clip, though not by number."""
+    frames = (1, 8, 15, 22)
+    records = [replace(record, frame=frame) for frame, record in zip(frames, answers(["cup"] * 4), strict=True)]
+    looks = [LabelRange(first_frame=f, last_frame=f, subject="girl", label=Label(target="cup")) for f in frames]
+    row = _row(score(records, Reference(labels={"clip": Labels(looks)})))
+    assert (row.events.true, row.events.found, row.events.matched) == (1, 1, 1)
+
+
+def test_verdicts_are_by_clip_then_configuration_then_subject_then_frame() -> None:
+    records = [
+        record
+        for name in ("sgbm", "bm")
+        for clip in "zy"
+        for record in answers(["cup", "cup"], clip=clip, configuration=name)[::-1]
+    ]
+    both = Labels([*labels("cup", "cup").ranges, *labels("cup", subject="boy").ranges])
+    scores = score(records, Reference(labels=dict.fromkeys("zy", both)))
+    found = [(each.clip, each.configuration, each.subject, each.frame) for each in scores.verdicts]
+    looks = [("boy", 1), ("girl", 1), ("girl", 2)]
+    assert found == [(clip, name, *look) for clip in "zy" for name in ("sgbm", "bm") for look in looks]
+    assert [each.configuration for each in scores.verdicts_of("bm")] == ["bm"] * 6
+    assert [row.subject for row in scores.by_subject()] == ["boy", "boy", "girl", "girl"] * 2
+
+
+def test_no_rule_is_right_in_a_frame_of_which_there_is_no_record() -> None:
+    row = _row(score(answers(["cup"]), Reference(labels={"clip": labels("cup", "cup")})))
+    assert row.baselines == {"commonest": 1.0, "nearest": 0.5, "largest": 0.5, "central": 0.5}

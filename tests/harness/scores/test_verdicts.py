@@ -72,6 +72,13 @@ def test_without_a_label_nothing_is_scored(label: Label | None) -> None:
             "girl",
             "wrong_subject",
         ),
+        # the same, with something else looked at
+        (
+            frame_record([CUP, CAN, GIRL, BOY], [subject_record("girl", totals={2: 0.5}, focus=2, instance_id=9)]),
+            "cup",
+            "can",
+            "wrong_subject",
+        ),
         # nobody looks at themselves: the head was joined to no body, and its own box was hit
         (frame_record([CUP, GIRL], [subject_record("girl", totals={8: 0.5}, focus=8)]), "cup", "girl", "wrong_subject"),
     ],
@@ -152,3 +159,53 @@ def test_a_target_with_a_box_is_not_without_because_another_of_its_name_is() -> 
         [target_record(1, "cup", center=None), target_record(2, "cup")], [subject_record("girl", totals={2: 0.0})]
     )
     assert _judge(record, "cup").cause == "missed"
+
+
+def _answered(boxes: list[tuple[float, float, float, float]], point_px: tuple[float, float]) -> list[int]:
+    """Which of several cups at these boxes, counted from 1, is a right answer to a label with a point."""
+    cups = [target_record(each, "cup", box_px=box) for each, box in enumerate(boxes, start=1)]
+    return [
+        each.instance_id
+        for each in cups
+        if judge(
+            frame_record(cups, [subject_record("girl", focus=each.instance_id)]),
+            "girl",
+            Label(target="cup", point_px=point_px),
+        ).outcome
+        == "correct"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("point_px", "answer"),
+    [
+        ((18, 12), 1),  # in both, by Pythagoras: 32, 2 from the one's centre, 8, 38 from the other's
+        ((12, 18), 2),
+        ((104, 23), 1),  # 5 px from the one's corner, 84 from the other's side
+        ((23, 104), 2),
+    ],
+)
+def test_a_point_is_nearest_by_straight_distance(point_px: tuple[float, float], answer: int) -> None:
+    assert _answered([(0, 0, 100, 20), (0, 0, 20, 100)], point_px) == [answer]
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_point_across_a_corner_is_not_as_far_as_the_way_along_the_sides(swapped: bool) -> None:
+    """3 and 4 px from one box are 5, less than 6 from the other, but 7 along the sides."""
+    boxes: list[tuple[float, float, float, float]] = [(0, 0, 10, 10), (0, 20, 40, 40)]
+    point = (13.0, 14.0)
+    if swapped:
+        boxes, point = [(v0, u0, v1, u1) for u0, v0, u1, v1 in boxes], (14.0, 13.0)
+    assert _answered(boxes, point) == [1]
+
+
+@pytest.mark.parametrize("beside", [(50.5, 45, 60, 55), (45, 50.5, 55, 60)])
+def test_a_box_that_holds_the_point_is_nearer_than_one_half_a_pixel_away(
+    beside: tuple[float, float, float, float],
+) -> None:
+    assert _answered([(0, 0, 1000, 1000), beside], (50.0, 50.0)) == [1]
+
+
+def test_a_point_on_a_target_that_was_not_segmented_changes_nothing() -> None:
+    record = frame_record([CAN], [subject_record("girl", totals={2: 0.5}, focus=2)])
+    assert _judge(record, "cup", (3.0, 4.0)).cause == "target_not_segmented"
