@@ -12,6 +12,9 @@ from vfoa.types import Box3D, Float
 MIN_HALF_SIZE_M = 0.001
 """Half the thickness given to a cloud that is flat: a box has an inside."""
 
+_RESOLVED = 1e-7
+"""Of the distance: less is lost to rounding when a hull is made of points as far away as a sky (1e11 m in Sintel)."""
+
 
 def axis_aligned_box(points_left: Float) -> Box3D:
     """The smallest box that holds (N, 3) points, along the camera's axes."""
@@ -61,6 +64,7 @@ def _thickened(points: Float) -> Float:
     """Points with two copies moved apart along every direction in which they are flat, so that they have a hull."""
     offsets = points - points.mean(axis=0)
     variances, directions = np.linalg.eigh(offsets.T @ offsets / len(points))
-    for direction in directions.T[variances < MIN_HALF_SIZE_M**2]:
-        points = np.concatenate([points - MIN_HALF_SIZE_M * direction, points + MIN_HALF_SIZE_M * direction])
+    half = max(MIN_HALF_SIZE_M, _RESOLVED * float(np.abs(points).max()))
+    for direction in directions.T[variances < half**2]:
+        points = np.concatenate([points - half * direction, points + half * direction])
     return points

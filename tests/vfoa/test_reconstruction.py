@@ -326,12 +326,14 @@ def test_an_oriented_box_finds_the_plate_its_points_fill_in_any_orientation(seed
 
 @pytest.mark.parametrize("make", [axis_aligned_box, oriented_box])
 @pytest.mark.parametrize("flat", [(0, 0, 1), (0, 1, 1), (1, 1, 1)])
-def test_flat_clouds_have_boxes_with_an_inside(make, flat):
-    points = np.random.default_rng(1).uniform(-1, 1, (50, 3)) * np.where(flat, 0, (1, 0.5, 0.3)) + (0, 0, 2)
+@pytest.mark.parametrize("scale", [1, 1e12], ids=["near", "farther than a sky"])
+def test_flat_clouds_have_boxes_with_an_inside(make, flat, scale):
+    shape = np.where(flat, 0, (1, 0.5, 0.3))
+    points = scale * (np.random.default_rng(1).uniform(-1, 1, (50, 3)) * shape + (0, 0, 2))
     box = make(points)
     local = (points - box.center_m) @ box.left_from_box
     assert (box.half_size_m > 0).all()
-    assert (np.abs(local) <= box.half_size_m + 1e-9).all()
+    assert (np.abs(local) <= box.half_size_m + 1e-9 * scale).all()
 
 
 # People and their eyes
