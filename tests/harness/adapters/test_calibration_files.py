@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,7 +20,7 @@ from harness.adapters.calibration_files.find import find_calibrations
 from harness.adapters.calibration_files.options import Options
 from harness.adapters.calibration_files.pose import Lens, rectify_pose
 from harness.adapters.calibration_files.read import read_cameras
-from harness.adapters.rectification import RawCalibration, RawCamera
+from harness.adapters.rectification import RawCalibration, RawCamera, Rectifier
 from tests import calibrations
 from tests.calibrations import RIG, SIZE, Rig, opencv_nodes, rectification, write_opencv, write_yaml
 from tests.disk import write_text
@@ -111,6 +112,77 @@ def test_every_format_gives_the_same_rectified_pair(tmp_path: Path, name: str) -
 
 
 @pytest.mark.parametrize("name", FORMATS)
+def test_every_format_gives_the_same_lenses(tmp_path: Path, name: str) -> None:
+    """Later coefficients are 0."""
+    cameras = _raw(FORMATS[name](tmp_path))
+    for camera, k, d in zip((cameras.left, cameras.right), RIG.k, RIG.d, strict=True):
+        np.testing.assert_allclose(camera.k, k)
+        np.testing.assert_allclose(camera.d, [*d, 0][: len(camera.d)])
+        assert camera.model == "plumb_bob"
+
+
+@pytest.mark.parametrize("name", ["opencv yaml", "opencv xml", "zed"])
+def test_a_suffix_may_be_in_capitals(tmp_path: Path, name: str) -> None:
+    (path,) = FORMATS[name](tmp_path)
+    expected = _raw([path]).rectified()
+    loud = path.rename(path.with_suffix(path.suffix.upper()))
+    assert _raw([loud]).rectified() == expected
+    assert [each.source for each in find_calibrations(tmp_path, _size)] == [{"calibration": loud.name}]
+
+
+@pytest.mark.parametrize("suffix", ["yml", "xml"])
+def test_a_size_that_the_file_tells_is_not_asked_of_the_images(tmp_path: Path, suffix: str) -> None:
+    path = write_opencv(tmp_path / f"c.{suffix}", opencv_nodes(RIG), SIZE)
+    cameras = read_cameras([path], lambda: pytest.fail("asked"), Options())
+    assert isinstance(cameras, RawCalibration)
+    assert cameras.left.size_px == SIZE
+
+
+@pytest.mark.parametrize("suffix", ["yml", "xml"])
+def test_numbers_that_are_none_do_no_harm_where_nobody_reads_them(tmp_path: Path, suffix: str) -> None:
+    errors = np.array([[np.nan, np.inf, -np.inf]])
+    path = write_opencv(tmp_path / f"c.{suffix}", opencv_nodes(RIG) | {"errors": errors}, SIZE)
+    assert _raw([path]).rectified().size_px == SIZE
+    path = write_opencv(tmp_path / f"c.{suffix}", opencv_nodes(RIG) | {"T": errors.T}, SIZE)
+    with pytest.raises(VfoaError, match=r"T: found 3 numbers; expected 3 finite numbers|T: .* finite"):
+        read_cameras([path], _size)
+
+
+@pytest.mark.parametrize("rig", [RIG, FISHEYE], ids=["plumb bob", "fisheye"])
+def test_a_rectified_pair_shows_only_what_both_cameras_saw(rig: Rig) -> None:
+    """A white world leaves no black border."""
+    bent = tuple(np.array([-0.15, 0.02, 0, 0]) for _ in range(2))
+    lenses = (Lens(k=k, d=d, model=rig.model) for k, d in zip(rig.k, bent, strict=True))  # type: ignore[arg-type]
+    cameras = rectify_pose(*lenses, rig.rotation, rig.translation_m, SIZE, "rig")
+    white = np.full((SIZE[1], SIZE[0], 3), 255, np.uint8)
+    for view in Rectifier(cameras).rectify(white, white):
+        assert (view[2:-2, 2:-2] == 255).mean() > 0.995
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"left": Lens(k=np.zeros((3, 3)), d=RIG.d[0])}, "rig: left: K: found focal lengths"),
+        ({"right": Lens(k=np.eye(2), d=RIG.d[0])}, "rig: right: K: found shape"),
+        ({"right": Lens(k=RIG.k[1], d=np.zeros(3))}, "rig: right: D: found 3 coefficients"),
+        ({"right": Lens(k=RIG.k[1], d=RIG.d[1], model="equidistant")}, "left is plumb_bob, right equidistant"),
+        ({"rotation": np.ones((3, 3))}, "rig: R: not a rotation"),
+        ({"translation": np.zeros(3)}, r"rig: T: found \[0.0, 0.0, 0.0\]; expected three finite numbers"),
+        ({"translation": np.array([-0.1, np.nan, 0])}, "rig: T: found .* expected three finite numbers"),
+        ({"translation": np.array([-0.1, 0])}, "rig: T: found .* expected three finite numbers"),
+        ({"translation": np.array([0.01, -0.1, 0])}, "rig: T: .* above each other"),
+        ({"translation": np.array([0.01, 0.1, 0])}, "rig: T: .* above each other"),
+        ({"translation": np.array([0.1, 0.01, 0])}, "left and right swapped"),
+    ],
+)
+def test_cameras_that_are_no_pair_side_by_side_are_refused(changes: dict[str, Any], message: str) -> None:
+    left, right = (Lens(k=k, d=d) for k, d in zip(RIG.k, RIG.d, strict=True))
+    given = {"left": left, "right": right, "rotation": np.eye(3), "translation": RIG.translation_m, **changes}
+    with pytest.raises(VfoaError, match=message):
+        rectify_pose(**given, size_px=SIZE, where="rig")
+
+
+@pytest.mark.parametrize("name", FORMATS)
 def test_every_format_brings_points_onto_common_rows(tmp_path: Path, name: str) -> None:
     _assert_rows_match_and_depths_come_back(_raw(FORMATS[name](tmp_path)), RIG, _points(0))
 
@@ -148,6 +220,53 @@ def test_a_zed_s_coefficient_that_is_missing_is_named(tmp_path: Path) -> None:
         read_cameras([path], _size)
 
 
+ZED_SIZES = {
+    "4K": (3840, 2160),
+    "QHDPLUS": (3200, 1800),
+    "2K": (2208, 1242),
+    "FHD1200": (1920, 1200),
+    "FHD": (1920, 1080),
+    "HD": (1280, 720),
+    "SVGA": (960, 600),
+    "VGA": (672, 376),
+}
+"""Stereolabs' names of the resolutions of all their cameras."""
+
+
+@pytest.mark.parametrize("name", ZED_SIZES)
+def test_a_zed_s_resolutions_have_the_maker_s_names(tmp_path: Path, name: str) -> None:
+    """In lower case, as the first models' files have them."""
+    text = calibrations.write_zed(tmp_path / "SN1.conf", RIG).read_text().replace("_HD", f"_{name}").lower()
+    found = read_cameras([write_text(tmp_path / "SN1.conf", text)], lambda: ZED_SIZES[name])
+    assert isinstance(found, RawCalibration)
+    assert found.left.size_px == ZED_SIZES[name]
+    np.testing.assert_allclose(found.left.k, RIG.k[0])
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "expected"),
+    [
+        ({"k1": 0.1, "k2": 0.02}, [0.1, 0.02, 0, 0, 0]),
+        (
+            {"k1": 0.1, "k2": 0.02, "k3": 0.03, "k4": 0.04, "k5": 0.05, "k6": 0.06, "p1": 0.001, "p2": 0.002},
+            [0.1, 0.02, 0.001, 0.002, 0.03, 0.04, 0.05, 0.06],
+        ),
+    ],
+    ids=["the first ZED", "rational"],
+)
+def test_a_zed_has_as_many_coefficients_as_its_file(
+    tmp_path: Path, coefficients: dict[str, float], expected: list[float]
+) -> None:
+    lines = [f"{key}={value}" for key, value in coefficients.items()]
+    cameras = [line for side in ("LEFT", "RIGHT") for line in (f"[{side}_CAM_HD]", *ZED_LENS, *lines)]
+    pose = ["[STEREO]", "Baseline=120", "TY=0", "TZ=0", "CV_HD=0", "RX_HD=0", "RZ_HD=0"]
+    path = write_text(tmp_path / "SN1.conf", "\n".join([*cameras, *pose]))
+    assert _raw([path]).left.d.tolist() == expected
+
+
+ZED_LENS = ("fx=700", "fy=700", "cx=640", "cy=360")
+
+
 def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
     """cam0 stands right of cam1, which stands right of cam2, 0.1 m each, so that cam2 and cam0 are 0.2 m apart."""
     step = np.eye(4)
@@ -169,6 +288,30 @@ def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
         read_cameras([path], _size, Options(cameras=(3, 0)))
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"resolution": [640, 400]}, r"cam0 is \(1280, 720\) pixels, cam1 \(640, 400\); expected the same"),
+        ({"intrinsics": [1, 2, 3]}, "cam1: intrinsics: found 3 numbers; expected 4 finite numbers"),
+        ({"distortion_coeffs": [0, 0, 0, float("inf")]}, "cam1: distortion_coeffs: found 4 numbers; expected 4 finite"),
+        ({"intrinsics": None}, "cam1: no intrinsics; expected Kalibr's camera chain"),
+        ({"distortion_model": "fov"}, "cam1: model pinhole-fov; expected pinhole with one of"),
+    ],
+)
+def test_a_kalibr_camera_that_is_wrong_is_named(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    path = calibrations.write_kalibr(tmp_path / "camchain.yaml", RIG)
+    chain = yaml.safe_load(path.read_text())
+    chain["cam1"] = {key: value for key, value in {**chain["cam1"], **changes}.items() if value is not None}
+    with pytest.raises(VfoaError, match=message):
+        read_cameras([write_yaml(path, chain)], _size)
+
+
+def test_a_second_file_is_refused_where_one_says_all(tmp_path: Path) -> None:
+    paths = [calibrations.write_zed(tmp_path / f"SN{number}.conf", RIG) for number in (1, 2)]
+    with pytest.raises(VfoaError, match=r"SN2\.conf: a second calibration file; expected one, or two in YAML or XML"):
+        read_cameras(paths, _size)
+
+
 def test_the_unit_of_the_translation_is_said(tmp_path: Path) -> None:
     nodes = opencv_nodes(RIG)
     path = write_opencv(tmp_path / "c.yml", nodes | {"T": nodes["T"] * 1000}, SIZE)
@@ -186,6 +329,25 @@ def test_what_lies_beside_the_images_is_found(tmp_path: Path, name: str) -> None
     files = [path.relative_to(tmp_path).as_posix() for path in paths]
     assert [each.source for each in found] == [{"calibration": files[0] if len(files) == 1 else files}]
     assert "B 0.1199 m, rectifies the images" in str(found[0])
+
+
+def test_numbers_of_cameras_hold_for_kitti_s_files_alone(tmp_path: Path) -> None:
+    rows = _kitti(*(_projection(50, 30, -50 * b) for b in (0, 0.1, 0, 0.3)), names=("P0", "P1", "P2", "P3"))
+    write_text(tmp_path / "calib.txt", rows)
+    write_opencv(tmp_path / "c.yml", {"P1": _projection(50, 30), "P2": _projection(50, 30, -10)})
+    found = find_calibrations(tmp_path, _size, Options(cameras=(0, 1)))
+    assert [str(each) for each in found] == [
+        "c.yml (B 0.2 m, of rectified images)",
+        "calib.txt (B 0.1 m, of rectified images)",
+    ]
+    (only,) = find_calibrations(tmp_path, _size, candidates=[("calib.txt",)])
+    assert only.calibration.baseline_m == pytest.approx(0.3)
+
+
+def test_of_two_files_both_are_named(tmp_path: Path) -> None:
+    _sample(tmp_path)
+    (found,) = find_calibrations(tmp_path, _size)
+    assert str(found).startswith("intrinsics.yml and extrinsics.yml (B 0.1199 m")
 
 
 @pytest.mark.parametrize("name", ["opencv yaml", "ros", "kalibr", "zed"])
@@ -250,7 +412,7 @@ def _read(path: Path, options: Options = Options()) -> Calibration:  # noqa: B00
     return cameras
 
 
-def _kitti(*matrices: Float, names: tuple[str, str] = ("P2", "P3")) -> str:
+def _kitti(*matrices: Float, names: tuple[str, ...] = ("P2", "P3")) -> str:
     lines = [
         f"{name}: {' '.join(f'{value:e}' for value in matrix.ravel())}\n"
         for name, matrix in zip(names, matrices, strict=True)
@@ -281,6 +443,7 @@ def test_opencv_s_projections_are_read(tmp_path: Path) -> None:
     )
     calibration = _read(path)
     assert (calibration.baseline_m, calibration.cx_px, calibration.cx_right_px) == (0.1, 30.0, 33.0)
+    assert _read(path, Options(unit="mm")).baseline_m == pytest.approx(1e-4)
 
 
 def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
@@ -325,6 +488,13 @@ def test_matrices_of_no_rectified_pair_are_refused(tmp_path: Path, matrices: tup
             r"c\.yml: found none of them; expected K1 D1 K2 D2 with R T",
         ),
         ("c.yml", "%YAML:1.0\n---\na: [1,\n", r"c\.yml:4: not YAML: "),
+        ("c.yml", "K1: {rows: 3}", r"c\.yml: K1: found \{'rows': 3\}; expected numbers"),
+        ("c.yml", "K1: !!opencv-matrix [1, 2]", r"c\.yml:1: not YAML: an opencv-matrix that is no table"),
+        (
+            "c.xml",
+            '<s><K1 type_id="opencv-matrix"><rows>3</rows><cols>3</cols><data>1 2</data></K1></s>',
+            r"c\.xml: an opencv-matrix whose data are not as many numbers as its size says",
+        ),
         ("c.yml", "K1: [1, x]", r"c\.yml: K1: found \[1, 'x'\]; expected numbers"),
         ("c.yml", "K1: [1]\nM1: [1]", r"c\.yml: K1 and M1 both are K1; expected one of them"),
         ("c.yml", "a: [1,\n", r"c\.yml:2: not YAML"),

@@ -75,6 +75,22 @@ def test_rectified_images_pass_untouched() -> None:
     assert right is image
 
 
+def test_a_rotation_of_four_decimals_is_one() -> None:
+    camera = _camera(3, 0)
+    rounded = dataclasses.replace(camera, r=camera.r.round(4))
+    assert RawCalibration(left=rounded, right=_camera(-2, -18.0), where="cameras").left is rounded
+
+
+def test_only_what_would_change_no_pixel_counts_as_rectified() -> None:
+    straight = RawCamera(
+        size_px=(WIDTH, HEIGHT), k=NEW, d=np.zeros(5), r=np.eye(3), p=np.column_stack([NEW, [-18.0, 0, 0]])
+    )
+    turned = cv2.Rodrigues(np.array([0.01, 0, 0]))[0]
+    assert straight.is_rectified
+    for change in ({"d": np.array([-0.1, 0, 0, 0])}, {"r": turned}, {"k": K}):
+        assert not dataclasses.replace(straight, **change).is_rectified
+
+
 def test_an_image_of_another_size_is_refused() -> None:
     image = np.zeros((HEIGHT, WIDTH + 1, 3), np.uint8)
     with pytest.raises(VfoaError, match=r"cameras: the calibration is for \(160, 120\) pixels, the left image has"):
@@ -85,6 +101,12 @@ def test_an_image_of_another_size_is_refused() -> None:
     ("change", "message"),
     [
         ({"r": np.ones((3, 3))}, "left: R: not a rotation"),
+        ({"r": np.diag([1.0, 1, -1])}, "left: R: not a rotation"),
+        ({"r": np.eye(2)}, "left: R: found shape"),
+        ({"d": np.array([0.1, np.nan, 0, 0])}, "left: D: found 4 coefficients"),
+        ({"p": np.full((3, 4), np.nan)}, "left: P: found shape"),
+        ({"k": K[:2]}, "left: K: found shape"),
+        ({"k": np.diag([500.0, 0, 1])}, "left: K: found focal lengths 500, 0"),
         ({"d": np.zeros(3)}, "left: D: found 3 coefficients"),
         ({"p": np.eye(3)}, "left: P: found shape"),
         ({"k": np.zeros((3, 3))}, "left: K: found focal lengths"),

@@ -29,11 +29,11 @@ def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def _run(folder: Path, correct: int, configuration: str = "one") -> str:
-    """A finished run that is right in so many frames."""
+def _run(folder: Path, correct: int, configuration: str = "one", frames: range = range(1, FRAMES + 1)) -> str:
+    """A finished run that is right in so many of these frames, the first."""
     folder.mkdir()
     said = ["cup"] * correct + ["none"] * (FRAMES - correct)
-    records = answers(said, clip="tabletop", configuration=configuration)
+    records = [each for each in answers(said, clip="tabletop", configuration=configuration) if each.frame in frames]
     (folder / "results.jsonl").write_text("".join(map(to_line, records)))
     entry = {"name": "tabletop", "manifest": "", "notes": [], "frames": [each.frame for each in records]}
     manifest = {"notes": [], "clips": [entry], "configurations": {configuration: {}}, "finished": "now"}
@@ -64,6 +64,24 @@ def test_runs_side_by_side_are_told_apart_by_their_directory(tmp_path: Path) -> 
     first, second = _run(tmp_path / "a", 8), _run(tmp_path / "b", 9)
     (one,) = json.loads(CliRunner().invoke(app, ["compare", first, second, "--json"]).stdout)
     assert (one["reference"], one["configuration"]) == (f"{first}/one", f"{second}/one")
+
+
+def test_several_runs_against_a_baseline_are_corrected_together(tmp_path: Path) -> None:
+    before, *others = (_run(tmp_path / name, n) for name, n in (("before", 8), ("better", 14), ("same", 8)))
+    said = CliRunner().invoke(app, ["compare", *others, "--baseline", before, "--json"])
+    better, same = json.loads(said.stdout)
+    assert (better["p"], better["p_holm"]) == (2 / 2**6, 4 / 2**6)
+    assert "p = 0.031 (p = 0.062 after Holm): not distinguishable" in better["sentence"]
+    assert (same["p"], same["p_holm"]) == (1, 1)
+
+
+def test_runs_of_other_frames_cannot_be_compared_with_a_baseline(tmp_path: Path) -> None:
+    first, second = (
+        _run(tmp_path / name, 8, frames=frames) for name, frames in (("a", range(1, 11)), ("b", range(11, 21)))
+    )
+    error = CliRunner().invoke(app, ["compare", second, "--baseline", first]).exception
+    assert isinstance(error, VfoaError)
+    assert "configuration 'one' has no scored frame in common with" in str(error)
 
 
 @pytest.mark.parametrize(

@@ -4,19 +4,26 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
+from harness.adapters import PersonTruth, Truth
 from harness.report.rescore import rescore
 from harness.runs.conduct import conduct, prepare
+from harness.runs.configuration import StageChoice
 from harness.runs.experiment import load_experiment
 from harness.runs.results import FrameMeasures
 from harness.scores.ladder import steps, with_ladder
 from harness.scores.reference import Reference
 from harness.scores.score import score
 from harness.scores.statistics import Interval
+from harness.truth.oracle import OracleSettings
 from tests.records import answers, labels
 from vfoa.errors import VfoaError
+from vfoa.types import Disparity, Instances
 
 
 def test_each_rung_replaces_one_stage_more_and_leaves_the_rest() -> None:
@@ -46,6 +53,76 @@ def test_a_ladder_with_nothing_to_replace_is_an_error(tmp_path: Path) -> None:
     )
     with pytest.raises(VfoaError, match="no stage that truth could replace"):
         with_ladder(load_experiment(str(file)))
+
+
+PERSON = PersonTruth(
+    name="anna",
+    instance_id=1,
+    head_box_px=np.zeros(4),
+    eye_origin_left=np.zeros(3),
+    head_direction=np.array([0.0, 0, 1]),
+    gaze_direction=np.array([0.0, 0, 1]),
+)
+DISPARITY = Disparity(disparity_px=np.ones((2, 2), np.float32))
+INSTANCES = Instances(ids=np.zeros((2, 2), np.uint16), instances=())
+NO_HEAD, NO_GAZE = replace(PERSON, head_direction=None), replace(PERSON, gaze_direction=None)
+TRUTHS = {
+    "all": Truth(disparity=DISPARITY, instances=INSTANCES, people=(PERSON,)),
+    "depths": Truth(disparity=DISPARITY),
+    "masks": Truth(instances=INSTANCES),
+    "some heads": Truth(disparity=DISPARITY, instances=INSTANCES, people=(PERSON, NO_HEAD)),
+    "some gazes": Truth(disparity=DISPARITY, instances=INSTANCES, people=(NO_GAZE, PERSON)),
+}
+"""What a clip knows to be true, by the clip's name."""
+
+
+@pytest.mark.parametrize(
+    ("clips", "unknown"),
+    [
+        (["all"], [set()]),
+        (["depths"], [{"instances", "heads", "head_pose", "gaze"}]),
+        (["masks"], [{"disparity", "heads", "head_pose", "gaze"}]),
+        (["some heads"], [{"head_pose"}]),
+        (["some gazes"], [{"gaze"}]),
+        (["some heads", "all", "some gazes"], [{"head_pose"}, set(), {"gaze"}]),
+    ],
+)
+def test_what_a_clip_does_not_know_is_not_replaced_and_said(
+    monkeypatch: pytest.MonkeyPatch, clips: list[str], unknown: list[set[str]]
+) -> None:
+    def manifest(name: str) -> Any:
+        clip = SimpleNamespace(frames=(7, 8), truth=lambda frame: TRUTHS[name] if frame == 7 else Truth())
+        return SimpleNamespace(open=lambda: clip)
+
+    monkeypatch.setattr("harness.scores.ladder.load_manifest", manifest)
+    base = load_experiment("demo", clips=("studio_table",))
+    choices = {
+        slot: StageChoice(slot=slot, name="any", settings=OracleSettings()) for slot in base.configurations[0].choices
+    }
+    only = replace(base.configurations[0], name="base", choices=choices)
+    ladder = with_ladder(replace(base, clips=tuple(clips), configurations=(only,), notes=("mine",)))
+    names = ["disparity", "instances", "heads", "head_pose", "gaze"]
+    known = [each for each in names if each not in set().union(*unknown)]
+    assert [each.name for each in ladder.configurations] == [
+        "+".join(["base", *known[:count]]) for count in range(len(known) + 1)
+    ]
+    expected = [
+        f"Oracle ladder: {clip} has no true {', '.join(each for each in names if each in missing)}, "
+        "so that these stages are not replaced."
+        for clip, missing in zip(clips, unknown, strict=True)
+        if missing
+    ]
+    assert ladder.notes == ("mine", *expected)
+
+
+def test_a_step_is_of_all_clips_together() -> None:
+    said = {"bm": ["none", "cup"], "bm+gaze": ["cup", "cup"]}
+    records = [r for clip in "cd" for name, each in said.items() for r in answers(each, clip=clip, configuration=name)]
+    found = steps(score(records, Reference(labels=dict.fromkeys("cd", labels("cup", "cup")))))
+    assert [(each.row.clip, each.row.n, each.row.frr, each.gained) for each in found] == [
+        (None, 4, 0.5, None),
+        (None, 4, 1, 0.5),
+    ]
 
 
 def test_points_are_the_difference_to_the_rung_below() -> None:
