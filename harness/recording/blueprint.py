@@ -12,7 +12,7 @@ from harness.recording import Size, entities
 from vfoa.geometry import box_corners
 from vfoa.types import CUES, Float, Scene
 
-FROM_MIDDLE = (0.52, -0.45, -0.62)
+FROM_MIDDLE = (0.46, -0.4, -0.55)
 """Where the viewer's eye is, in diagonals of the scene from its middle: right of the camera, above, and behind it."""
 
 MOST_PLOTS = 3
@@ -69,27 +69,33 @@ def _stereo_views(size: Size) -> list[rrb.Spatial2DView]:
 
 def _world_view(scene: Scene | None) -> rrb.Spatial3DView:
     hidden = (entities.DEPTH, entities.MASKS, entities.TARGETS_2D, entities.HEADS_2D)
-    position, look_target = eye_controls(scene)
     return rrb.Spatial3DView(
         origin=entities.WORLD,
         contents=[f"{entities.WORLD}/**", *(f"- {path}/**" for path in hidden)],
         name="Scene in metres",
         line_grid=False,
-        eye_controls=rrb.EyeControls3D(
-            kind=rrb.Eye3DKind.Orbital, position=position, look_target=look_target, eye_up=(0, -1, 0)
-        ),
+        eye_controls=orbital_eye(*eye_controls(scene)),
     )
 
 
-def eye_controls(scene: Scene | None) -> tuple[Float, Float]:
-    """Position (3,) and look-at point (3,) of the viewer's eye, camera frame, metres.
+def orbital_eye(position: Float, look_target: Float) -> rrb.EyeControls3D:
+    """An eye that a mouse turns about what it looks at, with the camera's up."""
+    return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=look_target, eye_up=(0, -1, 0))
 
-    From above and to the side of the left camera, so that depth, which the image hides, is seen; far enough
-    back to see the whole first frame.
-    """
+
+def eye_controls(scene: Scene | None) -> tuple[Float, Float]:
+    """Position (3,) and look-at point (3,) of an eye that sees the whole scene, as :func:`eye_for` has it."""
     seen = [] if scene is None else [box_corners(target.box) for target in scene.targets if target.box is not None]
     if scene is not None:
         seen += [person.eye_origin_left[None] for person in scene.people if person.eye_origin_left is not None]
+    return eye_for(seen)
+
+
+def eye_for(seen: Sequence[Float]) -> tuple[Float, Float]:
+    """Position (3,) and look-at point (3,) of an eye that sees all of some points, each (N, 3), camera frame, metres.
+
+    From above and to the side of the left camera, so that depth, which the image hides, is seen.
+    """
     points = np.concatenate(seen) if seen else np.array([[-0.5, -0.3, 1.0], [0.5, 0.3, 2.0]])
     low, high = points.min(axis=0), points.max(axis=0)
     middle, extent = (low + high) / 2, max(float(np.linalg.norm(high - low)), 0.2)
@@ -117,7 +123,7 @@ def _plot(origin: str, name: str, *, legend: bool) -> rrb.TimeSeriesView:
 
 
 def _shares(plots: int) -> list[float]:
-    return [4.0, *([4.0 / plots] * plots), 1.5 + 0.5 * plots]
+    return [4.4, *([4.0 / plots] * plots), 1.2 + 0.5 * plots]
 
 
 GUIDE = """\

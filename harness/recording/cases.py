@@ -11,7 +11,7 @@ import rerun.blueprint as rrb
 from harness.clips.naming import Names
 from harness.recording import entities
 from harness.recording.attention import log_attention
-from harness.recording.blueprint import eye_controls
+from harness.recording.blueprint import eye_controls, orbital_eye
 from harness.recording.frame_log import FrameLog
 from harness.recording.labels import Colours
 from harness.recording.recorder import APPLICATION
@@ -57,8 +57,7 @@ def _record(folder: Path, case: Case) -> Path:
 
 
 def _layout(case: Case) -> rrb.Blueprint:
-    position, look_target = eye_controls(look(case, RADII_CM[0]).scene)
-    eye = rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=look_target, eye_up=(0, -1, 0))
+    eye = orbital_eye(*eye_controls(look(case, RADII_CM[0]).scene))
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Spatial3DView(

@@ -9,14 +9,18 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import LazyChunkStream, RrdReader
 
 from harness.recording import entities
+from harness.recording.blueprint import eye_for, orbital_eye
 from harness.recording.reading import reading
 from harness.recording.recorder import APPLICATION, recording_id
+from vfoa.types import Float
 
+_POSITIONS = "Points3D:positions"
 _PROPERTIES = "/__properties/**"
 """Rerun's own place for what describes a whole recording; under a prefix it would mean nothing."""
 
@@ -32,7 +36,8 @@ def write_side_by_side(clip: str, recordings: Mapping[str, Path], path: Path) ->
         If one of them is damaged.
     """
     prefixes = {configuration: f"/{rr.escape_entity_path_part(configuration)}" for configuration in recordings}
-    columns = [_column(name, prefixes[name], _entities(each)) for name, each in recordings.items()]
+    eye = orbital_eye(*eye_for([points for each in recordings.values() for points in _first_clouds(each)]))
+    columns = [_column(name, prefixes[name], _entities(each), eye) for name, each in recordings.items()]
     partial = path.with_name(path.name + ".partial")
     stream = rr.RecordingStream(APPLICATION, recording_id=recording_id(path, clip, " vs ".join(recordings)))
     stream.save(partial, default_blueprint=_layout(columns))
@@ -54,6 +59,17 @@ def _entities(recording: Path) -> list[str]:
         return sorted({chunk.entity_path for chunk in RrdReader(recording).stream().drop(content=_PROPERTIES)})
 
 
+def _first_clouds(recording: Path) -> list[Float]:
+    """The points (N, 3) of each instance when it is first seen, camera frame, metres."""
+    found: dict[str, Float] = {}
+    with reading(recording):
+        for chunk in RrdReader(recording).stream().filter(content=f"{entities.INSTANCES}/**", components=_POSITIONS):
+            clouds = chunk.to_record_batch().column(_POSITIONS).drop_null().to_pylist()
+            if chunk.entity_path not in found and clouds:
+                found[chunk.entity_path] = np.array(clouds[0], dtype=np.float64).reshape(-1, 3)
+    return list(found.values())
+
+
 def _layout(columns: Sequence[rrb.Vertical]) -> rrb.Blueprint:
     return rrb.Blueprint(
         rrb.Horizontal(*columns),
@@ -65,7 +81,7 @@ def _layout(columns: Sequence[rrb.Vertical]) -> rrb.Blueprint:
     )
 
 
-def _column(configuration: str, prefix: str, paths: Sequence[str]) -> rrb.Vertical:
+def _column(configuration: str, prefix: str, paths: Sequence[str], eye: rrb.EyeControls3D) -> rrb.Vertical:
     """One configuration from top to bottom; both columns are alike, so that the eye compares along a line."""
     # as in a single recording: rays would hide the image, and what is drawn in the image has no place in space
     rays = [f"- {prefix}{path}" for path in paths if path.startswith(entities.SUBJECTS) and path.endswith("/rays")]
@@ -77,22 +93,26 @@ def _column(configuration: str, prefix: str, paths: Sequence[str]) -> rrb.Vertic
             origin=camera, contents=[f"{camera}/**", f"- {depth}/**", f"{subjects}/**", *rays], name=configuration
         ),
         rrb.Spatial3DView(
-            origin=prefix + entities.WORLD, contents=world, name=f"{configuration}: scene in metres", line_grid=False
+            origin=prefix + entities.WORLD,
+            contents=world,
+            name=f"{configuration}: scene in metres",
+            line_grid=False,
+            eye_controls=eye,
         ),
         rrb.Tabs(
+            rrb.TextDocumentView(origin=prefix + entities.SUMMARY, name=f"{configuration}: this frame"),
             rrb.TimeSeriesView(
                 origin=prefix + entities.ATTENTION,
                 contents=[prefix + path for path in paths if _is_total(path)],
-                name=f"{configuration}: attention",
+                name="Attention",
                 plot_legend=rrb.PlotLegend(visible=False),  # no room; the colours are those of the boxes
                 axis_y=rrb.ScalarAxis(range=(0.0, 1.0)),  # the same for both, or heights could not be compared
             ),
-            rrb.TextDocumentView(origin=prefix + entities.SUMMARY, name="This frame"),
             rrb.TextLogView(origin=prefix + entities.LOG, name="Failures"),
             active_tab=0,
         ),
         rrb.StateTimelineView(origin=prefix + entities.VERDICT, name=f"{configuration}: truth, prediction, verdict"),
-        row_shares=[5, 4, 3, 3],
+        row_shares=[5, 5, 4, 3],
     )
 
 

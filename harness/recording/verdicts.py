@@ -21,20 +21,7 @@ from harness.recording.labels import (
     subject_names,
 )
 from harness.runs.results import AttentionRecord, FrameRecord, SubjectRecord
-from harness.scores.verdicts import Verdict
-
-IN_WORDS = {
-    "no_subject": "the person was not found",
-    "no_eyes_3d": "where the eyes are in space is not known",
-    "no_direction": "neither gaze nor head was measured",
-    "target_not_segmented": "the true target has no mask",
-    "target_without_box": "the true target has a mask and no 3D box",
-    "false_attention": "a target was predicted, and there is none",
-    "wrong_subject": "this is somebody else's body",
-    "missed": "the true target got no attention at all",
-    "outscored": "the true target got some attention, another more",
-}
-"""Each cause of a failure, for a reader who sees it for the first time."""
+from harness.scores.verdicts import CAUSES, Verdict
 
 NO_PREDICTION = "no prediction"
 NO_TRUTH = "not annotated"
@@ -113,8 +100,7 @@ def _sentence(verdict: Verdict) -> str:
 def summary(record: FrameRecord, verdicts: Sequence[Verdict]) -> str:
     """The frame as a Markdown page: one row per subject, then the attention of each subject to each target."""
     lines = [
-        f"## Frame {record.frame}",
-        f"{_cell(record.clip)}, {_cell(record.configuration)}",
+        f"**Frame {record.frame}** of {_cell(record.clip)}, {_cell(record.configuration)}",
         "",
         "| subject | looks at | predicted | verdict | cause |",
         "|---|---|---|---|---|",
@@ -125,7 +111,7 @@ def summary(record: FrameRecord, verdicts: Sequence[Verdict]) -> str:
             verdict.truth or NO_TRUTH,
             verdict.predicted or NO_PREDICTION,
             verdict.outcome,
-            f"{verdict.cause}: {IN_WORDS[verdict.cause]}" if verdict.cause else "",
+            f"{verdict.cause}: {CAUSES[verdict.cause]}" if verdict.cause else "",
         )
         row = [_cell(cell) for cell in cells]
         row[3] = f"**{row[3].upper()}**" if verdict.outcome == "wrong" else row[3]

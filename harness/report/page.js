@@ -50,13 +50,18 @@
       element("div", {},
         element("h3", {}, `Frame ${frame} – ${said(state(one, i))}`),
         element("p", {}, `${group.clip}, ${group.subject}, ${strip.config}`),
-        element("p", {}, `Truth: ${truth(one, i)}. Predicted: ${predicted(one, i)}.`),
+        element("p", {}, `Truth: ${truth(one, i)}. Predicted: ${predicted(one, i)}.`, ...why(one, i)),
         element("code", {}, command),
         ...link(one, i)),
       ...still(one, i),
       values(one, i)));
     box.hidden = false;
     for (const other of strips) moveCursor(other, other.group === group ? other.strip.frames.indexOf(frame) : -1);
+  }
+
+  function why(one, i) {
+    const words = data.causes[state(one, i)];
+    return words ? [element("br"), `${words[0].toUpperCase()}${words.slice(1)}.`] : [];
   }
 
   // The picture of a wrong frame: what was seen, the truth (solid, thick, a tick) and the answer (dashed, a cross)
@@ -250,19 +255,21 @@
     one.cursor?.setAttribute("d", i < 0 ? "" : `M${i + .5} 0V1`);
   }
 
+  const span = ({ frames }) => element("small", {}, ` frames ${frames[0]} to ${frames.at(-1)}`);
+
   // The page
 
   const place = document.getElementById("strips");
   data.groups.forEach((group, at) => {
     const rows = group.strips.map((strip) => drawStrip(group, strip));
     const ones = strips.slice(-rows.length);
-    const curves = element("details", {}, element("summary", {}, "Attention over frames (shaded: the truth)"));
+    const curves = element("details", {}, element("summary", {}, "Attention over frames, from 0 to 1 (shaded: the truth)"));
     curves.addEventListener("toggle", () => {
       if (!curves.open || curves.childElementCount > 1) return;
       curves.append(...drawCurves(group, ones));
       if (shown) show(shown.one, shown.i);
     });
-    place.append(element("section", {}, element("h3", {}, `${group.clip} – ${group.subject}`), ...rows, curves));
+    place.append(element("section", {}, element("h3", {}, `${group.clip} – ${group.subject}`, span(ones[0].strip)), ...rows, curves));
     curves.open = at === 0;
   });
   if (!data.groups.length) place.append(element("p", {}, "Nobody who has a name or a label."));

@@ -15,9 +15,9 @@ from harness.report.formats import UNKNOWN, Table
 from harness.report.oracle import ladder_table
 from harness.report.page_data import AttentionLog, Served, confusions, differing_settings, page_data
 from harness.report.published import published_table
-from harness.report.stage_measures import stage_measures_table, thing_measures_table
+from harness.report.stage_measures import stage_measures_table, terminal_measures, thing_measures_table
 from harness.report.tables import baselines_table, causes_table, frr_table, measures_table, subjects_table
-from harness.scores.score import Scores
+from harness.scores.score import CAUSES, Scores
 from harness.stills.reader import Stills
 
 LETTERS = {
@@ -73,12 +73,13 @@ def render_page(
         sentences=[each.sentence for each in compare_configurations(scores)],
         ladder=ladder_table(scores),
         published=published_table(scores),
-        measures=stage_measures_table(scores),
+        measures=terminal_measures(scores),
         causes=causes_table(scores),
         more=[
             subjects_table(scores),
             measures_table(scores),
             baselines_table(scores),
+            stage_measures_table(scores),
             thing_measures_table(scores),
             *tables,
         ],
@@ -86,7 +87,7 @@ def render_page(
         letters=LETTERS,
         stills=stills,
         served=served is not None,
-        data={**page_data(scores.verdicts, attention, stills, served), "letters": LETTERS},
+        data={**page_data(scores.verdicts, attention, stills, served), "letters": LETTERS, "causes": CAUSES},
     )
 
 

@@ -160,6 +160,7 @@ def causes_table(scores: Scores) -> Table:
         rows=tuple(
             (*_names(row), str(row.n - row.correct), *(str(row.causes[cause]) for cause in seen)) for row in rows
         ),
+        notes=tuple(f"{cause.replace('_', ' ').capitalize()}: {CAUSES[cause]}." for cause in seen),
     )
 
 

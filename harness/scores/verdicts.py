@@ -28,17 +28,18 @@ from harness.runs.results import BoxPx, FrameRecord, SubjectRecord, TargetRecord
 
 Outcome = Literal["correct", "wrong", "unscored"]
 
-CAUSES = (
-    "no_subject",
-    "no_eyes_3d",
-    "no_direction",
-    "target_not_segmented",
-    "target_without_box",
-    "false_attention",
-    "wrong_subject",
-    "missed",
-    "outscored",
-)
+CAUSES = {
+    "no_subject": "the person was not found",
+    "no_eyes_3d": "where the eyes are in space is not known",
+    "no_direction": "neither gaze nor head was measured",
+    "target_not_segmented": "the true target has no mask",
+    "target_without_box": "the true target has a mask and no 3D box",
+    "false_attention": "a target was predicted, and there is none",
+    "wrong_subject": "this is somebody else's body",
+    "missed": "the true target got no attention at all",
+    "outscored": "the true target got some attention, another more",
+}
+"""Each cause in their order, with words for a reader who sees it for the first time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

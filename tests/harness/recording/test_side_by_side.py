@@ -4,11 +4,14 @@ import re
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
 from harness.cli import main
 from harness.recording import entities, find_recordings, viewer
+from harness.recording.blueprint import eye_for
+from harness.recording.side_by_side import _first_clouds
 from harness.recording.viewer import viewer_binary
 
 SUMMARY = "TextDocument:text"
@@ -37,6 +40,16 @@ def _compare(monkeypatch, run) -> tuple[int, list]:
     monkeypatch.setattr(viewer, "show", lambda recordings, frame: shown.append((recordings, frame)))
     code = _vfoa(monkeypatch, "view", str(run), "--clip", "clip", "--compare", "two", "four cones", "--frame", "11")
     return code, shown
+
+
+def test_the_eye_is_where_it_sees_what_the_recordings_have(run, frames):
+    scene = frames[0].result.scene
+    low, high = (of([of(each.points_left, axis=0) for each in scene.targets], axis=0) for of in (np.min, np.max))
+    clouds = _first_clouds(run / "clip__two.rrd")
+    assert len(clouds) >= len(scene.targets)
+    position, look_target = eye_for(clouds)
+    assert np.all((look_target > low - 0.5) & (look_target < high + 0.5))
+    assert position[2] < look_target[2]  # from the camera's side
 
 
 def test_both_are_whole_under_their_names_and_share_the_time(run, read_back, monkeypatch):

@@ -16,6 +16,7 @@ from harness.files import atomic_write
 from harness.report.write import score_run
 from harness.runs.results import to_line
 from harness.scores.reference import Reference
+from harness.scores.verdicts import CAUSES
 from harness.stills import Still, StillSubject, lines_path, picture_path
 from harness.stills.writer import picture
 from tests.browser import chromium, requested, set_width
@@ -100,12 +101,17 @@ def test_the_keyboard_goes_from_failure_to_failure_and_shows_each(browser: Chrom
 
     assert not _box(browser).is_displayed()
     browser.execute_script("arguments[0].focus()", _cell(browser, "one", 1))
-    for frame, truth, predicted in ((2, "cup", "dragon"), (4, "none", "cup"), (6, "cup", "no prediction")):
+    for frame, truth, predicted, cause in (
+        (2, "cup", "dragon", "missed"),
+        (4, "none", "cup", "false_attention"),
+        (6, "cup", "no prediction", "no_subject"),
+    ):
         browser.switch_to.active_element.send_keys("n")
         assert browser.switch_to.active_element.get_attribute("data-frame") == str(frame)
         text = _box(browser).text
         assert f"Frame {frame} – wrong" in text
         assert f"Truth: {truth}. Predicted: {predicted}." in text
+        assert CAUSES[cause].lower() in text.lower()
     browser.switch_to.active_element.send_keys(Keys.ARROW_DOWN)
     assert "Frame 6 – correct" in _box(browser).text
     command = _box(browser).find_element("tag name", "code").text

@@ -32,7 +32,7 @@ def test_a_frame_without_a_prediction_is_in_the_denominator() -> None:
     assert row.frr_predicted == pytest.approx(2 / 3)
     assert row.wilson == wilson_interval(2, 4)
     assert {cause: n for cause, n in row.causes.items() if n} == {"no_subject": 1, "missed": 1}
-    assert tuple(row.causes) == CAUSES
+    assert list(row.causes) == list(CAUSES)
 
 
 def test_ignored_and_unlabelled_frames_are_not_scored_but_listed() -> None:
