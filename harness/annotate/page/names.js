@@ -46,6 +46,12 @@ export class Names {
     return place < DIGITS.length ? DIGITS[place] : `⇧${DIGITS[place - DIGITS.length]}`;
   }
 
+  // How an object is called and drawn on the picture.
+  of({ name }) {
+    const known = this.names.includes(name);
+    return { text: `${known ? this.key(name) : "+"} ${name}`, className: known ? this.className(name) : "unnamed" };
+  }
+
   // The name of a pressed key: digits, with shift for the second ten, n and i.
   ofKey(event) {
     const digit = /^(?:Digit|Numpad)(\d)$/.exec(event.code);

@@ -3,11 +3,11 @@
 import { Queue, get, post } from "./api.js";
 import { Form } from "./form.js";
 import { Names } from "./names.js";
-import { drawLabel, drawMode, drawPlace, drawProgress, drawSubject, drawViews, makeSubjects } from "./panel.js";
+import { drawLabel, drawMode, drawPlace, drawProgress, drawSubject, drawTools, makeSubjects } from "./panel.js";
 import { Player } from "./player.js";
 import { Seen } from "./seen.js";
 import { Stage } from "./stage.js";
-import { Strip } from "./strip.js";
+import { Strips } from "./strips.js";
 import { at, changes, nudged, read, runs } from "./tracks.js";
 
 const NEAR = 10; // a jump further than this does not count as having seen what lies between
@@ -22,9 +22,9 @@ export class Page {
     this.names = new Names({
       look: (name) => this.look(name), changed: (next) => this.renew(next), failed: (error) => this.say(error.message),
     });
-    this.stage = new Stage({ name: (each) => this.named(each), choose: (each, point) => this.chosen(each, point) });
+    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.chosen(each, point) });
     this.total = about.frames.length;
-    this.strip = new Strip(find("strips"), {
+    this.strips = new Strips({
       frames: about.frames,
       look: (name) => this.names.className(name),
       select: (range) => this.select(range),
@@ -216,7 +216,7 @@ export class Page {
 
   select(range) {
     this.selection = range;
-    this.strip.mark(range);
+    this.strips.mark(range);
   }
 
   // What is shown
@@ -248,26 +248,16 @@ export class Page {
     find("notice").hidden = !text;
   }
 
-  named(object) {
-    const known = this.names.names.includes(object.name);
-    const key = known ? this.names.key(object.name) : "+";
-    return { text: `${key} ${object.name}`, className: known ? this.names.className(object.name) : "unnamed" };
-  }
-
   draw() {
-    const here = at(this.track, this.shown);
-    drawPlace(this.stage.scene ? this.about.frames[this.shown] : null, this.shown, this.total, this.player.speed);
-    drawLabel(this.subject, here);
-    this.names.draw(this.subject, here.target);
-    this.strip.draw({
-      subjects: this.about.subjects, subject: this.subject, tracks: this.state.tracks, seen: this.state.seen,
-      revision: this.state.revision, names: this.about.names, suggestions: this.suggestions,
-    });
-    this.strip.point(this.shown);
-    drawSubject(this.subject);
-    drawProgress(this.state);
-    drawViews(this.stage);
-    this.stage.draw(this.subject, this.about.names);
-    for (const [id, can] of [["undo", this.state.can_undo], ["redo", this.state.can_redo]]) find(`do-${id}`).disabled = !can;
+    const { subject, suggestions, shown, about: { subjects, names, frames }, state } = this;
+    const here = at(this.track, shown);
+    drawPlace(this.stage.scene ? frames[shown] : null, shown, this.total, this.player.speed);
+    drawLabel(subject, here);
+    drawSubject(subject);
+    drawProgress(state);
+    drawTools(state, this.stage);
+    this.names.draw(subject, here.target);
+    this.strips.draw(shown, { ...state, subjects, subject, names, suggestions });
+    this.stage.draw(subject, names);
   }
 }

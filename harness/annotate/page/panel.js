@@ -19,7 +19,8 @@ export function drawLabel(subject, { target, suggested, note, undecided }) {
   find("label").value = undecided ? `${subject}: to decide: ${undecided}` : `${subject}: ${said}${note ? ` – ${note}` : ""}`;
 }
 
-export function drawViews(stage) {
+export function drawTools({ can_undo: canUndo, can_redo: canRedo }, stage) {
+  for (const [id, can] of Object.entries({ undo: canUndo, redo: canRedo })) find(`do-${id}`).disabled = !can;
   const open = { right: stage.beside === "right", disparity: stage.beside === "disparity", head: stage.zoomed };
   for (const [id, is] of Object.entries(open)) find(`do-${id}`).setAttribute("aria-pressed", is);
 }

@@ -65,7 +65,7 @@ export class Stage {
   show(image, scene, at, subject) {
     image.alt = "left view";
     this.picture.replaceChildren(image);
-    this.width = image.naturalWidth;
+    [this.width, this.height] = [image.naturalWidth, image.naturalHeight];
     this.overlay.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
     this.unit = image.naturalWidth / 1000; // text is as large in every image
     this.overlay.style.setProperty("--unit", `${this.unit}px`);
@@ -100,7 +100,7 @@ export class Stage {
     return group;
   }
 
-  // A name that is as long as there is room for, within the picture, and below a name that has its place already.
+  // A name that is as long as there is room for, within the picture, and apart from names that have their place already.
   label(words, [u0, v0, u1, v1], isHigh) {
     const most = Math.max(LEAST_LETTERS, Math.floor((u1 - u0) / this.letter / LETTER));
     const text = words.length > most ? `${words.slice(0, most - 1).trimEnd()}…` : words;
@@ -108,7 +108,8 @@ export class Stage {
     const x = Math.max(Math.min((u0 + u1) / 2, this.width - half), half);
     let y = isHigh ? v0 + .8 * this.letter : (v0 + v1) / 2;
     const hides = (other) => Math.abs(other.x - x) < other.half + half && Math.abs(other.y - y) < this.letter;
-    for (let tries = 0; tries < 2 && this.taken.some(hides); tries += 1) y += 1.1 * this.letter;
+    const step = (y < this.height / 2 ? 1.1 : -1.1) * this.letter;
+    for (let tries = 0; tries < 2 && this.taken.some(hides); tries += 1) y += step;
     this.taken.push({ x, y, half });
     return Object.assign(shape("text", { x, y }), { textContent: text });
   }

@@ -1,17 +1,16 @@
-// The strip of frames: one row a subject, the run's suggestions below, a cursor, and ranges by dragging.
+// A strip of frames: one row a subject, the run's suggestions below, a cursor, and ranges by dragging. It shows the whole
+// clip, or as many frames of it as there is room for, around the one in hand.
 
 import { pieces } from "./tracks.js";
 
 const DRAG_PX = 5;
 
-function piece(each, total, look) {
+function piece(each, look) {
   const box = document.createElement("i");
   box.className = `piece ${look(each.target)}`;
   if (each.suggested) box.classList.add("suggested");
   if (each.unseen) box.classList.add("unseen");
   if (each.undecided) box.classList.add("undecided");
-  box.style.left = `${100 * each.first / total}%`;
-  box.style.width = `${100 * (each.last - each.first + 1) / total}%`;
   const noted = `${each.target}${each.unseen ? " …" : ""}${each.note ? " ✎" : ""}`;
   box.textContent = `${each.suggested || each.undecided ? "? " : ""}${each.undecided || noted}`;
   box.title = [each.target, each.suggested && "a suggestion", each.unseen && "not seen yet", each.note]
@@ -21,24 +20,28 @@ function piece(each, total, look) {
 
 export class Strip {
   // look: name -> class; select(first, last): a range was dragged; seek(position, subject): a place was clicked.
-  constructor(root, { frames, look, select, seek }) {
-    Object.assign(this, { root, frames, total: frames.length, look, select, seek, rows: new Map() });
+  constructor(root, { frames, count, look, select, seek }) {
+    Object.assign(this, { root, frames, count, look, select, seek, rows: new Map(), first: 0 });
     this.cursor = document.createElement("b");
     this.range = document.createElement("u");
     this.overlay = document.createElement("div");
     this.overlay.className = "over";
     this.overlay.append(this.range, this.cursor);
-    this.point(0);
     this.mark(null);
     root.addEventListener("pointerdown", (event) => this.press(event));
   }
 
   // A row is made anew only when what it shows has changed: a long clip has hundreds of pieces.
-  draw({ subjects, subject, tracks, seen, revision, names, suggestions }) {
-    const rows = subjects.map((name) => this.keep(name, [revision, names, seen[name]], () => this.labels(name, tracks[name], seen[name])));
+  draw(position, { subjects, subject, tracks, seen, revision, names, suggestions }) {
+    this.first = Math.max(Math.min(position - Math.floor(this.count / 2), this.frames.length - this.count), 0);
+    const rows = subjects.map((name) => this.keep(
+      name, [this.first, revision, names, seen[name]], () => this.labels(name, tracks[name], seen[name]),
+    ));
     for (const row of rows) row.classList.toggle("current", row.dataset.subject === subject);
-    if (suggestions) rows.push(this.keep("", [names, suggestions], () => this.suggested(suggestions)));
+    if (suggestions) rows.push(this.keep("", [this.first, names, suggestions], () => this.suggested(suggestions)));
     rows.push(this.overlay);
+    this.cursor.style.left = `${100 * (position + .5 - this.first) / this.count}%`;
+    this.mark(this.selection);
     if (rows.length !== this.root.children.length || rows.some((row, place) => row !== this.root.children[place])) {
       this.root.replaceChildren(...rows);
     }
@@ -52,6 +55,20 @@ export class Strip {
     return row;
   }
 
+  // Put an element where frames are; whether any of them is shown.
+  place(element, first, last) {
+    const [start, end] = [Math.max(first - this.first, 0), Math.min(last + 1 - this.first, this.count)];
+    element.style.left = `${100 * start / this.count}%`;
+    element.style.width = `${100 * Math.max(end - start, 0) / this.count}%`;
+    return start < end;
+  }
+
+  fill(row, found) {
+    const boxes = found.map((each) => [piece(each, this.look), each]);
+    row.lastChild.append(...boxes.filter(([box, each]) => this.place(box, each.first, each.last)).map(([box]) => box));
+    return row;
+  }
+
   row(name, words, className) {
     const row = document.createElement("div");
     row.className = `row ${className}`;
@@ -61,9 +78,8 @@ export class Strip {
   }
 
   labels(name, track, seen) {
-    const row = this.row(name, name, "");
     const found = pieces(track, seen).filter((each) => each.target !== null);
-    row.lastChild.append(...found.map((each) => piece(each, this.total, this.look)));
+    const row = this.fill(this.row(name, name, ""), found);
     const said = found.map((each) => `${each.target} ${this.frames[each.first]} to ${this.frames[each.last]}`);
     row.setAttribute("role", "img");
     row.setAttribute("aria-label", `${name}: ${said.join(", ") || "not labelled"}`);
@@ -71,36 +87,24 @@ export class Strip {
   }
 
   suggested(suggestions) {
-    const row = this.row("", "run", "run");
-    let open = null;
+    const found = [];
     suggestions.forEach((each, position) => {
-      if (each && open && open.target === each[0]) open.last = position;
-      else {
-        if (open) row.lastChild.append(piece(open, this.total, this.look));
-        open = each && { first: position, last: position, target: each[0] };
-      }
+      const before = found[found.length - 1];
+      if (each && before && before.target === each[0] && before.last === position - 1) before.last = position;
+      else if (each) found.push({ first: position, last: position, target: each[0] });
     });
-    if (open) row.lastChild.append(piece(open, this.total, this.look));
-    return row;
-  }
-
-  point(position) {
-    this.position = position;
-    this.cursor.style.left = `${100 * (position + .5) / this.total}%`;
+    return this.fill(this.row("", "run", "run"), found);
   }
 
   mark(selection) {
     this.selection = selection;
-    this.range.hidden = !selection;
-    if (!selection) return;
-    this.range.style.left = `${100 * selection[0] / this.total}%`;
-    this.range.style.width = `${100 * (selection[1] - selection[0] + 1) / this.total}%`;
+    this.range.hidden = !selection || !this.place(this.range, ...selection);
   }
 
   positionAt(clientX) {
     const box = this.overlay.getBoundingClientRect();
     const share = (clientX - box.left) / box.width;
-    return Math.min(Math.max(Math.floor(share * this.total), 0), this.total - 1);
+    return this.first + Math.min(Math.max(Math.floor(share * this.count), 0), this.count - 1);
   }
 
   press(event) {

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from harness.adapters import Clip
+from harness.adapters import Clip, Truth
 from harness.annotations.files import read_annotations
 from harness.annotations.timeline import Timeline
 from harness.clips.manifest import load_manifest
@@ -142,6 +143,44 @@ def test_a_drag_on_the_strip_is_a_range(browser: Chrome, noise: Start) -> None:
     _drag(browser, 3, 8)
     _keys(browser, "\ue017")  # Delete
     assert "".join(_targets(page)) == "..b------c.."
+
+
+def test_a_long_clip_has_a_second_strip_with_frames_that_are_wide_enough(browser: Chrome, noise: Start) -> None:
+    from selenium.webdriver import ActionChains
+
+    class Long:
+        """The same twelve frames again and again, 1,000 in all."""
+
+        frames = range(1, 1001)
+
+        def __init__(self, clip: Clip) -> None:
+            self._clip = clip
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self._clip, name)
+
+        def time_ns(self, number: int) -> int:
+            return number * 40_000_000
+
+        def truth(self, number: int) -> Truth:
+            return Truth()
+
+        def frame(self, number: int) -> StereoFrame:
+            return replace(self._clip.frame((number - 1) % len(FRAMES) + 1), index=number)
+
+    page = noise(open_clip=lambda manifest: Long(manifest.open()))
+    _open(browser, page)
+    whole = browser.find_element("css selector", "#strips .current > div")
+    ActionChains(browser).move_to_element(whole).click().perform()
+    wait_for(lambda: shown(browser) != 1 and _is_settled(browser))
+    middle = (shown(browser) or 0) - 1
+    assert middle == pytest.approx(500, abs=2)
+    near = browser.find_element("css selector", "#near .current > div")
+    frame_px = near.size["width"] / 120  # the frame in hand is the 61st of them
+    actions = ActionChains(browser).move_to_element_with_offset(near, round(0.5 * frame_px), 0).click_and_hold()
+    actions.move_by_offset(round(9 * frame_px), 0).release().perform()
+    _keys(browser, "2")
+    assert page.session.state()["tracks"]["ann"][1][:3] == [middle, middle + 9, "book"]
 
 
 def test_a_change_that_was_hit_late_can_be_moved(browser: Chrome, noise: Start) -> None:
