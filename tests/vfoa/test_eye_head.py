@@ -266,10 +266,11 @@ def test_a_frame_weighs_by_the_densities_and_updates_as_gaussians_do(cues):
 
 def test_a_sharp_gaze_far_from_everything_still_gives_probabilities():
     places = replace(PLACES, variances=np.full(3, 1e-8))
-    measured = {"gaze": (np.array((0.0, 1.0, 0.0)), 1e-8)}
-    weights = weigh(first_fixation(places, EVEN, measured, MODEL), places, measured, MODEL).weights
-    assert weights.sum() == pytest.approx(1)
-    assert (weights >= 0).all()
+    for direction, expected in (((0.0, 1.0, 0.0), None), (LEFT, (1, 0, 0))):
+        measured = {"gaze": (np.array(direction), 1e-8)}
+        weights = weigh(first_fixation(places, EVEN, measured, MODEL), places, measured, MODEL).weights
+        assert weights.sum() == pytest.approx(1)
+        assert expected is None or weights.tolist() == pytest.approx(expected)
 
 
 # Settings

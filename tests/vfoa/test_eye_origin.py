@@ -142,3 +142,25 @@ def test_a_head_that_could_only_be_about_the_camera_has_the_patch() -> None:
 def test_a_head_of_which_nothing_is_known_has_no_eyes() -> None:
     unknown = with_unknown(ball(), np.ones((RIG.height_px, RIG.width_px), bool))
     assert found(unknown, SIDEWAYS) is None
+
+
+def test_the_patch_is_a_fifth_of_the_box_wide_and_needs_exactly_so_many_points() -> None:
+    """Known within it are two columns near its sides, 14 pixels, one of them wrong; all about it is much farther.
+
+    The box is 40 px wide and begins at (100, 40): the patch reaches 4 px from (120, 61).
+    """
+    flat = ball()
+    near, far, wrong = (float(disparity_from_depth(depth, RIG)) for depth in (2.0, 5.0, 0.3))
+    disparity = np.full((RIG.height_px, RIG.width_px), far, np.float32)
+    disparity[56:67, 115:126] = np.nan
+    disparity[58:65, [117, 123]] = near
+    disparity[58, 117] = wrong
+    nobody = Instances(ids=np.zeros((RIG.height_px, RIG.width_px), np.uint16), instances=())
+    percepts = replace(flat, disparity=Disparity(disparity_px=disparity), instances=nobody)
+    head = HeadView(head=Head(box_px=np.array([100.0, 40, 140, 100]), score=1.0), head_pose=None, gaze=None)
+    depths = [
+        origin[2]
+        for least in (14, 15)
+        if (origin := eye_origin(head, None, percepts, method="patch", min_points=least)) is not None
+    ]
+    assert depths == pytest.approx([2.0, 5.0])

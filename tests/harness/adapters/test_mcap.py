@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -224,6 +225,54 @@ def test_another_file_is_refused(tmp_path: Path, content: bytes, said: str) -> N
         open_clip(tmp_path / "a.mcap")
     with pytest.raises(VfoaError, match="no such file or folder"):
         open_clip(tmp_path / "b.mcap")
+
+
+def test_a_folder_without_a_recording_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "day").mkdir()
+    with pytest.raises(VfoaError, match=r"day: no \.mcap in this folder; expected a recording"):
+        McapClip(McapSettings(), tmp_path / "day")
+
+
+def test_a_channel_without_a_schema_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path, "json") as record:
+        log = record.writer.register_channel("/log", "json", 0)
+        for n in (1, 2):
+            record.writer.add_message(log, stamp(n), b"{}", stamp(n))
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{side}/camera_info", stamp(n), camera)
+                record.picture(f"/{side}/image", stamp(n), picture(n))
+    assert list(open_clip(path).frames) == [1, 2]
+
+
+def test_a_calibration_may_have_no_stamp(tmp_path: Path) -> None:
+    """One that is sent once, by a node that does not know when."""
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        for side, camera in (("left", LEFT), ("right", RIGHT)):
+            record.camera(f"/{side}/camera_info", 0, camera, log_ns=stamp(1))
+            record.picture(f"/{side}/image", stamp(1), picture(1))
+    assert open_clip(path).frame(1).rig.fx_px == 100.0
+
+
+def test_a_calibration_with_other_numbers_of_entries_is_refused(tmp_path: Path) -> None:
+    short = replace(LEFT, k=LEFT.k[:8], p=LEFT.p[:11])
+    path = write_pairs(tmp_path / "a.mcap", [(stamp(1), picture(1), picture(2), short, RIGHT)], "json")
+    with pytest.raises(VfoaError, match="found 8, 9, 11 numbers in K, R, P; expected 9, 9, 12"):
+        open_clip(path).frame(1)
+
+
+def test_a_message_that_is_not_what_its_channel_says_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path, "json") as record:
+        for side, camera in (("left", LEFT), ("right", RIGHT)):
+            record.camera(f"/{side}/camera_info", stamp(1), camera)
+            record.picture(f"/{side}/image", stamp(1), picture(1))
+        record.writer.add_message(1, stamp(2), b"[no json", stamp(2))
+    with pytest.raises(
+        VfoaError, match=r"/left/camera_info: not a foxglove\.CameraCalibration in json: Expecting value"
+    ):
+        open_clip(path)
 
 
 def test_an_image_without_a_stamp_is_refused(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 from mcap.writer import CompressionType, IndexType
 
 from harness.adapters.mcap.clip import McapClip, McapSettings
+from harness.adapters.mcap.window import Window, find_window
 from tests.disk import HEIGHT, WIDTH, picture
 from tests.harness.adapters.numbered_recording import LEFT, RIGHT, open_clip, pairs, stamp
 from tests.recordings import recorder, rectified_camera, write_pairs
@@ -17,6 +18,7 @@ from vfoa.errors import VfoaError
 INDEXES = {
     "indexed": {"chunk_size": 4 * WIDTH * HEIGHT},
     "statistics alone": {"chunk_size": 4 * WIDTH * HEIGHT, "index_types": IndexType.NONE},
+    "index of chunks alone": {"chunk_size": 4 * WIDTH * HEIGHT, "index_types": IndexType.CHUNK},
     "nothing": {"chunk_size": 4 * WIDTH * HEIGHT, "index_types": IndexType.NONE, "use_statistics": False},
     "no chunks": {"use_chunking": False, "use_statistics": False},
 }
@@ -72,6 +74,21 @@ def test_a_part_of_a_split_recording_spans_files(tmp_path: Path) -> None:
         write_pairs(tmp_path / "day" / f"{part}.mcap", pairs(range(1 + 10 * part, 11 + 10 * part)))
     clip = McapClip(McapSettings(start_s=0.32, end_s=0.48), tmp_path / "day")
     assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in (9, 10, 11, 12)]
+
+
+def test_a_window_is_exact_to_the_nanosecond_and_may_begin_with_the_last_message(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs())
+    assert find_window([path], None, 0.2, "a") == Window(start_ns=stamp(1), end_ns=stamp(6))
+    assert find_window([path], 0.16, None, "a") == Window(start_ns=stamp(5), end_ns=None)
+    assert find_window([path], None, None, "a") is None
+    assert [open_clip(path, start_s=0.16).frame(1).time_ns] == [stamp(5)]
+
+
+def test_a_part_of_nothing_is_one_line(tmp_path: Path) -> None:
+    with recorder(tmp_path / "a.mcap"):
+        pass
+    with pytest.raises(VfoaError, match=r"a\.mcap: no messages"):
+        open_clip(tmp_path / "a.mcap", start_s=1)
 
 
 def test_a_part_that_is_none_is_one_line(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from harness.annotations.agreement import (
     Agreement,
     Difference,
     TargetAgreement,
+    _interval,
     _resampled,
     compare_annotators,
     differences,
@@ -141,3 +142,10 @@ def test_the_tables_say_it(tmp_path: object) -> None:
     assert to_csv(tables["agreement_by_target"]).splitlines()[1] == "anna,ben,bird,4,2,2,66.7,0.00"
     assert to_csv(tables["confusion_anna_ben"]) == ",bird,cup\nbird,2,2\ncup,0,0\n"
     assert to_csv(tables["differences"]).splitlines()[1] == "anna,ben,girl,bird,cup,3,4,2"
+
+
+def test_the_interval_of_kappa_leaves_out_a_fortieth_on_either_side() -> None:
+    """Of [[a, b], [b, a]] kappa is (a - b) / (a + b): here every half percent from 0 to 1, and one without a value."""
+    found = [[[100 + k / 2, 100 - k / 2], [100 - k / 2, 100 + k / 2]] for k in range(201)]
+    interval = _interval(np.array([*found, [[4, 0], [0, 0]]], dtype=np.float64))
+    assert (interval.low, interval.high) == pytest.approx((0.025, 0.975))

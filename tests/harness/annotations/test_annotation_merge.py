@@ -56,6 +56,15 @@ def test_by_rule(rule: Rule, expected: list[LabelRange]) -> None:
     assert merge_labels({"anna": ANNA, "ben": BEN}, FRAMES, rule) == Labels(expected)
 
 
+@pytest.mark.parametrize("rule", RULES)
+def test_frames_that_one_has_not_come_to_are_as_if_they_were_not_there(rule: Rule) -> None:
+    begun = Labels([row(1, 4, "bird"), row(5, 8, "ignore", note="not labelled yet")])
+    short = Labels([row(1, 4, "bird")])
+    rest = Labels([row(1, 8, "bird")])
+    frames = range(1, 9)
+    assert merge_labels({"a": begun, "b": rest}, frames, rule) == merge_labels({"a": short, "b": rest}, frames, rule)
+
+
 def test_what_is_left_to_a_person_is_known() -> None:
     merged = merge_labels({"anna": ANNA, "ben": BEN}, FRAMES, "adjudicate")
     assert [each.first_frame for each in to_decide(merged)] == [4, 7, 11]

@@ -39,3 +39,25 @@ def test_a_clip_tells_the_times_that_its_frames_have(tmp_path: Path) -> None:
     clip = SintelClip(SintelSettings(scene="alley"), sintel_scene(tmp_path, frames=(1, 4)))
     timeline = timeline_of(clip)
     assert timeline == Timeline(frames=(1, 4), times_ns=[clip.frame(1).time_ns, clip.frame(4).time_ns])
+
+
+@pytest.mark.parametrize(
+    ("times_ns", "step_ns"),
+    [
+        ([5], 1_000_000_000),
+        ([5, 45], 40),
+        ([0, 40, 80, 1080], 40),  # a pause does not change the usual step
+        ([7, 7, 7], 1),  # a clock that stood: a frame lasts all the same
+    ],
+)
+def test_the_last_frame_lasts_for_the_median_step(times_ns: list[int], step_ns: int) -> None:
+    timeline = Timeline(frames=range(1, len(times_ns) + 1), times_ns=times_ns)
+    assert timeline.step_ns == step_ns
+    assert timeline.span_ns(len(times_ns), len(times_ns))[1] == times_ns[-1] + step_ns
+
+
+@pytest.mark.parametrize(
+    ("time_ns", "text"), [(0, "0"), (1, "0.000000001"), (-1, "-0.000000001"), (10 * 10**9, "10"), (-5 * 10**8, "-0.5")]
+)
+def test_seconds_are_written_in_as_few_digits_as_they_take(time_ns: int, text: str) -> None:
+    assert format_seconds(time_ns) == text

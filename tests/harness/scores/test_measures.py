@@ -78,6 +78,17 @@ class TestTargets:
         true, found = masks((65_535, 0, 20), (40_000, 20, 40)), masks((65_000, 0, 20), (65_535, 20, 40))
         assert match_masks(found, true) == {65_535: (65_000, 1.0), 40_000: (65_535, 1.0)}
 
+    def test_every_mask_has_its_own_and_the_background_none(self) -> None:
+        true, found = masks((1, 0, 10), (2, 20, 30), (3, 40, 44)), masks((3, 0, 10), (1, 20, 32))
+        assert match_masks(found, true) == {1: (3, 1.0), 2: (1, pytest.approx(10 / 12))}
+
+    def test_a_box_is_measured_only_against_a_box(self) -> None:
+        true, found = masks((1, 0, 10), (2, 20, 30), (3, 40, 50)), masks((1, 0, 10), (2, 20, 30), (3, 40, 50))
+        box = make_box((0, 0, 2))
+        targets = (make_target(1, box), make_target(2, None), make_target(3, box))
+        measures = measured(found, targets, Truth(instances=true, boxes={2: box, 3: box}))
+        assert [(each.box_iou, each.center_error_m) for each in measures] == [(None, None), (None, None), (1, 0)]
+
     def test_a_thing_is_measured_against_the_mask_that_is_the_same(self) -> None:
         """Another number, five of twenty columns too few; the box is as large, a quarter of its width aside."""
         true, found = masks((3, 10, 30)), masks((7, 10, 25), (8, 40, 50))
