@@ -9,6 +9,8 @@ from __future__ import annotations
 from typing import TypeVar
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from harness.adapters import Clip, PersonTruth, Truth
 from harness.annotations.files import IGNORED, Label, LabelRange, Labels
 from vfoa.errors import VfoaError
@@ -63,12 +65,24 @@ class KnownTruth:
         return self._known(frame, truth.people, "people", truth.missing.get("people"))
 
     def person(self, frame: int, head: Head) -> PersonTruth | None:
-        """Whose head this is: by its instance where it has one, else by the overlap of the boxes; None: nobody's."""
+        """Whose head this is: the person's whose head overlaps it most; None: nobody's.
+
+        A head's instance has the number that the segmentation gave it, which need not be the source's: it only confirms
+        what overlaps too little.
+        """
         people = self.people(frame)
-        if head.instance_id is not None:
-            return next((person for person in people if person.instance_id == head.instance_id), None)
-        best = max(people, key=lambda person: box_iou(person.head_box_px, head.box_px), default=None)
-        return best if best and box_iou(best.head_box_px, head.box_px) >= LEAST_OVERLAP else None
+        matches = [(box_iou(each.head_box_px, head.box_px), each.instance_id == head.instance_id) for each in people]
+        overlap, is_confirmed = max(matches, default=(0.0, False))
+        if overlap < LEAST_OVERLAP and not (is_confirmed and overlap > 0):
+            return None
+        return people[matches.index((overlap, is_confirmed))]
+
+    def own_ids(self, frame: int, instances: Instances) -> set[int]:
+        """The ids of these instances, if they are the source's own; none of a segmentation that numbers things anew."""
+        true = self._truth(frame).instances
+        if true is None or not np.array_equal(true.ids, instances.ids):
+            return set()
+        return {each.id for each in instances.instances}
 
     def head_direction(self, frame: int, person: PersonTruth) -> Float:
         """Where the person's head truly points, a unit vector (3,) in the camera frame."""
@@ -124,13 +138,13 @@ class TruthHeads:
         self._truth = KnownTruth(clip, 'heads.detector = "truth"')
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """The true heads of the frame. The instance is given where ``instances`` has it too."""
-        listed = {each.id for each in instances.instances if each.label == "person"}
+        """The true heads of the frame. The instance is given where ``instances`` are the true ones."""
+        own_ids = self._truth.own_ids(frame.index, instances)
         return tuple(
             Head(
                 box_px=person.head_box_px,
                 score=1.0,
-                instance_id=person.instance_id if person.instance_id in listed else None,
+                instance_id=person.instance_id if person.instance_id in own_ids else None,
             )
             for person in self._truth.people(frame.index)
         )

@@ -114,23 +114,38 @@ class TestTruthStages:
         assert gaze is not None
         assert np.allclose(gaze.direction, GAZES[2])
 
-    @pytest.mark.parametrize(
-        "head",
-        [Head(box_px=np.array([2.5, 2, 4.5, 4]), score=0.9), Head(box_px=LEFT_HEAD, score=0.9, instance_id=7)],
-        ids=["elsewhere", "another instance"],
-    )
-    def test_a_head_that_is_nobodys_gets_no_answer(self, head: Head) -> None:
+    @pytest.mark.parametrize("instance_id", [None, 2, 7])
+    def test_a_heads_instance_has_the_segmentations_number_not_the_sources(self, instance_id: int | None) -> None:
+        """Masks found by a network are numbered anew: 2 need not be the source's person 2."""
         clip = FakeClip()
+        gaze = TruthGaze(NONE, clip).estimate(
+            clip.frame(1), Head(box_px=LEFT_HEAD, score=0.9, instance_id=instance_id), None
+        )
+        assert gaze is not None
+        assert np.allclose(gaze.direction, GAZES[1])
+
+    def test_a_head_that_overlaps_little_is_a_persons_if_its_instance_says_so(self) -> None:
+        """The head of a mask with an arm raised, say."""
+        clip = FakeClip()
+        box = np.array([1.5, 0, 6, 4])
+        gaze = TruthGaze(NONE, clip).estimate(clip.frame(1), Head(box_px=box, score=0.9, instance_id=2), None)
+        assert gaze is not None
+        assert np.allclose(gaze.direction, GAZES[2])
+        assert TruthGaze(NONE, clip).estimate(clip.frame(1), Head(box_px=box, score=0.9), None) is None
+
+    def test_a_head_that_is_nobodys_gets_no_answer(self) -> None:
+        clip, head = FakeClip(), Head(box_px=np.array([2.5, 2, 4.5, 4]), score=0.9, instance_id=1)
         assert TruthGaze(NONE, clip).estimate(clip.frame(1), head, None) is None
         assert TruthHeadPose(NONE, clip).estimate(clip.frame(1), head) is None
         assert SimulatedGaze(SimulatedGazeSettings(), clip).estimate(clip.frame(1), head, None) is None
 
-    def test_heads_leave_the_instance_open_where_the_segmentation_does_not_have_it(self) -> None:
+    @pytest.mark.parametrize("label", ["person", "cup"])
+    def test_heads_leave_the_instance_open_where_the_segmentation_is_another(self, label: str) -> None:
         """A detected instance 2 need not be the source's person 2."""
         clip = FakeClip()
         others = Instances(
             ids=np.full((4, 8), 2, dtype=np.uint16),
-            instances=(Instance(id=2, label="cup", category_id=47, is_thing=True, score=1),),
+            instances=(Instance(id=2, label=label, category_id=47, is_thing=True, score=1),),
         )
         heads = TruthHeads(NONE, clip).detect(clip.frame(1), others)
         assert [head.instance_id for head in heads] == [None, None]
