@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from vfoa.geometry import back_project, depth_from_disparity
 from vfoa.types import Disparity, Float, Instances, Mask, StereoRig
 
+GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
+
 Window = tuple[slice, slice]
 """Rows and columns of a part of the image."""
 
@@ -33,11 +35,30 @@ def window_of(u0: float, v0: float, u1: float, v1: float, rig: StereoRig) -> Win
     return rows, columns
 
 
-def known_pixels(mask: Mask, window: Window, seen: Seen) -> NDArray[np.intp]:
-    """Pixels (N, 2), as (v, u), where the mask of a window is set and the disparity is known."""
+def known_pixels(mask: Mask, window: Window, seen: Seen, *, most: int | None = None) -> NDArray[np.intp]:
+    """Pixels (N, 2), as (v, u), where the mask of a window is set and the disparity is known.
+
+    With ``most``, at most so many of them, spread evenly.
+    """
     rows, columns = window
-    pixels = np.argwhere(mask & np.isfinite(seen.disparity.disparity_px[window]))
-    return pixels + np.array([rows.start, columns.start])
+    places = np.flatnonzero(mask & np.isfinite(seen.disparity.disparity_px[window]))
+    if most is not None:
+        places = _thinned(places, most)
+    v, u = np.unravel_index(places, mask.shape)
+    return np.column_stack([v + rows.start, u + columns.start])
+
+
+def _thinned(places: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """At most ``count`` of the places, spread evenly by the golden ratio.
+
+    A constant step would run in time with the rows of a mask and always miss the same columns.
+    """
+    if len(places) <= count:
+        return places
+    fractions = np.arange(count) * GOLDEN_RATIO % 1
+    chosen = np.zeros(len(places), np.bool_)
+    chosen[(fractions * len(places)).astype(np.intp)] = True
+    return places[chosen]
 
 
 def points_of(pixels: NDArray[np.intp], seen: Seen) -> Float:

@@ -9,11 +9,9 @@ outlier  points far from their neighbours, for this cloud: single mismatches, pi
 
 from __future__ import annotations
 
-import math
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from vfoa.boxes import axis_aligned_box, oriented_box
@@ -35,8 +33,6 @@ from vfoa.types import (
     StereoRig,
     Target,
 )
-
-GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
 
 
 class ReconstructionSettings(Settings):
@@ -100,8 +96,8 @@ def place_targets(
 def _target(instance: Instance, window: Window, seen: Seen, settings: ReconstructionSettings) -> Target:
     rows, columns = window
     mask = np.equal(seen.instances.ids[window], instance.id)
-    pixels = known_pixels(_eroded(mask, settings.erode_px), window, seen)
-    points = points_of(_thinned(pixels, settings.max_points), seen)
+    pixels = known_pixels(_eroded(mask, settings.erode_px), window, seen, most=settings.max_points)
+    points = points_of(pixels, seen)
     points = _without_outliers(_gated(points, settings, seen.rig, max(mask.shape)), settings)
     return Target(
         instance=instance,
@@ -120,19 +116,6 @@ def _eroded(mask: Mask, radius_px: int) -> Mask:
     square = np.ones((2 * radius_px + 1, 2 * radius_px + 1), np.uint8)
     inner = cv2.erode(mask.view(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
     return inner if 2 * inner.sum() >= mask.sum() else mask
-
-
-def _thinned(pixels: NDArray[np.intp], count: int) -> NDArray[np.intp]:
-    """At most ``count`` of the rows, spread evenly by the golden ratio.
-
-    A constant step would run in time with the rows of a mask and always miss the same columns.
-    """
-    if len(pixels) <= count:
-        return pixels
-    fractions = np.arange(count) * GOLDEN_RATIO % 1
-    chosen = np.zeros(len(pixels), np.bool_)
-    chosen[(fractions * len(pixels)).astype(np.intp)] = True
-    return pixels[chosen]
 
 
 def _gated(points: Float, settings: ReconstructionSettings, rig: StereoRig, extent_px: int) -> Float:

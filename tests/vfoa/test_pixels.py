@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from tests.scenes import make_rig
 from vfoa.geometry import project
@@ -25,6 +26,18 @@ def test_the_points_of_a_mask_are_those_of_its_known_pixels() -> None:
     points = points_of(pixels, seen)
     np.testing.assert_allclose(points[:, 2], [1.0, 0.5])  # f B / (d + 3)
     np.testing.assert_allclose(project(points, RIG), [[20, 10], [21, 11]], atol=1e-9)
+
+
+@pytest.mark.parametrize("count", [100, 233, 1000])
+def test_fewer_pixels_are_spread_without_a_gap_of_twice_the_usual(count: int) -> None:
+    rig = make_rig(500, 200)
+    disparity = Disparity(disparity_px=np.ones((200, 500), np.float32))
+    seen = Seen(disparity=disparity, instances=Instances(ids=np.zeros((200, 500), np.uint16), instances=()), rig=rig)
+    whole, mask = (slice(0, 200), slice(0, 500)), np.ones((200, 500), np.bool_)
+    v, u = known_pixels(mask, whole, seen, most=count).T
+    assert len(v) == count
+    assert np.diff([0, *(500 * v + u), 100_000]).max() < 2 * 100_000 / count
+    np.testing.assert_array_equal(known_pixels(mask, whole, seen, most=100_000), known_pixels(mask, whole, seen))
 
 
 def test_a_window_is_of_whole_pixels_within_the_image() -> None:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from tests.scenes import make_box, make_rig, rendered_boxes
 from vfoa.boxes import axis_aligned_box, oriented_box
 from vfoa.geometry import back_project, box_corners, depth_from_disparity, project
-from vfoa.reconstruction import ReconstructionSettings, _gated, _thinned, _without_outliers, reconstruct
+from vfoa.reconstruction import ReconstructionSettings, _gated, _without_outliers, reconstruct
 from vfoa.types import Disparity, Head, HeadView, Instance, Instances
 
 RIG = make_rig(320, 200, fx_px=260)
@@ -222,15 +222,6 @@ def test_an_outlier_is_measured_against_the_median_whatever_the_mean():
     cloud = grid_with((0.15, 0.09, 1.0), (100, 0, 1.0))
     assert len(_without_outliers(cloud, ReconstructionSettings(outlier_neighbours=1, outlier_ratio=5))) == 100
     assert len(_without_outliers(cloud, ReconstructionSettings(outlier_neighbours=1, outlier_ratio=7))) == 101
-
-
-@pytest.mark.parametrize("count", [100, 233, 1000])
-def test_thinning_leaves_no_gap_of_twice_the_usual(count):
-    rows = np.arange(100_000)[:, None]
-    chosen = _thinned(rows, count)[:, 0]
-    assert len(chosen) == count
-    assert np.diff([0, *chosen, 100_000]).max() < 2 * 100_000 / count
-    np.testing.assert_array_equal(_thinned(rows, 100_000), rows)
 
 
 def test_an_oriented_box_is_smaller_about_a_thing_that_stands_askew():

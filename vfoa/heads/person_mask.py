@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from bisect import insort
+from collections.abc import Sequence
+
 import numpy as np
 from pydantic import Field
 
@@ -49,11 +52,18 @@ def head_box(mask: Mask) -> Float | None:
     if not len(rows):
         return None
     top = rows[0]
-    widths = mask[top : rows[-1] + 1].sum(axis=1)
-    height = next(
-        (n for n in range(1, len(widths) + 1) if n >= HEAD_ASPECT * np.median(widths[:n])),
-        len(widths),
-    )
-    columns = np.nonzero(mask[top : top + height])[1]
+    height = _head_rows(mask[top : rows[-1] + 1].sum(axis=1).tolist())
+    columns = np.repeat(np.arange(mask.shape[1]), mask[top : top + height].sum(axis=0))
     left, right = np.percentile(columns, [5, 95])
     return np.array([left - 0.5, top - 0.5, right + 0.5, top + height - 0.5])
+
+
+def _head_rows(widths: Sequence[int]) -> int:
+    """The first number of rows that reaches ``HEAD_ASPECT`` times their median width; all of them if none does."""
+    ordered: list[int] = []
+    for count, width in enumerate(widths, start=1):
+        insort(ordered, width)
+        median = (ordered[(count - 1) // 2] + ordered[count // 2]) / 2
+        if count >= HEAD_ASPECT * median:
+            return count
+    return len(widths)

@@ -101,12 +101,13 @@ class _Matcher(ABC):
         else:
             found, confidence = enlarged(self._match_left(left, right, matched, reached), self._factor), None
         origin = reached.times(self._factor)
-        disparity: Map = cropped(found, origin, region).astype(np.float32) / np.float32(SIXTEENTHS)
-        known = (disparity > self._range.first_px) & (disparity <= np.arange(region.u0, region.u1))
+        disparity: Map = np.divide(cropped(found, origin, region), SIXTEENTHS, dtype=np.float32)
+        known = disparity > self._range.first_px
+        known &= disparity <= np.arange(region.u0, region.u1, dtype=np.float32)
         if confidence is not None:
             confidence = cropped(confidence, origin, region)
             known &= confidence >= self._common.min_confidence
-        disparity[~known] = np.nan
+        np.copyto(disparity, np.nan, where=~known)
         return in_frame(disparity, confidence, region, frame.rig)
 
     def _prepare(self, rig: StereoRig) -> None:

@@ -61,9 +61,10 @@ def whole(rig: StereoRig) -> Region:
 
 def needed_region(instances: Instances, heads: Iterable[Head], rig: StereoRig) -> Region:
     """The smallest region with all things and all heads; empty where there are none."""
-    is_thing = np.zeros(2**16, np.bool_)
-    is_thing[[each.id for each in instances.instances if each.is_thing]] = True
-    needed = is_thing[instances.ids]
+    needed = np.not_equal(instances.ids, 0)
+    for each in instances.instances:
+        if not each.is_thing:
+            needed &= np.not_equal(instances.ids, each.id)
     windows = [(_extent(np.any(needed, axis=1)), _extent(np.any(needed, axis=0)))]
     for head in heads:
         u0, v0, u1, v1 = head.box_px

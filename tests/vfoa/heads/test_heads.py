@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from tests.mirror import bandage_frame, frame_of, mirrored, mirrored_head
 from vfoa.errors import VfoaError
-from vfoa.heads.person_mask import PersonMask, head_box
+from vfoa.heads.person_mask import HEAD_ASPECT, PersonMask, head_box
 from vfoa.heads.yunet import YuNet
 from vfoa.types import Float, Image, Instance, Instances, Mask
 
@@ -89,6 +89,14 @@ def test_a_close_up_of_a_head_is_all_head() -> None:
     mask = np.zeros((100, 200), bool)
     mask[10:60, 20:180] = True
     np.testing.assert_allclose(head_box(mask), [19.5, 9.5, 179.5, 59.5], atol=9)
+
+
+@given(widths=st.lists(st.integers(0, 60), min_size=1, max_size=60))
+def test_a_head_ends_where_its_rows_reach_the_height_of_their_median_width(widths: list[int]) -> None:
+    mask = np.arange(61) <= np.array(widths)[:, None]  # a row more wide than 0, so that none is empty
+    reached = (n for n in range(1, len(widths) + 1) if n >= HEAD_ASPECT * np.median(mask[:n].sum(axis=1)))
+    _, top, _, bottom = head_box(mask)
+    assert bottom - top == next(reached, len(widths))
 
 
 def test_an_empty_mask_has_no_head() -> None:
