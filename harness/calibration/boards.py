@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float, Image
 
-Gray = NDArray[np.uint8]
+FEWEST_CORNERS = 3
+"""OpenCV finds no chessboard of fewer, either way."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,11 +43,24 @@ class Board(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chessboard:
-    """Inner corners along and across, and the side of a square in metres. It must be seen whole."""
+    """Inner corners along and across, and the side of a square in metres. It must be seen whole.
+
+    Raises
+    ------
+    VfoaError
+        If there are fewer than three either way.
+    """
 
     columns: int
     rows: int
     square_m: float
+
+    def __post_init__(self) -> None:
+        if min(self.columns, self.rows) < FEWEST_CORNERS:
+            raise VfoaError(
+                f"chessboard: found {self.columns} x {self.rows} inner corners; expected at least {FEWEST_CORNERS} "
+                "either way"
+            )
 
     @property
     def corner_columns(self) -> int:
@@ -61,7 +75,10 @@ class Chessboard:
     def find(self, image: Image) -> Seen | None:
         """All corners or none."""
         gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        found, corners = cv2.findChessboardCorners(gray, (self.columns, self.rows))
+        try:
+            found, corners = cv2.findChessboardCorners(gray, (self.columns, self.rows))
+        except cv2.error:  # of a picture of a few pixels
+            return None
         if not found:
             return None
         stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-4)

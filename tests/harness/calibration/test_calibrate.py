@@ -74,6 +74,16 @@ def test_pictures_without_a_board_are_named_and_too_few_are_one_line() -> None:
         solve(views, SIZE)
 
 
+def test_a_board_that_opencv_cannot_find_is_refused() -> None:
+    with pytest.raises(VfoaError, match="chessboard: found 2 x 6 inner corners; expected at least 3 either way"):
+        Chessboard(columns=2, rows=6, square_m=0.03)
+
+
+@pytest.mark.parametrize("side", [1, 2, 9])
+def test_a_picture_of_a_few_pixels_has_no_board(side: int) -> None:
+    assert Chessboard(columns=3, rows=3, square_m=0.03).find(np.zeros((side, side, 3), np.uint8)) is None
+
+
 def test_real_cameras_are_calibrated(shared_data: Path) -> None:
     pictures = _pictures(shared_data / "chessboard")
     views, dropped = find_views(pictures, BOARD)
