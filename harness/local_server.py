@@ -8,7 +8,7 @@ import socket
 import sys
 import webbrowser
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from vfoa.errors import VfoaError
@@ -71,11 +71,16 @@ def serve(app: Starlette, listener: socket.socket) -> None:
 @contextmanager
 def ended_by_sigterm() -> Iterator[None]:
     """Within the block SIGTERM is like Ctrl-C: what was started is stopped on the way out. Both end the block."""
+    with suppress(KeyboardInterrupt), sigterm_as_ctrl_c():
+        yield
+
+
+@contextmanager
+def sigterm_as_ctrl_c() -> Iterator[None]:
+    """Within the block SIGTERM raises :class:`KeyboardInterrupt`: it would leave a process that was started here."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
-    except KeyboardInterrupt:
-        pass
     finally:
         signal.signal(signal.SIGTERM, before)
 

@@ -30,7 +30,7 @@ def view(
 ) -> None:
     """Open a run's recordings in the Rerun viewer; with several, the first is in front and all are listed."""
     from harness.cli.failures import step_through
-    from harness.local_server import ended_by_sigterm
+    from harness.local_server import ended_by_sigterm, sigterm_as_ctrl_c
     from harness.recording import find_recordings, viewer
     from vfoa.errors import VfoaError
 
@@ -39,7 +39,8 @@ def view(
             raise VfoaError(
                 "view: --failures chooses the frames itself: leave out --web, --frame, --compare and --screenshot"
             )
-        step_through(run, clip, config)
+        with ended_by_sigterm():
+            step_through(run, clip, config)
         return
     if web and screenshot is not None:
         raise VfoaError("view: --web draws no file: leave out --screenshot")
@@ -47,7 +48,8 @@ def view(
     if frame is not None:
         _expect_frame(run, recordings[0], frame)
     if screenshot is not None:
-        viewer.screenshot(recordings[0], frame, screenshot)
+        with sigterm_as_ctrl_c():
+            viewer.screenshot(recordings[0], frame, screenshot)
     elif web:
         _browse(recordings, frame)
     else:

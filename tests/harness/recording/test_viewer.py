@@ -1,10 +1,16 @@
 from __future__ import annotations
 
 import ctypes.util
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import cv2
 import numpy as np
+import psutil
 import pytest
 
 from harness.recording import find_recordings, viewer
@@ -89,3 +95,25 @@ def test_recordings_are_found_by_clip_and_configuration(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(VfoaError, match="found none"):
         find_recordings(tmp_path / "empty", None, None)
+
+
+@pytest.mark.parametrize(("options", "code"), [([], 0), (["--screenshot", "a.png"], 130)])
+def test_a_viewer_does_not_outlive_the_command_that_opened_it(tmp_path, options, code):
+    (tmp_path / "a__one.rrd").touch()
+    binary = tmp_path / "rerun"
+    binary.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/started\nmv {tmp_path}/started {tmp_path}/pid\nexec sleep 60\n")
+    binary.chmod(0o755)
+    fake = f"from harness.recording import viewer; viewer.viewer_binary = lambda: {str(binary)!r}"
+    command = [sys.executable, "-c", f"{fake}; from harness.cli import main; main()", "view", str(tmp_path), *options]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as process:
+        try:
+            deadline = time.monotonic() + 30
+            while not (tmp_path / "pid").exists() and time.monotonic() < deadline:
+                time.sleep(0.05)
+            process.send_signal(signal.SIGTERM)
+            process.communicate(timeout=30)
+        finally:
+            process.kill()
+    assert process.returncode == code
+    assert not psutil.pid_exists(int((tmp_path / "pid").read_text()))
