@@ -5,6 +5,7 @@ A known error is one line on stderr and exit code 2; anything else is a bug and 
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from typing import NoReturn
@@ -55,6 +56,9 @@ app.add_typer(models.app, name="models")
 
 def main() -> None:
     """Run the command line."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a file's name need not be text
     try:
         app()
     except StageError as error:  # of a verb that has no run's directory to keep the traceback in

@@ -17,6 +17,7 @@ from harness.adapters.calibration_files.options import Options
 from harness.adapters.calibration_files.read import read_cameras
 from harness.adapters.rectification import Optics, optics
 from harness.live import Arrival
+from harness.media.video import opencv_name
 from vfoa.errors import VfoaError
 from vfoa.types import Image, StereoFrame
 
@@ -83,7 +84,7 @@ def open_capture(name: str) -> Capture:
     VfoaError
         If it cannot be opened.
     """
-    capture: Capture = cv2.VideoCapture(int(name) if name.isdigit() else name)
+    capture: Capture = cv2.VideoCapture(int(name) if name.isdecimal() else opencv_name(name))
     if not capture.isOpened():
         raise VfoaError(f"camera {name}: cannot be opened; expected the number of a camera, or a stream's address")
     return capture

@@ -170,15 +170,26 @@ def _stamp(capture: Any) -> int:
     return round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
 
 
+def opencv_name(name: str) -> str:
+    """A name for ``cv2.VideoCapture``, which ends the process over one that is not Unicode.
+
+    Raises
+    ------
+    VfoaError
+        If it is not.
+    """
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        raise VfoaError(f"{name}: its name is not UTF-8, which FFmpeg cannot open; expected it renamed") from None
+    return name
+
+
 def _open(path: Path, packets: bool = False) -> Any:
     """A capture; ``packets``: it passes the packets on undecoded. A rotation noted in the file is not applied."""
     if not path.is_file():
         raise VfoaError(f"{path}: no such file")
-    try:
-        name = str(path)
-        name.encode()
-    except UnicodeEncodeError:  # OpenCV would end the process
-        raise VfoaError(f"{path}: its name is not UTF-8, which FFmpeg cannot open; expected it renamed") from None
+    name = opencv_name(str(path))
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         capture = cv2.VideoCapture(name, cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1] if packets else [])

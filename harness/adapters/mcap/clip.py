@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 
 from harness.adapters import Recognised, Truth
 from harness.adapters.mcap.cameras import Cameras, FileCameras, RecordedCameras
-from harness.adapters.mcap.index import Index, index_recording, recording_files
+from harness.adapters.mcap.index import Index, files_in, index_recording, recording_files
 from harness.adapters.mcap.pairing import join, of_distinct_stamps
 from harness.adapters.mcap.pixels import read_image
 from harness.adapters.mcap.recording import read_message
@@ -99,7 +99,7 @@ class McapClip:
         """A file in MCAP, whatever its name ends in, or a folder of ``.mcap``: one recording that was split."""
         if is_mcap(path):
             root, source, layout, name = path.parent, {"recording": path.name}, "an MCAP recording", path.stem
-        elif files := list(path.glob("*.mcap")):
+        elif files := files_in(path):
             root, source, layout, name = path, {}, f"an MCAP recording in {len(files)} files", path.name
         else:
             return ()

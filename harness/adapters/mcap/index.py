@@ -43,10 +43,15 @@ def recording_files(path: Path) -> tuple[Path, ...]:
         return (path,)
     if not path.is_dir():
         raise VfoaError(f"{path}: no such file or folder; expected an MCAP recording")
-    files = sorted(path.glob("*.mcap"), key=_natural)
+    files = files_in(path)
     if not files:
         raise VfoaError(f"{path}: no .mcap in this folder; expected a recording")
-    return tuple(files)
+    return files
+
+
+def files_in(folder: Path) -> tuple[Path, ...]:
+    """The ``.mcap`` of a folder in natural order, without hidden ones (macOS leaves ``._a.mcap`` beside ``a.mcap``)."""
+    return tuple(sorted((path for path in folder.glob("*.mcap") if not path.name.startswith(".")), key=_natural))
 
 
 def index_recording(files: tuple[Path, ...], window: Window | None = None, *, by_log_time: bool = False) -> Index:

@@ -120,6 +120,14 @@ def test_a_folder_of_files_is_one_recording(tmp_path: Path) -> None:
     assert np.array_equal(clip.frame(7).left, picture(7))
 
 
+def test_what_macos_leaves_beside_a_recording_is_none(tmp_path: Path) -> None:
+    write_pairs(tmp_path / "day.mcap", pairs())
+    (tmp_path / "._day.mcap").write_bytes(b"\0\5\26\7")
+    (found,) = McapClip.recognise(tmp_path)
+    assert found.layout == "an MCAP recording in 1 files"
+    assert len(McapClip(McapSettings(), tmp_path).frames) == 5
+
+
 def test_images_without_a_partner_are_counted(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with recorder(path) as record:

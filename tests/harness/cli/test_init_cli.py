@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -7,6 +8,7 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.clips.locate import names
+from tests.command import vfoa
 from vfoa.errors import VfoaError
 
 
@@ -27,3 +29,12 @@ def test_a_file_in_the_way_is_one_line(tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["init", str(tmp_path)])
     assert isinstance(result.exception, VfoaError)
     assert "datasets: a file is in the way" in str(result.exception)
+
+
+def test_a_folder_whose_name_is_no_text_is_shown_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, out, err = vfoa(monkeypatch, capsys, "init", f"{tmp_path}/caf\udce9")
+    assert (code, err) == (0, "")
+    assert f"{tmp_path}/caf\\udce9/datasets" in out
+    assert os.listdir(os.fsencode(tmp_path)) == [b"caf\xe9"]

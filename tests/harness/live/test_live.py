@@ -384,6 +384,7 @@ def test_a_signal_ends_a_live_run_and_keeps_it(sign: signal.Signals, experiment_
     ("arguments", "said"),
     [
         (["0", "--right", "1"], "two cameras need --calibration"),
+        (["rtsp://caf\udce9", "--right", "1", "--calibration", "c.yaml"], "its name is not UTF-8"),
         (["no_such_clip"], "no clip 'no_such_clip'"),
         (["nowhere.mcap"], "nowhere.mcap: no such file"),
         (["nowhere.mcap", "--calibration", "c.yaml"], "--calibration is for two cameras"),
