@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from harness.adapters.mcap.clip import McapClip, McapSettings
 from harness.annotations.files import VERSION_LINE, read_annotations, write_annotations
 from harness.annotations.timeline import format_seconds, timeline_of
+from tests.calibrations import write_opencv
 from tests.disk import HEIGHT, WIDTH, picture, write_text
 from tests.harness.adapters.numbered_recording import LEFT, RIGHT, open_clip, pairs, stamp
 from tests.recordings import Camera, Family, Pixels, recorder, rectified_camera, write_pairs
@@ -198,6 +199,37 @@ def test_the_calibration_may_be_a_file(tmp_path: Path) -> None:
     assert open_clip(path, calibration="calib.txt").frame(1).rig.baseline_m == pytest.approx(0.25)
     with pytest.raises(VfoaError, match="no single calibration topic belongs to /left/image"):
         open_clip(path)
+
+
+def test_a_file_may_say_what_rectified_the_images(tmp_path: Path) -> None:
+    """All that stereoRectify was given and gave; with ``rectified`` it is not done again."""
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        record.picture("/left/image", stamp(1), picture(1))
+        record.picture("/right/image", stamp(1), picture(2))
+    k, d, size = np.array(LEFT.k).reshape(3, 3), np.array([-0.2, 0.05, 0, 0]), (WIDTH, HEIGHT)
+    turn, shift = cv2.Rodrigues(np.array([0.01, 0.02, 0]))[0], np.array([[-0.25], [0.0], [0.0]])
+    found = dict(zip(("R1", "R2", "P1", "P2"), cv2.stereoRectify(k, d, k, d, size, turn, shift), strict=False))
+    write_opencv(tmp_path / "c.yml", {"K1": k, "D1": d, "K2": k, "D2": d, "R": turn, "T": shift, **found}, size)
+    frame = open_clip(path, calibration="c.yml", rectified=True).frame(1)
+    assert np.array_equal(frame.left, picture(1))
+    assert frame.rig.baseline_m == pytest.approx(0.25)
+    assert not np.array_equal(open_clip(path, calibration="c.yml").frame(1).left, picture(1))
+
+
+def test_calibrations_that_were_exchanged_are_named(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", [(stamp(1), picture(1), picture(2), RIGHT, LEFT)])
+    said = r"/stereo/left/camera_info and /stereo/right/camera_info: the baseline is -0\.12 m; .*left and right swapped"
+    with pytest.raises(VfoaError, match=said):
+        open_clip(path).frame(1)
+
+
+def test_a_file_that_changed_since_it_was_opened_is_one_line(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs())
+    clip = open_clip(path)
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(VfoaError, match=r"a\.mcap: the record at byte \d+ is not readable any more"):
+        clip.frame(5)
 
 
 def test_many_cameras_are_listed_with_type_count_and_rate(tmp_path: Path) -> None:

@@ -52,6 +52,14 @@ def test_every_order_of_channels(
     assert np.array_equal(rgb(raw(encoding, pixels, padding), "x"), expected)
 
 
+@pytest.mark.parametrize(("encoding", "pixels"), [("rgb8", COLOURS), ("mono8", GRAY)])
+@pytest.mark.parametrize("size", [(1, 3), (3, 1), (1, 1)])
+def test_any_size_will_do(encoding: str, pixels: NDArray[np.uint8], size: tuple[int, int]) -> None:
+    part = pixels[: size[0], : size[1]]
+    expected = part if part.ndim == 3 else np.repeat(part[..., None], 3, axis=2)
+    assert np.array_equal(rgb(raw(encoding, part), "x"), expected)
+
+
 @pytest.mark.parametrize(("order", "big"), [("<u2", False), (">u2", True)])
 def test_of_sixteen_bits_the_upper_eight_are_kept(order: str, big: bool) -> None:
     values = (GRAY.astype(np.uint16) << 8 | GRAY[::-1]).astype(order)

@@ -83,10 +83,30 @@ def test_stamps_of_today_are_exact_to_the_nanosecond(tmp_path: Path) -> None:
     assert [(each.first_frame, each.last_frame) for each in labels.ranges] == [(2, 2)]
 
 
-def test_ranges_of_time_need_a_clip_that_can_be_opened(tmp_path: Path) -> None:
+@pytest.mark.parametrize("timeline", [None, Timeline(frames=[1, 2], times_ns=[])])
+def test_ranges_of_time_need_a_clip_that_can_be_opened(tmp_path: Path, timeline: Timeline | None) -> None:
     path = write_text(tmp_path / "a.csv", TIME_HEAD + "0,1,girl,bird,\n")
     with pytest.raises(VfoaError, match=r"a\.csv:2: ranges of time need the clip's frame times"):
+        read_annotations(path, timeline=timeline, subjects=SUBJECTS, targets=TARGETS)
+
+
+def test_without_a_clip_every_number_between_two_ranges_is_a_frame(tmp_path: Path) -> None:
+    path = write_text(tmp_path / "a.csv", HEAD + "1,5,girl,bird,\n6,6,girl,cup,\n9,9,girl,cup,\n")
+    with pytest.raises(VfoaError, match=r"a\.csv:5: 'girl' has no label for frames 7 to 8, after line 4"):
         read_annotations(path, timeline=None, subjects=SUBJECTS, targets=TARGETS)
+
+
+def test_ranges_are_written_by_time_only_where_all_have_one(tmp_path: Path) -> None:
+    bird = Label(target="bird")
+    timed = LabelRange(first_frame=1, last_frame=2, subject="girl", label=bird, span_ns=(0, 2 * 10**9))
+    untimed = LabelRange(first_frame=3, last_frame=3, subject="girl", label=bird)
+    for ranges, rows in (
+        ([], [HEAD]),
+        ([timed], [TIME_HEAD, "0,2,girl,bird,\n"]),
+        ([timed, untimed], [HEAD, "1,2,girl,bird,\n", "3,3,girl,bird,\n"]),
+    ):
+        write_annotations(tmp_path / "a.csv", Labels(ranges))
+        assert (tmp_path / "a.csv").read_text() == "".join(rows)
 
 
 def test_of_a_clip_known_in_part_only_that_part_is_checked(tmp_path: Path) -> None:
