@@ -129,7 +129,10 @@ def test_a_suggestion_never_counts(tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.csv", STATE_HEAD + "1,2,girl,bird,,suggested\n3,4,girl,bird,,\n")
     labels = _read(path)
     assert [label.is_suggested for _, _, label in labels.labelled(range(1, 5))] == [True, True, False, False]
-    assert [label.target for _, _, label in labels.confirmed().labelled(range(1, 5))] == ["ignore"] * 2 + ["bird"] * 2
+    confirmed = [label for _, _, label in labels.confirmed().labelled(range(1, 5))]
+    unsaid, said = Label(target="ignore", note="suggested: bird"), Label(target="bird")
+    assert confirmed == [unsaid, unsaid, said, said]
+    assert labels.confirmed() != labels
 
 
 @pytest.mark.parametrize("ends", [[(1, 5), (5, 6)], [(3, 2)]])
