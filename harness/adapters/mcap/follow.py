@@ -26,7 +26,7 @@ def follow_records(path: Path, stopped: Event) -> Iterator[Schema | Channel | Me
     Raises
     ------
     VfoaError
-        If the file cannot be opened or is not MCAP.
+        If the file cannot be opened, is not MCAP, or was cut or replaced by a shorter one meanwhile.
     """
     at = 0
     while not stopped.is_set():
@@ -54,6 +54,8 @@ def _read(path: Path, at: int) -> tuple[int | None, bytes]:
                 return _start(path, file.read(len(MAGIC)))
             head = file.read(HEAD.size)
             if len(head) < HEAD.size:
+                if path.stat().st_size < at:
+                    raise VfoaError(f"{path}: is shorter than what was read of it; expected a recording that grows")
                 return None, b""
             opcode, length = HEAD.unpack(head)
             if opcode == 0 or path.stat().st_size < at + HEAD.size + length:  # 0: room that a file system has made

@@ -21,6 +21,7 @@ import pytest
 from rerun.experimental import ViewerClient
 
 from harness.adapters.mcap.clip import McapSettings
+from harness.adapters.mcap.follow import follow_records
 from harness.adapters.mcap.tail import McapTail
 from harness.adapters.stereo_folder import StereoFolderClip, StereoFolderSettings
 from harness.cli import main
@@ -260,6 +261,20 @@ def test_what_is_no_recording_is_one_line(tmp_path: Path, data: bytes | None, sa
         path.write_bytes(data)
     with pytest.raises(VfoaError, match=said):
         list(McapTail(path, McapSettings()).arrivals(Event()))
+
+
+def test_a_recording_that_begins_anew_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "take.mcap"
+    with recorder(path) as record:
+        record.picture("/left/image", 1, picture(1))
+    whole = path.read_bytes()
+    path.write_bytes(whole[: whole.index(b"\x0f\4\0\0\0\0\0\0\0")])  # before the end of the data: the writer is at it
+    records = follow_records(path, Event())
+    while next(records) is not None:
+        pass
+    path.write_bytes(whole[:50])
+    with pytest.raises(VfoaError, match=r"take\.mcap: is shorter than what was read of it; expected a recording that"):
+        next(records)
 
 
 def test_a_recording_without_a_pair_says_what_it_has(tmp_path: Path) -> None:
