@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 from harness.adapters import Clip
@@ -11,8 +12,10 @@ from harness.annotations.timeline import timeline_of
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.recording import Size
 from harness.runs import provenance
+from harness.runs.configuration import Configuration
 from harness.runs.directory import Pair
 from harness.runs.experiment import Experiment
+from harness.runs.stages import SLOTS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,7 +55,7 @@ def prepare(
     recording: Size | None = "light",
     save_signals: bool = False,
 ) -> Plan:
-    """Open every clip, read every label file and find every weights file of an experiment.
+    """Open every clip, read every label file and find every weights file of an experiment; note what cannot go well.
 
     Parameters
     ----------
@@ -69,7 +72,8 @@ def prepare(
         For the first thing that is missing or wrong.
     """
     clips = tuple(_prepare_clip(name, limit, experiment.annotator) for name in experiment.clips)
-    return Plan(experiment=experiment, clips=clips, recording=recording, save_signals=save_signals)
+    noted = replace(experiment, notes=(*experiment.notes, *_said_of_names(clips, experiment.configurations)))
+    return Plan(experiment=noted, clips=clips, recording=recording, save_signals=save_signals)
 
 
 def _prepare_clip(name: str, limit: int | None, annotator: str | None) -> PreparedClip:
@@ -77,6 +81,19 @@ def _prepare_clip(name: str, limit: int | None, annotator: str | None) -> Prepar
     clip = manifest.open()
     labels = manifest.labels(timeline_of(clip), annotator)
     return PreparedClip(manifest=manifest, clip=clip, frames=tuple(clip.frames)[:limit], labels=labels)
+
+
+def _said_of_names(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
+    """A sentence where names go by the source's own ids, and masks come from a network, which numbers them anew."""
+    choices = [each.choices["segmentation"] for each in configurations]
+    networks = sorted({each.name for each in choices if each and each.name not in SLOTS["segmentation"].of_clip})
+    for clip in clips if networks else ():
+        rules = {**clip.manifest.subjects, **clip.manifest.targets}
+        if names := [name for name, rule in rules.items() if rule.instance is not None]:
+            yield (
+                f"{clip.manifest.name}: the manifest finds {', '.join(names)} by their ids in the source, "
+                f"which are not those of {' and '.join(networks)}: the names can be wrong."
+            )
 
 
 def describe(plan: Plan) -> dict[str, Any]:
