@@ -27,7 +27,7 @@ class Journal:
         self._path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("a+b")
+            self._file = path.open("a+b", buffering=0)
         except OSError as error:
             raise VfoaError(f"{path}: cannot be written: {error.strerror}") from None
         try:
@@ -38,10 +38,22 @@ class Journal:
         self.entries = self._read()
 
     def append(self, entry: dict[str, Any]) -> None:
-        """Add an entry; it is on the disk when this returns."""
-        self._file.write(json.dumps(entry, ensure_ascii=False, separators=(",", ":")).encode() + b"\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        """Add an entry; it is on the disk when this returns.
+
+        Raises
+        ------
+        VfoaError
+            If the disk does not take it; the journal is then as it was.
+        """
+        line = json.dumps(entry, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
+        end = self._file.seek(0, os.SEEK_END)
+        try:
+            while line:
+                line = line[self._file.write(line) :]
+            os.fsync(self._file.fileno())
+        except OSError as error:
+            self._file.truncate(end)
+            raise VfoaError(f"{self._path}: cannot be written: {error.strerror}") from None
 
     def close(self) -> None:
         """Let go of the file."""

@@ -83,8 +83,11 @@ def export_labels(manifest: ClipManifest, annotator: str | None, name: str, exch
     Raises
     ------
     VfoaError
-        If the clip has no such labels, or the format needs what is not known.
+        If the clip has no such labels, the format needs what is not known, or ``to`` is a device or a pipe, which a
+        file that is written whole or not at all would take the place of.
     """
+    if to.exists() and not to.is_file() and not to.is_dir():
+        raise VfoaError(f"{to}: is no file; expected one to write")
     path = manifest.annotations.find() if annotator is None else manifest.annotations.expect(annotator)
     if path is None:
         raise VfoaError(f"{manifest.name}: no annotations; expected {manifest.annotations.place()}")

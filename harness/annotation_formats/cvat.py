@@ -13,6 +13,8 @@ count from 0 in the source, a track ends with a shape that is outside, and ``ann
 from __future__ import annotations
 
 import io
+import lzma
+import struct
 import xml.etree.ElementTree as ElementTree
 import zipfile
 import zlib
@@ -30,6 +32,8 @@ from vfoa.errors import VfoaError
 _UNDEFINED = "__undefined__"
 """CVAT's own value for an attribute that was not set."""
 _MEMBER = "annotations.xml"
+_DAMAGE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError, RuntimeError, ValueError)
+"""What :mod:`zipfile` raises for an archive that is cut, altered or encrypted."""
 _ATTRIBUTES = ("target", "note", "u_px", "v_px", "state")
 
 
@@ -92,7 +96,7 @@ def _content(path: Path) -> bytes:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             return archive.read(_MEMBER)
-    except (KeyError, zipfile.BadZipFile, zlib.error, EOFError) as error:
+    except (KeyError, *_DAMAGE) as error:
         raise VfoaError(f"{path}: no {_MEMBER} can be read in it, as CVAT's exports have one: {error}") from None
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -57,6 +58,11 @@ class Exchange:
     gaps: Literal["ignore", "none"] = "ignore"
     bodies: Bodies | None = None
     unnamed: str | None = None
+
+    def __post_init__(self) -> None:
+        for option, value in (("--fps", self.fps), ("--offset", self.offset)):
+            if value is not None and not math.isfinite(value):
+                raise VfoaError(f"{option}: found {value}; expected a number")
 
     @cached_property
     def frames(self) -> Sequence[int]:

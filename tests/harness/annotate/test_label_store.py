@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.annotate import edits
+from harness.annotate.marks import Mark
 from harness.annotate.store import LabelStore, StaleRevisionError
 from harness.annotations.files import read_annotations
 from harness.annotations.labels import TO_DECIDE, Label, Labels
@@ -197,6 +200,26 @@ def test_a_deleted_csv_is_a_fresh_start(tmp_path: Path) -> None:
     store.close()
     (tmp_path / "annotations" / "clip.csv").unlink()
     assert _open(tmp_path).track("ann") == [None] * 8
+
+
+def test_a_change_that_the_disk_does_not_take_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = _open(tmp_path)
+    store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    before = (tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", _refuse)
+        with pytest.raises(VfoaError, match=r"journal\.jsonl: cannot be written: No space left on device"):
+            store.put(store.revision, "ann", edits.mark_range(4, 5, "book"))
+    assert ((tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)) == before
+    store.put(store.revision, "ann", edits.mark_range(6, 6, "book"))
+    store.close()
+    assert _open(tmp_path).track("ann")[4:] == [None, None, Mark(target="book"), None]
+
+
+def _refuse(handle: int) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def test_two_servers_on_one_clip_are_refused(tmp_path: Path) -> None:

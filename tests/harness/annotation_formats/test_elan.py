@@ -98,6 +98,13 @@ def test_a_clip_without_a_rate_needs_one(tmp_path: Path) -> None:
     assert Elan().read(path, exchange(PlainClip(rate_hz=None), fps=25)).labels.ranges == (row(1, 2, "bird"),)
 
 
+@pytest.mark.parametrize(("name", "option"), [("fps", "--fps"), ("offset", "--offset")])
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_rate_or_an_offset_that_is_no_number_is_refused(name: str, option: str, value: float) -> None:
+    with pytest.raises(VfoaError, match=f"{option}: found {value}; expected a number"):
+        exchange(**{name: value})
+
+
 def test_what_we_write_is_read_by_the_library(tmp_path: Path) -> None:
     from harness.annotations.labels import Labels
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from pathlib import Path
 
@@ -43,6 +44,15 @@ def test_labels_go_out_and_come_back(
     assert (labels / f"{CLIP}@cat.csv").read_bytes() == (labels / f"{CLIP}.csv").read_bytes()
 
 
+def test_a_pipe_is_not_written_over(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.mkfifo(folder / "pipe")
+    code, _, said = vfoa(monkeypatch, capsys, "annotations", "export", CLIP, "pipe", "--format", "elan")
+    assert (code, said) == (2, "vfoa: pipe: is no file; expected one to write\n")
+    assert (folder / "pipe").is_fifo()
+
+
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
@@ -51,6 +61,7 @@ def test_labels_go_out_and_come_back(
         (("import", "gone", "--format", "cvat", "--clip", CLIP, "--annotator", "x"), "gone: no such file"),
         (("import", "gone", "--format", "cvat", "--clip", CLIP), f"{CLIP}.csv: is there already; expected --replace"),
         (("import", "gone", "--format", "cvat", "--clip", CLIP, "--rename", "x"), "--rename x: expected THEIRS=OURS"),
+        (("export", CLIP, "out", "--format", "elan", "--offset", "inf"), "--offset: found inf; expected a number"),
         (("agreement", CLIP, "anna"), "labels of anna; expected two annotators or more"),
         (("merge", CLIP), f"{CLIP}.csv: is there already; expected --replace, or another --to"),
         (("check", CLIP, "--annotator", "bea"), "no annotations by 'bea'"),
