@@ -12,7 +12,8 @@ import cv2
 import numpy as np
 
 from harness.adapters.side_names import Sides, pair_names
-from harness.adapters.stereo_views import ImagePairs, PackedImages, PackedVideo, Packing, VideoPair, Views
+from harness.adapters.stereo_videos import PackedVideo, VideoPair
+from harness.adapters.stereo_views import ImagePairs, PackedImages, Packing, Views
 from harness.adapters.view_files import TICKS_NS, Layout, StampUnit
 from harness.media.frame_files import IMAGE_SUFFIXES, find_frames
 from harness.media.video import VIDEO_SUFFIXES

@@ -7,7 +7,8 @@ from typing import Literal, Self
 
 from pydantic import model_validator
 
-from harness.adapters.stereo_views import ImagePairs, PackedImages, PackedVideo, Packing, VideoPair, Views
+from harness.adapters.stereo_videos import PackedVideo, VideoPair
+from harness.adapters.stereo_views import ImagePairs, PackedImages, Packing, Views
 from harness.media.frame_files import find_frames
 from vfoa.settings import Settings
 
