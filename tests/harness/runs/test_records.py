@@ -7,6 +7,7 @@ import numpy as np
 
 from harness.clips.naming import Names
 from harness.runs.records import to_record
+from harness.runs.results import FrameMeasures
 from vfoa.types import (
     Attention,
     Box3D,
@@ -67,3 +68,14 @@ def test_a_record_holds_the_frame_in_plain_exact_values() -> None:
 def test_a_record_is_json_without_nan() -> None:
     record = to_record("clip", "best", _result(), Names(subjects={}, targets={4: "cup#4"}))
     assert json.loads(json.dumps(dataclasses.asdict(record), allow_nan=False))["targets"][0]["name"] == "cup#4"
+
+
+def test_a_target_without_a_box_has_none_and_measures_are_handed_on() -> None:
+    result = _result()
+    (cup,) = result.scene.targets
+    flat = dataclasses.replace(result.scene, targets=(dataclasses.replace(cup, box=None),))
+    measures = FrameMeasures(disparity=None, targets=(), people=())
+    names = Names(subjects={}, targets={4: "cup"})
+    record = to_record("clip", "best", dataclasses.replace(result, scene=flat), names, measures)
+    assert record.target(4).box is None
+    assert record.measures is measures

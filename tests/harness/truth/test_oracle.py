@@ -139,6 +139,17 @@ class TestTruthStages:
         assert TruthHeadPose(NONE, clip).estimate(clip.frame(1), head) is None
         assert SimulatedGaze(SimulatedGazeSettings(), clip).estimate(clip.frame(1), head, None) is None
 
+    def test_where_nobody_is_a_head_is_nobodys(self) -> None:
+        clip = FakeClip(Truth(people=()))
+        assert TruthGaze(NONE, clip).estimate(clip.frame(1), HEAD_1, None) is None
+
+    def test_a_clip_may_say_why_it_does_not_know(self) -> None:
+        clip = FakeClip(Truth(missing={"disparity": "no such file"}))
+        with pytest.raises(VfoaError, match=r'needed by stereo\.matcher = "truth" \(no such file\)$'):
+            TruthMatcher(NONE, clip).match(clip.frame(1))
+        with pytest.raises(VfoaError, match=r'needed by segmentation\.model = "truth"$'):
+            TruthSegmenter(NONE, clip).segment(clip.frame(1))
+
     @pytest.mark.parametrize("label", ["person", "cup"])
     def test_heads_leave_the_instance_open_where_the_segmentation_is_another(self, label: str) -> None:
         """A detected instance 2 need not be the source's person 2."""
