@@ -19,7 +19,7 @@ def read_bytes(path: Path) -> bytes:
     """Read a file whole; a :class:`VfoaError` that names it where that fails."""
     try:
         return path.read_bytes()
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise unreadable(path, error) from None
 
 
@@ -38,10 +38,12 @@ def read_text(path: Path) -> str:
         raise VfoaError(f"{path}:{line}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
 
 
-def unreadable(path: Path, error: OSError) -> VfoaError:
-    """What to say of a file that the system does not let one read."""
+def unreadable(path: Path, error: OSError | ValueError) -> VfoaError:
+    """What to say of a file that the system does not let one read; a ValueError is of a name that no file can have."""
     if isinstance(error, FileNotFoundError):
         return VfoaError(f"{path}: no such file")
+    if isinstance(error, ValueError):
+        return VfoaError(f"{str(path)!r}: no file can be called so: {error}")
     return VfoaError(f"{path}: cannot be read: {error.strerror or error}")
 
 
@@ -81,7 +83,7 @@ def file_digest(path: Path) -> str:
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise unreadable(path, error) from None
 
 

@@ -68,7 +68,7 @@ def _calibration(given: list[Path] | None, numbers: dict[str, float | None]) -> 
     """The settings of a calibration that was given on the command line."""
     from vfoa.errors import VfoaError
 
-    files = [os.path.abspath(file.expanduser()) for file in given or ()]
+    files = [os.path.abspath(os.path.expanduser(file)) for file in given or ()]
     missing = [name.rpartition("_")[0] for name, value in numbers.items() if value is None]
     if len(missing) == len(numbers):
         return {"calibration": files[0] if len(files) == 1 else files} if files else {}

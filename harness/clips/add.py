@@ -82,7 +82,7 @@ def add_clip(
         found or given, the first pair cannot be read, a clip of this name is there, or a file cannot be written.
         Nothing is left behind then.
     """
-    path = Path(os.path.abspath(path.expanduser()))  # without .., but with links as they are named
+    path = Path(os.path.abspath(os.path.expanduser(path)))  # without .., but with links as they are named
     chosen, found = recognise(path, adapter, source or {})
     name = name or as_clip_name(found.name, default="clip")
     manifest_path, annotations_path = _free_paths(name)
@@ -145,7 +145,7 @@ def _manifest_text(name: str, adapter: str, found: Recognised, subjects: Names, 
 
 def _portable(root: Path) -> str:
     """The root by ``${VFOA_DATA}`` where it stands below that, else absolute."""
-    base = Path(os.path.normpath(Path(os.environ.get("VFOA_DATA", "")).expanduser()))
+    base = Path(os.path.normpath(os.path.expanduser(os.environ.get("VFOA_DATA", ""))))
     if not base.is_absolute() or not root.is_relative_to(base):  # a relative one counts from the manifest
         return str(root)
     return "/".join(["${VFOA_DATA}", *root.relative_to(base).parts])

@@ -67,4 +67,4 @@ def expand(text: str, base: Path, where: str) -> Path:
         return found
 
     place = _VARIABLE.sub(value, text)
-    return local_copy(place, where) if is_address(place) else base / Path(place).expanduser()
+    return local_copy(place, where) if is_address(place) else base / os.path.expanduser(place)

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from harness.files import atomic_write, digest_files
+from harness.files import atomic_write, digest_files, file_digest, read_bytes, read_text
+from vfoa.errors import VfoaError
 
 
 def test_a_file_is_replaced_whole_with_usual_permissions(tmp_path: Path) -> None:
@@ -40,3 +42,9 @@ def test_a_digest_sees_contents_and_roles_but_not_paths(tmp_path: Path) -> None:
     assert digest_files([("left", a), ("right", b)]) == digest_files([("left", c), ("right", b)])
     assert digest_files([("left", a), ("right", b)]) != digest_files([("left", b), ("right", a)])
     assert digest_files([("left", a)]) != digest_files([("right", a)])
+
+
+@pytest.mark.parametrize("read", [read_bytes, read_text, file_digest])
+def test_a_name_that_no_file_can_have_is_one_line(tmp_path: Path, read: Callable[[Path], object]) -> None:
+    with pytest.raises(VfoaError, match=r"a\\x00b': no file can be called so: embedded null byte"):
+        read(tmp_path / "a\0b")

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from harness.annotations.timeline import timeline_of
-from harness.clips.locate import names
+from harness.clips.locate import expand, names
 from harness.clips.manifest import load_manifest
 from tests.disk import sintel_scene, write_text
 from vfoa.errors import VfoaError
@@ -151,3 +151,8 @@ def test_every_manifest_that_comes_along_is_right_with_its_labels(name: str) -> 
     manifest = load_manifest(name)
     assert manifest.licence
     manifest.labels(None)
+
+
+def test_a_user_whom_nobody_knows_has_no_home(tmp_path: Path) -> None:
+    assert expand("~nobody-knows/data", tmp_path, "root") == tmp_path / "~nobody-knows/data"
+    assert expand("~/data", tmp_path, "root") == Path.home() / "data"
