@@ -92,7 +92,7 @@ class History:
 
     def fits(self, base: Entry) -> bool:
         """Whether a base is of a clip with these frames and subjects."""
-        return base["frames"] == len(self._frames) and set(base["base"]) == set(self.subjects)
+        return base.get("frames") == len(self._frames) and {*base["base"]} == {*self.subjects}
 
     def labels(self) -> Labels:
         """What stands in the CSV."""

@@ -24,7 +24,7 @@ class Journal:
 
     def __init__(self, path: Path, *, of: str) -> None:
         """``of`` is what the journal is about, for messages."""
-        self._path = path
+        self.path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("a+b", buffering=0)
@@ -35,7 +35,11 @@ class Journal:
         except BlockingIOError:
             self._file.close()
             raise VfoaError(f"{of} is being labelled by another vfoa annotate; close that one first") from None
-        self.entries = self._read()
+        try:
+            self.entries = self._read()
+        except BaseException:
+            self.close()
+            raise
 
     def append(self, entry: dict[str, Any]) -> None:
         """Add an entry; it is on the disk when this returns.
@@ -53,7 +57,7 @@ class Journal:
             os.fsync(self._file.fileno())
         except OSError as error:
             self._file.truncate(end)
-            raise VfoaError(f"{self._path}: cannot be written: {error.strerror}") from None
+            raise VfoaError(f"{self.path}: cannot be written: {error.strerror}") from None
 
     def close(self) -> None:
         """Let go of the file."""
@@ -68,7 +72,10 @@ class Journal:
         entries = []
         for number, line in enumerate(whole.splitlines(), start=1):
             try:
-                entries.append(json.loads(line))
+                entry = json.loads(line)
             except ValueError as error:
-                raise VfoaError(f"{self._path}:{number}: not JSON: {error}; move the journal away to go on") from None
+                raise VfoaError(f"{self.path}:{number}: not JSON: {error}; move the journal away to go on") from None
+            if not isinstance(entry, dict):
+                raise VfoaError(f"{self.path}:{number}: no entry; move the journal away to go on")
+            entries.append(entry)
         return entries

@@ -17,6 +17,7 @@ from harness.annotate.journal import Journal
 from harness.annotate.marks import Mark, Stretch, from_labels, stretches
 from harness.annotations.files import read_annotations, write_annotations
 from harness.annotations.labels import RESERVED, Labels
+from harness.annotations.rows import check_text
 from harness.annotations.timeline import Timeline
 from harness.files import file_digest
 from vfoa.errors import VfoaError, did_you_mean
@@ -196,8 +197,7 @@ class LabelStore:
             raise VfoaError(f"unknown target {mark.target!r}; {did_you_mean(mark.target, self.names())}")
         if mark.target == subject:
             raise VfoaError(f"{subject!r} looks at {subject!r}; expected another target, or none")
-        if not mark.note.isprintable():
-            raise VfoaError(f"the note {mark.note!r} holds a control character; expected one line of text")
+        check_text((mark.note,), "note")
 
     def _commit(self, entry: Entry) -> None:
         now = self._clock()
@@ -213,15 +213,23 @@ class LabelStore:
         if not bases or not self._history.fits(entries[bases[-1]]):
             self._take_over(stored)
             return
-        for entry in entries[bases[-1] :]:
+        for number, entry in enumerate(entries[bases[-1] :], start=bases[-1] + 1):
             before = self._history.labels() if entry is entries[-1] and "base" not in entry else None
-            self._history.apply(entry)
+            self._apply_stored(entry, number)
         # A kill between the journal and the CSV leaves the CSV one entry behind.
         if stored in (before, self._history.labels()):
             self._written = stored
             self._write()
         else:
             self._take_over(stored)
+
+    def _apply_stored(self, entry: Entry, line: int) -> None:
+        try:
+            self._history.apply(entry)
+        except (LookupError, TypeError, ValueError, AttributeError) as error:
+            raise VfoaError(
+                f"{self._journal.path}:{line}: no change of labels: {error!r}; move the journal away to go on"
+            ) from None
 
     def _take_over(self, labels: Labels) -> None:
         """Begin anew with the CSV's labels."""

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.annotations.labels import NOWHERE
-from harness.runs.directory import RunDirectory
-from harness.runs.results import FrameRecord, SubjectRecord, read_results
-from vfoa.errors import VfoaError, did_you_mean
+from harness.runs.clip_records import read_clip_records
+from harness.runs.results import FrameRecord, SubjectRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,21 +24,14 @@ class Prediction:
 
 
 class Predictions:
-    """A run's records of one clip under one configuration, by frame number.
+    """A run's records of one clip under one configuration, as suggestions to whoever labels it.
 
-    Raises
-    ------
-    VfoaError
-        If the run has no such clip or configuration, or several and none was chosen.
+    Raises what :func:`~harness.runs.clip_records.read_clip_records` raises.
     """
 
     def __init__(self, run: Path, clip: str, configuration: str | None) -> None:
-        records = [each for each in read_results(RunDirectory(run).results) if each.clip == clip]
-        if not records:
-            raise VfoaError(f"{run}: the run has no frames of clip {clip!r}")
-        names = list(dict.fromkeys(each.configuration for each in records))
-        self.configuration = _choose(names, configuration, run)
-        self.records = {each.frame: each for each in records if each.configuration == self.configuration}
+        found = read_clip_records(run, clip, configuration)
+        self.configuration, self.records = found.configuration, found.by_frame
 
     def predict(self, frame: int, subject: str) -> Prediction | None:
         """What was predicted; None where the run has no such frame or subject, or could compute nothing."""
@@ -59,13 +51,3 @@ def _prediction(record: FrameRecord, subject: SubjectRecord) -> Prediction:
     if subject.focus is None:
         return Prediction(target=NOWHERE, attention=0.0, margin=0.0)
     return Prediction(target=record.target(subject.focus).name, attention=first, margin=first - second)
-
-
-def _choose(names: Sequence[str], wanted: str | None, run: Path) -> str:
-    if wanted is None and len(names) == 1:
-        return names[0]
-    if wanted is None:
-        raise VfoaError(f"{run}: has several configurations; choose one with --config: {', '.join(names)}")
-    if wanted not in names:
-        raise VfoaError(f"{run}: no configuration {wanted!r}; {did_you_mean(wanted, names)}")
-    return wanted

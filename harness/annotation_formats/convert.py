@@ -12,9 +12,8 @@ from harness.annotation_formats.exchange import Exchange, Imported
 from harness.annotations.files import write_annotations
 from harness.annotations.timeline import timeline_of
 from harness.clips.manifest import ClipManifest
-from harness.runs.directory import RunDirectory
-from harness.runs.results import read_results
-from vfoa.errors import VfoaError, did_you_mean
+from harness.runs.clip_records import read_clip_records
+from vfoa.errors import VfoaError
 
 
 def open_exchange(
@@ -33,7 +32,7 @@ def open_exchange(
     Parameters
     ----------
     run, configuration
-        The finished run (and which of its configurations) that says where heads and targets are; without one, the
+        The run (and which of its configurations) that says where heads and targets are; without one, the
         clip's truth does.
 
     Raises
@@ -45,7 +44,7 @@ def open_exchange(
     rules = {**manifest.subjects, **manifest.targets}
     bodies: Bodies = TrueBodies(clip=clip, rules=rules)
     if run is not None:
-        bodies = _run_bodies(run, manifest.name, configuration)
+        bodies = RunBodies(records=read_clip_records(run, manifest.name, configuration).by_frame)
     return Exchange(
         clip=clip,
         subjects=tuple(manifest.subjects),
@@ -94,16 +93,3 @@ def export_labels(manifest: ClipManifest, annotator: str | None, name: str, exch
     labels = manifest.read(path, timeline_of(exchange.clip), allow_gaps=True)
     chosen: AnnotationFormat = FORMATS.load(name)()
     return [f"{to}: {each}" for each in chosen.write(to, labels, exchange)]
-
-
-def _run_bodies(run: Path, clip: str, configuration: str | None) -> RunBodies:
-    directory = RunDirectory(run)
-    directory.read_manifest()
-    records = [record for record in read_results(directory.results) if record.clip == clip]
-    found = sorted({record.configuration for record in records})
-    if not found:
-        raise VfoaError(f"{run}: no results of the clip {clip!r}")
-    chosen = configuration or found[0]
-    if chosen not in found or (configuration is None and len(found) > 1):
-        raise VfoaError(f"{run}: configuration {configuration!r}: {did_you_mean(configuration or '', found)}")
-    return RunBodies(records={record.frame: record for record in records if record.configuration == chosen})

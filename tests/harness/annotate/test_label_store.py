@@ -222,6 +222,35 @@ def _refuse(handle: int) -> None:
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("{", r":3: not JSON: .*; move the journal away"),
+        ("5", r":3: no entry; move the journal away"),
+        ('{"redo":true}', r":3: no change of labels: IndexError.*; move the journal away"),
+        ('{"seen":["bob",1]}', r":3: no change of labels: KeyError\('bob'\); move the journal away"),
+        ('{"change":{"subject":"ann"}}', r":3: no change of labels: KeyError\('before'\); move the journal away"),
+        ('{"change":7}', r":3: no change of labels: TypeError.*; move the journal away"),
+    ],
+)
+def test_a_journal_that_was_changed_by_hand_is_one_line(tmp_path: Path, line: str, message: str) -> None:
+    store = _open(tmp_path)
+    store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    store.close()
+    with (tmp_path / "journal.jsonl").open("a") as file:
+        file.write(f"{line}\n")
+    with pytest.raises(VfoaError, match=f"journal\\.jsonl{message}"):
+        _open(tmp_path)
+
+
+def test_a_note_may_hold_whatever_a_line_may(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    note = "à\u00a0gauche \u200d 目"
+    store.put(store.revision, "ann", edits.annotate(store.track("ann"), 0, note))
+    assert _file(tmp_path).at(1, "ann") == Label(target="cup", note=note)
+
+
 def test_two_servers_on_one_clip_are_refused(tmp_path: Path) -> None:
     store = _open(tmp_path)
     with pytest.raises(VfoaError, match=r"clip\.csv is being labelled by another vfoa annotate"):
