@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from harness.runs.hindsight import Hindsight
 from tests.scenes import make_box, make_subject, make_target
 from vfoa.attention import AttentionSettings
 from vfoa.bayes import BayesSettings
+from vfoa.dwell import revise
 from vfoa.pipeline import AttendSettings, Memory, attend
 from vfoa.types import Scene
 
@@ -49,3 +51,24 @@ def test_a_first_frame_is_corrected_by_those_after_it(smoothing):
     assert forward[0] == 1
     assert revised == [2] * 8
     assert before_the_end == 5
+
+
+@pytest.mark.parametrize("smoothing", ["both", "viterbi"])
+def test_a_frame_is_revised_by_as_many_frames_before_it_as_after_it(smoothing):
+    settings, memory, found, results = bayes(smoothing), Memory(), [], []
+    hindsight = Hindsight(settings)
+    for index, x in enumerate(np.random.default_rng(3).uniform(-0.2, 0.2, 60)):
+        subject = make_subject(gaze=(x, 0, 1))
+        result, memory = attend(
+            Scene(index=index, time_ns=0, targets=TARGETS, people=(subject.person,)), memory, settings
+        )
+        results.append(result)
+        found += [each for each, _ in hindsight.add(result, None)]
+    found += [each for each, _ in hindsight.finish()]
+    for index, result in enumerate(found):
+        first = max(index - 3, 0)
+        expected = revise(results[first : index + 4], index - first, settings.attention)
+        assert result.attentions[0].focus == expected.attentions[0].focus
+        assert [each.total for each in result.attentions[0].values] == [
+            each.total for each in expected.attentions[0].values
+        ]

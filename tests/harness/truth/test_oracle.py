@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from harness.adapters import PersonTruth, Truth
 from harness.annotations.files import Label
@@ -315,3 +316,38 @@ class TestSimulated:
         squares = [angle_between(gaze.direction, GAZES[1]) ** 2 for gaze in gazes if gaze is not None]
         assert gazes[0] is not None
         assert np.mean(squares) == pytest.approx(2 * (gazes[0].sigma_rad or 0) ** 2, rel=0.06)
+
+    def test_a_bias_has_no_leaps(self) -> None:
+        """From one frame to the next it turns by a hundredth of a quarter turn, also from knot to knot."""
+        error = AngularError(SimulatedGazeSettings(bias_share=1, bias_frames=100), 2)
+        directions = np.stack([error.apply(GAZES[1], 1, frame) for frame in range(-400, 800)])
+        steps_deg = np.degrees(angle_between(directions[1:], directions[:-1]))
+        # a pair of normal numbers is hardly ever longer than 5
+        assert 0 < steps_deg.max() < np.degrees(error.sigma_rad) * np.pi / 2 / 100 * 5 * np.sqrt(2)
+
+    def test_every_frame_person_and_model_errs_for_itself(self) -> None:
+        settings = SimulatedGazeSettings(bias_share=0)
+        found = [
+            tuple(AngularError(settings, stream).apply(GAZES[1], number, frame))
+            for stream in (1, 2)
+            for number in (1, 2)
+            for frame in range(-6, 7)
+        ]
+        assert len(set(found)) == 2 * 2 * 13
+
+    def test_gaze_and_head_of_one_seed_err_apart(self) -> None:
+        alike = person(1, gaze_direction=GAZES[1], head_direction=GAZES[1])
+        clip = FakeClip(Truth(people=(alike,)))
+        gaze = SimulatedGaze(SimulatedGazeSettings(error_deg=9), clip).estimate(clip.frame(1), HEAD_1, None)
+        head = SimulatedHeadPose(SimulatedHeadPoseSettings(error_deg=9), clip).estimate(clip.frame(1), HEAD_1)
+        assert gaze is not None
+        assert head is not None
+        assert gaze.sigma_rad == head.sigma_rad
+        assert angle_between(gaze.direction, head.direction) > 0.01
+
+    @pytest.mark.parametrize(
+        "wrong", [{"error_deg": -1}, {"error_deg": 61}, {"bias_share": -0.1}, {"bias_share": 1.1}, {"bias_frames": 0}]
+    )
+    def test_a_setting_outside_of_its_range_is_refused(self, wrong: dict[str, float]) -> None:
+        with pytest.raises(ValidationError, match=next(iter(wrong))):
+            SimulatedGazeSettings(**wrong)
