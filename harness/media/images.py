@@ -52,7 +52,12 @@ def read_raw(path: Path) -> NDArray[Any]:
         As :func:`read_rgb`.
     """
     image = _decode(read_bytes(path), str(path), cv2.IMREAD_UNCHANGED)
-    return image if image.ndim == 2 else np.ascontiguousarray(image[..., 2::-1])
+    if image.ndim == 2:
+        return image
+    if image.dtype not in (np.uint8, np.uint16) or image.shape[2] not in (3, 4):
+        found = f"{image.shape[2]} channels of {image.dtype}"
+        raise VfoaError(f"{path}: found {found}; expected gray or colour of 8 or 16 bits")
+    return cv2.cvtColor(image, cv2.COLOR_BGRA2RGB if image.shape[2] == 4 else cv2.COLOR_BGR2RGB)
 
 
 def png_size_px(path: Path) -> tuple[int, int]:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -28,6 +29,21 @@ def test_gray_and_16_bit_images_become_8_bit_rgb(tmp_path: Path) -> None:
 def test_raw_values_keep_their_16_bits(tmp_path: Path) -> None:
     deep = np.arange(12, dtype=np.uint16).reshape(3, 4) * 5000
     assert np.array_equal(read_raw(write_image(tmp_path / "deep.png", deep)), deep)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_raw_colours_come_as_rgb_without_their_alpha(tmp_path: Path, dtype: type[np.unsignedinteger]) -> None:
+    rgb = picture(0).astype(dtype)
+    assert cv2.imwrite(str(tmp_path / "a.png"), np.dstack([rgb[..., ::-1], np.full(rgb.shape[:2], 7, dtype)]))
+    found = read_raw(tmp_path / "a.png")
+    assert found.dtype == dtype
+    assert np.array_equal(found, rgb)
+
+
+def test_colours_of_other_depths_are_one_clear_error(tmp_path: Path) -> None:
+    assert cv2.imwrite(str(tmp_path / "deep.tiff"), np.zeros((3, 4, 3), np.float64))
+    with pytest.raises(VfoaError, match=r"deep\.tiff: found 3 channels of float64; expected .* 8 or 16 bits"):
+        read_raw(tmp_path / "deep.tiff")
 
 
 @given(share=st.floats(0, 1, exclude_max=True))
