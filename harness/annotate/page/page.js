@@ -3,7 +3,7 @@
 import { Queue, get, post } from "./api.js";
 import { Form } from "./form.js";
 import { Names } from "./names.js";
-import { drawLabel, drawMode, drawPlace, drawProgress, drawSubject, drawTools, makeSubjects } from "./panel.js";
+import * as panel from "./panel.js";
 import { Player } from "./player.js";
 import { Seen } from "./seen.js";
 import { Stage } from "./stage.js";
@@ -11,7 +11,6 @@ import { Strips } from "./strips.js";
 import { at, changes, nudged, read, runs } from "./tracks.js";
 
 const NEAR = 10; // a jump further than this does not count as having seen what lies between
-const find = (id) => document.getElementById(id);
 
 export class Page {
   constructor(about, state) {
@@ -20,7 +19,7 @@ export class Page {
     this.queue = new Queue({ refused: (error) => this.refused(error), moved: () => this.settle() });
     this.seen = new Seen((seen) => this.queue.add(async () => this.update(await post("/api/seen", seen))));
     this.names = new Names({
-      look: (name) => this.look(name), changed: (next) => this.renew(next), failed: (error) => this.say(error.message),
+      look: (name) => this.look(name), changed: (next) => this.renew(next), failed: (error) => panel.say(error.message),
     });
     this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.chosen(each, point) });
     this.total = about.frames.length;
@@ -32,14 +31,11 @@ export class Page {
     });
     this.player = new Player(this, about.rate_hz);
     this.noteForm = new Form("note", () => this.noted());
-    makeSubjects(about.subjects, (name) => this.turnTo(name));
+    panel.makeSubjects(about.subjects, (name) => this.turnTo(name));
     this.wanted = this.shown = 0;
     this.take(about);
     this.state = read(state, about.to_decide);
-    drawMode(about);
-    find("plenty").hidden = !this.hasRun;
-    find("plenty").addEventListener("pointerup", (event) => event.target.blur());
-    find("plenty").addEventListener("input", (event) => { find("plenty").lastElementChild.value = event.target.value; });
+    panel.makePlenty(this.hasRun);
     addEventListener("resize", () => this.draw()); // names are larger on a narrow screen
     addEventListener("pagehide", () => this.seen.leave());
     addEventListener("focus", () => this.queue.add(async () => this.update(await get("/api/state"))));
@@ -53,8 +49,7 @@ export class Page {
   take(about) {
     this.about = about;
     this.names.set(about.names);
-    find("title").textContent = about.file;
-    document.title = `${about.file} – vfoa annotate`;
+    panel.drawTitle(about);
   }
 
   renew(about) {
@@ -78,7 +73,7 @@ export class Page {
       this.see(wanted, near);
       this.draw();
       this.stage.ahead(wanted, 6, this.total);
-    } catch (error) { this.say(error.message || `frame ${this.about.frames[wanted]} cannot be shown`); }
+    } catch (error) { panel.say(error.message || `frame ${this.about.frames[wanted]} cannot be shown`); }
     this.settle();
   }
 
@@ -152,7 +147,7 @@ export class Page {
     this.seen.tell();
     return this.queue.add(async () => {
       const state = await post("/api/change", { revision: this.state.revision, subject, ...what });
-      this.say("");
+      panel.say("");
       this.update(state, state.revision);
     });
   }
@@ -189,9 +184,9 @@ export class Page {
   async accept() {
     if (!this.suggestions) return;
     const { revision } = this.state;
-    const attention = Number(find("plenty").firstElementChild.value);
+    const attention = panel.plenty();
     await this.change({ kind: "accept", attention });
-    if (this.state.revision === revision) this.say(`There is nothing to take over: no suggestion of ${attention} or more where nothing is labelled.`);
+    if (this.state.revision === revision) panel.say(`There is nothing to take over: no suggestion of ${attention} or more where nothing is labelled.`);
   }
 
   async confirm() {
@@ -203,7 +198,7 @@ export class Page {
   note() {
     const here = at(this.track, this.wanted);
     this.noteAt = this.wanted;
-    if (here.target === null) this.say("There is no label here to put a note on.");
+    if (here.target === null) panel.say("There is no label here to put a note on.");
     else this.noteForm.open({ note: here.note });
   }
 
@@ -231,31 +226,26 @@ export class Page {
   // What was asked for before the newer state was seen was meant for the older one.
   overtaken() {
     const lost = this.queue.forget() ? " What you did last was not done." : "";
-    this.say(`The labels were changed elsewhere. This is the newer state.${lost}`);
+    panel.say(`The labels were changed elsewhere. This is the newer state.${lost}`);
   }
 
   refused(error) {
     this.player.stop();
     if (error.status === 409) {
       this.update(error.state, error.state.revision);
-      this.say("The labels were changed elsewhere. This is the newer state. What you did last was not done.");
-    } else if (error.status === 403) this.say("The server was started anew: open the address that it printed.");
-    else this.say(error.status ? error.message : "The server does not answer: nothing you do now is saved.");
-  }
-
-  say(text) {
-    find("notice").textContent = text;
-    find("notice").hidden = !text;
+      panel.say("The labels were changed elsewhere. This is the newer state. What you did last was not done.");
+    } else if (error.status === 403) panel.say("The server was started anew: open the address that it printed.");
+    else panel.say(error.status ? error.message : "The server does not answer: nothing you do now is saved.");
   }
 
   draw() {
     const { subject, suggestions, shown, about: { subjects, names, frames }, state } = this;
     const here = at(this.track, shown);
-    drawPlace(this.stage.scene ? frames[shown] : null, shown, this.total, this.player.speed);
-    drawLabel(subject, here);
-    drawSubject(subject);
-    drawProgress(state);
-    drawTools(state, this.stage);
+    panel.drawPlace(this.stage.scene ? frames[shown] : null, shown, this.total, this.player.speed);
+    panel.drawLabel(subject, here);
+    panel.drawSubject(subject);
+    panel.drawProgress(state);
+    panel.drawTools(state, this.stage);
     this.names.draw(subject, here.target);
     this.strips.draw(shown, { ...state, subjects, subject, names, suggestions });
     this.stage.draw(subject, names);

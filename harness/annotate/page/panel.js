@@ -4,7 +4,23 @@ import { onPress } from "./keys.js";
 
 const find = (id) => document.getElementById(id);
 
-export function drawMode({ configuration, uncertain_first: uncertainFirst, blind }) {
+export function say(text) {
+  find("notice").textContent = text;
+  find("notice").hidden = !text;
+}
+
+// From which attention on suggestions are taken over.
+export const plenty = () => Number(find("plenty").firstElementChild.value);
+
+export function makePlenty(hasRun) {
+  find("plenty").hidden = !hasRun;
+  find("plenty").addEventListener("pointerup", (event) => event.target.blur());
+  find("plenty").addEventListener("input", () => { find("plenty").lastElementChild.value = plenty(); });
+}
+
+export function drawTitle({ file, configuration, uncertain_first: uncertainFirst, blind }) {
+  find("title").textContent = file;
+  document.title = `${file} – vfoa annotate`;
   const said = [configuration && `suggestions of ${configuration}`, uncertainFirst && "least sure first", blind && "blind"];
   find("mode").textContent = said.filter(Boolean).join(", ");
 }
