@@ -172,6 +172,15 @@ def test_the_angles_of_heads_and_gazes_turn_to_the_images_left_and_up(first, sec
     assert math.asin(-gaze[1]) == pytest.approx(second, abs=1e-6)
 
 
+@pytest.mark.parametrize("direction", [head_direction_crop, gaze_direction_crop])
+def test_many_angles_have_as_many_directions(direction):
+    first, second = np.array([[0.1, -0.2], [0.3, 0.0], [1.0, -1.0]]), np.array([[0.5, 0.4], [0.0, -0.3], [-0.1, 0.2]])
+    found = direction(first, second)
+    assert found.shape == (3, 2, 3)
+    for place in np.ndindex(3, 2):
+        np.testing.assert_array_equal(found[place], direction(first[place], second[place]))
+
+
 @given(ANGLES, ANGLES, SEEDS)
 def test_a_perturbation_turns_by_its_angle_towards_its_side(right_rad, down_rad, seed):
     direction = vectors(seed)
