@@ -89,8 +89,8 @@ def locate_all(files: Iterable[str]) -> dict[str, Path]:
         command that brings them.
     """
     files = list(files)
-    models = {entry.file: name for name, entry in catalogue().items() if entry.find() is None}
-    if absent := [file for file in files if file in models]:
+    models = {entry.file: name for name, entry in catalogue().items()}
+    if absent := [file for file in files if file in models and find_model(models[file]).find() is None]:
         folders = ", ".join(map(str, directories()))
         raise VfoaError(
             f"no such model files: {', '.join(absent)}; expected in {folders}: `vfoa models fetch "
