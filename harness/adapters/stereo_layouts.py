@@ -57,9 +57,8 @@ class FoundLayout:
         width, height = self.size_px
         rate = "" if self.rate_hz is None else f", {self.rate_hz:g} Hz"
         alone = [f"{n} only {side}" for side, n in (("left", self.left_only), ("right", self.right_only)) if n]
-        return (
-            f"{self.source['layout']}: {self.frames} pairs of {width} x {height}{rate} ({', '.join([names, *alone])})"
-        )
+        pairs = f"{self.frames} {'pair' if self.frames == 1 else 'pairs'}"
+        return f"{self.source['layout']}: {pairs} of {width} x {height}{rate} ({', '.join([names, *alone])})"
 
 
 def find_layouts(path: Path) -> tuple[FoundLayout, ...]:

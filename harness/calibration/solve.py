@@ -68,7 +68,8 @@ def solve(views: Sequence[View], size_px: tuple[int, int]) -> StereoCalibration:
     while True:
         if len(kept) < MIN_VIEWS:
             reasons = "".join(f"; frame {each.number}: {each.reason}" for each in dropped)
-            raise VfoaError(f"{len(kept)} usable views of the board; expected at least {MIN_VIEWS}{reasons}")
+            hint = " (are --columns and --rows right?)" if not kept else ""
+            raise VfoaError(f"{len(kept)} usable views of the board; expected at least {MIN_VIEWS}{hint}{reasons}")
         found = _solve(kept, size_px, tuple(dropped))
         worst = _worst(found.errors)
         if worst is None:

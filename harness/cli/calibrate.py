@@ -67,6 +67,8 @@ def calibrate(
     typer.echo(f"{preview}: frame {shown}, rectified")
     errors = f"RMS {found.rms_px:.3f} px, mean epipolar error {found.epipolar_px:.3f} px"
     typer.echo(f"{out}: {len(found.errors)} pairs, {errors}, baseline {rectified.calibration.baseline_m:.4f} m")
+    typer.echo(f"next: look at {preview}: the same thing must lie on the same row on both sides")
+    typer.echo(f"next: vfoa clips add PATH --calibration {out}")
 
 
 def _check_name(out: Path) -> None:

@@ -99,4 +99,7 @@ def _print(added: Added) -> None:
     for verb in ("clips check", "annotate", "run") if added.subjects else ("clips check", "run"):
         typer.echo(f"next: vfoa {verb} {added.name}")
     if not added.subjects:
-        typer.echo(f"to label it, say who is there: [subjects.NAME] in {added.manifest.name}, or add it with --subject")
+        typer.echo(
+            f"nobody can be labelled yet: write [subjects.NAME] into {added.manifest.name}, or remove both files and "
+            "add the clip again with --subject NAME"
+        )

@@ -34,19 +34,21 @@ def list_clips(as_json: Json = False) -> None:
 @app.command(name="check")
 def check_clips(
     clips: Annotated[
-        list[str] | None, typer.Argument(metavar="CLIP", help="Names, or .toml files; all clips if none.")
+        list[str] | None, typer.Argument(metavar="CLIP", help="Names, or .toml files; all that are at hand if none.")
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Open clips, decode three frames of each, check calibration, rectification and labels; exit 2 if one fails."""
-    from harness.clips.check import check_clip
-    from harness.clips.locate import names
+    from harness.clips.check import check_clip, clips_at_hand
 
-    checks = [check_clip(clip) for clip in clips or names("datasets")]
+    chosen, elsewhere = (clips, {}) if clips else clips_at_hand()
+    checks = [check_clip(clip) for clip in chosen]
     if as_json:
         print_json([asdict(check) for check in checks])
     else:
         _print_checks(checks)
+        for variable, absent in elsewhere.items():
+            typer.echo(f"not checked, {variable} is not set: {', '.join(absent)}")
     if any(check.problems for check in checks):
         raise typer.Exit(2)
 
@@ -73,20 +75,12 @@ def fetch_clips(
 
 def _print_list(rows: list[ClipRow]) -> None:
     print_table(
-        ["clip", "adapter", "frames", "subjects", "targets", "licence", "labels"],
+        ["clip", "adapter", "frames", "people", "things", "labels", "licence"],
         [
-            [
-                row.name,
-                row.adapter,
-                row.frames,
-                ", ".join(row.subjects),
-                ", ".join(row.targets),
-                row.licence,
-                row.labels,
-            ]
+            [row.name, row.adapter, row.frames, len(row.subjects), len(row.targets), row.labels, row.licence]
             for row in rows
         ],
-        wrapped={"subjects", "targets", "licence"},
+        shortened={"licence"},
     )
     for row in rows:
         if row.problem:
@@ -95,7 +89,7 @@ def _print_list(rows: list[ClipRow]) -> None:
 
 def _print_checks(checks: list[ClipCheck]) -> None:
     print_table(
-        ["clip", "frames", "size", "B m", "rows off", "labels", ""],
+        ["clip", "frames", "size", "baseline m", "row error px", "labels", ""],
         [
             [
                 check.name,
@@ -109,9 +103,12 @@ def _print_checks(checks: list[ClipCheck]) -> None:
             for check in checks
         ],
     )
+    said: dict[str, list[str]] = {}
     for check in checks:
         for line in (*check.problems, *(f"note: {note}" for note in check.notes)):
-            typer.echo(f"{check.name}: {line}")
+            said.setdefault(line, []).append(check.name)
+    for line, clips in said.items():
+        typer.echo(f"{', '.join(clips)}: {line}")
 
 
 def _rounded(value: float | None, digits: int) -> str | None:

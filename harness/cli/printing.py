@@ -11,8 +11,13 @@ if TYPE_CHECKING:
     from harness.report.formats import Table
 
 
-def print_table(header: Sequence[str], rows: Sequence[Sequence[object]], wrapped: Collection[str] = ()) -> None:
-    """Print a table; only the columns named in ``wrapped`` may be broken into lines."""
+def print_table(
+    header: Sequence[str],
+    rows: Sequence[Sequence[object]],
+    wrapped: Collection[str] = (),
+    shortened: Collection[str] = (),
+) -> None:
+    """Print a table; where it is too wide, columns named in ``wrapped`` are broken into lines, ``shortened`` cut."""
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
@@ -20,9 +25,13 @@ def print_table(header: Sequence[str], rows: Sequence[Sequence[object]], wrapped
 
     table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for name in header:
-        table.add_column(name, no_wrap=name not in wrapped, overflow="fold", min_width=len(name))
+        table.add_column(name, no_wrap=name not in (*wrapped, *shortened), overflow="fold", min_width=len(name))
     for row in rows:
-        table.add_row(*(Text("-" if cell in (None, "") else str(cell)) for cell in row))
+        cells = [Text("-" if cell in (None, "") else str(cell)) for cell in row]
+        for name, cell in zip(header, cells, strict=True):
+            if name in shortened:
+                cell.no_wrap, cell.overflow = True, "ellipsis"
+        table.add_row(*cells)
     Console().print(table)
 
 
@@ -36,7 +45,7 @@ def print_reports(tables: Iterable[Table]) -> None:
 
     console = Console()
     for table in tables:
-        console.print(to_rich(table))
+        console.print(to_rich(table) if table.rows else f"{table.title}: nothing to show\n", highlight=False)
         notes = RichTable.grid(padding=(0, 1, 0, 0))
         for note in table.notes:
             notes.add_row("-", Text(note))

@@ -120,7 +120,8 @@ def run(
             beside=out is None,
             retry_failed=retry_failed,
         )
-    print_scores(rescore(directory))
+    scores = rescore(directory)
+    print_scores(scores)
     for notice in notices:
         typer.echo(notice)
     if save_signals:
@@ -128,7 +129,8 @@ def run(
     typer.echo(
         f"\nPage: {directory.path / 'report.html'}"
         f"\nTables: {directory.path / 'frr.md'} (all of them), frr.csv, frr.tex, compared.md (paired tests)"
-        f"\nScrub a failure: vfoa view {directory.path} --failures"
+        f"\n{'Scrub a failure' if scores.rows else 'Scrub'}: vfoa view {directory.path}"
+        f"{' --failures' if scores.rows else ''}"
     )
     _report_failures(directory)
 
@@ -158,7 +160,8 @@ def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, .
     for name in what:
         if not name.endswith(".toml") and find("datasets", name) is None:
             raise VfoaError(_said_of_unknown(name))
-    return load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
+    default = load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
+    return replace(default, name=Path(what[0]).stem) if len(default.clips) == 1 else default
 
 
 def _said_of_unknown(name: str) -> str:

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.adapters import Clip
+from harness.annotations.files import IGNORED
 from harness.annotations.timeline import timeline_of
-from harness.clips.locate import names
+from harness.clips.locate import names, unset_variables
 from harness.clips.manifest import ClipManifest, load_manifest
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image, StereoFrame
@@ -49,9 +50,9 @@ class ClipRow:
 class ClipCheck:
     """What was found in one clip; it can be used if there are no ``problems``.
 
-    ``labels`` counts labelled (frame, subject) pairs, None without an annotation file. ``vertical_error_px`` is the
-    median row difference of matched points, None where too few were found. ``notes`` are what is to be known: what
-    the source lost, what could not be measured.
+    ``labels`` counts (frame, subject) pairs whose label is scored, None without an annotation file.
+    ``vertical_error_px`` is the median row difference of matched points, None where too few were found. ``notes`` are
+    what is to be known: what the source lost, what could not be measured.
     """
 
     name: str
@@ -69,6 +70,25 @@ class ClipCheck:
 def list_clips() -> list[ClipRow]:
     """Every clip that can be found, by name."""
     return [_row(name, path) for name, path in names("datasets").items()]
+
+
+def clips_at_hand() -> tuple[list[str], dict[str, list[str]]]:
+    """The clips that can be looked for, and, by environment variable, those whose root needs one that is not set.
+
+    Those that came with the package are at hand only where their data is; a manifest that cannot be read is.
+    """
+    here: list[str] = []
+    elsewhere: dict[str, list[str]] = {}
+    for name, path in names("datasets").items():
+        try:
+            root = load_manifest(path).root or ""
+        except VfoaError:
+            root = ""
+        if unset := unset_variables(root):
+            elsewhere.setdefault(unset[0], []).append(name)
+        else:
+            here.append(name)
+    return here, elsewhere
 
 
 def check_clip(name_or_path: str) -> ClipCheck:
@@ -161,7 +181,10 @@ def _open(manifest: ClipManifest) -> tuple[Clip | None, str | None]:
 
 
 def _labels(manifest: ClipManifest, clip: Clip | None) -> tuple[int | None, tuple[str, ...]]:
-    """Number of labelled (frame, subject) pairs (rows' own lengths where the clip cannot be opened), and problems."""
+    """Number of (frame, subject) pairs with a label that is scored, and problems.
+
+    Where the clip cannot be opened, the rows' own lengths count.
+    """
     try:
         labels = manifest.labels(None if clip is None else timeline_of(clip))
     except VfoaError as error:
@@ -169,8 +192,9 @@ def _labels(manifest: ClipManifest, clip: Clip | None) -> tuple[int | None, tupl
     if labels is None:
         return None, ()
     if clip is None:
-        return sum(each.last_frame - each.first_frame + 1 for each in labels.ranges), ()
-    return sum(1 for _ in labels.labelled(clip.frames)), ()
+        scored = [each for each in labels.ranges if each.label.target != IGNORED]
+        return sum(each.last_frame - each.first_frame + 1 for each in scored), ()
+    return sum(1 for _, _, label in labels.labelled(clip.frames) if label.target != IGNORED), ()
 
 
 def _sample(clip: Clip) -> list[StereoFrame]:
@@ -184,19 +208,20 @@ def _sample(clip: Clip) -> list[StereoFrame]:
 
 
 def _calibration_problems(frames: Sequence[StereoFrame]) -> list[str]:
-    problems = []
+    """Each once, with the frames that have it."""
+    problems: dict[str, list[int]] = {}
     for frame in frames:
         rig = frame.rig
         if rig.baseline_m > MAX_BASELINE_M:
-            problems.append(
-                f"frame {frame.index}: the baseline is {rig.baseline_m:g} m; expected metres (millimetres?)"
-            )
+            problem = f"the baseline is {rig.baseline_m:g} m; expected metres (millimetres?)"
+            problems.setdefault(problem, []).append(frame.index)
         if not (0 < rig.cx_px < rig.width_px and 0 < rig.cy_px < rig.height_px):
-            problems.append(
-                f"frame {frame.index}: the principal point ({rig.cx_px:g}, {rig.cy_px:g}) lies outside the image of "
+            problem = (
+                f"the principal point ({rig.cx_px:g}, {rig.cy_px:g}) lies outside the image of "
                 f"{rig.width_px} x {rig.height_px}; expected the calibration of this size"
             )
-    return problems
+            problems.setdefault(problem, []).append(frame.index)
+    return [f"frame {', '.join(map(str, numbers))}: {problem}" for problem, numbers in problems.items()]
 
 
 def _rectification_problems(error_px: float | None) -> list[str]:

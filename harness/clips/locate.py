@@ -47,6 +47,11 @@ def names(kind: Kind) -> dict[str, Path]:
     return dict(sorted(found.items()))
 
 
+def unset_variables(text: str) -> list[str]:
+    """The environment variables that a path from a configuration file needs and that are not set."""
+    return [name for name in dict.fromkeys(_VARIABLE.findall(text)) if not os.environ.get(name)]
+
+
 def expand(text: str, base: Path, where: str) -> Path:
     """A path from a configuration file: ``${NAME}`` and ``~`` expanded, relative to ``base``; of an address, its copy.
 
@@ -60,10 +65,9 @@ def expand(text: str, base: Path, where: str) -> Path:
     def value(match: re.Match[str]) -> str:
         found = os.environ.get(match[1])
         if not found:
-            raise VfoaError(
-                f"{where}: {text!r} needs the environment variable {match[1]}, which is not set; "
-                f"set it to what ${{{match[1]}}} stands for there"
-            )
+            below = text[match.end() :].strip("/")
+            holds = f"; set it to the folder that holds {below}" if below else ""
+            raise VfoaError(f"{where}: {text!r} needs the environment variable {match[1]}, which is not set{holds}")
         return found
 
     place = _VARIABLE.sub(value, text)

@@ -28,6 +28,11 @@ FRR_NOTES = (
     f"{ALL}: the pairs of all clips together, so that longer clips weigh more.",
 )
 
+TERMINAL_NOTE = (
+    "n: labelled (frame, subject) pairs. FRR: share of them with the right answer; no answer is wrong. "
+    "Coverage: share with an answer."
+)
+
 
 def render_tables(scores: Scores, reliabilities: Sequence[Reliability] = ()) -> dict[str, str]:
     """Every table but ``frames.csv``, by file name; those of the ladder and of the truth only where there is one."""
@@ -90,11 +95,7 @@ def terminal_table(scores: Scores) -> Table:
         columns=table.columns[:-1],
         rows=tuple(row[:-1] for row in table.rows if row[1] in shown),
         words=table.words,
-        notes=(
-            "n: labelled (frame, subject) pairs. FRR: share of them with the right answer; no answer is wrong. "
-            "Coverage: share with an answer.",
-            *_remarks(scores),
-        ),
+        notes=(*([TERMINAL_NOTE] if scores.rows else []), *_remarks(scores)),
     )
 
 
@@ -193,7 +194,8 @@ def _remarks(scores: Scores) -> list[str]:
     for clip in scores.clips:
         of_clip = [row for row in rows if row.clip == clip]
         if not of_clip:
-            remarks.append(f"{clip}: no annotated frames, not scored.")
+            if not any(note.startswith(f"{clip}: no labels") for note in remarks):
+                remarks.append(f"{clip}: no frame is labelled, not scored; `vfoa annotate {clip}` labels it.")
             continue
         rate, rule = max((max(row.baselines[rule] for row in of_clip), rule) for rule in RULES)
         best = max(row.frr for row in of_clip)

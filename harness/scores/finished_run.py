@@ -82,7 +82,7 @@ class FinishedRun:
         run = self.manifest
         annotator = annotator or run.get("annotator")
         found = {clip["name"]: _manifest(clip).labels(_timeline(clip), annotator) for clip in run["clips"]}
-        labels = {name: each for name, each in found.items() if each is not None}
+        labels = {name: each for name, each in found.items() if each is not None and each.ranges}
         of_clips: dict[str, list[str]] = {}
         for clip in run["clips"]:
             for note in clip["notes"]:
@@ -106,9 +106,13 @@ class FinishedRun:
             if record.clip in people:
                 people[record.clip] = max(people[record.clip], len(record.subjects))
         return [
-            f"{clip}: no annotations, not scored; {f'up to {most} people' if most else 'nobody'} found in its frames."
+            f"{clip}: no labels, not scored; {_people(most)} found in its frames; `vfoa annotate {clip}` labels it."
             for clip, most in people.items()
         ]
+
+
+def _people(most: int) -> str:
+    return "nobody" if most == 0 else "one person at most" if most == 1 else f"up to {most} people"
 
 
 def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:

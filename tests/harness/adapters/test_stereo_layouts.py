@@ -89,7 +89,7 @@ def test_images_without_a_partner_are_counted(tmp_path: Path) -> None:
         (tmp_path / name).unlink()
     (found,) = find_layouts(tmp_path)
     assert (found.frames, found.left_only, found.right_only) == (1, 2, 1)
-    assert "1 pairs of 128 x 96" in str(found)
+    assert "1 pair of 128 x 96" in str(found)
     assert "2 only left, 1 only right" in str(found)
 
 

@@ -9,7 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
-from harness.clips.check import MATCHED_SIDE_PX, matched_offsets_px
+from harness.clips.check import MATCHED_SIDE_PX, clips_at_hand, matched_offsets_px
+from harness.clips.locate import names
 from tests.disk import write_bytes, write_image, write_text
 
 WIDTH, HEIGHT, DISPARITY = 320, 240, 12
@@ -173,6 +174,32 @@ def test_the_list_works_without_the_data(tmp_path: Path) -> None:
     bandage = rows["sintel_bandage_2"]
     assert (bandage["frames"], bandage["labels"], bandage["subjects"]) == (None, 50, ["girl"])
     assert "VFOA_DATA, which is not set" in bandage["problem"]
+
+
+def test_frames_that_are_ignored_are_no_labels(tmp_path: Path) -> None:
+    _clip(tmp_path, labels=LABELS.replace(",bird,", ",ignore,"))
+    assert _check("wall")[1]["labels"] == 0
+
+
+def test_all_clips_are_those_whose_data_is_at_hand(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _clip(tmp_path)
+    write_text(tmp_path / "datasets" / "lab.toml", 'name = "lab"\nadapter = "stereo_folder"\nroot = "${LAB}/x"\n')
+    (tmp_path / "datasets" / "torn.toml").write_text("name =")
+    here, elsewhere = clips_at_hand()
+    assert {"wall", "torn", "studio_table"} <= set(here)
+    assert elsewhere["LAB"] == ["lab"]
+    assert "sintel_bandage_2" in elsewhere["VFOA_DATA"]
+    monkeypatch.setenv("LAB", "/lab")
+    assert "lab" in clips_at_hand()[0]
+
+
+def test_the_list_has_one_line_a_clip_in_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _clip(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    lines = CliRunner().invoke(app, ["list"]).stdout.splitlines()
+    table = lines[3 : lines.index(" " * 80, 1)]
+    assert all(len(line) <= 80 and line.split() for line in table)
+    assert {line.split()[0] for line in table} == set(names("datasets"))
 
 
 def test_the_tables_name_every_clip(tmp_path: Path) -> None:

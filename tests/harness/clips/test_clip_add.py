@@ -36,13 +36,13 @@ def test_what_is_added_passes_the_check(tmp_path: Path, kind: Kind) -> None:
     assert checked["problems"] == []
     assert (checked["frames"], checked["size_px"]) == (kind.frames, [WIDTH, HEIGHT])
     assert checked["baseline_m"] == pytest.approx(kind.baseline_m)
-    assert checked["labels"] == kind.frames
+    assert checked["labels"] == 0  # all frames are ignored until somebody labels them
 
 
 def test_what_is_added_is_listed(tmp_path: Path) -> None:
     vfoa("add", scene_folder(tmp_path), "--name", "mine", "--subject", "ann", "--target", "mug=cup")
     (listed,) = [row for row in vfoa("list") if row["name"] == "mine"]
-    assert (listed["subjects"], listed["targets"], listed["labels"]) == (["ann"], ["mug"], 3)
+    assert (listed["subjects"], listed["targets"], listed["labels"]) == (["ann"], ["mug"], 0)
 
 
 def test_what_was_found_is_said_and_the_next_commands_work(tmp_path: Path) -> None:
@@ -139,7 +139,7 @@ def test_odd_names_survive(tmp_path: Path) -> None:
     added = vfoa("add", path, "--subject", 'Ann "A"', "--target", "red mug=cup", "--target", "blue mug=cup")
     assert added["name"] == "my_table_1"
     (checked,) = vfoa("check", "my_table_1")
-    assert (checked["problems"], checked["labels"]) == ([], 3)
+    assert (checked["problems"], checked["frames"]) == ([], 3)
 
 
 PLUGIN = """

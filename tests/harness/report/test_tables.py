@@ -125,7 +125,7 @@ def test_comparisons_are_said_in_words() -> None:
 
 def test_a_clip_without_labels_is_said_to_be_unscored() -> None:
     scores = score([*answers(["cup"]), *answers(["cup"], clip="street")], Reference(labels={"clip": labels("cup")}))
-    assert "street: no annotated frames, not scored." in frr_table(scores).notes
+    assert "street: no frame is labelled, not scored; `vfoa annotate street` labels it." in frr_table(scores).notes
 
 
 def test_nothing_scored_still_makes_tables() -> None:
