@@ -127,6 +127,15 @@ def test_what_a_kill_cut_off_is_dropped_and_the_rest_is_kept(tmp_path: Path) -> 
     assert timings.read_text() == kept
 
 
+def test_a_frame_survives_its_process_as_soon_as_it_is_done(tmp_path: Path) -> None:
+    results, timings = tmp_path / "runs" / "parts" / "a.jsonl", tmp_path / "runs" / "parts" / "a.csv"
+    with open_part(results, timings) as part:
+        for frame in (1, 2):
+            part.write(f"line {frame}\n", {"stereo": frame}, f"clip,conf,{frame}")
+            assert results.read_text().endswith(f"line {frame}\n")
+            assert timings.read_text().endswith(f"clip,conf,{frame},stereo,{frame}.000\n")
+
+
 def test_a_kept_frame_that_comes_out_differently_is_refused(tmp_path: Path) -> None:
     paths = tmp_path / "a.jsonl", tmp_path / "a.csv"
     with open_part(*paths) as part:
