@@ -14,6 +14,9 @@ from vfoa.types import Float, Head, Instances, Mask, StereoFrame
 HEAD_ASPECT = 1.25
 """Height over width of a head's box: between a face (about 1.5) and a profile (about 1.2)."""
 
+LEAST_SHARE = 0.05
+"""What is less than this share of a mask's width, or of a head's pixels on one side, is an appendage."""
+
 SCORE_FACTOR = 0.5
 """A head that is only inferred has half its person's score, so that one with a face comes first."""
 
@@ -45,16 +48,18 @@ def head_box(mask: Mask) -> Float | None:
 
     From the mask's top downwards, rows are taken until their number reaches 1.25 times their median width: at the
     top of a skull rows are narrow, so that it goes on; at the neck it has come to the height that belongs to the
-    width. Left and right leave out a twentieth of these pixels on either side, so that a strand of hair or a raised
-    finger does not widen the box. An arm raised over the head is taken for it: the mask alone cannot tell.
+    width. Left and right leave out a twentieth of these pixels on either side, and the top the rows before the first
+    that has a twentieth of the widest, so that a strand of hair, a raised finger or a stray pixel is not the head. An
+    arm raised over the head is taken for it: the mask alone cannot tell.
     """
-    rows = np.flatnonzero(mask.any(axis=1))
-    if not len(rows):
+    widths = mask.sum(axis=1)
+    if not widths.any():
         return None
-    top = rows[0]
-    height = _head_rows(mask[top : rows[-1] + 1].sum(axis=1).tolist())
+    top = int(np.argmax(widths >= max(LEAST_SHARE * widths.max(), 1)))
+    bottom = int(np.flatnonzero(widths)[-1])
+    height = _head_rows(widths[top : bottom + 1].tolist())
     columns = np.repeat(np.arange(mask.shape[1]), mask[top : top + height].sum(axis=0))
-    left, right = np.percentile(columns, [5, 95])
+    left, right = np.quantile(columns, [LEAST_SHARE, 1 - LEAST_SHARE])
     return np.array([left - 0.5, top - 0.5, right + 0.5, top + height - 0.5])
 
 

@@ -93,10 +93,19 @@ def test_a_close_up_of_a_head_is_all_head() -> None:
 
 @given(widths=st.lists(st.integers(0, 60), min_size=1, max_size=60))
 def test_a_head_ends_where_its_rows_reach_the_height_of_their_median_width(widths: list[int]) -> None:
-    mask = np.arange(61) <= np.array(widths)[:, None]  # a row more wide than 0, so that none is empty
+    mask = np.arange(64) <= np.array(widths)[:, None] + 3  # no row is so narrow that it could be left out
     reached = (n for n in range(1, len(widths) + 1) if n >= HEAD_ASPECT * np.median(mask[:n].sum(axis=1)))
     _, top, _, bottom = head_box(mask)
     assert bottom - top == next(reached, len(widths))
+
+
+@pytest.mark.parametrize("rows", [slice(10, 11), slice(10, 45), slice(25, 45)], ids=["pixel", "strand", "feather"])
+def test_what_sticks_out_above_a_head_is_not_the_head(rows: slice) -> None:
+    """A pixel that a segmentation has put far above, a strand of hair on end, a feather."""
+    mask, _ = person_mask((400, 500), 250, 40, 60)
+    adorned = mask.copy()
+    adorned[rows, 251:254] = True
+    np.testing.assert_array_equal(head_box(adorned), head_box(mask))
 
 
 def test_an_empty_mask_has_no_head() -> None:
