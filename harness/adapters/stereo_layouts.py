@@ -16,7 +16,8 @@ from harness.adapters.stereo_videos import PackedVideo, VideoPair
 from harness.adapters.stereo_views import ImagePairs, PackedImages, Packing, Views
 from harness.adapters.view_files import TICKS_NS, Layout, StampUnit
 from harness.media.frame_files import IMAGE_SUFFIXES, find_frames
-from harness.media.video import VIDEO_SUFFIXES
+from harness.media.images import read_rgb
+from harness.media.video import VIDEO_SUFFIXES, Video
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
 
@@ -70,18 +71,32 @@ def find_layouts(path: Path) -> tuple[FoundLayout, ...]:
     Raises
     ------
     VfoaError
-        If there is nothing at the path, or the first pair of a layout cannot be read.
+        If there is nothing at the path, it is a file that cannot be read, or the first pair of a layout cannot; of
+        videos, only where no images are a pair.
     """
     if not path.exists():
         raise VfoaError(f"{path}: no such file or folder")
     if path.is_file():
+        _check_readable(path)
         return tuple(_packed(path.parent, path.name, path))
     images, videos = _files_by_folder(path, IMAGE_SUFFIXES), _files_by_folder(path, VIDEO_SUFFIXES)
-    pairs = [*_pairs_of_folders(path, images), *_pairs_in_folders(path, images), *_video_pairs(path, videos)]
+    pairs = [*_pairs_of_folders(path, images), *_pairs_in_folders(path, images)]
+    try:
+        pairs += _video_pairs(path, videos)
+    except VfoaError:
+        if not pairs:
+            raise
     found = pairs or [each for name, files in images.items() for each in _packed(path, name, path / files[0])]
     lonely = [] if pairs else [file for files in videos.values() for file in files]
     found += [each for file in lonely for each in _packed(path, file, path / file)]
     return tuple(sorted(found, key=lambda each: (-each.frames, len(each.source.get("left", "")))))
+
+
+def _check_readable(path: Path) -> None:
+    if path.suffix.lower() in VIDEO_SUFFIXES:
+        Video(path).read(0)
+    else:
+        read_rgb(path)
 
 
 def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str]]:

@@ -50,20 +50,20 @@ def _readings(path: Path, adapter: str | None) -> list[Reading]:
     if not path.exists():
         raise VfoaError(f"{path}: no such file or folder")
     names = [adapter] if adapter else ADAPTERS.names()
+    asked = {name: cls for name in names if isinstance(cls := ADAPTERS.load(name), Recogniser)}
     found: list[Reading] = []
     failures: list[VfoaError] = []
-    for name in names:
-        cls = ADAPTERS.load(name)
-        if isinstance(cls, Recogniser):
-            try:
-                found += [Reading(name, each) for each in cls.recognise(path)]
-            except VfoaError as error:
-                failures.append(error)
+    for name, cls in asked.items():
+        try:
+            found += [Reading(name, each) for each in cls.recognise(path)]
+        except VfoaError as error:
+            failures.append(error)
     if found:
         return found
     if failures:
         raise failures[0]
-    raise VfoaError(f"{path}: not recognised by {', '.join(names)}; expected one of the sources in datasets/README.md")
+    who = ", ".join(asked or names)
+    raise VfoaError(f"{path}: not recognised by {who}; expected one of the sources in datasets/README.md")
 
 
 def _agrees(found: Recognised, given: Mapping[str, Any]) -> bool:

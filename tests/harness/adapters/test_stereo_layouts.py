@@ -13,7 +13,7 @@ import pytest
 from harness.adapters.side_names import pair_names
 from harness.adapters.stereo_folder import StereoFolderClip, StereoFolderSettings
 from harness.adapters.stereo_layouts import FoundLayout, find_layouts
-from tests.disk import write_image, write_text, write_video
+from tests.disk import write_bytes, write_image, write_text, write_video
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
@@ -130,6 +130,24 @@ def test_the_preview_of_a_calibration_is_no_frame(tmp_path: Path) -> None:
     assert [each.source["both"] for each in find_layouts(tmp_path)] == ["."]
     write_text(tmp_path / "stereo.yml", "")
     assert find_layouts(tmp_path) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [("a.mp4", b"", "not a readable video"), ("a.png", b"\x89PNG\r\n\x1a\n", "truncated PNG")],
+)
+def test_a_file_that_cannot_be_read_is_said_to_be_so(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+    with pytest.raises(VfoaError, match=rf"{name}: {said}"):
+        find_layouts(write_bytes(tmp_path / name, content))
+
+
+def test_videos_that_cannot_be_read_hide_no_images(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        write_bytes(tmp_path / f"{side}.mp4", b"")
+    with pytest.raises(VfoaError, match=r"left\.mp4: not a readable video"):
+        find_layouts(tmp_path)
+    (found,) = find_layouts(_write_pairs(tmp_path, "left/{}.png", "right/{}.png"))
+    assert found.source["left"] == "left"
 
 
 def test_two_videos(tmp_path: Path) -> None:

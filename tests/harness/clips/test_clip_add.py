@@ -101,7 +101,7 @@ def test_a_wrong_option_is_one_line(tmp_path: Path, options: tuple[str, ...], me
 def test_what_is_not_a_clip_is_refused(tmp_path: Path) -> None:
     assert refused(tmp_path / "nowhere").endswith("nowhere: no such file or folder")
     write_text(tmp_path / "notes" / "a.txt", "hello")
-    assert "not recognised by mcap, sintel, stereo_folder, studio" in refused(tmp_path / "notes")
+    assert "not recognised by mcap, sintel, stereo_folder; expected" in refused(tmp_path / "notes")
 
 
 def test_an_unreadable_first_frame_writes_nothing(tmp_path: Path) -> None:
