@@ -59,6 +59,13 @@ def test_outside_of_its_region_nothing_is_known(has_confidence):
         assert disparity.confidence is None
 
 
+def test_a_map_of_the_whole_image_is_handed_on_as_it_is():
+    found, sure = (np.arange(600, dtype=np.float32).reshape(20, 30) + offset for offset in (1, 2))
+    disparity = in_frame(found, sure, Region(u0=0, v0=0, u1=30, v1=20), RIG)
+    np.testing.assert_array_equal(disparity.disparity_px, found)
+    np.testing.assert_array_equal(disparity.confidence, sure)
+
+
 def test_a_region_grows_as_far_as_the_image_goes():
     assert Region(u0=5, v0=4, u1=12, v1=9).grown(3, RIG) == Region(u0=2, v0=1, u1=15, v1=12)
     assert Region(u0=5, v0=4, u1=28, v1=18).grown(6, RIG) == Region(u0=0, v0=0, u1=30, v1=20)

@@ -131,8 +131,16 @@ def test_the_needed_region_holds_all_things_and_heads_and_nothing_more():
     )
     assert needed_region(stuff, [], RIG).is_empty
     assert needed_region(stuff, [head], RIG) == Region(u0=4, v0=10, u1=21, v1=41)
-    outside = Head(box_px=np.array([-50.0, -50, -10, -10]), score=1.0)
-    assert needed_region(stuff, [outside], RIG).is_empty
+    for beyond in (
+        (-50, -50, -10, -10),
+        (100, -50, 120, -10),
+        (-50, 40, -10, 60),
+        (100, 130, 120, 150),
+        (250, 40, 260, 60),
+    ):
+        outside = Head(box_px=np.array(beyond, dtype=np.float64), score=1.0)
+        assert needed_region(stuff, [outside], RIG).is_empty
+        assert needed_region(stuff, [head, outside], RIG) == Region(u0=4, v0=10, u1=21, v1=41)
 
 
 # Threads
