@@ -32,6 +32,7 @@ from tests import graphs
 from tests.alley import write_clip, write_masks
 from tests.command import vfoa
 from tests.disk import write_text
+from tests.plugins import install
 from tests.scenes import make_rig
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze.gaze360 import Gaze360
@@ -42,7 +43,7 @@ FRAMES = 6
 PLUGIN = """
 import numpy as np
 from vfoa.settings import Settings
-from vfoa.types import Disparity, Gaze
+from vfoa.types import Disparity
 
 class Flat:
     class Settings(Settings):
@@ -80,10 +81,7 @@ BROKEN = ("alley", "broken")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A package of somebody else's, as if it were installed."""
     folder = tmp_path_factory.mktemp("site")
-    write_text(folder / "vfoa_flat.py", PLUGIN)
-    info = folder / "vfoa_flat-1.0.dist-info"
-    write_text(info / "METADATA", "Metadata-Version: 2.1\nName: vfoa-flat\nVersion: 1.0\n")
-    write_text(info / "entry_points.txt", "[vfoa.stereo]\nflat = vfoa_flat:Flat\n")
+    install(folder, "vfoa_flat", PLUGIN, group="vfoa.stereo", name="flat", cls="Flat")
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(folder))
         yield folder

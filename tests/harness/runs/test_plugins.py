@@ -10,6 +10,7 @@ import pytest
 from harness.runs.conduct import conduct, prepare
 from harness.runs.experiment import load_experiment
 from harness.runs.results import read_results
+from tests.plugins import install
 
 PLUGIN = """
 from vfoa.settings import Settings
@@ -40,12 +41,7 @@ gaze.down = 0.75
 
 
 def test_a_gaze_model_of_another_package_is_used_by_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    site = tmp_path / "site"
-    info = site / "vfoa_ahead-1.0.dist-info"
-    info.mkdir(parents=True)
-    (site / "vfoa_ahead.py").write_text(PLUGIN, encoding="utf-8")
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: vfoa-ahead\nVersion: 1.0\n", encoding="utf-8")
-    (info / "entry_points.txt").write_text("[vfoa.gaze]\nahead = vfoa_ahead:Ahead\n", encoding="utf-8")
+    site = install(tmp_path / "site", "vfoa_ahead", PLUGIN, group="vfoa.gaze", name="ahead", cls="Ahead")
     monkeypatch.syspath_prepend(str(site))
 
     file = tmp_path / "plugin.toml"

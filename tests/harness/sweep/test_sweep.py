@@ -13,6 +13,7 @@ from harness.scores.finished_run import read_scores
 from harness.sweep.conduct import conduct_sweep
 from tests.command import vfoa
 from tests.disk import write_text
+from tests.plugins import install
 from vfoa.errors import VfoaError
 
 SWEEP = """
@@ -34,6 +35,18 @@ gaze = {{ model = "simulated" }}
 """
 VIEW = '[sweep]\nper = "gaze.error_deg"\nacross = "attention.cones_deg"\n'
 FRAMES = 2
+FAULTY = """
+from vfoa.settings import Settings
+
+class Faulty:
+    Settings = Settings
+
+    def __init__(self, settings):
+        pass
+
+    def match(self, frame):
+        return frame.depth
+"""
 
 
 def experiment_file(folder: Path, sweep: str = VIEW) -> str:
@@ -112,3 +125,20 @@ def test_what_a_sweep_does_not_keep_is_refused(
     assert code == 2
     assert option in said
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_a_bug_in_a_stage_keeps_its_traceback_where_no_run_keeps_it(
+    workers: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    site = install(tmp_path / "site", "vfoa_faulty", FAULTY, group="vfoa.stereo", name="faulty", cls="Faulty")
+    monkeypatch.syspath_prepend(str(site))
+    experiment = write_text(
+        tmp_path / "mine.toml", SWEEP.format(sweep=VIEW).replace('matcher = "truth"', 'matcher = "faulty"')
+    )
+    words = ("run", str(experiment), "--limit", "1", "--workers", workers, "--no-cache", "--out", str(tmp_path / "a"))
+    code, _, complaint = vfoa(monkeypatch, capsys, *words)
+    assert code == 2
+    assert complaint.startswith("Traceback (most recent call last):\n")
+    assert "return frame.depth" in complaint
+    assert complaint.splitlines()[-1].startswith('vfoa: frame 1: stereo.matcher = "faulty", match: AttributeError: ')
