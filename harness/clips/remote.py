@@ -2,7 +2,8 @@
 
 A pipeline reads every frame many times over, so a remote folder is copied into the cache once, and read from there. A
 file is copied again when its storage says that it has changed (size, time, ETag: fsspec's ``ukey``), and left out of
-the copy when it is gone there; what HTTP serves counts as unchanging, as fsspec has it. Keys and passwords are fsspec's own matter: its environment variables and files.
+the copy when it is gone there; what HTTP serves counts as unchanging, as fsspec has it. Keys and passwords are fsspec's
+own matter: its environment variables and files.
 """
 
 from __future__ import annotations

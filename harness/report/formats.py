@@ -129,6 +129,7 @@ _LATEX = {
     "–": "--",
     "<": r"\textless{}",
     ">": r"\textgreater{}",
+    "|": r"\textbar{}",
     "°": r"\textdegree{}",
     **{sign: f"\\{sign}" for sign in "&%$#_{}"},
 }

@@ -56,7 +56,7 @@ def test_latex_has_booktabs_rules_and_nothing_left_to_escape() -> None:
         r"\bottomrule",
     ]
     assert r"\begin{tabular}{lrr}" in text
-    assert r"{}sgbm\_two|[x] & 50 & 42--69 \\" in text
+    assert r"{}sgbm\_two\textbar{}[x] & 50 & 42--69 \\" in text
     assert r"\$1 \textbackslash{} \textasciitilde{}\textasciicircum{}\textless{}\textgreater{}\{\}\#" in text
     assert r"\caption{A\_b \& 5 \%}" in text
     assert r"clip\_one: *made* for 100 \%.\par" in text
