@@ -2,7 +2,9 @@
 
 The error is a random turn. Part of it is a slow bias, which a filter over time cannot remove, and part is noise of
 each frame. Both are normal in the two tangent directions; together their mean angle is ``error_deg``. Every error
-is a function of (seed, person, frame) alone, so frames can be computed in any order and on any worker.
+is a function of (seed, person, frame) alone, so frames can be computed in any order and on any worker. So the first
+person of one clip has the errors of the first person of every other: over several clips rates vary more from seed to
+seed than intervals say that take clips as independent.
 """
 
 from __future__ import annotations
