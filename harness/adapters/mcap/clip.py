@@ -100,7 +100,8 @@ class McapClip:
         if is_mcap(path):
             root, source, layout, name = path.parent, {"recording": path.name}, "an MCAP recording", path.stem
         elif files := files_in(path):
-            root, source, layout, name = path, {}, f"an MCAP recording in {len(files)} files", path.name
+            pieces = f"{len(files)} {'file' if len(files) == 1 else 'files'}"
+            root, source, layout, name = path, {}, f"an MCAP recording in {pieces}", path.name
         else:
             return ()
         return (Recognised(root=root, source=source, layout=layout, name=name, calibration="the recording's topics"),)
@@ -118,7 +119,7 @@ class McapClip:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was lost, how many images have no partner, and what the stamps are if not the headers'."""
+        """What was lost, which images are in no frame, and what the stamps are if not the headers'."""
         by_log = 'left and right are joined by the time of recording (stamps = "log"), not by when they were taken'
         return (*self._losses, *self._lost, *([by_log] if self._settings.stamps == "log" else []))
 

@@ -39,7 +39,8 @@ class Topic:
     def __str__(self) -> str:
         span_s = (self.last_ns - self.first_ns) / 1e9
         rate = f", {(self.count - 1) / span_s:.1f} Hz" if span_s > 0 else ""
-        return f"{self.name} ({self.type.name}, {self.count} messages{rate})"
+        messages = f"{self.count} {'message' if self.count == 1 else 'messages'}"
+        return f"{self.name} ({self.type.name}, {messages}{rate})"
 
 
 def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, where: str) -> tuple[Topic, Topic]:

@@ -125,7 +125,7 @@ def test_what_macos_leaves_beside_a_recording_is_none(tmp_path: Path) -> None:
     write_pairs(tmp_path / "day.mcap", pairs())
     (tmp_path / "._day.mcap").write_bytes(b"\0\5\26\7")
     (found,) = McapClip.recognise(tmp_path)
-    assert found.layout == "an MCAP recording in 1 files"
+    assert found.layout == "an MCAP recording in 1 file"
     assert len(McapClip(McapSettings(), tmp_path).frames) == 5
 
 
@@ -255,7 +255,7 @@ def test_a_recording_without_cameras_names_what_it_has(shared_data: Path) -> Non
     assert "\n" not in message
     for topic, count in (("/odom", 2639), ("/tf", 5422), ("/tf_static", 1), ("/amcl_pose", 135)):
         assert f"{topic} (" in message
-        assert f"{count} messages" in message
+        assert f"{count} message" in message
 
 
 @pytest.mark.parametrize(("content", "said"), [(b"", "not MCAP"), (b"PK\x03\x04 and so on", "not MCAP")])

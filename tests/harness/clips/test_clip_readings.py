@@ -57,7 +57,7 @@ def test_several_pairs_of_topics_are_listed(tmp_path: Path) -> None:
                 record.picture(f"/{rig}/{side}/image", 10**9, picture(1))
     message = refused(path)
     assert "2 pairs of image topics" in message
-    assert "/front/left/image (sensor_msgs/msg/Image, 1 messages)" in message
+    assert "/front/left/image (sensor_msgs/msg/Image, 1 message)" in message
     assert message.endswith("(here as --set KEY=VALUE)")
     vfoa("add", path, "--set", "left=/rear/left/image", "--set", "right=/rear/right/image")
 
