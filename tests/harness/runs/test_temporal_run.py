@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from harness.runs.configuration import Configuration
 from harness.runs.experiment import Experiment, load_experiment
 from harness.runs.results import FrameRecord, read_results
 from harness.runs.sharing import SharedPipeline
+from harness.truth.oracle import OracleSettings
 from tests import graphs
 from tests.disk import write_text
 from vfoa.gaze.gaze360 import Gaze360
@@ -123,17 +125,45 @@ def only(experiment: Experiment, *names: str) -> list[Configuration]:
     return [each for each in experiment.configurations if each.name in names]
 
 
-def test_the_network_runs_once_for_configurations_that_differ_in_stereo_alone(
-    experiment: Experiment, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    estimated: list[Head] = []
+@pytest.fixture
+def estimated(monkeypatch: pytest.MonkeyPatch) -> list[Head]:
+    """The heads that the network was asked of."""
+    asked: list[Head] = []
     estimate = Gaze360.estimate_sequence
 
     def counted(self: Gaze360, crops: Sequence[Any], head: Head, rig: Any) -> Gaze:
-        estimated.append(head)
+        asked.append(head)
         return estimate(self, crops, head, rig)
 
     monkeypatch.setattr(Gaze360, "estimate_sequence", counted)
+    return asked
+
+
+class OtherSettings(OracleSettings):
+    """Of a stage that is not the same, whatever it answers."""
+
+    mark: int = 1
+
+
+@pytest.mark.parametrize("slot", ["segmentation", "heads", "tracking"])
+def test_the_network_runs_anew_where_heads_may_be_others(
+    experiment: Experiment, estimated: list[Head], slot: str
+) -> None:
+    (base,) = only(experiment, "truth")
+    if slot == "tracking":
+        tracking = base.attend.tracking.model_copy(update={"sigma_iou": 0.3})
+        other = replace(base, name="other", attend=base.attend.model_copy(update={"tracking": tracking}))
+    else:
+        choice = replace(base.choices[slot], settings=OtherSettings())
+        other = replace(base, name="other", choices={**base.choices, slot: choice})
+    pipeline = SharedPipeline([base, other], load_manifest("studio_table").open())
+    assert len(list(pipeline.frames(range(1, 4)))) == 3
+    assert len(estimated) == 2 * 3
+
+
+def test_the_network_runs_once_for_configurations_that_differ_in_stereo_alone(
+    experiment: Experiment, estimated: list[Head]
+) -> None:
     pipeline = SharedPipeline(only(experiment, "truth", "bm"), load_manifest("studio_table").open())
     frames = list(pipeline.frames(range(1, LAST + 1)))
     assert len(estimated) == LAST

@@ -19,7 +19,7 @@ from vfoa.errors import VfoaError
 from vfoa.geometry import disparity_from_depth
 from vfoa.stereo import MATCHERS
 from vfoa.stereo.block_matching import SGBM_MODES
-from vfoa.stereo.search import disparity_range
+from vfoa.stereo.search import DisparityRange, disparity_range
 from vfoa.types import StereoFrame
 
 RIG = make_rig(240, 120)
@@ -89,6 +89,37 @@ def test_a_surface_without_texture_is_unknown_without_wls(name):
         image.flags.writeable = True
         image[:] = 128
     assert np.isnan(matcher(name, wls=False).match(frame).disparity_px).all()
+
+
+COMMON = {"uniqueness_percent": 7, "left_right_px": 3, "speckle_size_px": 40, "speckle_range_px": 5}
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "expected"),
+    [
+        ("bm", {"texture_threshold": 9}, {"TextureThreshold": 9}),
+        ("sgbm", {"mode": "hh", "p1": 6, "p2": 20}, {"Mode": cv2.STEREO_SGBM_MODE_HH, "P1": 6 * 81, "P2": 20 * 81}),
+    ],
+)
+def test_every_setting_reaches_opencv(name, settings, expected):
+    found = matcher(name, wls=False, block_size_px=9, pre_filter_cap=20, **COMMON, **settings)._create(
+        DisparityRange(first_px=3, count=32)
+    )
+    expected |= {"BlockSize": 9, "PreFilterCap": 20, "MinDisparity": 3, "NumDisparities": 32}
+    expected |= {"UniquenessRatio": 7, "Disp12MaxDiff": 3, "SpeckleWindowSize": 40, "SpeckleRange": 5}
+    assert {what: getattr(found, f"get{what}")() for what in expected} == expected
+
+
+@pytest.mark.parametrize("name", ["bm", "sgbm"])
+def test_for_the_filter_every_match_is_kept(name):
+    """It weighs matches by itself, and takes those that were found again from the right view for sure ones."""
+    found = matcher(name, wls=True, **COMMON)._create(DisparityRange(first_px=0, count=16))
+    # none is refused for what the right view says: a limit below 0, or one that no disparity exceeds
+    assert found.getUniquenessRatio() == 0
+    assert not 0 <= found.getDisp12MaxDiff() < 16
+    assert found.getSpeckleWindowSize() == 0
+    if name == "bm":
+        assert found.getTextureThreshold() == 0
 
 
 def test_confidence_decides_what_is_known(planes):

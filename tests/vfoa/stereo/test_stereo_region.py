@@ -47,6 +47,15 @@ def test_at_half_resolution_planes_have_their_disparity_at_every_pixel_of_the_fu
 
 
 @pytest.mark.parametrize("name", ["bm", "sgbm"])
+def test_at_half_resolution_a_match_stands_for_its_four_pixels_in_eighths(name):
+    known = found(name, wls=False, resolution="half").disparity_px.reshape(60, 2, 120, 2).swapaxes(1, 2).reshape(-1, 4)
+    known = known[np.isfinite(known).all(axis=1)]
+    assert len(known) > 1000
+    assert (known == known[:, :1]).all()
+    np.testing.assert_array_equal(known * 8, np.round(known * 8))
+
+
+@pytest.mark.parametrize("name", ["bm", "sgbm"])
 def test_at_half_resolution_known_pixels_are_seen_by_both_cameras_with_confidence(name):
     disparity = found(name, resolution="half")
     known = np.isfinite(disparity.disparity_px)
