@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.cli.run import _experiment
 from tests.command import vfoa
 from tests.disk import picture, sintel_scene, stereo_pair_folder, write_image, write_text
 
@@ -63,6 +64,12 @@ def test_a_wrong_word_is_one_line_and_exit_code_2(
     assert line in said
     assert said.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_of_one_clip_bears_its_name() -> None:
+    assert _experiment(["studio_table"], (), (), None).name == "studio_table"
+    assert _experiment(["studio_table", "studio_talk"], (), (), None).name == "default"
+    assert _experiment(["demo"], ("studio_table",), (), None).name == "demo"
 
 
 def _wrong_path(folder: Path) -> None:
