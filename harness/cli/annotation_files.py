@@ -97,7 +97,7 @@ def import_(
     typer.echo(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
 
 
-@app.command(name="export")
+@app.command(name="export", short_help="Write labels for another program.")
 def export(
     clip: Clip,
     to: Annotated[Path, typer.Argument(metavar="FILE", help="The file to write.")],
@@ -119,7 +119,7 @@ def export(
     typer.echo(str(to))
 
 
-@app.command(name="check")
+@app.command(name="check", short_help="Read a clip's label files; name the first mistake.")
 def check(clip: Clip, annotator: Annotator = None) -> None:
     """Read a clip's labels, and those of each annotator unless one is named; the first mistake ends it."""
     from harness.annotations.timeline import timeline_of
@@ -134,7 +134,7 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
             typer.echo(f"{manifest.annotations.place(name)}: {counts}")
 
 
-@app.command(name="agreement")
+@app.command(name="agreement", short_help="Compare annotators: kappa, confusion, where they differ.")
 def agreement(
     clip: Clip,
     annotators: Annotators = None,
@@ -160,7 +160,7 @@ def agreement(
         atomic_write(out / "agreement.md", "\n".join(to_markdown(table, level=2) for table in tables.values()))
 
 
-@app.command(name="merge")
+@app.command(name="merge", short_help="Make one file of several annotators'.")
 def merge(
     clip: Clip,
     annotators: Annotators = None,

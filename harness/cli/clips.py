@@ -16,10 +16,10 @@ if TYPE_CHECKING:
     from harness.clips.check import ClipCheck, ClipRow
 
 app = typer.Typer(help="Add clips, list them, and check that they can be used.", no_args_is_help=True)
-app.command(name="add")(add_clip)
+app.command(name="add", short_help="Make a clip of a folder, video, recording or scene.")(add_clip)
 
 
-@app.command(name="list")
+@app.command(name="list", short_help="List every clip that there is.")
 def list_clips(as_json: Json = False) -> None:
     """List every clip: the working directory's own, then those that came with the package."""
     from harness.clips.check import list_clips as find_clips
@@ -31,7 +31,7 @@ def list_clips(as_json: Json = False) -> None:
         _print_list(rows)
 
 
-@app.command(name="check")
+@app.command(name="check", short_help="Decode frames; check calibration, rectification, labels.")
 def check_clips(
     clips: Annotated[
         list[str] | None, typer.Argument(metavar="CLIP", help="Names, or .toml files; all that are at hand if none.")
@@ -53,7 +53,7 @@ def check_clips(
         raise typer.Exit(2)
 
 
-@app.command(name="fetch")
+@app.command(name="fetch", short_help="Download and unpack MPI Sintel.")
 def fetch_clips(
     source: Annotated[str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel.")],
     out: Annotated[Path | None, typer.Option(help="The folder; $VFOA_DATA/sintel if not given.")] = None,

@@ -34,7 +34,7 @@ class CheckpointName(StrEnum):
     gaze360 = "gaze360"
 
 
-@app.command(name="list")
+@app.command(name="list", short_help="List every model: licence, size, whether it is here.")
 def list_models(as_json: Json = False) -> None:
     """List every model of the catalogue: what takes it, its licence, its size, and whether it is here."""
     from harness.models.catalogue import catalogue
@@ -53,7 +53,7 @@ def list_models(as_json: Json = False) -> None:
     )
 
 
-@app.command(name="fetch")
+@app.command(name="fetch", short_help="Fetch models from their own homes.")
 def fetch(
     names: Annotated[list[str], typer.Argument(metavar="NAME", help="Names of the catalogue.")],
     accept_licence: Annotated[
@@ -83,7 +83,7 @@ def fetch(
         raise typer.Exit(2)
 
 
-@app.command(name="check")
+@app.command(name="check", short_help="Load models, check their signatures, run each once.")
 def check(
     names: Annotated[
         list[str] | None, typer.Argument(metavar="NAME", help="Names of the catalogue; all that are here if none.")
@@ -113,7 +113,7 @@ def check(
         raise typer.Exit(2)
 
 
-@app.command(name="export")
+@app.command(name="export", short_help="Make a PyTorch checkpoint into an ONNX file.")
 def export(
     name: Annotated[CheckpointName, typer.Argument(metavar="NAME", help="The network that the checkpoint fills.")],
     checkpoint: Annotated[Path, typer.Option(help="The PyTorch checkpoint, or its name in the folders of weights.")],

@@ -66,6 +66,14 @@ def test_a_wrong_word_is_one_line_and_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_the_help_cuts_no_verb_short(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    _, said, _ = vfoa(monkeypatch, capsys, "--help")
+    verbs = said.split("Commands:")[1].splitlines()[1:]
+    assert len(verbs) >= 17
+    assert [line for line in verbs if not line.endswith(".") or line.endswith("...")] == []
+
+
 def test_a_run_of_one_clip_bears_its_name() -> None:
     assert _experiment(["studio_table"], (), (), None).name == "studio_table"
     assert _experiment(["studio_table", "studio_talk"], (), (), None).name == "default"
