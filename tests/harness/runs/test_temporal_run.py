@@ -21,7 +21,8 @@ from harness.truth.oracle import OracleSettings
 from tests import graphs
 from tests.disk import write_text
 from vfoa.gaze.gaze360 import Gaze360
-from vfoa.types import Gaze, Head, StereoFrame
+from vfoa.gaze.temporal import HeadWindow
+from vfoa.types import Gaze, Head, Percepts, StereoFrame
 
 CLIPS = ("studio_table", "studio_talk")
 LAST = 7
@@ -162,11 +163,21 @@ def test_the_network_runs_anew_where_heads_may_be_others(
 
 
 def test_the_network_runs_once_for_configurations_that_differ_in_stereo_alone(
-    experiment: Experiment, estimated: list[Head]
+    experiment: Experiment, estimated: list[Head], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """And follows heads once: a second time in a frame, a head that is gone would be missed twice."""
+    followed: list[int] = []
+    add = HeadWindow.add
+
+    def counted(self: HeadWindow, percepts: Percepts) -> None:
+        followed.append(percepts.index)
+        add(self, percepts)
+
+    monkeypatch.setattr(HeadWindow, "add", counted)
     pipeline = SharedPipeline(only(experiment, "truth", "bm"), load_manifest("studio_table").open())
     frames = list(pipeline.frames(range(1, LAST + 1)))
     assert len(estimated) == LAST
+    assert followed == list(range(1, LAST + 1))
     for shared in frames:
         bills = [bill for _percepts, _scene, bill in shared.by_configuration.values()]
         assert all({"decode", "stereo", "gaze", "reconstruction"} <= bill.keys() for bill in bills)
