@@ -48,8 +48,8 @@ def _text(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def parse_assignment(text: str, example: str) -> tuple[str, Any]:
-    """``KEY=VALUE`` of a ``--set``: the value is TOML where it can be read so, else a string.
+def parse_assignment(text: str, example: str, option: str = "--set") -> tuple[str, Any]:
+    """``KEY=VALUE`` of an option: the value is TOML where it can be read so, else a string.
 
     Raises
     ------
@@ -58,7 +58,7 @@ def parse_assignment(text: str, example: str) -> tuple[str, Any]:
     """
     key, equals, value = text.partition("=")
     if not equals:
-        raise VfoaError(f"--set {text}: expected KEY=VALUE, such as {example}")
+        raise VfoaError(f"{option} {text}: expected KEY=VALUE, such as {example}")
     try:
         return key.strip(), tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:

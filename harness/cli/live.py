@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from harness.runs.experiment import Experiment
 
 SOURCE_HELP = "An .mcap file that is being written, a clip to be played at its own pace, or the left camera."
+SOURCE_OPTION_HELP = "What an .mcap file's topics do not tell, as [source] of a clip: left=/front/left/image ..."
 OUT_HELP = "The run's directory; if not given, runs/live-<time>."
 
 
@@ -30,6 +31,9 @@ def live(
         str | None, typer.Option(metavar="CAMERA", help="The right camera: a number, or a stream's address.")
     ] = None,
     calibration: Annotated[Path | None, typer.Option(metavar="FILE", help="The cameras' calibration file.")] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--source", metavar="KEY=VALUE", help=SOURCE_OPTION_HELP)
+    ] = None,
     experiment: Annotated[
         str, typer.Option(metavar="EXPERIMENT", help="The experiment, by name or file, whose configuration is run.")
     ] = "default",
@@ -59,7 +63,7 @@ def live(
 
     if recording.size is None and (viewer or connect):
         raise VfoaError("live: --recording none leaves nothing for a viewer: leave out --viewer and --connect")
-    opened, manifest = _open(source, right, calibration)
+    opened, manifest = _open(source, right, calibration, tuple(settings or ()))
     chosen = _only(
         load_experiment(experiment, clips=(manifest.name,), overrides=tuple(overrides or ()), preset=preset), config
     )
@@ -89,12 +93,16 @@ def _viewer() -> AbstractContextManager[str]:
     return listening()
 
 
-def _open(source: str, right: str | None, calibration: Path | None) -> tuple[LiveSource, ClipManifest]:
+def _open(
+    source: str, right: str | None, calibration: Path | None, settings: tuple[str, ...]
+) -> tuple[LiveSource, ClipManifest]:
     """The source, and the manifest that says what it is called."""
     from harness.clips.manifest import as_clip_name, load_manifest, make_manifest
     from harness.live.sources import CameraPair, PlayedClip, open_capture
     from vfoa.errors import VfoaError
 
+    if settings and (right is not None or not source.endswith(".mcap")):
+        raise VfoaError("live: --source is for an .mcap file; expected none")
     if right is not None:
         if calibration is None:
             raise VfoaError("live: two cameras need --calibration FILE")
@@ -105,16 +113,22 @@ def _open(source: str, right: str | None, calibration: Path | None) -> tuple[Liv
     if source.endswith(".mcap"):
         name = as_clip_name(Path(source).stem, default="recording")
         data = {"name": name, "adapter": "mcap", "source": {"recording": Path(source).name}}
-        return _tail(Path(source), {}), make_manifest(data, Path(f"{name}.toml"))
+        return _tail(Path(source), settings), make_manifest(data, Path(f"{name}.toml"))
     manifest = load_manifest(source)
     return PlayedClip(manifest.open(), str(manifest.path)), manifest
 
 
-def _tail(path: Path, settings: dict[str, object]) -> LiveSource:
+def _tail(path: Path, settings: tuple[str, ...]) -> LiveSource:
     from harness.adapters.mcap.clip import McapSettings
     from harness.adapters.mcap.tail import McapTail
+    from harness.config_errors import parse
+    from harness.toml_text import parse_assignment
+    from vfoa.errors import VfoaError
 
-    return McapTail(path, McapSettings.model_validate(settings))
+    given = dict(parse_assignment(text, "left=/front/left/image", "--source") for text in settings)
+    if unused := sorted(given.keys() & {"recording", "start_s", "end_s"}):
+        raise VfoaError(f"live: --source {unused[0]}: means nothing for a recording that grows; expected none")
+    return McapTail(path, parse(McapSettings, given, "live", "--source"))
 
 
 def _only(experiment: Experiment, config: str | None) -> Experiment:

@@ -277,6 +277,22 @@ def test_a_recording_that_begins_anew_is_said(tmp_path: Path) -> None:
         next(records)
 
 
+def test_of_several_cameras_one_is_followed_by_its_topics(tmp_path: Path) -> None:
+    path = tmp_path / "rigs.mcap"
+    cameras = {side: rectified_camera(WIDTH, HEIGHT, 50, 31.5, 23.5, b) for side, b in (("left", 0.0), ("right", 0.1))}
+    with recorder(path) as record:
+        for stamp_ns in (1, 2):
+            for rig, seed in (("front", 1), ("rear", 2)):
+                for side, camera in cameras.items():
+                    record.camera(f"/{rig}/{side}/camera_info", stamp_ns, camera)
+                    record.picture(f"/{rig}/{side}/image", stamp_ns, picture(seed))
+    settings = {"left": "/rear/left/image", "right": "/rear/right/image"}
+    (arrival,) = McapTail(path, McapSettings.model_validate(settings)).arrivals(Event())
+    assert np.array_equal(arrival.read().left, picture(2))
+    (arrival,) = McapTail(path, McapSettings(left="/front/left/image", right="/front/right/image")).arrivals(Event())
+    assert np.array_equal(arrival.read().left, picture(1))
+
+
 def test_a_recording_without_a_pair_says_what_it_has(tmp_path: Path) -> None:
     path = tmp_path / "mono.mcap"
     with recorder(path, "json") as record:
@@ -402,6 +418,10 @@ def test_a_signal_ends_a_live_run_and_keeps_it(sign: signal.Signals, experiment_
         (["rtsp://caf\udce9", "--right", "1", "--calibration", "c.yaml"], "its name is not UTF-8"),
         (["no_such_clip"], "no clip 'no_such_clip'"),
         (["nowhere.mcap"], "nowhere.mcap: no such file"),
+        (["nowhere.mcap", "--source", "lefd=/a"], "unknown key '--source.lefd'; did you mean 'left'"),
+        (["nowhere.mcap", "--source", "left"], "left: expected KEY=VALUE, such as left=/front/left/image"),
+        (["nowhere.mcap", "--source", "start_s=1"], "--source start_s: means nothing for a recording that grows"),
+        (["no_such_clip", "--source", "left=/a"], "--source is for an .mcap file"),
         (["nowhere.mcap", "--calibration", "c.yaml"], "--calibration is for two cameras"),
         (["nowhere.mcap", "--recording", "none", "--viewer"], "nothing for a viewer"),
         (["nowhere.mcap", "--experiment", "demo"], "several configurations; say --config, one of: bm-one"),
