@@ -10,7 +10,7 @@ from harness.cli.printing import print_json, print_table
 app = typer.Typer(help="Show and clear what is kept of perception.", no_args_is_help=True)
 
 
-@app.command()
+@app.command(short_help="Show where the cache is and what it holds.")
 def info(
     cache: Cache = None,
     as_json: Json = False,

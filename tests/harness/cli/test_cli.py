@@ -66,11 +66,14 @@ def test_a_wrong_word_is_one_line_and_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_help_cuts_no_verb_short(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("of", [(), ("annotations",), ("cache",), ("clips",), ("models",)], ids=" ".join)
+def test_the_help_cuts_no_verb_short(
+    of: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    _, said, _ = vfoa(monkeypatch, capsys, "--help")
+    _, said, _ = vfoa(monkeypatch, capsys, *of, "--help")
     verbs = said.split("Commands:")[1].splitlines()[1:]
-    assert len(verbs) >= 17
+    assert len(verbs) >= 2
     assert [line for line in verbs if not line.endswith(".") or line.endswith("...")] == []
 
 
