@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from harness.annotate.marks import Stretch, Track, counted, stretches, to_labels
+from harness.annotate.marks import Stretch, Track, labelled, stretches, to_labels
 from harness.annotations.labels import Labels
 
 Entry = dict[str, Any]
@@ -98,14 +98,13 @@ class History:
         """What stands in the CSV."""
         return to_labels(self.tracks, self.seen, self._frames)
 
-    def labelled(self) -> int:
-        """How many (frame, subject) pairs a person has labelled; what is to be decided is not."""
-        return sum(
-            each.last - each.first + 1
-            for subject in self.subjects
-            for each in stretches(counted(self.tracks[subject], self.seen[subject]), 0, len(self._frames) - 1)
-            if each.mark is not None and not each.mark.suggested and not each.mark.label().is_undecided
-        )
+    def parts(self) -> dict[str, tuple[Stretch, ...]]:
+        """Every subject's whole track."""
+        return {name: stretches(track, 0, len(self._frames) - 1) for name, track in self.tracks.items()}
+
+    def labelled(self, parts: dict[str, tuple[Stretch, ...]]) -> int:
+        """How many (frame, subject) pairs a person has labelled, of :meth:`parts`; what is to be decided is not."""
+        return sum(labelled(part, self.seen[subject]) for subject, found in parts.items() for part in found)
 
     def _begin(self, entry: Entry) -> None:
         self._clear()

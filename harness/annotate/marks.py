@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
-from harness.annotations.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels, ranges_of
+from harness.annotations.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels, is_undecided, ranges_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,9 +27,10 @@ class Mark:
     suggested: bool = False
     carried: bool = False
 
-    def label(self) -> Label:
-        """As it stands in the file."""
-        return Label(target=self.target, note=self.note, point_px=self.point_px, is_suggested=self.suggested)
+    @property
+    def undecided(self) -> bool:
+        """Whether a person has to decide what it is."""
+        return is_undecided(self.target, self.note)
 
 
 Track = list[Mark | None]
@@ -66,12 +68,10 @@ def stretches(track: Sequence[Mark | None], first: int, last: int) -> tuple[Stre
     """The part of a track between two positions, both included, as maximal stretches."""
     found = []
     start = first
-    for position in range(first + 1, last + 1):
-        mark, before = track[position], track[position - 1]
-        if mark is not before and mark != before:  # most neighbours are one object, and equality takes longer
-            found.append(Stretch(first=start, last=position - 1, mark=before))
-            start = position
-    found.append(Stretch(first=start, last=last, mark=track[start]))
+    for mark, run in groupby(track[first : last + 1]):
+        end = start + len(list(run))
+        found.append(Stretch(first=start, last=end - 1, mark=mark))
+        start = end
     return tuple(found)
 
 
@@ -85,7 +85,7 @@ def stretch_at(track: Sequence[Mark | None], at: int, *, same_target: bool = Fal
         mark = track[position]
         if not same_target or mark is None:
             return mark
-        return mark.target, mark.suggested, mark.note if mark.label().is_undecided else None
+        return mark.target, mark.suggested, mark.note if mark.undecided else None
 
     first = last = at
     while first > 0 and key(first - 1) == key(at):
@@ -100,9 +100,13 @@ def counts(mark: Mark | None, position: int, seen: int) -> bool:
     return mark is not None and (not mark.carried or position <= seen)
 
 
-def counted(track: Track, seen: int) -> Track:
-    """A track with the marks alone that are labels by now."""
-    return [mark if counts(mark, at, seen) else None for at, mark in enumerate(track)]
+def labelled(part: Stretch, seen: int) -> int:
+    """In how many frames of a stretch a person has said what it is."""
+    mark = part.mark
+    if mark is None or mark.suggested or mark.undecided:
+        return 0
+    last = min(part.last, seen) if mark.carried else part.last
+    return max(last - part.first + 1, 0)
 
 
 def to_labels(tracks: dict[str, Track], seen: dict[str, int], frames: Sequence[int]) -> Labels:
@@ -111,16 +115,18 @@ def to_labels(tracks: dict[str, Track], seen: dict[str, int], frames: Sequence[i
 
 
 def _rows(subject: str, track: Track, seen: int, frames: Sequence[int]) -> Iterator[LabelRange]:
-    labelled = counted(track, seen)
-    marked = [at for at, mark in enumerate(labelled) if mark is not None]
+    counted = [mark if counts(mark, at, seen) else None for at, mark in enumerate(track)]
+    marked = [at for at, mark in enumerate(counted) if mark is not None]
     if not marked:
         return iter(())
-    parts = stretches(labelled, marked[0], marked[-1])
+    parts = stretches(counted, marked[0], marked[-1])
     return ranges_of(subject, ((frames[at], _label(part.mark)) for part in parts for at in (part.first, part.last)))
 
 
 def _label(mark: Mark | None) -> Label:
-    return Label(target=IGNORED, note=UNLABELLED) if mark is None else mark.label()
+    if mark is None:
+        return Label(target=IGNORED, note=UNLABELLED)
+    return Label(target=mark.target, note=mark.note, point_px=mark.point_px, is_suggested=mark.suggested)
 
 
 def from_labels(labels: Labels, subject: str, frames: Sequence[int]) -> Track:

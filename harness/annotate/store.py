@@ -14,7 +14,7 @@ from typing import Any
 
 from harness.annotate.history import Entry, History
 from harness.annotate.journal import Journal
-from harness.annotate.marks import Mark, Stretch, from_labels, stretches
+from harness.annotate.marks import Mark, Stretch, from_labels
 from harness.annotations.files import read_annotations, write_annotations
 from harness.annotations.labels import RESERVED, Labels
 from harness.annotations.rows import check_text
@@ -69,7 +69,7 @@ class LabelStore:
         except BaseException:
             self.close()
             raise
-        self._labelled_at_start = self._history.labelled()
+        self._labelled_at_start = self._history.labelled(self._history.parts())
         self._active_s, self._last_s = 0.0, clock()
 
     @property
@@ -98,12 +98,12 @@ class LabelStore:
 
     def state(self) -> dict[str, Any]:
         """All that the page shows, as JSON."""
-        history, last = self._history, len(self._frames) - 1
-        labelled, total = history.labelled(), len(self._frames) * len(self.subjects)
+        history, parts = self._history, self._history.parts()
+        labelled, total = history.labelled(parts), len(self._frames) * len(self.subjects)
         gained = labelled - self._labelled_at_start
         return {
             "revision": history.revision,
-            "tracks": {name: [s.plain() for s in stretches(history.tracks[name], 0, last)] for name in self.subjects},
+            "tracks": {name: [part.plain() for part in found] for name, found in parts.items()},
             "seen": dict(history.seen),
             "labelled": labelled,
             "total": total,

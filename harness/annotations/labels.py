@@ -30,11 +30,6 @@ class Label:
     point_px: tuple[float, float] | None = None
     is_suggested: bool = False
 
-    @property
-    def is_undecided(self) -> bool:
-        """Whether annotators differ on it, and nobody has decided yet."""
-        return self.target == IGNORED and self.note.startswith(TO_DECIDE)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelRange:
@@ -104,6 +99,11 @@ class Labels:
             else each
             for each in self.ranges
         )
+
+
+def is_undecided(target: str, note: str) -> bool:
+    """Whether annotators differ on what a label of this target and note stands for, and nobody has decided yet."""
+    return target == IGNORED and note.startswith(TO_DECIDE)
 
 
 def gaps(labels: Labels, subject: str, frames: Sequence[int]) -> Iterator[tuple[int, int]]:

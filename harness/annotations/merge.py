@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Literal, get_args
 
-from harness.annotations.labels import IGNORED, TO_DECIDE, UNLABELLED, Label, LabelRange, Labels, gaps, ranges_of
+from harness.annotations.labels import (
+    IGNORED,
+    TO_DECIDE,
+    UNLABELLED,
+    Label,
+    LabelRange,
+    Labels,
+    gaps,
+    is_undecided,
+    ranges_of,
+)
 
 Rule = Literal["agree", "first", "adjudicate"]
 RULES: tuple[Rule, ...] = get_args(Rule)
@@ -38,7 +48,7 @@ def merge_labels(labels: Mapping[str, Labels], frames: Sequence[int], rule: Rule
 
 def to_decide(labels: Labels) -> list[LabelRange]:
     """The ranges that a person has to decide."""
-    return [row for row in labels.ranges if row.label.is_undecided]
+    return [row for row in labels.ranges if is_undecided(row.label.target, row.label.note)]
 
 
 def _said(labels: Mapping[str, Labels], frame: int, subject: str) -> dict[str, Label | None]:

@@ -217,7 +217,7 @@ export class Page {
   // What is shown
 
   update(plain, expected = this.state.revision) {
-    this.state = read(plain, this.about.to_decide);
+    this.state = read(plain, this.about.to_decide, this.state);
     if (plain.revision !== expected) this.overtaken();
     this.seen.keep(this.state.seen);
     this.draw();

@@ -6,6 +6,7 @@ const KEPT = 80;
 const NS = "http://www.w3.org/2000/svg";
 const LEAST_LETTERS = 14; // of a name on the picture, however small the object; the button below has all of it
 const LETTER = .6; // width over height
+const narrow = matchMedia("(max-width: 600px)");
 
 // What was loaded last, by key; the oldest is let go.
 class Kept {
@@ -68,7 +69,6 @@ export class Stage {
     [this.width, this.height] = [image.naturalWidth, image.naturalHeight];
     this.overlay.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
     this.unit = image.naturalWidth / 1000; // text is as large in every image
-    this.overlay.style.setProperty("--unit", `${this.unit}px`);
     this.scene = scene;
     this.showBeside(at, subject, scene);
   }
@@ -76,10 +76,11 @@ export class Stage {
   // Outlines and names of the frame that is shown; nothing is done where these are drawn already.
   draw(subject, names) {
     const { scene } = this;
-    this.letter = this.unit * getComputedStyle(this.overlay).getPropertyValue("--text"); // its height in pixels
+    this.letter = (narrow.matches ? 34 : 17) * this.unit; // its height in pixels
     const now = [scene, subject, names, this.letter];
     if (!scene || now.every((each, place) => each === this.drawn[place])) return;
     this.drawn = now;
+    this.overlay.style.setProperty("--letter", `${this.letter}px`);
     this.taken = [];
     const objects = scene.objects.map((each) => this.object(each, each.name === subject));
     const box = scene.heads_px[subject];

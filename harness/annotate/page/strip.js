@@ -32,10 +32,10 @@ export class Strip {
   }
 
   // A row is made anew only when what it shows has changed: a long clip has hundreds of pieces.
-  draw(position, { subjects, subject, tracks, seen, revision, names, suggestions }) {
+  draw(position, { subjects, subject, tracks, seen, names, suggestions }) {
     this.first = Math.max(Math.min(position - Math.floor(this.count / 2), this.frames.length - this.count), 0);
     const rows = subjects.map((name) => this.keep(
-      name, [this.first, revision, names, seen[name]], () => this.labels(name, tracks[name], seen[name]),
+      name, [this.first, names, tracks[name], seen[name]], () => this.labels(name, tracks[name], seen[name]),
     ));
     for (const row of rows) row.classList.toggle("current", row.dataset.subject === subject);
     if (suggestions) rows.push(this.keep("", [this.first, names, suggestions], () => this.suggested(suggestions)));
@@ -55,17 +55,19 @@ export class Strip {
     return row;
   }
 
-  // Put an element where frames are; whether any of them is shown.
+  shows(first, last) { return first < this.first + this.count && last >= this.first; }
+
+  // Put an element where frames are.
   place(element, first, last) {
     const [start, end] = [Math.max(first - this.first, 0), Math.min(last + 1 - this.first, this.count)];
     element.style.left = `${100 * start / this.count}%`;
-    element.style.width = `${100 * Math.max(end - start, 0) / this.count}%`;
-    return start < end;
+    element.style.width = `${100 * (end - start) / this.count}%`;
+    return element;
   }
 
   fill(row, found) {
-    const boxes = found.map((each) => [piece(each, this.look), each]);
-    row.lastChild.append(...boxes.filter(([box, each]) => this.place(box, each.first, each.last)).map(([box]) => box));
+    const shown = found.filter((each) => this.shows(each.first, each.last));
+    row.lastChild.append(...shown.map((each) => this.place(piece(each, this.look), each.first, each.last)));
     return row;
   }
 
@@ -98,7 +100,8 @@ export class Strip {
 
   mark(selection) {
     this.selection = selection;
-    this.range.hidden = !selection || !this.place(this.range, ...selection);
+    this.range.hidden = !selection || !this.shows(...selection);
+    if (!this.range.hidden) this.place(this.range, ...selection);
   }
 
   positionAt(clientX) {

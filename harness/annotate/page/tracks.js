@@ -6,9 +6,14 @@ const parse = (toDecide) => ([first, last, target, note, , suggested, carried]) 
   undecided: target === "ignore" && note.startsWith(toDecide) ? note.slice(toDecide.length) : "",
 });
 
-export function read(state, toDecide) {
-  const tracks = Object.entries(state.tracks).map(([name, track]) => [name, track.map(parse(toDecide))]);
-  return { ...state, tracks: Object.fromEntries(tracks) };
+// A track in which nothing has changed since the state before stays the same object.
+export function read(state, toDecide, before = { texts: {} }) {
+  const [tracks, texts] = [{}, {}];
+  for (const [name, track] of Object.entries(state.tracks)) {
+    texts[name] = JSON.stringify(track);
+    tracks[name] = texts[name] === before.texts[name] ? before.tracks[name] : track.map(parse(toDecide));
+  }
+  return { ...state, tracks, texts };
 }
 
 // Stretches by what is looked at alone, or by what is to be decided.
