@@ -17,12 +17,12 @@ from harness.runs.configuration import Configuration
 from harness.runs.experiment import Experiment, load_experiment
 from harness.runs.results import FrameRecord, read_results
 from harness.runs.sharing import SharedPipeline
-from harness.truth.oracle import OracleSettings
+from harness.truth.oracle import OracleSettings, TruthSegmenter
 from tests import graphs
 from tests.disk import write_text
 from vfoa.gaze.gaze360 import Gaze360
 from vfoa.gaze.temporal import HeadWindow
-from vfoa.types import Gaze, Head, Percepts, StereoFrame
+from vfoa.types import Gaze, Head, Instances, Percepts, StereoFrame
 
 CLIPS = ("studio_table", "studio_talk")
 LAST = 7
@@ -174,14 +174,23 @@ def test_the_network_runs_once_for_configurations_that_differ_in_stereo_alone(
         add(self, percepts)
 
     monkeypatch.setattr(HeadWindow, "add", counted)
+    segmented: list[int] = []
+    segment = TruthSegmenter.segment
+
+    def counted_too(self: TruthSegmenter, frame: StereoFrame) -> Instances:
+        segmented.append(frame.index)
+        return segment(self, frame)
+
+    monkeypatch.setattr(TruthSegmenter, "segment", counted_too)
     pipeline = SharedPipeline(only(experiment, "truth", "bm"), load_manifest("studio_table").open())
     frames = list(pipeline.frames(range(1, LAST + 1)))
     assert len(estimated) == LAST
-    assert followed == list(range(1, LAST + 1))
+    assert followed == segmented == list(range(1, LAST + 1))
     for shared in frames:
         bills = [bill for _percepts, _scene, bill in shared.by_configuration.values()]
         assert all({"decode", "stereo", "gaze", "reconstruction"} <= bill.keys() for bill in bills)
         assert bills[0]["decode"] == bills[1]["decode"]
+        assert bills[0]["stereo"] != bills[1]["stereo"]
 
 
 @pytest.mark.parametrize(("names", "ahead"), [(("static",), 0), (("every",), 3), (("every", "truth", "static"), 6)])
