@@ -99,6 +99,7 @@ def test_a_folder_becomes_a_labelled_clip_and_a_table(tmp_path: Path, shared_mod
 
     judged = sum(target != IGNORED for target in said)
     assert re.search(rf"^ *desk +default +{judged} +[0-9.]+ ", table, re.MULTILINE), table
-    with (tmp_path / "runs" / "default" / "frr.csv").open() as file:
+    (scores,) = (tmp_path / "runs").glob("*/frr.csv")
+    with scores.open() as file:
         rows = {(row["clip"], row["subject"], row["configuration"], int(row["n"])) for row in csv.DictReader(file)}
     assert rows == {("desk", who, "default", judged) for who in ("(all)", "anna")}
