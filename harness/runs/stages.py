@@ -96,7 +96,7 @@ class Slot:
 
 
 CLIP_VARIABLE = "${CLIP}"
-"""Stands for the clip's name in a stage's ``root``, so that one configuration finds the files of every clip."""
+"""Stands for the clip's name in a stage's settings: one configuration finds the files of every clip by it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,11 +113,10 @@ class StageChoice:
         return f"{self.slot} {json.dumps(self.plain(), sort_keys=True)}"
 
     def for_clip(self, clip: str) -> StageChoice:
-        """The choice with the clip's name filled in where its ``root`` asks for it."""
-        root = getattr(self.settings, "root", None)
-        if not isinstance(root, str) or CLIP_VARIABLE not in root:
-            return self
-        return replace(self, settings=self.settings.model_copy(update={"root": root.replace(CLIP_VARIABLE, clip)}))
+        """The choice with the clip's name filled in where its settings ask for it."""
+        texts = {key: value for key, value in dict(self.settings).items() if isinstance(value, str)}
+        filled = {key: text.replace(CLIP_VARIABLE, clip) for key, text in texts.items() if CLIP_VARIABLE in text}
+        return replace(self, settings=self.settings.model_copy(update=filled)) if filled else self
 
     def plain(self) -> dict[str, Any]:
         """The choice as JSON values, every default written out."""

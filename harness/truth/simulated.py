@@ -2,12 +2,12 @@
 
 The error is a random turn. Part of it is a slow bias, which a filter over time cannot remove, and part is noise of
 each frame. Both are normal in the two tangent directions; together their mean angle is ``error_deg``. Every error
-is a function of (seed, person, frame) alone, so frames can be computed in any order and on any worker. So the first
-person of one clip has the errors of the first person of every other: over several clips rates vary more from seed to
-seed than intervals say that take clips as independent.
+is a function of (seed, draw, person, frame) alone, so frames can be computed in any order and on any worker.
 """
 
 from __future__ import annotations
+
+import hashlib
 
 import numpy as np
 from pydantic import Field
@@ -24,13 +24,16 @@ class _ErrorSettings(Settings):
     """An error's size and kind.
 
     ``error_deg`` is the mean angle between truth and answer. ``bias_share`` is the share of its variance that is the
-    slow bias, ``bias_frames`` how many frames lie between biases that have nothing to do with each other.
+    slow bias, ``bias_frames`` how many frames lie between biases that have nothing to do with each other. Clips of one
+    ``draw`` have the same errors, person by person; usually it is the clip's name, so that every clip has its own: only
+    then do several clips say more than one.
     """
 
     error_deg: float = Field(ge=0, le=60)
     bias_share: float = Field(default=0.5, ge=0, le=1)
     bias_frames: int = Field(default=25, ge=1)
     seed: int = Field(default=1, ge=0)
+    draw: str = "${CLIP}"
 
 
 class SimulatedGazeSettings(_ErrorSettings):
@@ -51,7 +54,8 @@ class AngularError:
     def __init__(self, settings: _ErrorSettings, stream: int) -> None:
         self.sigma_rad = sigma_rad(settings.error_deg)
         self._bias_share, self._bias_frames = settings.bias_share, settings.bias_frames
-        self._key = (settings.seed, stream)
+        draw = hashlib.sha256(settings.draw.encode()).digest()
+        self._key = (settings.seed, stream, int.from_bytes(draw[:8], "big"))
 
     def apply(self, direction: Float, person: int, frame: int) -> Float:
         """A direction (3,) with the error of this person in this frame."""

@@ -11,6 +11,7 @@ from pydantic import ValidationError
 
 from harness.adapters import PersonTruth, Truth
 from harness.annotations.files import Label
+from harness.runs.stages import SLOTS
 from harness.truth.oracle import (
     OracleSettings,
     TruthGaze,
@@ -292,11 +293,22 @@ class TestSimulated:
             assert np.array_equal(other.apply(GAZES[1], 1, frame), straight[frame])
         assert len({tuple(each) for each in straight.values()}) == len(straight)
 
-    def test_seeds_people_and_models_have_errors_of_their_own(self) -> None:
-        def first(seed: int, stream: int, person_id: int) -> tuple[float, ...]:
-            return tuple(AngularError(SimulatedGazeSettings(seed=seed), stream).apply(GAZES[1], person_id, 1))
+    def test_seeds_clips_people_and_models_have_errors_of_their_own(self) -> None:
+        def first(seed: int, draw: str, stream: int, person_id: int) -> tuple[float, ...]:
+            settings = SimulatedGazeSettings(seed=seed, draw=draw)
+            return tuple(AngularError(settings, stream).apply(GAZES[1], person_id, 1))
 
-        assert len({first(*key) for key in ((1, 1, 1), (2, 1, 1), (1, 2, 1), (1, 1, 2))}) == 4
+        keys = [(1, "a", 1, 1), (2, "a", 1, 1), (1, "b", 1, 1), (1, "a", 2, 1), (1, "a", 1, 2)]
+        assert len({first(*key) for key in keys}) == len(keys)
+
+    def test_every_clip_of_a_run_has_errors_of_its_own_unless_they_share_a_draw(self) -> None:
+        def chosen(table: dict[str, Any], clip: str) -> str:
+            choice = SLOTS["gaze"].parse({"model": "simulated", **table}, "x")
+            assert choice is not None
+            return choice.for_clip(clip).key
+
+        assert chosen({}, "one") == chosen({}, "one") != chosen({}, "two")
+        assert chosen({"draw": "same"}, "one") == chosen({"draw": "same"}, "two")
 
     def test_without_error_it_is_the_truth(self) -> None:
         clip = FakeClip()
