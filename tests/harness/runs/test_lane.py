@@ -1,0 +1,59 @@
+"""What a lane writes of a clip is what a plain loop over its frames finds: memory, hindsight and all frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from harness.clips.manifest import load_manifest
+from harness.runs.conduct import conduct, prepare
+from harness.runs.experiment import load_experiment
+from harness.runs.results import read_results
+from harness.runs.sharing import SharedPipeline
+from tests.disk import write_text
+from vfoa.bayes import BayesSettings
+from vfoa.dwell import revise
+from vfoa.pipeline import Memory, attend
+
+FRAMES, LOOK_AHEAD = 8, 3
+EXPERIMENT = f"""
+clips = ["studio_talk"]
+defaults.stereo.matcher = "truth"
+defaults.segmentation.model = "truth"
+defaults.heads.detector = "truth"
+defaults.head_pose.model = "simulated"
+defaults.gaze.model = "simulated"
+
+[[configuration]]
+name = "smoothed"
+attention = {{ method = "bayes", smoothing = "both", look_ahead_frames = {LOOK_AHEAD} }}
+"""
+
+
+def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_end(tmp_path: Path) -> None:
+    experiment = load_experiment(str(write_text(tmp_path / "smoothed.toml", EXPERIMENT)))
+    plan = prepare(experiment, limit=FRAMES, recording=None)
+    run = conduct(plan, tmp_path / "run", workers=1, progress=lambda clip: None)
+    written = [
+        [(each.track_id, each.focus, [value.total for value in each.attention]) for each in record.subjects]
+        for record in read_results(run.results)
+    ]
+
+    (configuration,) = experiment.configurations
+    settings = configuration.attend.attention
+    assert isinstance(settings, BayesSettings)
+    results, memory = [], Memory()
+    pipeline = SharedPipeline([configuration], load_manifest("studio_talk").open())
+    for shared in pipeline.frames(range(1, FRAMES + 1)):
+        found = shared.by_configuration["smoothed"]
+        assert isinstance(found, tuple)
+        result, memory = attend(found[1], memory, configuration.attend)
+        results.append(result)
+    revised = [
+        revise(results[max(at - LOOK_AHEAD, 0) : at + LOOK_AHEAD + 1], min(at, LOOK_AHEAD), settings)
+        for at in range(FRAMES)
+    ]
+    assert written == [
+        [(each.subject.track_id, each.focus, [value.total for value in each.values]) for each in result.attentions]
+        for result in revised
+    ]
+    assert all(written)
