@@ -12,6 +12,7 @@ from harness.cache.account import cache_lines
 from harness.cache.store import Store
 from harness.files import digest_files
 from harness.runs import provenance
+from harness.runs.differences import differences
 from harness.runs.directory import RunDirectory
 from harness.runs.executors import Progress, executor
 from harness.runs.experiment import Experiment
@@ -66,7 +67,8 @@ def conduct(
     identity = describe(plan)
     directory, found = _choose(RunDirectory(out), identity, beside)
     if directory.path != out:
-        tell(f"{out} holds another run (data, settings or program differ); this one is in {directory.path}")
+        different = differences(RunDirectory(out).read_manifest(), identity)
+        tell(f"{out} holds another run (different: {different}); this one is in {directory.path}")
     if found and "finished" in found and not (retry_failed and found.get("failed")):
         if not found.get("failed"):
             directory.remove_parts()
@@ -106,12 +108,12 @@ def _choose(first: RunDirectory, identity: dict[str, Any], beside: bool) -> tupl
         if directory.is_new():
             return directory, None
         found = directory.read_manifest()
-        differing = [key for key in identity if found.get(key) != identity[key]]
+        differing = differences(found, identity)
         if not differing:
             return directory, found
         if not beside:
             raise VfoaError(
-                f"{directory.path}: holds another run (its {', '.join(differing)} differ from this one's); "
+                f"{directory.path}: holds another run (different: {differing}); "
                 "expected an empty directory, or the same run to go on with: choose another --out"
             )
     raise AssertionError("counting has no end")

@@ -91,7 +91,7 @@ def test_a_finished_run_is_taken_over_and_another_one_is_refused(finished: RunDi
     before = finished.results.stat().st_mtime_ns
     _run(finished.path, recording="light")
     assert finished.results.stat().st_mtime_ns == before
-    with pytest.raises(VfoaError, match=r"holds another run \(its configurations differ"):
+    with pytest.raises(VfoaError, match=r"holds another run \(different: attention\.n_rays"):
         _run(finished.path, recording="light", attention__n_rays="8")
     assert finished.results.stat().st_mtime_ns == before
 

@@ -318,7 +318,7 @@ def test_a_finished_run_is_not_taken_over_when_a_file_has_changed(
     assert _run(saved, tmp_path / "second", 1).read_manifest()["finished"] == finished
     table = first.signals / "studio_table" / "eyes" / "gaze.csv"
     table.write_text("".join(table.read_text().splitlines(keepends=True)[:-1]))
-    with pytest.raises(VfoaError, match=r"holds another run \(its clips"):
+    with pytest.raises(VfoaError, match=r"holds another run \(different: signals_sha256 of"):
         _run(saved, tmp_path / "second", 1)
 
 
