@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from harness.clips.manifest import load_manifest
+from harness.clips.naming import Names, Rules, SubjectNames, name_frame
 from harness.runs.conduct import conduct, prepare
 from harness.runs.experiment import load_experiment
 from harness.runs.results import read_results
@@ -13,6 +16,7 @@ from tests.disk import write_text
 from vfoa.bayes import BayesSettings
 from vfoa.dwell import revise
 from vfoa.pipeline import Memory, attend
+from vfoa.types import FrameResult
 
 FRAMES, LOOK_AHEAD = 8, 3
 EXPERIMENT = f"""
@@ -27,6 +31,24 @@ defaults.gaze.model = "simulated"
 name = "smoothed"
 attention = {{ method = "bayes", smoothing = "both", look_ahead_frames = {LOOK_AHEAD} }}
 """
+
+
+def test_a_lane_remembers_who_is_called_what(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given, left = [], []
+
+    def watched(
+        result: FrameResult, subjects: Rules, targets: Rules, memory: SubjectNames
+    ) -> tuple[Names, SubjectNames]:
+        given.append(memory)
+        names, after = name_frame(result, subjects, targets, memory)
+        left.append(after)
+        return names, after
+
+    monkeypatch.setattr("harness.runs.lane.name_frame", watched)
+    experiment = load_experiment(str(write_text(tmp_path / "smoothed.toml", EXPERIMENT)))
+    conduct(prepare(experiment, limit=3, recording=None), tmp_path / "run", workers=1, progress=lambda clip: None)
+    assert given == [SubjectNames(), *left[:-1]]
+    assert left[0].by_track
 
 
 def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_end(tmp_path: Path) -> None:
