@@ -60,7 +60,7 @@ def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_
         for record in read_results(run.results)
     ]
 
-    (configuration,) = experiment.configurations
+    configuration = experiment.configurations[0].for_clip("studio_talk")
     settings = configuration.attend.attention
     assert isinstance(settings, BayesSettings)
     results, memory = [], Memory()
