@@ -28,7 +28,7 @@ def bench(
     from harness.bench.sections import SECTIONS, Bench
     from harness.clips.manifest import load_manifest
     from harness.files import atomic_write
-    from harness.report.formats import to_markdown, to_rich
+    from harness.report.formats import in_parts, to_markdown, to_rich
     from harness.runs import provenance
     from harness.runs.experiment import load_experiment
     from vfoa.errors import VfoaError, did_you_mean
@@ -43,7 +43,8 @@ def bench(
     tables = []
     for name in only or SECTIONS:
         for table in SECTIONS[name](given):
-            Console().print(to_rich(table))
+            for part in in_parts(table, Console().width):
+                Console().print(to_rich(part))
             tables.append(table)
     if out:
         machine = ", ".join(f"{key} {value}" for key, value in {**provenance.host(), **provenance.versions()}.items())

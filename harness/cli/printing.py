@@ -41,11 +41,14 @@ def print_reports(tables: Iterable[Table]) -> None:
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    from harness.report.formats import to_rich
+    from harness.report.formats import in_parts, to_rich
 
     console = Console()
     for table in tables:
-        console.print(to_rich(table) if table.rows else f"{table.title}: nothing to show\n", highlight=False)
+        for part in in_parts(table, console.width) if table.rows else ():
+            console.print(to_rich(part))
+        if not table.rows:
+            console.print(f"{table.title}: nothing to show\n", highlight=False)
         notes = RichTable.grid(padding=(0, 1, 0, 0))
         for note in table.notes:
             notes.add_row("-", Text(note))

@@ -6,7 +6,7 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from operator import itemgetter
 from typing import TYPE_CHECKING
@@ -16,6 +16,10 @@ if TYPE_CHECKING:
 
 UNKNOWN = "–"
 """What stands for a number that has no value, for people; CSV has an empty cell."""
+
+
+_LEAST_WORDS = 24
+"""A column of words that is wider is wrapped rather than that a table is parted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,6 +88,27 @@ def to_latex(table: Table, *, label: str) -> str:
         r"\end{table}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def in_parts(table: Table, width: int) -> tuple[Table, ...]:
+    """The table as parts no wider than a terminal: each has all words, and as many columns of numbers as fit."""
+    widths = [max(map(len, column)) + 2 for column in zip(table.columns, *table.rows, strict=True)]
+    room = width - sum(min(each, _LEAST_WORDS) for each in widths[: table.words]) - 1
+    parts: list[list[int]] = [[]]
+    for i in range(table.words, len(widths)):
+        if parts[-1] and sum(widths[j] for j in parts[-1]) + widths[i] > room:
+            parts.append([])
+        parts[-1].append(i)
+    chosen = [[*range(table.words), *part] for part in parts]
+    return tuple(
+        replace(
+            table,
+            title=table.title + (f" ({number} of {len(chosen)})" if len(chosen) > 1 else ""),
+            columns=tuple(table.columns[i] for i in part),
+            rows=tuple(tuple(row[i] for i in part) for row in table.rows),
+        )
+        for number, part in enumerate(chosen, start=1)
+    )
 
 
 def to_rich(table: Table) -> RichTable:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from harness.report.formats import Table, csv_cell, to_csv, to_latex, to_markdown, to_rich
+from harness.report.formats import Table, csv_cell, in_parts, to_csv, to_latex, to_markdown, to_rich
 
 TABLE = Table(
     title="A_b & 5 %",
@@ -90,3 +90,23 @@ def test_mark_up_in_names_is_printed_not_obeyed() -> None:
 def test_every_row_has_a_cell_for_every_column() -> None:
     with pytest.raises(ValueError, match="expected 2 cells"):
         Table(title="T", columns=("a", "b"), words=1, rows=(("1",),))
+
+
+@given(st.integers(40, 200), st.lists(st.text("x", min_size=1, max_size=30), max_size=12))
+def test_a_table_is_no_wider_than_the_terminal_and_loses_nothing(width: int, numbers: list[str]) -> None:
+    table = Table(
+        title="t",
+        columns=("name", *numbers),
+        rows=(("a word or two", *(f"{i}" for i in range(len(numbers)))),),
+        words=1,
+    )
+    parts = in_parts(table, width)
+    assert [cell for part in parts for cell in part.rows[0][1:]] == [str(i) for i in range(len(numbers))]
+    assert [name for part in parts for name in part.columns[1:]] == numbers
+    for part in parts:
+        assert part.rows[0][0] == "a word or two"
+        console = Console(width=width, file=io.StringIO())
+        console.print(to_rich(part))
+        printed = console.file.getvalue()
+        assert all(each in printed for each in part.columns[1:])
+        assert "a word" in printed
