@@ -18,9 +18,9 @@ from harness.annotate.server import PageServer
 from harness.annotate.session import Session
 from harness.annotations.labels import IGNORED, Label, Labels, ranges_of
 from harness.runs.results import FrameRecord, to_line
-from tests.conftest import REPOSITORY
 from tests.disk import stereo_pair_folder, write_text
 from tests.records import frame_record, subject_record, target_record
+from tests.repository import REPOSITORY
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome

@@ -15,7 +15,12 @@ from tests.repository import REPOSITORY
 PROPERTIES = {"deadline": None, "suppress_health_check": [HealthCheck.function_scoped_fixture]}
 settings.register_profile("suite", derandomize=True, max_examples=50, **PROPERTIES)
 settings.register_profile("explore", max_examples=1000, **PROPERTIES)
-settings.load_profile("suite")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Take the suite's examples unless others are asked for. Not on import: tests may import this file once more."""
+    if not config.getoption("--hypothesis-profile"):
+        settings.load_profile("suite")
 
 
 def _folder(variable: str, name: str) -> Path:

@@ -18,8 +18,8 @@ from harness.annotations.labels import IGNORED
 from tests.annotating import LOOKS_AROUND, served_by_the_program, shown, true_labels, wait_for
 from tests.browser import chromium
 from tests.calibrations import matrix, write_opencv
-from tests.conftest import REPOSITORY
 from tests.disk import write_image
+from tests.repository import REPOSITORY
 
 FRAMES = range(1, 11)
 TARGETS = {"mug": "cup", "vase": "vase", "laptop": "laptop", "book": "book", "bottle": "bottle"}
