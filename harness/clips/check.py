@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.adapters import Clip
 from harness.annotations.files import IGNORED
 from harness.annotations.timeline import timeline_of
 from harness.clips.locate import names, unset_variables
 from harness.clips.manifest import ClipManifest, load_manifest
+from harness.clips.matching import matched_offsets_px
 from vfoa.errors import VfoaError
-from vfoa.types import Float, Image, StereoFrame
+from vfoa.types import Float, StereoFrame
 
 MAX_VERTICAL_ERROR_PX = 1.5
 """Median row difference of matched points above which block matching along rows stops working."""
 
 MIN_MATCHES = 30
 """Fewer matches say nothing about rectification."""
-
-MATCHED_SIDE_PX = 2048
-"""Larger images are shrunk before points are sought in them: an 8K pair would take 8 GB."""
 
 MAX_BASELINE_M = 10.0
 """A baseline above this is most likely in millimetres."""
@@ -122,36 +117,6 @@ def check_clip(name_or_path: str) -> ClipCheck:
             *label_problems,
         ),
     )
-
-
-def matched_offsets_px(left: Image, right: Image) -> Float:
-    """How far apart points found in both images are, (N, 2): columns (their disparity) and rows, left minus right.
-
-    The rows are 0 in a perfectly rectified pair. SIFT features; a match must be mutual and clearly better than the
-    second best (Lowe's ratio). Both images have one size.
-    """
-    factor = math.ceil(max(left.shape) / MATCHED_SIDE_PX)
-    detector = cv2.SIFT.create(nfeatures=2000)
-    grays = [_shrunk(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), factor) for image in (left, right)]
-    (points_left, found_left), (points_right, found_right) = (detector.detectAndCompute(gray, None) for gray in grays)
-    if found_left is None or found_right is None or len(found_left) < 2 or len(found_right) < 2:
-        return np.empty((0, 2))
-    matcher = cv2.BFMatcher(cv2.NORM_L2)
-    back = {match.queryIdx: match.trainIdx for (match,) in matcher.knnMatch(found_right, found_left, k=1)}
-    pairs = [
-        (points_left[best.queryIdx].pt, points_right[best.trainIdx].pt)
-        for best, second in matcher.knnMatch(found_left, found_right, k=2)
-        if best.distance < 0.7 * second.distance and back[best.trainIdx] == best.queryIdx
-    ]
-    points = np.array(pairs, dtype=np.float64).reshape(-1, 2, 2)
-    return factor * (points[:, 0] - points[:, 1])
-
-
-def _shrunk(gray: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """With each square of so many pixels a side made one; what is left over at the right and below is cut off."""
-    height, width = (size // factor for size in gray.shape)
-    whole = gray[: height * factor, : width * factor]
-    return gray if factor == 1 else np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
 
 
 def _row(name: str, path: Path) -> ClipRow:

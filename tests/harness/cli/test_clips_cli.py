@@ -9,8 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
-from harness.clips.check import MATCHED_SIDE_PX, clips_at_hand, matched_offsets_px
+from harness.clips.check import clips_at_hand
 from harness.clips.locate import names
+from harness.clips.matching import MATCHED_SIDE_PX, matched_offsets_px
 from tests.disk import write_bytes, write_image, write_text
 
 WIDTH, HEIGHT, DISPARITY = 320, 240, 12

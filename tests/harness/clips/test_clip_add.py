@@ -115,7 +115,7 @@ def test_the_root_follows_vfoa_data(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setenv("VFOA_DATA", "../all")
     vfoa("add", path, "--name", "absolute")
     assert f'root = "{tmp_path}/all/sintel"' in (Path.cwd() / "datasets" / "absolute.toml").read_text()
-    monkeypatch.setenv("VFOA_DATA", f"{tmp_path}/work/../all")
+    monkeypatch.setenv("VFOA_DATA", f"{tmp_path}/all/../all")
     vfoa("add", path)
     assert 'root = "${VFOA_DATA}/sintel"' in (Path.cwd() / "datasets" / "sintel_alley.toml").read_text()
     (tmp_path / "all").rename(tmp_path / "moved")
