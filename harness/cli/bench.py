@@ -23,12 +23,11 @@ def bench(
     out: Annotated[Path | None, typer.Option(help="Write the tables to this Markdown file too.")] = None,
 ) -> None:
     """Measure what stages, matchers, attention, recordings and scores cost, against plain ways of doing the same."""
-    from rich.console import Console
-
     from harness.bench.sections import SECTIONS, Bench
+    from harness.cli.printing import print_report
     from harness.clips.manifest import load_manifest
     from harness.files import atomic_write
-    from harness.report.formats import in_parts, to_markdown, to_rich
+    from harness.report.formats import to_markdown
     from harness.runs import provenance
     from harness.runs.experiment import load_experiment
     from vfoa.errors import VfoaError, did_you_mean
@@ -43,8 +42,7 @@ def bench(
     tables = []
     for name in only or SECTIONS:
         for table in SECTIONS[name](given):
-            for part in in_parts(table, Console().width):
-                Console().print(to_rich(part))
+            print_report(table)
             tables.append(table)
     if out:
         machine = ", ".join(f"{key} {value}" for key, value in {**provenance.host(), **provenance.versions()}.items())

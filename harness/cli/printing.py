@@ -35,19 +35,28 @@ def print_table(
     Console().print(table)
 
 
+def print_report(table: Table) -> None:
+    """Print one table of a report without its notes, in parts where it is wider than the terminal."""
+    from rich.console import Console
+
+    from harness.report.formats import in_parts, to_rich
+
+    console = Console()
+    for part in in_parts(table, console.width):
+        console.print(to_rich(part))
+
+
 def print_reports(tables: Iterable[Table]) -> None:
     """Print the tables of a report, each with what a reader must know of it, and a blank line."""
     from rich.console import Console
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    from harness.report.formats import in_parts, to_rich
-
     console = Console()
     for table in tables:
-        for part in in_parts(table, console.width) if table.rows else ():
-            console.print(to_rich(part))
-        if not table.rows:
+        if table.rows:
+            print_report(table)
+        else:
             console.print(f"{table.title}: nothing to show\n", highlight=False)
         notes = RichTable.grid(padding=(0, 1, 0, 0))
         for note in table.notes:

@@ -17,13 +17,13 @@ def simulate(
     """Check the paper's five synthetic cases over rays and field of view, and print which statements hold."""
     from rich.console import Console
 
-    from harness.report.formats import to_rich
+    from harness.cli.printing import print_report
     from harness.report.simulation import statements_table, write_simulation
     from vfoa import simulation
 
     rows = simulation.simulate()
     found = simulation.statements(rows)
-    Console().print(to_rich(statements_table(found)))
+    print_report(statements_table(found))
     n_rays, radius_cm = simulation.best_setting(rows)
     Console().print(f"Best over all cases: {n_rays} rays, radius {radius_cm:g} cm")
     if out is not None:

@@ -26,10 +26,8 @@ def run_sweep(
     cache: Store | None,
 ) -> None:
     """Sweep, write the table and its answers, and print these."""
-    from rich.console import Console
-
+    from harness.cli.printing import print_report
     from harness.cli.progress import frames_bar
-    from harness.report.formats import to_rich
     from harness.sweep.conduct import conduct_sweep
     from harness.sweep.report import best_table, effects_table, write_sweep
 
@@ -45,7 +43,7 @@ def run_sweep(
     del described["configurations"]  # they are the rows of sweep.csv
     atomic_write(out / "sweep.json", json.dumps(described, indent=1, ensure_ascii=False) + "\n")
     for table in (best_table(sweep), effects_table(sweep)):
-        Console().print(to_rich(table))
+        print_report(table)
     typer.echo(
         f"{len(sweep.rows):,} configurations x {sweep.frames} frames in {seconds:.0f} s with {workers} "
         f"{'worker' if workers == 1 else 'workers'}\nTable: {out / 'sweep.csv'}\nFigure: {out / 'sweep.svg'}"
