@@ -19,6 +19,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
+from vfoa.attention import boxes_of_others
 from vfoa.dwell import DwellSettings, prior, transition
 from vfoa.eye_head import (
     EyeHeadSettings,
@@ -93,8 +94,8 @@ def _infer(
     measured = measured_cues(subject, settings)
     if not measured:
         return Attention(subject=subject, missing=NoAttention.NO_DIRECTION), None
-    own = subject.person.instance_id
-    others = tuple(target for target in targets if target.box is not None and target.instance.id != own)
+    boxes = boxes_of_others(subject, targets)
+    others = tuple(target for target in targets if target.instance.id in boxes)
     places = _places(origin, others, eyes, settings)
 
     if before is None:

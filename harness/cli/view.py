@@ -67,13 +67,13 @@ def _browse(recordings: list[Path], frame: int | None) -> None:
 
 def _expect_frame(run: Path, recording: Path, frame: int) -> None:
     """Refuse a frame that the run does not have; the viewer would go to the nearest and say nothing."""
-    from harness.runs.directory import RunDirectory
+    from harness.runs.directory import RunDirectory, pair_of
     from vfoa.errors import VfoaError
 
     if not RunDirectory(run).manifest.is_file():
         return
     frames = {clip["name"]: clip["frames"] for clip in RunDirectory(run).read_manifest()["clips"]}
-    known = frames[recording.stem.split("__")[0]]
+    known = frames[pair_of(recording.stem)[0]]
     if frame not in known:
         raise VfoaError(f"{recording}: found no frame {frame}; expected one of {min(known)} to {max(known)}")
 

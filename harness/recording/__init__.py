@@ -13,6 +13,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Literal, Protocol, Self
 
+from harness.runs.directory import pair_of
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
@@ -98,21 +99,13 @@ def find_recordings(run: Path, clip: str | None, configuration: str | None) -> l
             )
         raise VfoaError(f"{run}: expected a run's directory or a recording (.rrd), found nothing there")
     if clip is not None:
-        known = {_clip_of(path) for path in recordings}
-        recordings = [path for path in recordings if _clip_of(path) == clip]
+        known = {pair_of(path.stem)[0] for path in recordings}
+        recordings = [path for path in recordings if pair_of(path.stem)[0] == clip]
         if not recordings:
             raise VfoaError(f"{run}: found no recording of clip {clip!r}; {did_you_mean(clip, known)}")
     if configuration is not None:
-        known = {_configuration_of(path) for path in recordings}
-        recordings = [path for path in recordings if _configuration_of(path) == configuration]
+        known = {pair_of(path.stem)[1] for path in recordings}
+        recordings = [path for path in recordings if pair_of(path.stem)[1] == configuration]
         if not recordings:
             raise VfoaError(f"{run}: found no recording under {configuration!r}; {did_you_mean(configuration, known)}")
     return recordings
-
-
-def _clip_of(recording: Path) -> str:
-    return recording.stem.partition("__")[0]
-
-
-def _configuration_of(recording: Path) -> str:
-    return recording.stem.partition("__")[2]

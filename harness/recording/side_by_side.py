@@ -14,6 +14,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.chunk import LazyChunkStream, RrdReader
 
+from harness.files import replacing
 from harness.recording import entities
 from harness.recording.blueprint import eye_for, orbital_eye
 from harness.recording.reading import reading
@@ -38,15 +39,14 @@ def write_side_by_side(clip: str, recordings: Mapping[str, Path], path: Path) ->
     prefixes = {configuration: f"/{rr.escape_entity_path_part(configuration)}" for configuration in recordings}
     eye = orbital_eye(*eye_for([points for each in recordings.values() for points in _first_clouds(each)]))
     columns = [_column(name, prefixes[name], _entities(each), eye) for name, each in recordings.items()]
-    partial = path.with_name(path.name + ".partial")
     stream = rr.RecordingStream(APPLICATION, recording_id=recording_id(path, clip, " vs ".join(recordings)))
-    stream.save(partial, default_blueprint=_layout(columns))
-    stream.send_recording_name(f"{clip}, {' and '.join(recordings)}")
-    for configuration, recording in recordings.items():
-        stream.send_chunks(_under(prefixes[configuration], recording))
-    stream.flush()
-    stream.disconnect()
-    partial.replace(path)
+    with replacing(path) as draft:
+        stream.save(draft, default_blueprint=_layout(columns))
+        stream.send_recording_name(f"{clip}, {' and '.join(recordings)}")
+        for configuration, recording in recordings.items():
+            stream.send_chunks(_under(prefixes[configuration], recording))
+        stream.flush()
+        stream.disconnect()
 
 
 def _under(prefix: str, recording: Path) -> LazyChunkStream:

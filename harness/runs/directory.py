@@ -141,6 +141,12 @@ class RunDirectory:
         return self.path / "parts" / f"{_stem(pair)}.{suffix}"
 
 
+def pair_of(stem: str) -> Pair:
+    """The (clip, configuration) whose files are called so: no clip's name has two underscores together."""
+    clip, _, configuration = stem.partition("__")
+    return clip, configuration
+
+
 def _stem(pair: Pair) -> str:
     return "__".join(pair)
 

@@ -13,6 +13,7 @@ import numpy as np
 from pydantic import Field
 
 from harness.adapters import Clip
+from harness.runs.stages import CLIP_VARIABLE
 from harness.truth.oracle import KnownTruth
 from vfoa.eye_head import sigma_rad
 from vfoa.geometry import perturb
@@ -33,7 +34,7 @@ class _ErrorSettings(Settings):
     bias_share: float = Field(default=0.5, ge=0, le=1)
     bias_frames: int = Field(default=25, ge=1)
     seed: int = Field(default=1, ge=0)
-    draw: str = "${CLIP}"
+    draw: str = CLIP_VARIABLE
 
 
 class SimulatedGazeSettings(_ErrorSettings):

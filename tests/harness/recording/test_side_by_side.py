@@ -79,6 +79,7 @@ def test_both_are_whole_under_their_names_and_share_the_time(run, read_back, mon
 def test_it_can_be_written_again(run, monkeypatch):
     assert _compare(monkeypatch, run)[0] == _compare(monkeypatch, run)[0] == 0
     assert not list(run.glob("*.partial"))
+    assert not list(run.glob(".*"))
 
 
 @pytest.mark.parametrize(
