@@ -1,4 +1,55 @@
-"""vfoa: the 3D Visual Focus of Attention pipeline. Arrays in, frozen values out.
+"""vfoa: 3D Visual Focus of Attention, who looks at what, in metres. Arrays in, frozen values out.
 
-Simões and Moreno, "3D estimation of visual focus of attention from stereo", ICARSC 2022.
+The method is that of Simões and Moreno, "3D estimation of visual focus of attention from stereo", ICARSC 2022.
+
+    import vfoa
+
+    estimator = vfoa.Estimator.open()                                    # the models of `vfoa run CLIP`
+    rig = vfoa.rectified_rig(left, fx_px=700, cx_px=640, cy_px=360, baseline_m=0.12)
+    print(estimator.estimate(left, right, rig))                          # person 1 looks at cup ...
+
+Nothing heavy is imported before a name is used.
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+__version__ = "0.1.0"
+
+_HOMES = {
+    "Estimate": "vfoa.estimate",
+    "Estimator": "vfoa.estimator",
+    "Follower": "vfoa.estimator",
+    "Look": "vfoa.estimate",
+    "Stages": "vfoa.pipeline",
+    "StereoFrame": "vfoa.types",
+    "StereoRig": "vfoa.types",
+    "VfoaError": "vfoa.errors",
+    "rectified_rig": "vfoa.estimator",
+}
+"""The module of each public name; ``__init__.pyi`` tells type checkers the same."""
+
+__all__ = [
+    "Estimate",
+    "Estimator",
+    "Follower",
+    "Look",
+    "Stages",
+    "StereoFrame",
+    "StereoRig",
+    "VfoaError",
+    "__version__",
+    "rectified_rig",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'vfoa' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

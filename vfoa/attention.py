@@ -56,7 +56,7 @@ class AttentionSettings(Settings):
     of 1.10 m (``cones_cm``). One of the two, never both; without either it is one cone of 10 cm. Each cone has
     ``n_rays`` rays evenly on its surface and, with ``axis_ray``, one along its axis.
 
-    ``method`` tells these settings from those of :class:`vfoa.bayes.BayesSettings`.
+    ``method`` tells these settings from those of :mod:`vfoa.bayes` and :mod:`vfoa.nearest`.
 
     ``weighting``: ``adaptive`` is the paper's. The others are ablations; ``gaze`` and ``head`` rest on that cue
     alone, so that a subject without it has no direction.
@@ -66,12 +66,19 @@ class AttentionSettings(Settings):
     """
 
     method: Literal["cones"] = "cones"
+    """``cones`` of rays, ``bayes``, a posterior over the objects, or ``nearest``, the target nearest in angle."""
     cones_deg: tuple[Annotated[float, Field(gt=0, lt=180)], ...] | None = Field(default=None, min_length=1)
+    """Full apex angles of the cones. Set this or ``cones_cm``; one cone of 10 cm without either."""
     cones_cm: tuple[Annotated[float, Field(gt=0)], ...] | None = Field(default=None, min_length=1)
+    """Base radii of the cones at a height of 1.10 m, as in the paper, instead of ``cones_deg``."""
     n_rays: PositiveInt = 40
+    """Rays on the surface of each cone."""
     axis_ray: bool = True
+    """Also cast one ray along the axis of each cone."""
     weighting: Weighting = "adaptive"
+    """``adaptive``: the paper's weights of gaze and head; ``equal``; ``gaze`` or ``head`` alone."""
     occlusion: Literal["ignore", "first_hit"] = "ignore"
+    """A ray counts for every box on its way (``ignore``, the paper), or for the first one (``first_hit``)."""
 
     @model_validator(mode="before")
     @classmethod

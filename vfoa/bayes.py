@@ -1,57 +1,59 @@
 """Attention as a posterior probability: which target explains the measured directions best, given how wrong they are.
 
-    visible     where each target lies for these eyes, and how far it spreads
-    eye_head    the density of the measured directions if it is looked at: errors, their slow part, how heads follow
-    dwell       the prior, and how it changes from one frame to the next
+    visible      where each target lies for these eyes, and how far it spreads
+    posterior/   what the directions say of it: their unknown error, how heads follow, how long people look
 
-    posterior   prior x density, normalised over the targets and "nowhere"
-
-"Nowhere" is a target like any other, as wide as ``nowhere_deg`` about the middle of all. A big target is not favoured:
-its density is spread over all that is seen of it.
+"Nowhere" is a hypothesis of its own: people who look at nothing look about where their head points, and that is
+anywhere about the middle of all targets. A big target is not favoured: its density is
+spread over all that is seen of it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from pydantic import Field
 
 from vfoa.attention import boxes_of_others
-from vfoa.dwell import DwellSettings, prior, transition
-from vfoa.eye_head import (
-    EyeHeadSettings,
-    Hypotheses,
-    Measured,
-    Places,
-    first_fixation,
-    measured_cues,
-    next_frame,
-    sigma_rad,
-    weigh,
-)
 from vfoa.geometry import unit
-from vfoa.types import CUES, Attention, Float, NoAttention, Subject, Target, TargetAttention
+from vfoa.posterior.filter import Belief, Measured, Scenery, update
+from vfoa.posterior.fit_of_directions import fit_of
+from vfoa.posterior.settings import PosteriorSettings, sigma_rad
+from vfoa.posterior.smoothing import likeliest_path, smoothed
+from vfoa.types import CUES, Attention, Float, FrameResult, NoAttention, Subject, Target, TargetAttention
 from vfoa.visible import SurfaceSettings, views_of
 
-_OPPOSITE = 1e-9
-"""Unit vectors whose mean is shorter cancel, but for rounding."""
+_SHARPEST_RAD = float(np.deg2rad(0.01))
+"""A model may claim to be certain: no error is taken to be smaller."""
 
 
-class BayesSettings(EyeHeadSettings, DwellSettings, SurfaceSettings):
-    """Settings of :func:`infer_attentions`: those of its three parts, and how far looks at no target spread."""
+class BayesSettings(PosteriorSettings, SurfaceSettings):
+    """Settings of :func:`infer_attentions`: those of its parts, and which frames a frame's answer rests on."""
 
     method: Literal["bayes"]
-    nowhere_deg: float = Field(default=50.0, gt=0, le=90)
+    """``bayes``: a posterior over the objects."""
+    smoothing: Literal["off", "forward", "both", "viterbi"] = "forward"
+    """``off``: each frame by itself; ``forward``: those before; ``both``: later ones, too; ``viterbi``: best path."""
+    look_ahead_s: float = Field(default=2.0, gt=0, le=120)
+    """Time that ``both`` and ``viterbi`` wait for later frames."""
+    frame_rate_hz: float = Field(default=25.0, gt=0)
+    """Frame rate where frames have no times, or times that do not increase."""
+
+    @property
+    def frames_awaited(self) -> int:
+        """How many later frames a frame's answer needs, at ``frame_rate_hz``."""
+        return math.ceil(self.look_ahead_s * self.frame_rate_hz) if self.smoothing in ("both", "viterbi") else 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeliefState:
-    """What is believed of each track; empty without smoothing."""
+    """What is believed of each track, and when that was, nanoseconds; empty without smoothing."""
 
-    by_track: Mapping[int, Hypotheses] = field(default_factory=dict)
+    by_track: Mapping[int, tuple[Belief, int | None]] = field(default_factory=dict)
 
     def of(self, tracks: Collection[int]) -> BeliefState:
         """What is believed of these tracks alone: those that have ended never come back."""
@@ -59,12 +61,17 @@ class BeliefState:
 
 
 def infer_attentions(
-    subjects: tuple[Subject, ...], targets: tuple[Target, ...], state: BeliefState, settings: BayesSettings
+    subjects: tuple[Subject, ...],
+    targets: tuple[Target, ...],
+    state: BeliefState,
+    settings: BayesSettings,
+    time_ns: int | None = None,
 ) -> tuple[tuple[Attention, ...], BeliefState]:
     """One frame: every subject's attention, and the beliefs that the next frame starts from.
 
     ``total`` is the probability of each target that has a box, the subject's own instance apart. "Nowhere" has the
     rest up to 1, and the focus is None where that is the most. The cues' parts divide the total by their precision.
+    ``belief`` is what :func:`smooth` needs; ``fit`` says how well the directions fit what is believed.
     """
     eyes = {
         subject.person.instance_id: subject.person.eye_origin_left
@@ -74,90 +81,142 @@ def infer_attentions(
     results = []
     beliefs = dict(state.by_track)
     for subject in subjects:
-        attention, belief = _infer(subject, targets, eyes, beliefs.get(subject.track_id), settings)
-        if belief is not None and settings.smoothing != "off":
-            beliefs[subject.track_id] = belief
+        attention = _infer(subject, targets, eyes, beliefs.get(subject.track_id), settings, time_ns)
+        if attention.belief is not None and settings.smoothing != "off":
+            beliefs[subject.track_id] = (attention.belief, time_ns)
         results.append(attention)
     return tuple(results), BeliefState(by_track=beliefs)
+
+
+def frames_awaited(results: Sequence[FrameResult], settings: BayesSettings) -> int:
+    """How many later frames a frame's answer needs, at the rate of these frames."""
+    seconds = (results[-1].scene.time_ns - results[0].scene.time_ns) / 1e9
+    if not settings.frames_awaited or seconds <= 0:
+        return settings.frames_awaited
+    return math.ceil(settings.look_ahead_s * (len(results) - 1) / seconds)
+
+
+def smooth(window: Sequence[FrameResult], settings: BayesSettings) -> list[FrameResult]:
+    """The frames of a window, each as all of the window has it. Focus and probabilities of every subject change."""
+    tracks = {each.subject.track_id for frame in window for each in frame.attentions}
+    found = {track: _smoothed_track(window, track, settings) for track in tracks}
+    return [
+        replace(
+            frame,
+            attentions=tuple(found[each.subject.track_id].get(index, each) for each in frame.attentions),
+        )
+        for index, frame in enumerate(window)
+    ]
+
+
+def _smoothed_track(window: Sequence[FrameResult], track: int, settings: BayesSettings) -> dict[int, Attention]:
+    """One subject's attention by the frame's place in the window, where there is any."""
+    known = [
+        (index, each, each.belief)
+        for index, frame in enumerate(window)
+        for each in frame.attentions
+        if each.subject.track_id == track and isinstance(each.belief, Belief)
+    ]
+    if not known:
+        return {}
+    beliefs = [belief for _, _, belief in known]
+    path = likeliest_path(beliefs) if settings.smoothing == "viterbi" else [None] * len(known)
+    found = {}
+    for (index, attention, belief), probability, key in zip(known, smoothed(beliefs), path, strict=True):
+        revised = _with_probabilities(attention, dict(zip(belief.keys, probability.tolist(), strict=True)))
+        found[index] = replace(revised, focus=key, tied=()) if settings.smoothing == "viterbi" else revised
+    return found
 
 
 def _infer(
     subject: Subject,
     targets: tuple[Target, ...],
     eyes: Mapping[int, Float],
-    before: Hypotheses | None,
+    before: tuple[Belief, int | None] | None,
     settings: BayesSettings,
-) -> tuple[Attention, Hypotheses | None]:
+    time_ns: int | None,
+) -> Attention:
     origin = subject.person.eye_origin_left
     if origin is None:
-        return Attention(subject=subject, missing=NoAttention.NO_EYES_3D), None
+        return Attention(subject=subject, missing=NoAttention.NO_EYES_3D)
     measured = measured_cues(subject, settings)
-    if not measured:
-        return Attention(subject=subject, missing=NoAttention.NO_DIRECTION), None
+    if measured is None:
+        return Attention(subject=subject, missing=NoAttention.NO_DIRECTION)
     boxes = boxes_of_others(subject, targets)
     others = tuple(target for target in targets if target.instance.id in boxes)
-    places = _places(origin, others, eyes, settings)
-
-    if before is None:
-        evidence = 1.0
-        predicted = first_fixation(places, prior(places.keys, settings), measured, settings)
-    else:
-        evidence = settings.evidence
-        held = dict(zip(before.keys, before.weights.tolist(), strict=True))
-        weights, stay = transition(held, places.keys, settings)
-        predicted = next_frame(before, places, stay, weights, measured, settings)
-    belief = weigh(predicted, places, measured, settings, evidence)
-    return _attention(subject, others, belief, measured, settings), belief
-
-
-def _places(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], settings: BayesSettings) -> Places:
-    """The targets that are seen, and nowhere: about the middle of them all."""
-    views = views_of(origin, targets, eyes, settings)
-    return Places(
+    views = views_of(origin, others, eyes, settings)
+    scenery = Scenery(
         keys=(*views.ids, None),
-        directions=np.vstack([views.directions, _middle(views.directions, origin)]),
-        variances=np.append(views.variances, sigma_rad(settings.nowhere_deg) ** 2),
+        directions=views.directions,
+        variances=views.variances,
+        to_camera=unit(-origin if origin.any() else (0, 0, -1)),
+    )
+    last, last_ns = before or (None, None)
+    belief = update(last, scenery, measured, _seconds(last_ns, time_ns, settings), settings)
+    shares = cue_shares(measured, belief, settings)
+    unknown = tuple(
+        TargetAttention(instance_id=each.instance.id, gaze=shares[0], head=shares[1], total=1.0) for each in others
+    )
+    attention = Attention(subject=subject, values=unknown, belief=belief, fit=fit_of(belief, measured))
+    return _with_probabilities(attention, dict(zip(belief.keys, belief.probabilities.tolist(), strict=True)))
+
+
+def measured_cues(subject: Subject, settings: BayesSettings) -> Measured | None:
+    """The cues of a subject that were measured and are wanted; None where there is none."""
+    gaze = subject.gaze if settings.cues in ("both", "gaze") else None
+    head = subject.head_pose if settings.cues in ("both", "head") else None
+    if gaze is None and head is None:
+        return None
+    claims = []
+    for source, error_deg in ((gaze, settings.gaze_error_deg), (head, settings.head_error_deg)):
+        claimed = source.sigma_rad if source is not None and settings.spread == "model" else None
+        claims.append(max(sigma_rad(error_deg) if claimed is None else claimed, _SHARPEST_RAD))
+    return Measured(
+        gaze=None if gaze is None else gaze.direction,
+        head=None if head is None else head.direction,
+        gaze_sigma_rad=claims[0],
+        head_sigma_rad=claims[1],
     )
 
 
-def _middle(directions: Float, origin: Float) -> Float:
-    """The middle of directions (T, 3); the way to the camera where they have none, being opposite, or no targets."""
-    if len(directions) and np.linalg.norm(mean := directions.mean(axis=0)) > _OPPOSITE:
-        return unit(mean)
-    return unit(-origin if origin.any() else (0, 0, -1))
+def _seconds(before_ns: int | None, now_ns: int | None, settings: BayesSettings) -> float:
+    """The time between two frames; that of ``frame_rate_hz`` where it is not known or not positive."""
+    if before_ns is None or now_ns is None or now_ns <= before_ns:
+        return 1 / settings.frame_rate_hz
+    return (now_ns - before_ns) / 1e9
 
 
-def _attention(
-    subject: Subject, targets: tuple[Target, ...], belief: Hypotheses, measured: Measured, settings: BayesSettings
-) -> Attention:
-    probability = dict(zip(belief.keys, belief.weights.tolist(), strict=True))
-    shares = _cue_shares(measured, settings)
-    values = tuple(
-        TargetAttention(
-            instance_id=target.instance.id,
-            gaze=(total := probability.get(target.instance.id, 0.0)) * shares[0],
-            head=total * shares[1],
-            total=total,
-        )
-        for target in targets
-    )
+def _with_probabilities(attention: Attention, probability: Mapping[int | None, float]) -> Attention:
+    """The attention with these probabilities, divided between the cues as before, and the focus that follows."""
+    values = []
+    for value in attention.values:
+        total = probability.get(value.instance_id, 0.0)
+        parts = (value.gaze, value.head)
+        whole = sum(part for part in parts if not math.isnan(part))
+        gaze, head = (part / whole * total if whole > 0 else part for part in parts)
+        values.append(replace(value, gaze=gaze, head=head, total=total))
     best = max(probability.values())
     if probability[None] == best:
-        return Attention(subject=subject, values=values)
+        return replace(attention, values=tuple(values), focus=None, tied=())
     first, *tied = (value.instance_id for value in values if value.total == best)
-    return Attention(subject=subject, values=values, focus=first, tied=tuple(tied))
+    return replace(attention, values=tuple(values), focus=first, tied=tuple(tied))
 
 
-def _cue_shares(measured: Measured, settings: EyeHeadSettings) -> tuple[float, float]:
+def cue_shares(measured: Measured, belief: Belief, settings: BayesSettings) -> tuple[float, float]:
     """What part of the evidence is the gaze's and the head's, by precision; NaN for a cue that was not measured.
 
-    A head says of the target what its own error, its rest and its stay aside leave over, stretched by its share.
+    A gaze is as precise as its error is believed to be. A head says of the target what its own error, its rest and its
+    stay aside leave over, stretched by its share.
     """
-    around = sigma_rad(settings.aside_deg) ** 2 + ((1 - settings.head_share) * sigma_rad(settings.rest_deg)) ** 2
-    precision = {
-        cue: 1 / variance if cue == "gaze" else settings.head_share**2 / (variance + around)
-        for cue, (_, variance) in measured.items()
-    }
+    precision = {}
+    weights = belief.weights
+    if measured.gaze is not None:
+        scale = float(weights.sum(axis=1) @ belief.gaze.scale)
+        precision["gaze"] = 1 / (scale * measured.gaze_sigma_rad) ** 2
+    if measured.head is not None:
+        share = float(weights.sum(axis=0) @ belief.head.share)
+        around = sigma_rad(settings.aside_deg) ** 2 + ((1 - share) * sigma_rad(settings.rest_deg)) ** 2
+        precision["head"] = share**2 / (measured.head_sigma_rad**2 + around)
     total = sum(precision.values())
     gaze, head = (precision[cue] / total if cue in precision else float("nan") for cue in CUES)
     return gaze, head

@@ -54,10 +54,15 @@ class GazeFilterSettings(Settings):
     """
 
     cues: Literal["off", "gaze", "both"] = "off"
+    """Directions that are filtered: none, the gaze, or gaze and head pose."""
     noise_deg: float = Field(default=6.0, gt=0)
+    """Error of one measurement along one axis."""
     hold: PositiveInt = 5
+    """Frames for which a saccade opens the filter."""
     gate_deg: float = Field(default=90.0, gt=0)
+    """A measurement farther from the prediction counts as missing."""
     max_missing: NonNegativeInt = 5
+    """Most frames for which the prediction stands in for a missing measurement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""Learned models through ONNX Runtime: sessions, providers, threads and checks. The only file that imports it."""
+"""Networks through ONNX Runtime: sessions, providers, threads and checks. Only this file imports ONNX Runtime."""
 
 from __future__ import annotations
 
@@ -28,9 +28,16 @@ _PROVIDERS: dict[Provider, str] = {
     "openvino": "OpenVINOExecutionProvider",
     "coreml": "CoreMLExecutionProvider",
 }
+_PACKAGES: dict[Provider, str] = {
+    "cuda": "onnxruntime-gpu",
+    "tensorrt": "onnxruntime-gpu",
+    "openvino": "onnxruntime-openvino",
+}
+"""The packages that have the providers which the package onnxruntime may lack."""
+
 _FATAL = 4
 
-# ONNX Runtime's errors have no base of their own
+# ONNX Runtime's errors have no common base class
 _RUNTIME_ERRORS = tuple(
     error
     for error in vars(onnxruntime_pybind11_state).values()
@@ -39,25 +46,28 @@ _RUNTIME_ERRORS = tuple(
 
 
 class RuntimeSettings(Settings):
-    """Where a network runs. One thread by default: frames are spread over processes, and results stay the same."""
+    """Where a network runs."""
 
     provider: Provider = "cpu"
+    """What the network runs on. If it is not available, that is an error: there is no fallback."""
     threads: int = Field(default=1, ge=1)
+    """Threads of one inference. 1 keeps results the same on every machine: frames are spread over processes."""
 
 
 class OnnxSettings(RuntimeSettings):
-    """Settings of a stage with one network. ``weights`` is a path, or a file's name in the folders of weights."""
+    """Settings of a stage with one network."""
 
     weights: str
+    """Path of the network, or a file's name in the folders of weights."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signature:
-    """What a graph must take and give: names and shapes, None for a length that may be anything.
+    """The inputs and outputs that a graph must have: names and shapes, None for a length that may be anything.
 
-    ``by_position``: the exporter's names mean nothing; the i-th input and output are called as they are here.
-    Otherwise the inputs must have exactly these names, and the outputs these and perhaps others. All are float32,
-    but the ``integers``, which are int64.
+    ``by_position``: names in the graph do not count; its i-th input and output get the i-th name here. Otherwise the
+    inputs must have exactly these names, and the outputs these and perhaps others. Tensors are float32, except the
+    ``integers``, which are int64.
     """
 
     inputs: Mapping[str, Shape]
@@ -67,21 +77,21 @@ class Signature:
 
 
 class Model:
-    """A network of a known signature. Opened at its first use; it travels to other processes as its settings.
+    """A network with a known signature. It is opened at its first use, and pickled as its settings.
 
     Parameters
     ----------
     weights
         A path, or a file's name in the folders of weights.
     signature
-        What its graph must take and give.
+        The inputs and outputs that its graph must have.
     settings
         Provider and threads.
 
     Raises
     ------
     VfoaError
-        If no such file exists; at the first use if it is not a model, not this model, or not for this provider.
+        If there is no such file. At the first use: if it is not a model, not this model, or fails on this provider.
     """
 
     def __init__(self, weights: str, signature: Signature, settings: RuntimeSettings) -> None:
@@ -109,22 +119,22 @@ class Model:
         return dict(zip(graph_outputs, found, strict=True))
 
     def input_shape(self, name: str) -> Shape:
-        """The shape of an input as the graph has it, None for a length that it leaves open."""
+        """The shape of an input in the graph, None for a length that it leaves open."""
         session, graph_inputs, _ = self._open()
         return next(_shape(node) for node in session.get_inputs() if node.name == graph_inputs[name])
 
     def provider(self) -> Provider:
-        """What the network runs on: the provider that was asked for, since no other is ever taken instead."""
+        """What the network runs on: the provider of its settings."""
         session, *_ = self._open()
         return next(name for name, provider in _PROVIDERS.items() if provider == session.get_providers()[0])
 
     def check(self) -> None:
-        """Open the model now, so that a wrong one fails here.
+        """Open the model now, to find a wrong one before the first frame.
 
         Raises
         ------
         VfoaError
-            If it is not a model, not this model, or not for this provider.
+            If it is not a model, not this model, or fails on this provider.
         """
         self._open()
 
@@ -150,34 +160,52 @@ def blob(*images: Image, bgr: bool, mean: float | Float = 0.0, scale: float | Fl
     ``bgr`` gives the channels in the order blue, green, red; ``mean`` and ``scale`` are in that order too.
     """
     batch = np.stack(images)[..., ::-1] if bgr else np.stack(images)
-    values = (batch.astype(np.float32) - np.float32(mean)) * np.float32(scale)
-    return np.ascontiguousarray(values.transpose(0, 3, 1, 2))
+    values = np.ascontiguousarray(batch.transpose(0, 3, 1, 2), dtype=np.float32)
+    values -= np.reshape(np.float32(mean), (-1, 1, 1))
+    values *= np.reshape(np.float32(scale), (-1, 1, 1))
+    return values
+
+
+def check_provider(provider: Provider) -> None:
+    """Raise an error if this build of ONNX Runtime does not have the provider.
+
+    Raises
+    ------
+    VfoaError
+        With the providers that it has, and the package that has ``provider``.
+    """
+    available = onnxruntime.get_available_providers()
+    if _PROVIDERS[provider] not in available:
+        names = ", ".join(name for name, its_name in _PROVIDERS.items() if its_name in available)
+        package = _PACKAGES.get(provider)
+        install = f", or the package {package} in place of onnxruntime" if package else ""
+        raise VfoaError(
+            f"provider: {provider!r} is not in this build of ONNX Runtime; expected one of: {names}{install}"
+        )
 
 
 def _session(path: Path, settings: RuntimeSettings) -> Any:
+    check_provider(settings.provider)
     provider = _PROVIDERS[settings.provider]
-    available = onnxruntime.get_available_providers()
-    if provider not in available:
-        names = ", ".join(name for name, provider in _PROVIDERS.items() if provider in available)
-        raise VfoaError(
-            f"provider: {settings.provider!r} is not in this build of ONNX Runtime; expected one of: {names}"
-        )
     if is_lfs_pointer(path):
-        raise VfoaError(f"{path}: a Git LFS pointer; expected the model it stands for (fetch it with git lfs pull)")
+        raise VfoaError(f"{path}: a Git LFS pointer; expected the model itself (fetch it with git lfs pull)")
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = settings.threads
     options.inter_op_num_threads = 1
     options.use_deterministic_compute = True
     options.log_severity_level = _FATAL
-    # What an accelerator cannot run falls to the CPU, node by node; a provider that fails as a whole is an error.
+    # Single nodes that an accelerator cannot run fall back to the CPU; a provider that fails as a whole is an error.
     providers = list(dict.fromkeys([provider, _PROVIDERS["cpu"]]))
     try:
         session = onnxruntime.InferenceSession(str(path), sess_options=options, providers=providers)
     except _RUNTIME_ERRORS as error:
         reason = " ".join(str(error).split())
-        raise VfoaError(f"{path}: not a whole ONNX model; expected one that ONNX Runtime loads: {reason}") from error
+        raise VfoaError(f"{path}: not a complete ONNX model; expected one that ONNX Runtime loads: {reason}") from error
     if session.get_providers()[0] != provider:
-        raise VfoaError(f"provider: {settings.provider!r} could not start on this machine; expected its libraries")
+        raise VfoaError(
+            f"provider: {settings.provider!r} could not start on this machine; expected its device, its driver and its "
+            'libraries (for "cuda": those of CUDA and cuDNN that onnxruntime-gpu names)'
+        )
     return session
 
 

@@ -10,6 +10,8 @@ the frames around: perceive keeps its crops, and a :class:`vfoa.gaze.temporal.He
 
 from __future__ import annotations
 
+from concurrent.futures import Executor, wait
+from contextvars import copy_context
 from dataclasses import dataclass, field
 
 from vfoa.attention import AttentionSettings, pay_attention
@@ -18,13 +20,14 @@ from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
 from vfoa.heads import HeadDetector
+from vfoa.nearest import NearestSettings, look_at_nearest
 from vfoa.reconstruction import reconstruct
 from vfoa.segmentation import Segmenter
 from vfoa.settings import Settings
 from vfoa.stereo import RegionMatcher, StereoMatcher
 from vfoa.stereo.region import needed_region
 from vfoa.tracking import TrackerState, TrackingSettings, track_people
-from vfoa.types import FrameResult, HeadView, Percepts, Scene, StereoFrame
+from vfoa.types import Disparity, FrameResult, Head, HeadView, Instances, Percepts, Scene, StereoFrame
 
 __all__ = ["AttendSettings", "Memory", "Stages", "attend", "perceive", "reconstruct"]
 
@@ -46,28 +49,47 @@ class Stages:
     region_matcher: RegionMatcher | None = None
 
 
-def perceive(frame: StereoFrame, stages: Stages) -> Percepts:
-    """Run every model on one frame. Where gaze is temporal, the views have its crops and no gaze yet."""
+def perceive(frame: StereoFrame, stages: Stages, *, beside: Executor | None = None) -> Percepts:
+    """Run every model on one frame. Where gaze is temporal, the views have its crops and no gaze yet.
+
+    ``beside`` runs the models of the heads in another thread while this one matches. The result is the same.
+    """
     instances = stages.segmenter.segment(frame)
     heads = stages.heads.detect(frame, instances)
-    if stages.region_matcher:
-        disparity = stages.region_matcher.match_region(frame, needed_region(instances, heads, frame.rig))
+    if beside is None:
+        disparity = _match(frame, instances, heads, stages)
+        views = _view(frame, heads, stages)
     else:
-        disparity = stages.matcher.match(frame)
-    views = []
-    for head in heads:
-        head_pose = stages.head_pose.estimate(frame, head) if stages.head_pose else None
-        gaze = stages.gaze.estimate(frame, head, head_pose) if stages.gaze else None
-        crop = stages.temporal_gaze.crop(frame, head) if stages.temporal_gaze else None
-        views.append(HeadView(head=head, head_pose=head_pose, gaze=gaze, crop=crop))
+        viewed = beside.submit(copy_context().run, _view, frame, heads, stages)
+        try:
+            disparity = _match(frame, instances, heads, stages)
+        finally:
+            wait([viewed])  # no stage runs on after an error
+        views = viewed.result()
     return Percepts(
         index=frame.index,
         time_ns=frame.time_ns,
         rig=frame.rig,
         disparity=disparity,
         instances=instances,
-        views=tuple(views),
+        views=views,
     )
+
+
+def _match(frame: StereoFrame, instances: Instances, heads: tuple[Head, ...], stages: Stages) -> Disparity:
+    if stages.region_matcher:
+        return stages.region_matcher.match_region(frame, needed_region(instances, heads, frame.rig))
+    return stages.matcher.match(frame)
+
+
+def _view(frame: StereoFrame, heads: tuple[Head, ...], stages: Stages) -> tuple[HeadView, ...]:
+    views = []
+    for head in heads:
+        head_pose = stages.head_pose.estimate(frame, head) if stages.head_pose else None
+        gaze = stages.gaze.estimate(frame, head, head_pose) if stages.gaze else None
+        crop = stages.temporal_gaze.crop(frame, head) if stages.temporal_gaze else None
+        views.append(HeadView(head=head, head_pose=head_pose, gaze=gaze, crop=crop))
+    return tuple(views)
 
 
 class AttendSettings(Settings):
@@ -75,7 +97,7 @@ class AttendSettings(Settings):
 
     tracking: TrackingSettings = TrackingSettings()
     gaze_filter: GazeFilterSettings = GazeFilterSettings()
-    attention: AttentionSettings | BayesSettings = AttentionSettings()
+    attention: AttentionSettings | BayesSettings | NearestSettings = AttentionSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,8 +115,10 @@ def attend(scene: Scene, memory: Memory, settings: AttendSettings) -> tuple[Fram
     subjects, gaze_filter = filter_cues(tracked, memory.gaze_filter, settings.gaze_filter)
     beliefs = memory.beliefs
     if isinstance(settings.attention, BayesSettings):
-        attentions, beliefs = infer_attentions(subjects, scene.targets, beliefs, settings.attention)
+        attentions, beliefs = infer_attentions(subjects, scene.targets, beliefs, settings.attention, scene.time_ns)
         beliefs = beliefs.of({track.id for track in tracker.tracks})
+    elif isinstance(settings.attention, NearestSettings):
+        attentions = tuple(look_at_nearest(subject, scene.targets, settings.attention) for subject in subjects)
     else:
         attentions = tuple(pay_attention(subject, scene.targets, settings.attention) for subject in subjects)
     memory = Memory(tracker=tracker, gaze_filter=gaze_filter, beliefs=beliefs)

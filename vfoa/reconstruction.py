@@ -47,16 +47,27 @@ class ReconstructionSettings(Settings):
     """
 
     stuff: tuple[str, ...] = ()
+    """Labels of the stuff that can be looked at. Things always can."""
     person: tuple[str, ...] = ("person",)
+    """Labels of the instances that are people."""
     boxes: Literal["aabb", "oriented"] = "aabb"
+    """``aabb``: boxes along the camera's axes (the paper); ``oriented``: the smallest in any orientation."""
     erode_px: int = Field(default=1, ge=0, le=20)
+    """Width of the rim of each mask that is left out: the matcher mixes objects with their background there."""
     gate_mads: float = Field(default=8, gt=0)
+    """Points farther from the median depth, in median absolute deviations, are left out."""
     outlier_neighbours: int = Field(default=4, ge=1)
+    """Nearest neighbours whose distance decides whether a point is an outlier."""
     outlier_ratio: float = Field(default=5, ge=1)
+    """An outlier is this many times as far from them as is usual in its cloud."""
     min_points: int = Field(default=20, ge=1)
+    """Least points of a cloud that gets a 3D box."""
     max_points: int = Field(default=1000, ge=100)
+    """Most points of a cloud; a larger one is thinned out."""
     eyes: EyeMethod = "head"
+    """Where gaze begins: by the ``head``'s direction, or in the paper's ``patch`` of the head's box."""
     min_eye_points: int = Field(default=9, ge=1)
+    """Least points of a head with an eye origin."""
 
     @model_validator(mode="after")
     def _reachable(self) -> Self:

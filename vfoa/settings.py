@@ -6,6 +6,11 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Settings(BaseModel):
-    """Settings of one stage, as they stand in a configuration file (angles in degrees, lengths in metres)."""
+    """Settings of one stage, as they stand in a configuration file (angles in degrees, lengths in metres).
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, protected_namespaces=())
+    The docstring below a field is its meaning in the settings reference.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, allow_inf_nan=False, protected_namespaces=(), use_attribute_docstrings=True
+    )

@@ -17,11 +17,10 @@ import numpy as np
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.types import (
     Box3D,
+    Cues,
     FrameResult,
     Gaze,
-    Head,
     HeadPose,
-    HeadView,
     Instance,
     Person,
     Scene,
@@ -213,8 +212,7 @@ def _same(claim: str, expected: float, found: float) -> Statement:
 
 def _subject(case: Case) -> Subject:
     gaze, head_pose = Gaze(direction=np.array(case.gaze)), HeadPose(direction=np.array(case.head))
-    view = HeadView(head=Head(box_px=np.array([0.0, 0, 1, 1]), score=1.0), head_pose=head_pose, gaze=gaze)
-    person = Person(view=view, instance_id=None, eye_origin_left=np.zeros(3))
+    person = Person(view=Cues(head_pose=head_pose, gaze=gaze), instance_id=0, eye_origin_left=np.zeros(3))
     return Subject(track_id=1, person=person, gaze=gaze, head_pose=head_pose)
 
 
@@ -222,7 +220,7 @@ def _targets(case: Case) -> tuple[Target, ...]:
     return tuple(
         Target(
             instance=Instance(id=number, label=cube.name, category_id=1, is_thing=True, score=1.0),
-            box_px=np.zeros(4),
+            box_px=None,
             points_left=np.zeros((0, 3), np.float32),
             box=Box3D(center_m=np.array(cube.center_m), half_size_m=np.full(3, cube.half_m), left_from_box=np.eye(3)),
         )

@@ -1,4 +1,6 @@
-"""Tracking: who is who from one frame to the next, by the overlap of head boxes alone.
+"""Tracking: who is who from one frame to the next, by the overlap of head boxes.
+
+People who were measured without an image have no head box: the source says who is who, by the instance id.
 
 The IOU tracker (Bochinski, Eiselein and Sikora, AVSS 2017) with its parameters: detections below ``sigma_l`` are
 left out; each track, oldest first, takes the free detection that overlaps its last box most, if by ``sigma_iou`` or
@@ -19,7 +21,7 @@ from pydantic import Field, NonNegativeInt, PositiveInt
 
 from vfoa.geometry import box_iou
 from vfoa.settings import Settings
-from vfoa.types import Float, Head, Person
+from vfoa.types import Float, Person
 
 
 class TrackingSettings(Settings):
@@ -31,19 +33,28 @@ class TrackingSettings(Settings):
     """
 
     sigma_l: float = Field(default=0.0, ge=0)
+    """Least score of a head that is followed."""
     sigma_h: float = Field(default=0.5, ge=0)
+    """Score that one head of a track must reach for the track to count."""
     sigma_iou: float = Field(default=0.5, gt=0, le=1)
+    """Least overlap (intersection over union) of a track's boxes from frame to frame."""
     t_min: PositiveInt = 2
+    """Least number of heads of a track that counts."""
     ttl: NonNegativeInt = 5
+    """Longest gap of a track in frames; 0 is the published rule."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Track:
-    """One person followed so far: the last head box (4,), the best score, the heads seen, the frames missed since."""
+    """One person followed so far: the best score, the heads seen, the frames missed since.
+
+    ``box_px`` (4,) is the last head box; None for a person without one, who is known by ``instance_id`` instead.
+    """
 
     id: int
-    box_px: Float
+    box_px: Float | None
     best_score: float
+    instance_id: int | None = None
     length: int = 1
     missed: int = 0
 
@@ -51,10 +62,17 @@ class Track:
         """Whether the track counts by the published rule, from what was seen of it so far."""
         return self.best_score >= settings.sigma_h and self.length >= settings.t_min
 
-    def followed(self, head: Head) -> Track:
+    def followed(self, person: Person) -> Track:
         """The track with one more head."""
-        score = max(self.best_score, head.score)
-        return replace(self, box_px=head.box_px, best_score=score, length=self.length + 1, missed=0)
+        score = max(self.best_score, _score(person))
+        return replace(self, box_px=_box_px(person), best_score=score, length=self.length + 1, missed=0)
+
+    def overlap(self, person: Person) -> float:
+        """How far a person's head box covers the last one, in [0, 1]; without head boxes, 1 for the same person."""
+        head = person.head
+        if head is None or self.box_px is None:
+            return float(head is None and self.box_px is None and person.instance_id == self.instance_id)
+        return box_iou(self.box_px, head.box_px)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,24 +90,33 @@ def track_people(
 
     Left out are those with a head below ``sigma_l``.
     """
-    free = [person for person in people if person.view.head.score >= settings.sigma_l]
+    free = [person for person in people if _score(person) >= settings.sigma_l]
     tracked, tracks = [], []
 
     for track in state.tracks:
-        overlaps = [box_iou(track.box_px, person.view.head.box_px) for person in free]
+        overlaps = [track.overlap(person) for person in free]
         if max(overlaps, default=0.0) >= settings.sigma_iou:
             person = free.pop(overlaps.index(max(overlaps)))
             tracked.append((track.id, person))
-            tracks.append(track.followed(person.view.head))
+            tracks.append(track.followed(person))
         elif track.missed < settings.ttl:
             tracks.append(replace(track, missed=track.missed + 1))
 
     for new_id, person in enumerate(free, start=state.next_id):
-        head = person.view.head
+        known = person.instance_id if person.head is None else None
         tracked.append((new_id, person))
-        tracks.append(Track(id=new_id, box_px=head.box_px, best_score=head.score))
+        tracks.append(Track(id=new_id, box_px=_box_px(person), best_score=_score(person), instance_id=known))
 
     return tuple(tracked), TrackerState(tracks=tuple(tracks), next_id=state.next_id + len(free))
+
+
+def _box_px(person: Person) -> Float | None:
+    return None if person.head is None else person.head.box_px
+
+
+def _score(person: Person) -> float:
+    """The score of a head; a measured person counts as found for certain."""
+    return 1.0 if person.head is None else person.head.score
 
 
 def final_tracks(

@@ -9,6 +9,7 @@ Images      (H, W, 3) uint8 RGB.
 Maps        (H, W) float32. NaN means unknown, never 0, -1 or inf.
 Times       int nanoseconds.
 Disparity   Positive: x_right = x_left - d.
+Depth       z of the camera frame, in metres: along the optical axis, not along the ray.
 
 Values are frozen. Their arrays are checked for shape and dtype once, here, and are read-only.
 """
@@ -16,9 +17,9 @@ Values are frozen. Their arrays are checked for shape and dtype once, here, and 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -30,6 +31,14 @@ Mask = NDArray[np.bool_]
 
 Cue = Literal["gaze", "head"]
 CUES: tuple[Cue, ...] = ("gaze", "head")
+
+NOMINAL_BASELINE_M = 0.1
+"""The baseline of the rig of a camera that measures depth and has no second view.
+
+Disparity is how the pipeline carries depth: d = fx B / z. Without a second view, B cancels: any value gives the same
+points (float32 rounds z by less than 1e-7 of it). Disparities of such a rig are no shifts between two images, so they
+are not shown; depth is.
+"""
 
 _UNIT_ROUNDING = 4 * float(np.finfo(np.float64).eps)
 """How far from 1 the length of a vector may be that was divided by its length."""
@@ -81,7 +90,7 @@ class StereoRig:
     """A rectified stereo pair of pin-hole cameras with parallel axes.
 
     ``cx_right_px`` differs from ``cx_px`` where rectification kept separate principal points; depth is then
-    z = fx B / (d + cx_right - cx).
+    z = fx B / (d + cx_right - cx). :meth:`of_depth_camera` describes a single camera that measures depth.
     """
 
     width_px: int
@@ -99,6 +108,22 @@ class StereoRig:
             if getattr(self, name) <= 0:
                 raise ValueError(f"StereoRig.{name}: expected a positive number, found {getattr(self, name)}")
 
+    @classmethod
+    def of_depth_camera(
+        cls, *, width_px: int, height_px: int, fx_px: float, fy_px: float, cx_px: float, cy_px: float
+    ) -> StereoRig:
+        """The rig of a single pin-hole camera whose depth is measured; its baseline is nominal."""
+        return cls(
+            width_px=width_px,
+            height_px=height_px,
+            fx_px=fx_px,
+            fy_px=fy_px,
+            cx_px=cx_px,
+            cy_px=cy_px,
+            baseline_m=NOMINAL_BASELINE_M,
+            cx_right_px=cx_px,
+        )
+
     @property
     def camera_matrix(self) -> Float:
         """K (3, 3) of the left camera, pixels."""
@@ -107,17 +132,32 @@ class StereoRig:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoFrame:
-    """One rectified stereo pair: images (H, W, 3) uint8 RGB. ``index`` is the source's own frame number."""
+    """One frame: a left image with a right image, with a measured depth map, or with both.
+
+    Images are (H, W, 3) uint8 RGB, rectified. ``depth_m`` (H, W) float32 is z in metres of each pixel of the left
+    image, NaN where the sensor measured nothing. ``index`` is the source's own frame number.
+    """
 
     index: int
     time_ns: int
     left: Image
-    right: Image
+    right: Image | None = None
+    depth_m: Map | None = None
     rig: StereoRig
 
     def __post_init__(self) -> None:
-        _set(self, "left", self.left, np.uint8, self.rig.height_px, self.rig.width_px, 3)
-        _set(self, "right", self.right, np.uint8, self.rig.height_px, self.rig.width_px, 3)
+        height, width = self.rig.height_px, self.rig.width_px
+        _set(self, "left", self.left, np.uint8, height, width, 3)
+        if self.right is None and self.depth_m is None:
+            raise ValueError("StereoFrame: expected a right image, a measured depth map or both, found neither")
+        if self.right is not None:
+            _set(self, "right", self.right, np.uint8, height, width, 3)
+        if self.depth_m is not None:
+            _set(self, "depth_m", self.depth_m, np.float32, height, width)
+            if ((self.depth_m <= 0) | np.isinf(self.depth_m)).any():
+                raise ValueError(
+                    "StereoFrame.depth_m: expected positive depths or NaN, found 0, a negative or infinity"
+                )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -234,15 +274,21 @@ class Gaze:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeadView:
-    """All that was measured on one head of one frame. None: that stage gave nothing.
+class Cues:
+    """Where one person's head and eyes point in one frame. None: not measured."""
+
+    head_pose: HeadPose | None
+    gaze: Gaze | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadView(Cues):
+    """All that was measured on one head of one frame's image. None: that stage gave nothing.
 
     ``crop`` is the head's image (h, w, 3) uint8 RGB, kept where a temporal gaze model needs it.
     """
 
     head: Head
-    head_pose: HeadPose | None
-    gaze: Gaze | None
     crop: Image | None = None
 
     def __post_init__(self) -> None:
@@ -301,37 +347,53 @@ class Box3D:
 class Target:
     """Something that can be looked at: an instance, its cloud (N, 3) in metres (camera frame), and its box.
 
-    ``box`` is None when too few points were known for one. ``box_px`` (4,) is the extent of the mask.
+    ``box`` is None when too few points were known for one. ``box_px`` (4,) is the extent of the mask; None where the
+    target was measured without an image.
     """
 
     instance: Instance
-    box_px: Float
+    box_px: Float | None
     points_left: Map
     box: Box3D | None
 
     def __post_init__(self) -> None:
-        _set(self, "box_px", self.box_px, np.float64, 4)
+        if self.box_px is not None:
+            _set(self, "box_px", self.box_px, np.float64, 4)
         _set(self, "points_left", self.points_left, np.float32, None, 3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Person:
-    """A head joined to the scene: its person's instance, and the eye origin (3,) in metres, None if not known."""
+    """A head joined to the scene: its person's instance, and the eye origin (3,) in metres, None if not known.
 
-    view: HeadView
+    ``view`` holds the cues alone for a person who was measured without an image. Then the source knows who is who, and
+    ``instance_id`` is the same in every frame.
+    """
+
+    view: Cues
     instance_id: int | None
     eye_origin_left: Float | None
 
     def __post_init__(self) -> None:
+        if self.head is None and self.instance_id is None:
+            raise ValueError("Person.instance_id: expected a number for a person who was measured without an image")
         if self.eye_origin_left is not None:
             _set(self, "eye_origin_left", self.eye_origin_left, np.float64, 3)
             if not np.isfinite(self.eye_origin_left).all():
                 raise ValueError(f"Person.eye_origin_left: expected a point or None, found {self.eye_origin_left}")
 
+    @property
+    def head(self) -> Head | None:
+        """The head as the image shows it; None where there was no image."""
+        return self.view.head if isinstance(self.view, HeadView) else None
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """One frame in metres, from :func:`vfoa.pipeline.reconstruct`: the targets and the people. No memory in it."""
+    """One frame in metres: the targets and the people. No memory in it.
+
+    It comes from :func:`vfoa.pipeline.reconstruct`, or ready from a clip that holds measurements instead of images.
+    """
 
     index: int
     time_ns: int
@@ -408,12 +470,28 @@ class NoAttention(Enum):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class DirectionFit:
+    """How well one subject's measured directions fit what the posterior believes.
+
+    ``tail`` is the probability, before the frame was seen, of directions that fit worse: in [0, 1], and seldom small
+    where the model is right. ``claimed_error_rad`` is the mean gaze error that its model claims, ``implied_error_rad``
+    the one that the directions so far imply, bias included; None where no gaze was measured.
+    """
+
+    tail: float
+    claimed_error_rad: float | None = None
+    implied_error_rad: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Attention:
     """One subject's attention in one frame: a value per target, and the focus.
 
     ``focus`` is the instance id of the target with the most attention, None when no target has any.
     ``tied`` are the ids of the other targets with exactly the same value (the nearest won).
     ``missing`` says why nothing could be computed; then ``values`` is empty and ``focus`` is None.
+    ``fit`` and ``belief`` are there where the attention is a posterior: ``belief`` is a
+    :class:`vfoa.posterior.filter.Belief`, which smoothing needs.
     """
 
     subject: Subject
@@ -423,6 +501,8 @@ class Attention:
     missing: NoAttention | None = None
     cones: tuple[Cone, ...] = ()
     rays: Rays | None = None
+    fit: DirectionFit | None = None
+    belief: Any = field(default=None, repr=False, compare=False)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

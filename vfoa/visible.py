@@ -24,9 +24,9 @@ _SURFACE_DEPTH_M = 0.03
 class SurfaceSettings(Settings):
     """Settings of :func:`views_of`.
 
-    ``surface``: a target is its box, or its cloud as the camera saw it. ``occlusion``: it is seen where it is met
-    first, or wherever it lies. ``faces``: people are looked at in the face, where their eyes are known. ``directions``
-    is how many directions a target's outline is sampled with.
+    ``surface``: a target is its box, or its cloud as the camera saw it; a measured scene has no clouds, only boxes.
+    ``occlusion``: it is seen where it is met first, or wherever it lies. ``faces``: people are looked at in the face,
+    where their eyes are known. ``directions`` is how many directions a target's outline is sampled with.
     """
 
     surface: Literal["box", "cloud"] = "cloud"
@@ -48,13 +48,14 @@ def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Floa
     """What is seen of each target from ``origin`` (3,); a target that others hide altogether is left out.
 
     ``eyes`` are the eye origins of other people by instance id. Targets without a box, or without a cloud where that is
-    what is looked at, are left out, too.
+    what is looked at and other targets have one, are left out, too.
     """
-    targets = tuple(each for each in targets if each.box and (settings.surface == "box" or len(each.points_left)))
+    clouds = settings.surface == "cloud" and any(len(each.points_left) for each in targets)
+    targets = tuple(each for each in targets if each.box and (not clouds or len(each.points_left)))
     boxes = tuple(target.box for target in targets if target.box is not None)
     found: dict[int, tuple[Float, float]] = {}
     if boxes:
-        rays, seen = (_cloud_rays if settings.surface == "cloud" else _box_rays)(origin, targets, boxes, settings)
+        rays, seen = (_cloud_rays if clouds else _box_rays)(origin, targets, boxes, settings)
         for target, directions, kept in zip(targets, rays, seen, strict=True):
             number = target.instance.id
             if not kept.any():

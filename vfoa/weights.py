@@ -1,19 +1,22 @@
-"""Where model files stand on this machine."""
+"""Where model files are on this machine."""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
 from vfoa.errors import VfoaError
+from vfoa.settings import Settings
 
 _LFS_POINTER = b"version https://git-lfs"
 
 
 def cache_directory() -> Path:
-    """Where fetched weights are kept: in the cache directory of the platform."""
+    """The folder of fetched weights, in the cache directory of the platform."""
     return Path(platformdirs.user_cache_dir("vfoa")) / "models"
 
 
@@ -38,11 +41,49 @@ def locate(weights: str) -> Path:
     folders = ", ".join(str(folder) for folder in directories())
     raise VfoaError(
         f"{weights}: no such model file; expected a path, or a name in one of: {folders} "
-        "(VFOA_MODELS, and what `vfoa models fetch` fills)"
+        "(VFOA_MODELS, and the folder of `vfoa models fetch`)"
     )
 
 
+def check_located(files: Iterable[str]) -> None:
+    """Check that every weights file is on this machine.
+
+    Raises
+    ------
+    VfoaError
+        If some are not; the line names all of them.
+    """
+    absent = []
+    for file in dict.fromkeys(files):
+        try:
+            locate(file)
+        except VfoaError:
+            absent.append(file)
+    if absent:
+        folders = ", ".join(map(str, directories()))
+        raise VfoaError(
+            f"no such model files: {', '.join(absent)}; expected in one of: {folders} (`vfoa models list` names the "
+            "models of these files, `vfoa models fetch MODEL` fetches one)"
+        )
+
+
+def weights_of(settings: Settings) -> Iterator[str]:
+    """Names of the weights files that a stage with these settings opens.
+
+    These are the values of the keys ``weights`` and ``*_weights``, one name or several. A stage that does not open all
+    of them under all settings has the property ``used_weights`` instead.
+    """
+    used = getattr(settings, "used_weights", None)
+    yield from _named(settings.model_dump()) if used is None else used
+
+
+def _named(settings: Mapping[str, Any]) -> Iterator[str]:
+    for key, value in settings.items():
+        if key == "weights" or key.endswith("_weights"):
+            yield from [value] if isinstance(value, str) else (value or ())
+
+
 def is_lfs_pointer(path: Path) -> bool:
-    """Whether a file is what Git LFS leaves in the place of a large one that was not fetched."""
+    """Whether a file is a pointer of Git LFS, in place of a large file that was not fetched."""
     with path.open("rb") as file:
         return file.read(len(_LFS_POINTER)) == _LFS_POINTER

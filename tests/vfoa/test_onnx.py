@@ -5,12 +5,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import onnxruntime
 import pytest
 from onnx import helper
 
 from tests import graphs
 from vfoa.errors import VfoaError
-from vfoa.onnx import Model, RuntimeSettings, Signature, blob
+from vfoa.onnx import Model, RuntimeSettings, Signature, blob, check_provider
 
 SIGNATURE = Signature(inputs={"image": (1, 3, 8, 8)}, outputs={"angles": (1, 3)})
 
@@ -118,8 +119,8 @@ def test_every_truncation_is_one_clear_line(weights: str) -> None:
     ("content", "said"),
     [
         (b"version https://git-lfs.github.com/spec/v1\noid sha256:00\nsize 1\n", "Git LFS pointer"),
-        (b"<!DOCTYPE html><html>Not found</html>", "not a whole ONNX model"),
-        (bytes(range(256)) * 40, "not a whole ONNX model"),
+        (b"<!DOCTYPE html><html>Not found</html>", "not a complete ONNX model"),
+        (bytes(range(256)) * 40, "not a complete ONNX model"),
     ],
 )
 def test_what_is_no_model_is_one_clear_line(tmp_path: Path, content: bytes, said: str) -> None:
@@ -135,6 +136,30 @@ def test_a_provider_that_is_not_there_is_an_error(weights: str) -> None:
     model = Model(weights, SIGNATURE, RuntimeSettings.model_validate({"provider": absent}))
     with pytest.raises(VfoaError, match=f"provider: '{absent}'.*expected one of: .*cpu"):
         model.check()
+
+
+def test_a_missing_gpu_build_names_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("onnxruntime.get_available_providers", lambda: ["CPUExecutionProvider"])
+    with pytest.raises(VfoaError) as caught:
+        check_provider("cuda")
+    assert str(caught.value) == (
+        "provider: 'cuda' is not in this build of ONNX Runtime; "
+        "expected one of: cpu, or the package onnxruntime-gpu in place of onnxruntime"
+    )
+    check_provider("cpu")
+
+
+def test_a_provider_that_does_not_start_is_an_error(weights: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A GPU build on a machine without GPU: ONNX Runtime only warns, and takes the CPU."""
+    both = ["CUDAExecutionProvider", "CPUExecutionProvider"]
+    monkeypatch.setattr("onnxruntime.get_available_providers", lambda: both)
+    on_cpu = onnxruntime.InferenceSession
+    monkeypatch.setattr(
+        "onnxruntime.InferenceSession",
+        lambda path, sess_options, providers: on_cpu(path, sess_options=sess_options, providers=providers[1:]),
+    )
+    with pytest.raises(VfoaError, match="provider: 'cuda' could not start on this machine; expected its device"):
+        Model(weights, SIGNATURE, RuntimeSettings(provider="cuda")).check()
 
 
 def test_a_blob_has_the_channels_first_in_the_order_asked_for() -> None:

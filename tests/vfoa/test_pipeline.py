@@ -2,96 +2,41 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from threading import get_ident
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from tests.scenes import make_box, make_rig, rendered_boxes
+from tests.true_stages import EYES, FAR, NEAR, PERSON, true_percepts, true_stages
 from vfoa.attention import AttentionSettings
+from vfoa.errors import VfoaError
 from vfoa.gaze_filter import GazeFilterSettings
-from vfoa.geometry import project, unit
-from vfoa.pipeline import AttendSettings, Memory, Stages, attend, perceive, reconstruct
+from vfoa.pipeline import AttendSettings, Memory, attend, perceive, reconstruct
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.tracking import TrackingSettings
-from vfoa.types import (
-    Disparity,
-    Float,
-    FrameResult,
-    Gaze,
-    Head,
-    HeadPose,
-    Instances,
-    NoAttention,
-    Percepts,
-    StereoFrame,
-)
-
-PERSON, NEAR, FAR = 1, 2, 3
-BOXES = {
-    PERSON: make_box((-0.6, 0, 2.0), 0.2),
-    NEAR: make_box((0.5, 0.2, 1.8), 0.15),
-    FAR: make_box((0.5, -0.5, 2.6), 0.2),
-}
-EYES = np.array([-0.6, -0.06, 1.8])
-"""In the front of the person's box, 35 % of its height from the top."""
-
-
-@dataclass(frozen=True)
-class Seen:
-    """All five stages at once: they answer what is true, and look at the target with the id ``looked_at``."""
-
-    percepts: Percepts
-    looked_at: int
-    head_px: Float
-
-    def match(self, frame: StereoFrame) -> Disparity:
-        return self.percepts.disparity
-
-    def segment(self, frame: StereoFrame) -> Instances:
-        return self.percepts.instances
-
-    def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        return (Head(box_px=self.head_px, score=0.9),)
-
-    @property
-    def direction(self):
-        return unit(BOXES[self.looked_at].center_m - EYES)
-
-
-class TrueHeadPose(Seen):
-    def estimate(self, frame: StereoFrame, head: Head) -> HeadPose:
-        return HeadPose(direction=self.direction)
-
-
-class TrueGaze(Seen):
-    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze:
-        return Gaze(direction=self.direction)
+from vfoa.types import FrameResult, NoAttention, Percepts, StereoFrame
 
 
 @pytest.fixture(scope="module")
 def percepts() -> Percepts:
-    seen = rendered_boxes(make_rig(400, 240, fx_px=320), list(BOXES.values()))
-    person, *things = seen.instances.instances
-    instances = Instances(ids=seen.instances.ids, instances=(replace(person, label="person"), *things))
-    return replace(seen, instances=instances)
+    return true_percepts()
 
 
 def run(
     percepts: Percepts, looked_at: list[int], *, cues: bool = True, settings: AttendSettings | None = None
 ) -> list[FrameResult]:
     """Frames in which the person looks at one target after the other, through all of the pipeline."""
-    face = project([[-0.8, -0.2, 1.8], [-0.4, 0.2, 1.8]], percepts.rig).ravel()
     size = (percepts.rig.height_px, percepts.rig.width_px, 3)
     memory, results = Memory(), []
     for index, target in enumerate(looked_at):
         black = np.zeros(size, np.uint8)
         frame = StereoFrame(index=index, time_ns=0, left=black, right=black, rig=percepts.rig)
-        given = {"percepts": percepts, "looked_at": target, "head_px": face}
-        seen = Seen(**given)
-        models = {"head_pose": TrueHeadPose(**given) if cues else None, "gaze": TrueGaze(**given) if cues else None}
-        stages = Stages(matcher=seen, segmenter=seen, heads=seen, **models)
-        scene = reconstruct(perceive(frame, stages), ReconstructionSettings(eyes="patch"))
+        scene = reconstruct(
+            perceive(frame, true_stages(percepts, target, cues=cues)), ReconstructionSettings(eyes="patch")
+        )
         result, memory = attend(scene, memory, settings or AttendSettings())
         results.append(result)
     return results
@@ -130,3 +75,37 @@ def test_the_settings_of_each_part_reach_it(percepts):
     assert not np.allclose(subject.gaze.direction, subject.person.view.gaze.direction)
     strict = AttendSettings(tracking=TrackingSettings(sigma_l=0.95))
     assert run(percepts, [NEAR], settings=strict)[0].attentions == ()
+
+
+def black_frame(percepts: Percepts) -> StereoFrame:
+    black = np.zeros((percepts.rig.height_px, percepts.rig.width_px, 3), np.uint8)
+    return StereoFrame(index=0, time_ns=0, left=black, right=black, rig=percepts.rig)
+
+
+def test_models_of_heads_beside_the_matcher_give_the_same(percepts):
+    stages, threads = true_stages(percepts, NEAR), []
+    seen = SimpleNamespace(estimate=lambda *inputs: threads.append(get_ident()) or stages.gaze.estimate(*inputs))
+    frame = black_frame(percepts)
+    alone = perceive(frame, stages)
+    with ThreadPoolExecutor(1) as pool:
+        beside = perceive(frame, replace(stages, gaze=seen), beside=pool)
+    assert threads
+    assert get_ident() not in threads
+    np.testing.assert_array_equal(beside.disparity.disparity_px, alone.disparity.disparity_px)
+    np.testing.assert_array_equal(beside.views[0].gaze.direction, alone.views[0].gaze.direction)
+    np.testing.assert_array_equal(beside.views[0].head_pose.direction, alone.views[0].head_pose.direction)
+
+
+def test_where_both_sides_fail_it_is_the_error_of_the_matcher_as_without_threads(percepts):
+    def fails(name):
+        def method(*inputs):
+            raise VfoaError(name)
+
+        return SimpleNamespace(estimate=method, match=method)
+
+    stages = replace(true_stages(percepts, NEAR), matcher=fails("matcher"), head_pose=fails("head pose"))
+    with ThreadPoolExecutor(1) as pool, pytest.raises(VfoaError, match="matcher"):
+        perceive(black_frame(percepts), stages, beside=pool)
+    stages = replace(true_stages(percepts, NEAR), head_pose=fails("head pose"))
+    with ThreadPoolExecutor(1) as pool, pytest.raises(VfoaError, match="head pose"):
+        perceive(black_frame(percepts), stages, beside=pool)

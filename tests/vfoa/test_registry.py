@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.runs.stages import SLOTS
+from harness.stages.slots import SLOTS
 from vfoa.errors import VfoaError
 from vfoa.registry import Registry
 

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from tests.scenes import make_person
+from tests.scenes import make_measured_person, make_person
 from vfoa.geometry import box_iou
 from vfoa.tracking import TrackerState, TrackingSettings, final_tracks, track_people
 from vfoa.types import Person
@@ -159,3 +159,21 @@ def published(frames, *, sigma_l, sigma_h, sigma_iou, t_min):
         for track in finished + active
         if len(track) >= t_min and max(person.view.head.score for person in track) >= sigma_h
     ]
+
+
+# Without images
+
+
+def test_a_measured_person_is_known_by_its_instance_in_any_order() -> None:
+    anna, ben = make_measured_person(4, eyes=(0, 0, 1)), make_measured_person(9, eyes=(5, 0, 1))
+    moved = make_measured_person(4, eyes=(5, 0, 1))  # to where the other one was
+    first, state = track_people((anna, ben), TrackerState(), TrackingSettings())
+    second, _ = track_people((ben, moved), state, TrackingSettings())
+    assert [(track, person.instance_id) for track, person in first] == [(1, 4), (2, 9)]
+    assert [(track, person.instance_id) for track, person in second] == [(1, 4), (2, 9)]
+
+
+def test_a_measured_person_and_one_in_an_image_are_never_the_same() -> None:
+    _, state = track_people((make_measured_person(4),), TrackerState(), TrackingSettings())
+    tracked, _ = track_people((make_person(instance_id=4),), state, TrackingSettings())
+    assert [track for track, _ in tracked] == [2]

@@ -39,8 +39,11 @@ class Gaze360:
         """
 
         weights: str = "gaze360.onnx"
+        """Path of the network, or a file's name in the folders of weights."""
         margin: float = Field(default=0.15, ge=0)
+        """What the crop adds to the head's box on each side, as a share of its width or height."""
         stride: PositiveInt | None = None
+        """Frames from one crop to the next; an eighth of a second if not set."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

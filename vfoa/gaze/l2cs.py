@@ -33,7 +33,9 @@ class L2cs:
         """``margin``: what the crop adds to the face's box on each side, as a share of its width or height."""
 
         weights: str = "resnet34_gaze.onnx"
+        """Path of the network, or a file's name in the folders of weights."""
         margin: float = Field(default=0.0, ge=0)
+        """What the crop adds to the face's box on each side, as a share of its width or height."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

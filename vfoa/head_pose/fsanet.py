@@ -1,4 +1,4 @@
-"""FSA-Net head pose (Yang et al. 2019): the mean of several networks, in the ONNX form of headpose-fsanet-pytorch.
+"""FSA-Net head pose (Yang et al. 2019): the mean of several networks, as headpose-fsanet-pytorch exports them.
 
 Each graph takes ``input`` [1, 3, 64, 64] BGR, (x - 127.5) / 128, and gives ``output`` [1, 3]: yaw, pitch, roll in
 degrees; yaw > 0 to the image's left, pitch > 0 up, roll > 0 clockwise.
@@ -32,8 +32,11 @@ class FsaNet:
         weights: tuple[str, ...] = Field(
             default=("fsanet-1x1-iter-688590.onnx", "fsanet-var-iter-688590.onnx"), min_length=1
         )
+        """Paths of the networks, or files' names in the folders of weights; their answers are averaged."""
         margin: float = Field(default=0.3, ge=0)
+        """What the crop adds to the face's box on each side, as a share of its width or height."""
         needs_face: bool = True
+        """Give no pose for a head without a face; otherwise the head's box stands in."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

@@ -12,7 +12,7 @@ class HeadDetector(Protocol):
     """Finds heads. Built as ``Class(settings)``, with ``Class.Settings``."""
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """Detect the heads of one frame, best first. ``instances`` holds the masks of the people."""
+        """Detect the heads of one frame, best first. ``instances`` has the masks of the people."""
         ...
 
 

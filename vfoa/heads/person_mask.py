@@ -1,4 +1,4 @@
-"""Heads from the masks of people: no network, and a head that turns away counts too."""
+"""Heads from the masks of people: without a network, and also for people who turn away."""
 
 from __future__ import annotations
 
@@ -15,26 +15,28 @@ HEAD_ASPECT = 1.25
 """Height over width of a head's box: between a face (about 1.5) and a profile (about 1.2)."""
 
 LEAST_SHARE = 0.05
-"""What is less than this share of a mask's width, or of a head's pixels on one side, is an appendage."""
+"""A part narrower than this share of a mask, or of a head's pixels on one side, does not belong to the head."""
 
 SCORE_FACTOR = 0.5
-"""A head that is only inferred has half its person's score, so that one with a face comes first."""
+"""A head from a mask has half the score of its person, so that heads with a face come first."""
 
 
 class PersonMask:
-    """Takes the top of each person's mask for the head, by the rule of :func:`head_box`."""
+    """Takes the top of each person's mask as the head (:func:`head_box`)."""
 
     class Settings(settings.Settings):
         """Which instances are people, and the least height of a head's box in pixels."""
 
         label: str = "person"
+        """Label of the instances that are people."""
         min_height_px: float = Field(default=8.0, gt=0)
+        """Least height of a head's box."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """One head a person, best first; none for a person whose mask is too small."""
+        """One head per person, best first; none for a person whose mask is too small."""
         heads = []
         for person in instances.instances:
             box = head_box(instances.mask(person.id)) if person.label == self.settings.label else None
@@ -46,11 +48,10 @@ class PersonMask:
 def head_box(mask: Mask) -> Float | None:
     """Box (4,) of the head in a person's mask (H, W), None for an empty mask.
 
-    From the mask's top downwards, rows are taken until their number reaches 1.25 times their median width: at the
-    top of a skull rows are narrow, so that it goes on; at the neck it has come to the height that belongs to the
-    width. Left and right leave out a twentieth of these pixels on either side, and the top the rows before the first
-    that has a twentieth of the widest, so that a strand of hair, a raised finger or a stray pixel is not the head. An
-    arm raised over the head is taken for it: the mask alone cannot tell.
+    Rows are taken from the top of the mask until their number reaches 1.25 times their median width. The top starts at
+    the first row with a twentieth of the greatest width, and the left and right edges leave out a twentieth of the
+    pixels on either side, so that a strand of hair, a raised finger or a stray pixel is not part of the head. An arm
+    raised above the head is taken for the head: the mask alone does not tell them apart.
     """
     widths = mask.sum(axis=1)
     if not widths.any():
@@ -64,7 +65,7 @@ def head_box(mask: Mask) -> Float | None:
 
 
 def _head_rows(widths: Sequence[int]) -> int:
-    """The first number of rows that reaches ``HEAD_ASPECT`` times their median width; all of them if none does."""
+    """The least number of rows that reaches ``HEAD_ASPECT`` times their median width; all rows if none does."""
     ordered: list[int] = []
     for count, width in enumerate(widths, start=1):
         insort(ordered, width)

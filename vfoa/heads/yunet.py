@@ -1,27 +1,32 @@
-"""YuNet faces through OpenCV (Wu et al. 2023), grown to heads; people without a face from their masks."""
+"""YuNet faces through ONNX (Wu et al. 2023), grown to heads. People without a face get heads from their masks.
+
+The graph: ``input`` [1, 3, h, w] BGR 0 to 255, h and w multiples of 32. For each stride of 8, 16 and 32 pixels and each
+cell of that size, row by row: ``cls`` and ``obj``, whose geometric mean is the score; ``bbox``, centre in cells from
+the cell's corner and logarithm of width and height in cells; ``kps``, five landmarks in cells from the cell's corner.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any, Literal
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
-from vfoa import settings
 from vfoa.crops import grow
+from vfoa.errors import VfoaError
 from vfoa.heads.person_mask import PersonMask
-from vfoa.onnx import Model, RuntimeSettings, Signature
+from vfoa.onnx import Model, RuntimeSettings, Signature, blob
 from vfoa.types import Float, Head, Image, Instances, StereoFrame
 
+STRIDES = (8, 16, 32)
 SIGNATURE = Signature(
     inputs={"input": (None, 3, None, None)},
     outputs={
         f"{name}_{stride}": (None, None, length)
         for name, length in {"cls": 1, "obj": 1, "bbox": 4, "kps": 10}.items()
-        for stride in (8, 16, 32)
+        for stride in STRIDES
     },
 )
 _MOST_FACES = 5000
@@ -30,30 +35,31 @@ _MOST_FACES = 5000
 class YuNet:
     """Finds faces and their five landmarks.
 
-    A head is its face's box (forehead to chin) and 15 % of the face's width on either side, 20 % of its height above
-    and 5 % below: the vertex stands about a quarter of the face's height above the hairline, and the ears outside
-    of the cheeks. A person without a face, one that turns away say, gets the head of
-    :class:`~vfoa.heads.person_mask.PersonMask`: with a lower score, without face and landmarks.
+    The box of a head is that of its face (forehead to chin), grown by 15 % of its width on either side, 20 % of its
+    height above and 5 % below. A person without a face, for example one who turns away, gets the head of
+    :class:`~vfoa.heads.person_mask.PersonMask`, with a lower score and without face and landmarks.
     """
 
-    class Settings(settings.Settings):
-        """``max_size_px``: a larger image is shrunk to this length before the search; faces below 10 px are lost."""
+    class Settings(RuntimeSettings):
+        """Where the network runs, and what counts as a face."""
 
-        weights: str = "yunet_n_640_640.onnx"
+        weights: str = "yunet_n_dynamic.onnx"
+        """Path of the network, or a file's name in the folders of weights."""
         score_threshold: float = Field(default=0.6, gt=0, le=1)
+        """Least score of a face."""
         nms_iou: float = Field(default=0.3, gt=0, le=1)
+        """Of two faces that overlap more (intersection over union), the weaker is dropped."""
         max_size_px: int = Field(default=640, ge=32)
+        """A larger image is shrunk to this length before the search. Faces below 10 px in the shrunk image are lost."""
         fallback: Literal["person_mask", "none"] = "person_mask"
+        """What finds the head of a person without a face: the top of the person's mask, or nothing."""
         person_mask: PersonMask.Settings = PersonMask.Settings()
+        """Settings of that fallback."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
-        self._model = Model(settings.weights, SIGNATURE, RuntimeSettings())
+        self._model = Model(settings.weights, SIGNATURE, settings)
         self._people = PersonMask(settings.person_mask)
-        self._detector: Any = None
-
-    def __getstate__(self) -> dict[str, Any]:
-        return self.__dict__ | {"_detector": None}
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
         """Heads with a face, best first, then those of the people without one."""
@@ -68,24 +74,48 @@ class YuNet:
         scale = min(1.0, self.settings.max_size_px / max(height, width))
         size = max(1, round(width * scale)), max(1, round(height * scale))
         shrunk = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1 else image
-        found = self._search(np.ascontiguousarray(shrunk[..., ::-1]))
+        found = self._search(np.asarray(shrunk, dtype=np.uint8))
         return [_head(row, np.array([width / size[0], height / size[1]])) for row in found]
 
-    def _search(self, bgr: Image) -> Float:
+    def _search(self, image: Image) -> Float:
         """Rows (N, 15) of faces, best first: box u, v, width, height, five landmarks, score."""
-        if self._detector is None:
-            self._model.check()
-            with _without_warnings():
-                self._detector = cv2.FaceDetectorYN.create(
-                    str(self._model.path), "", (1, 1), self.settings.score_threshold, self.settings.nms_iou, _MOST_FACES
-                )
-        self._detector.setInputSize((bgr.shape[1], bgr.shape[0]))
-        rows = self._detector.detect(bgr)[1]
-        return np.empty((0, 15)) if rows is None else rows[np.argsort(-rows[:, 14], kind="stable")].astype(np.float64)
+        _, _, *size = self._model.input_shape("input")
+        rows, columns = (own or -(-given // 32) * 32 for own, given in zip(size, image.shape, strict=False))
+        beyond = rows - image.shape[0], columns - image.shape[1]
+        if min(beyond) < 0:
+            raise VfoaError(
+                f"{self._model.path}: takes {columns} x {rows} pixels, found {image.shape[1]} x {image.shape[0]}; "
+                "expected a smaller heads.max_size_px, or weights of an open size"
+            )
+        # a graph of a fixed size gets the image in its upper left corner
+        padded = cv2.copyMakeBorder(image, 0, beyond[0], 0, beyond[1], cv2.BORDER_CONSTANT)
+        found = self._model.run(input=blob(np.asarray(padded, dtype=np.uint8), bgr=True))
+        faces = np.concatenate([_decoded(found, stride, columns // stride) for stride in STRIDES])
+        faces = faces[faces[:, 14] >= self.settings.score_threshold]
+        kept = cv2.dnn.NMSBoxes(
+            faces[:, :4].tolist(),
+            faces[:, 14].tolist(),
+            self.settings.score_threshold,
+            self.settings.nms_iou,
+            top_k=_MOST_FACES,
+        )
+        faces = faces[np.asarray(kept, dtype=np.intp).reshape(-1)]
+        return faces[np.argsort(-faces[:, 14], kind="stable")]
+
+
+def _decoded(found: dict[str, NDArray[Any]], stride: int, columns: int) -> Float:
+    """The rows (N, 15) of all cells of one stride."""
+    box, points = (found[f"{name}_{stride}"][0].astype(np.float64) for name in ("bbox", "kps"))
+    cells = np.arange(len(box))
+    corner = np.column_stack([cells % columns, cells // columns])
+    center, size = (corner + box[:, :2]) * stride, np.exp(box[:, 2:]) * stride
+    landmarks = (corner[:, None] + points.reshape(-1, 5, 2)) * stride
+    sure, there = (np.clip(found[f"{name}_{stride}"][0], 0, 1) for name in ("cls", "obj"))
+    return np.column_stack([center - size / 2, size, landmarks.reshape(-1, 10), np.sqrt(sure * there)])
 
 
 def _head(row: Float, scale: Float) -> Head:
-    """A row of YuNet's, whose pixels have their edges on integers, as a head at the image's scale."""
+    """A head at the image's scale, from a row of YuNet, in whose coordinates integers are edges of pixels."""
     first, size, landmarks = row[:2] * scale - 0.5, row[2:4] * scale, row[4:14].reshape(5, 2) * scale - 0.5
     face = np.concatenate([first, first + size])
     return Head(
@@ -97,7 +127,7 @@ def _head(row: Float, scale: Float) -> Head:
 
 
 def _owner(head: Head, instances: Instances, label: str) -> int | None:
-    """The person whose mask covers most of a head's face, None where no person does."""
+    """The person whose mask covers most of a head's face; None if no mask of a person does."""
     assert head.face_box_px is not None
     height, width = instances.ids.shape
     u0, v0, u1, v1 = np.clip(np.rint(head.face_box_px), 0, [width, height] * 2).astype(int)
@@ -105,14 +135,3 @@ def _owner(head: Head, instances: Instances, label: str) -> int | None:
     covered = {person.id: int((inside == person.id).sum()) for person in instances.instances if person.label == label}
     best = max(covered, key=lambda id_: covered[id_], default=None)
     return best if best is not None and covered[best] else None
-
-
-@contextmanager
-def _without_warnings() -> Iterator[None]:
-    """Keep OpenCV 5 from writing to stderr that its new engine ignores the target, which nobody asked for."""
-    level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
-    try:
-        yield
-    finally:
-        cv2.utils.logging.setLogLevel(level)

@@ -1,4 +1,4 @@
-"""Panoptic segmentation: which pixels of the left view belong to which thing."""
+"""Panoptic segmentation: the pixels of the left view that belong to each object."""
 
 from __future__ import annotations
 

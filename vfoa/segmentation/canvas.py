@@ -13,10 +13,10 @@ from vfoa.types import Instance, Instances, Mask
 
 
 class Canvas:
-    """A map of instances that is painted best first: each mask takes what is still free.
+    """A map of instances that is painted best first: each mask takes the pixels that are still free.
 
-    ``max_hidden``: a mask of which better ones cover a larger share is left out, since it is a second find of the
-    same thing (Kirillov et al. 2019, Panoptic Feature Pyramid Networks, section 3.2).
+    A mask is dropped if better ones cover a larger share of it than ``max_hidden``: most likely it is the same object
+    again (Kirillov et al. 2019, Panoptic Feature Pyramid Networks, section 3.2).
     """
 
     def __init__(self, size: Size, max_hidden: float) -> None:
@@ -30,7 +30,7 @@ class Canvas:
         return np.equal(self._ids, 0)
 
     def paint(self, mask: Mask, category_id: int, score: float, window: Window | None = None) -> None:
-        """Paint a mask of a COCO category: (H, W), or of the size of a window of the image."""
+        """Paint the mask of a COCO category, (H, W), or of the size of a window of the image."""
         u0, v0, u1, v1 = window or (0, 0, self._ids.shape[1], self._ids.shape[0])
         ids = self._ids[v0:v1, u0:u1]
         taken = mask & (ids == 0)
@@ -48,12 +48,12 @@ class Canvas:
         ids[taken] = instance.id
 
     def instances(self) -> Instances:
-        """What was painted: ids 1, 2, ... in the order of painting."""
+        """The painted instances, with ids 1, 2, ... in the order of painting."""
         return Instances(ids=self._ids.copy(), instances=tuple(self._instances))
 
 
 def wanted_categories(labels: Iterable[str], names: Mapping[int, str]) -> frozenset[int]:
-    """The ids of the categories with these labels, of those in ``names``; all of them where no label is given.
+    """The ids of the categories with these labels, among those in ``names``; all of them if there is no label.
 
     Raises
     ------

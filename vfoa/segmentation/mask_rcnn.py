@@ -1,8 +1,8 @@
-"""Mask R-CNN (He et al. 2017) as torchvision has it (BSD-3-Clause): boxes, each with a mask.
+"""Mask R-CNN (He et al. 2017) of torchvision (BSD-3-Clause): boxes, each with a mask.
 
-The graph, as ``torch.onnx.export`` makes it of torchvision's model and one image: [3, H, W] RGB in [0, 1]; boxes
-[N, 4], labels [N] in COCO's own numbers (int64), scores [N], masks [N, 1, H, W] > 0.5, pasted at the input's size.
-Names depend on who exported it, the order does not. Resizing, normalisation and suppression are inside.
+The graph, as ``torch.onnx.export`` writes it for one image: [3, H, W] RGB in [0, 1]; boxes [N, 4], labels [N] in
+COCO's own numbers (int64), scores [N], masks [N, 1, H, W] > 0.5 at the size of the input. Exporters choose the names,
+not the order. Resizing, normalisation and suppression are part of the graph.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ class MaskRcnn:
     """Instance segmentation of COCO's 80 things with torchvision's Mask R-CNN."""
 
     class Settings(OnnxSettings):
-        """What to keep. ``labels`` are COCO's names of things; none given: all of them.
-
-        ``max_hidden`` drops a mask of which better ones cover a larger share.
-        """
+        """Which instances to keep."""
 
         score_threshold: float = Field(default=0.5, gt=0, le=1)
+        """Least score of an instance."""
         max_hidden: float = Field(default=0.5, ge=0, le=1)
+        """Drop a mask of which better ones cover a larger share."""
         labels: tuple[str, ...] = ()
+        """COCO's names of the things to keep; all of them if empty."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

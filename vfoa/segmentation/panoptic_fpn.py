@@ -1,10 +1,10 @@
-"""Panoptic FPN (Kirillov et al. 2019), the paper's family of models, as mmdeploy exports MMDetection's (Apache-2.0).
+"""Panoptic FPN (Kirillov et al. 2019) as mmdeploy exports MMDetection's (Apache-2.0): what the vfoa paper used.
 
 The graph: ``input`` [1, 3, H, W] RGB by ImageNet's mean and deviation, sides multiples of 32, the image at the upper
 left; ``dets`` [1, n, 5] = box in input pixels and score, ``labels`` [1, n] of the 80 things (int64), ``masks``
-[1, n, h, w] probabilities inside the boxes, ``semseg`` [1, 54, H', W'] logits of 53 kinds of stuff and, last, any
-thing (detectron2's own head has things first). The two are joined outside the graph by detectron2's rule: things by
-score, skipped where better ones hide most of them, then stuff on what is left, if it is large enough.
+[1, n, h, w] probabilities inside the boxes, ``semseg`` [1, 54, H', W'] logits of 53 kinds of stuff and, last, of all
+things (first in detectron2's own head). The two are merged outside the graph by detectron2's rule: things by score,
+unless better ones cover most of them, then stuff on the remaining pixels, if it is large enough.
 """
 
 from __future__ import annotations
@@ -29,26 +29,31 @@ SIGNATURE = Signature(
     },
     integers=frozenset({"labels"}),
 )
-_MEAN = (124, 116, 104)  # what becomes 0, with which MMDetection pads after normalisation
+_MEAN = (124, 116, 104)  # becomes 0 by normalisation: MMDetection pads with 0 after it
 
 
 class PanopticFpn:
     """Panoptic segmentation of COCO's 80 things and 53 kinds of stuff with MMDetection's Panoptic FPN."""
 
     class Settings(OnnxSettings):
-        """What to keep. ``labels`` are COCO's names of things and stuff; none given: all of them.
+        """Which segments to keep, as in detectron2.
 
-        ``score_threshold``, ``max_hidden`` and ``min_stuff_px`` (area in the image) are detectron2's. Where the graph
-        leaves its size open, the image is scaled to a short side of ``short_side_px``, unless its long side would
-        exceed ``long_side_px``, and padded to the next multiple of 32.
+        Where the graph leaves its size open, the image is scaled to a short side of ``short_side_px``, unless its long
+        side would exceed ``long_side_px``, and padded to the next multiple of 32.
         """
 
         score_threshold: float = Field(default=0.5, gt=0, le=1)
+        """Least score of an instance."""
         max_hidden: float = Field(default=0.5, ge=0, le=1)
+        """Drop a mask of which better ones cover a larger share."""
         min_stuff_px: int = Field(default=4096, ge=1)
+        """Least area of stuff in the image, pixels."""
         labels: tuple[str, ...] = ()
+        """COCO's names of the things and stuff to keep; all of them if empty."""
         short_side_px: int = Field(default=800, ge=32)
+        """Short side of the network's input, where the graph leaves it open."""
         long_side_px: int = Field(default=1333, ge=32)
+        """Greatest long side of the network's input; it may shrink the short side."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -90,7 +95,7 @@ class PanopticFpn:
 
 
 def _argmax(logits: Map, placement: Placement) -> NDArray[np.intp]:
-    """The class (H, W) of each pixel of the image, channel by channel, since all at once would fill the memory."""
+    """The class (H, W) of each pixel of the image. One channel at a time: all at once would take much memory."""
     greatest = placement.whole(logits[0])
     classes = np.zeros(greatest.shape, np.intp)
     for n in range(1, len(logits)):

@@ -1,4 +1,4 @@
-"""How an image lies in a network's input, and how the masks that come out lie in the image."""
+"""The position of an image in a network's input, and of the network's masks in the image."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from vfoa.types import Float, Image, Map
 
 Window = tuple[int, int, int, int]
-"""Pixels of the image: first column and row in it, first column and row after it."""
+"""Pixels of the image: its first column and row, and the first column and row after it."""
 
 Size = tuple[int, int]
 """Height and width in pixels."""
@@ -43,7 +43,7 @@ class Placement:
 
 
 def stretched(image: Image, size: Size) -> tuple[Image, Placement]:
-    """The image brought to a size, whatever its shape."""
+    """The image resized to a size; its aspect ratio may change."""
     height, width = image.shape[:2]
     placement = Placement(input_size=size, image_size=(height, width), scale=(size[1] / width, size[0] / height))
     return _resized(image, (size[1], size[0])), placement
@@ -52,7 +52,7 @@ def stretched(image: Image, size: Size) -> tuple[Image, Placement]:
 def letterboxed(
     image: Image, size: Size, *, fill: tuple[int, int, int], centered: bool = False
 ) -> tuple[Image, Placement]:
-    """The image scaled to fit into a size and its shape kept, at the upper left or in the middle, on one colour."""
+    """The image scaled into a size with its aspect ratio kept, at the upper left or centered, the rest filled."""
     height, width = image.shape[:2]
     scale = min(size[0] / height, size[1] / width)
     inner = max(1, round(width * scale)), max(1, round(height * scale))
@@ -69,17 +69,17 @@ def letterboxed(
 
 
 def window_of(box: ArrayLike, size: Size) -> Window | None:
-    """The pixels in a box (4,), given as edges, that lie within the image; None if there is none."""
+    """The pixels of the image in a box (4,) of edges; None if there is none."""
     limit = np.array([size[1], size[0]] * 2)
     u0, v0, u1, v1 = np.clip(np.rint(np.asarray(box)), 0, limit).astype(int).tolist()
     return (u0, v0, u1, v1) if u0 < u1 and v0 < v1 else None
 
 
 def resample(grid: Map, extent: ArrayLike, window: Window) -> Map:
-    """A grid (h, w) that covers a box of the image (4,), given as edges, at the pixels of a window of the image.
+    """A grid (h, w) that covers a box (4,) of edges in the image, resampled at the pixels of a window of the image.
 
-    Linear, between the centres of the grid's cells; beyond the outermost centres the border is repeated. Logits are
-    resampled before they are compared with a threshold, so that outlines are smooth.
+    Interpolation is linear between the centres of the cells; the border is repeated beyond the outermost centres.
+    Resample logits before comparing them with a threshold, so that outlines are smooth.
     """
     left, top, right, bottom = np.asarray(extent, dtype=np.float64)
     u0, v0, u1, v1 = window

@@ -1,8 +1,8 @@
-"""RF-DETR-Seg (Roboflow, Apache-2.0): a transformer that answers with one mask of the whole image per query.
+"""RF-DETR-Seg (Roboflow, Apache-2.0): a transformer with one mask of the whole image per query.
 
-The graph, as its makers export it: ``input`` [1, 3, S, S] RGB by ImageNet's mean and deviation, the image stretched;
-``dets`` [1, Q, 4] boxes (unused: the masks say more), ``labels`` [1, Q, 91] logits whose index is COCO's own number,
-``masks`` [1, Q, S/4, S/4] logits. A score is sigmoid(logit), a mask logit > 0. Nothing needs suppression.
+The graph, as Roboflow exports it: ``input`` [1, 3, S, S] RGB by ImageNet's mean and deviation, the image stretched;
+``dets`` [1, Q, 4] boxes (unused: masks are finer), ``labels`` [1, Q, 91] logits whose index is COCO's own number,
+``masks`` [1, Q, S/4, S/4] logits. A score is sigmoid(logit), a mask logit > 0. No suppression is needed.
 """
 
 from __future__ import annotations
@@ -23,20 +23,21 @@ SIGNATURE = Signature(
 
 
 class RfDetrSeg:
-    """Instance segmentation of COCO's 80 things with RF-DETR-Seg: the model to begin with."""
+    """Instance segmentation of COCO's 80 things with RF-DETR-Seg: the default model."""
 
     class Settings(OnnxSettings):
-        """What to keep. ``labels`` are COCO's names of things; none given: all of them.
-
-        ``max_hidden`` drops a mask of which better ones cover a larger share. ``input_size_px`` counts only where
-        the graph leaves its size open.
-        """
+        """Which instances to keep."""
 
         weights: str = "rfdetr-seg-medium.onnx"
+        """Path of the network, or a file's name in the folders of weights."""
         score_threshold: float = Field(default=0.5, gt=0, lt=1)
+        """Least score of an instance."""
         max_hidden: float = Field(default=0.5, ge=0, le=1)
+        """Drop a mask of which better ones cover a larger share."""
         labels: tuple[str, ...] = ()
+        """COCO's names of the things to keep; all of them if empty."""
         input_size_px: int = Field(default=432, ge=24, multiple_of=24)
+        """Side of the network's input, where the graph leaves it open."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

@@ -1,6 +1,6 @@
 """YOLOv8 / YOLO11 instance segmentation: boxes with 32 mask coefficients over 32 shared prototype masks.
 
-The graph, as its makers export it: ``images`` [1, 3, S, S] RGB in [0, 1], letterboxed on gray; ``output0``
+The graph, as Ultralytics exports it: ``images`` [1, 3, S, S] RGB in [0, 1], letterboxed on gray; ``output0``
 [1, 116, P] = centre and size of P boxes in input pixels, 80 class scores, 32 coefficients; ``output1``
 [1, 32, S/4, S/4] the prototypes. A mask is sigmoid(coefficients . prototypes) > 0.5 inside its box.
 """
@@ -38,21 +38,21 @@ class _Detections:
 
 
 class YoloSeg:
-    """Instance segmentation of COCO's 80 things with a YOLO-seg network. The weights of its makers are AGPL-3.0."""
+    """Instance segmentation of COCO's 80 things with a YOLO-seg network. Ultralytics' weights are AGPL-3.0."""
 
     class Settings(OnnxSettings):
-        """What to keep. ``labels`` are COCO's names of things; none given: all of them.
-
-        ``max_hidden`` drops a mask of which better ones cover a larger share: a second find of the same thing
-        (the fusion rule of Kirillov et al. 2019, Panoptic FPN). ``input_size_px`` counts only where the graph leaves
-        its size open.
-        """
+        """Which instances to keep."""
 
         score_threshold: float = Field(default=0.25, gt=0, le=1)
+        """Least score of an instance."""
         nms_iou: float = Field(default=0.7, gt=0, le=1)
+        """Of two boxes of one class that overlap more (intersection over union), the weaker is dropped."""
         max_hidden: float = Field(default=0.5, ge=0, le=1)
+        """Drop a mask of which better ones cover a larger share."""
         labels: tuple[str, ...] = ()
+        """COCO's names of the things to keep; all of them if empty."""
         input_size_px: int = Field(default=640, ge=32, multiple_of=32)
+        """Side of the network's input, where the graph leaves it open."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -69,7 +69,7 @@ class YoloSeg:
         return self._paint(self._detections(found["output0"][0]), found["output1"][0], placement)
 
     def _detections(self, output: Map) -> _Detections:
-        """Keep what is wanted and scores enough, then suppress what overlaps a better one of its class."""
+        """Keep wanted classes with enough score, then suppress boxes that overlap a better one of their class."""
         classes, scores = output[4:84].argmax(axis=0), output[4:84].max(axis=0)
         kept = np.flatnonzero(self._wanted[classes] & (scores >= self.settings.score_threshold))
         classes, scores, (cx, cy, w, h) = classes[kept], scores[kept], output[:4, kept]

@@ -1,4 +1,4 @@
-"""Stereo matching: from a rectified pair to a disparity map of the left view."""
+"""Stereo matching: from a frame to a disparity map of the left view."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ class StereoMatcher(Protocol):
 
 
 class RegionMatcher(Protocol):
-    """What a matcher has besides that can match a part of the image in less time. Its settings ask for it.
+    """The second method of a matcher that can match a part of the image in less time.
 
-    ``region = "needed"`` in the settings has it called with the region of things and heads.
+    With ``region = "needed"`` in its settings, it is called with the region of objects and heads.
     """
 
     def match_region(self, frame: StereoFrame, region: Region) -> Disparity:
-        """Match one pair in a region of the left view; outside of it, all is NaN."""
+        """Match one pair in a region of the left view; all pixels outside of it are NaN."""
         ...
 
 
@@ -34,6 +34,7 @@ MATCHERS = Registry(
         "bm": "vfoa.stereo.block_matching:BlockMatcher",
         "sgbm": "vfoa.stereo.block_matching:SemiGlobalMatcher",
         "hitnet": "vfoa.stereo.hitnet:HitNet",
+        "sensor": "vfoa.stereo.sensor:SensorDepth",
     },
     group="vfoa.stereo",
 )

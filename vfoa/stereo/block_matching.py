@@ -1,51 +1,46 @@
 """OpenCV's block matching (Konolige 1998) and semi-global matching (Hirschmüller 2008), with or without WLS.
 
 At half resolution the pair is averaged over 2 x 2 pixels and matched. Columns u of the half-size images are columns
-2 u + 0.5 of the pair, on both sides, so that a disparity is exactly half as large. The WLS filter is given the
-full-size image as its guide and brings the map back to full size, doubled, along the edges of that image; without WLS,
-a match stands for its 2 x 2 pixels. Either way the result is in pixels of the full-size pair.
+2 u + 0.5 of the pair, on both sides, so that a disparity is exactly half as large. The WLS filter gets the full-size
+image as its guide and brings the map back to full size, doubled, along the edges of that image. Without WLS, each match
+stands for its 2 x 2 pixels. Either way the result is in pixels of the full-size pair.
 
-In a region, only its rows and columns (and a margin) are matched, against all that the right view has to offer them. A
-block match is the same there as in the whole frame. What looks further than a block (semi-global matching, the WLS
-filter, the checks for speckles and for the way back from the right view) forgets with distance, so that a margin makes
-it nearly the same.
+In a region, only its rows and columns (and a margin) are matched, against all columns of the right view that can hold
+their match. A block match is the same there as in the whole frame. Semi-global matching, the WLS filter, the speckle
+check and the left-right check look further than a block, but their influence fades with distance: with a margin their
+result is nearly the same.
 """
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any, ClassVar
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatcherSettings, SemiGlobalMatcherSettings
 from vfoa.stereo.cut import cropped, cut, enlarged, gray, in_frame
+from vfoa.stereo.guided import FACTOR, REMAINDER, GuidedSearch
+from vfoa.stereo.opencv_pair import SIXTEENTHS, Gray, PairMatcher, Sixteenths
 from vfoa.stereo.region import Region, whole
 from vfoa.stereo.search import DisparityRange, disparity_range
+from vfoa.stereo.views import both_views
 from vfoa.stereo.wls import WlsFilter
 from vfoa.types import Disparity, Map, StereoFrame, StereoRig
-
-Gray = NDArray[np.uint8]
-Sixteenths = NDArray[np.int16]
 
 SGBM_MODES = {
     "sgbm": cv2.STEREO_SGBM_MODE_SGBM,
     "3way": cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     "hh": cv2.STEREO_SGBM_MODE_HH,
 }
-SIXTEENTHS = 16
-"""OpenCV's matchers answer int16 disparities in sixteenths of a pixel."""
-
 NO_LIMIT = 1_000_000
 
 
 class _Matcher(ABC):
-    """The course of both matchers; subclasses build OpenCV's object. It is built once and kept while the rig stays."""
+    """The steps of both matchers. Subclasses build OpenCV's object, which is kept until another rig comes."""
 
     discontinuity_blocks: ClassVar[float]
 
@@ -55,7 +50,7 @@ class _Matcher(ABC):
         self._rig: StereoRig | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the settings alone: OpenCV's objects cannot be, and are built anew for the first frame."""
+        """Pickle the settings alone: OpenCV's objects cannot be pickled, and are built again for the first frame."""
         return type(self), (self._common,)
 
     @abstractmethod
@@ -71,7 +66,7 @@ class _Matcher(ABC):
 
     def match_region(self, frame: StereoFrame, region: Region) -> Disparity:
         """Match a region, and a margin, of one pair (see :class:`vfoa.stereo.RegionMatcher`)."""
-        return self._match_if_there_is_room(frame, region.grown(self._common.region_margin_px, frame.rig))
+        return self._match_if_there_is_room(frame, region.grown(self._common.region_margin_px, whole(frame.rig)))
 
     def _match_if_there_is_room(self, frame: StereoFrame, region: Region) -> Disparity:
         try:
@@ -81,7 +76,7 @@ class _Matcher(ABC):
                 raise
             size = f"{region.u1 - region.u0} x {region.v1 - region.v0} pixels"
             raise VfoaError(
-                f"frame {frame.index}: no memory for matching {size} with {self._searched.count} disparities; "
+                f"frame {frame.index}: no memory for matching {size} with {self._pair.searched.count} disparities; "
                 'expected a greater stereo.min_depth_m, stereo.resolution = "half", stereo.region = "needed" or, of '
                 'sgbm, stereo.mode = "3way"'
             ) from None
@@ -91,10 +86,9 @@ class _Matcher(ABC):
             return in_frame(np.empty((0, 0), np.float32), None, region, frame.rig)
         if frame.rig != self._rig:
             self._prepare(frame.rig)
-        left, right = (gray(image, self._factor) for image in (frame.left, frame.right))
+        left, right = (gray(image, self._factor) for image in both_views(frame))
         matched = region.shrunk(self._factor)
-        # and the columns in which its matches may lie: the filter compares both views there
-        reached = matched.from_column(max(matched.u0 - self._searched.reach_px, 0))
+        reached = self._pair.reached(matched)  # the filter compares both views there
         if self._common.wls:
             guide = cut(frame.left, reached.times(self._factor))
             found, confidence = self._wls.filter(*self._match_both(left, right, matched, reached), guide)
@@ -113,10 +107,8 @@ class _Matcher(ABC):
     def _prepare(self, rig: StereoRig) -> None:
         settings = self._common
         self._range = disparity_range(rig, settings.min_depth_m)
-        self._searched = self._range.shrunk(self._factor)
-        self._left_matcher = self._create(self._searched)
+        self._pair = self._pair_matcher(self._range.shrunk(self._factor))
         if settings.wls:
-            self._right_matcher = cv2.ximgproc.createRightMatcher(self._left_matcher)
             self._wls = WlsFilter(
                 smoothness=settings.wls_lambda,
                 sigma_color=settings.wls_sigma,
@@ -124,28 +116,22 @@ class _Matcher(ABC):
             )
         self._rig = rig
 
-    def _match_both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
-        """Both views' disparities, side by side where this process may compute with several threads."""
-        if cv2.getNumThreads() == 1:
-            return self._match_left(left, right, matched, reached), self._match_right(left, right, reached)
-        with ThreadPoolExecutor(1) as beside:
-            of_right = beside.submit(self._match_right, left, right, reached)
-            return self._match_left(left, right, matched, reached), of_right.result()
+    def _pair_matcher(self, searched: DisparityRange) -> PairMatcher:
+        left = self._create(searched)
+        return PairMatcher(
+            left_matcher=left,
+            right_matcher=cv2.ximgproc.createRightMatcher(left),
+            searched=searched,
+            block_size_px=self._common.block_size_px,
+        )
 
     def _match_left(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
-        """The left view's disparities in ``reached``; what is not to be matched is below the range.
+        """The left view's disparities."""
+        return self._pair.left(left, right, matched, reached)
 
-        OpenCV is blind in its first columns, as many as it searches: it is given so many more.
-        """
-        given = _with_edge(matched, self._common.block_size_px, before=self._searched.reach_px)
-        found = self._left_matcher.compute(cut(left, given), cut(right, given))
-        return np.ascontiguousarray(cropped(found, given, reached))
-
-    def _match_right(self, left: Gray, right: Gray, reached: Region) -> Sixteenths:
-        """The right view's disparities, which are negative. Here, OpenCV is blind in the last columns."""
-        given = _with_edge(reached, self._common.block_size_px, after=self._searched.reach_px)
-        found = self._right_matcher.compute(cut(right, given), cut(left, given))
-        return np.ascontiguousarray(cropped(found, given, reached))
+    def _match_both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
+        """Both views' disparities, for the filter."""
+        return self._pair.both(left, right, matched, reached)
 
 
 class BlockMatcher(_Matcher):
@@ -184,6 +170,35 @@ class SemiGlobalMatcher(_Matcher):
     def __init__(self, settings: SemiGlobalMatcherSettings) -> None:
         super().__init__(settings)
         self._settings = settings
+        self._guided: GuidedSearch | None = None
+
+    def _prepare(self, rig: StereoRig) -> None:
+        super()._prepare(rig)
+        if self._settings.search == "full":
+            return
+        # without OpenCV's own checks, as for the filter
+        raw = SemiGlobalMatcher(self._settings.model_copy(update={"wls": True}))
+        remainder = raw._create(REMAINDER)
+        remainder.setUniquenessRatio(self._settings.guided_uniqueness_percent)
+        self._guided = GuidedSearch(
+            full=self._pair,
+            coarse=raw._pair_matcher(self._pair.searched.shrunk(FACTOR)),
+            remainder=remainder,
+            left_right_px=self._settings.left_right_px,
+        )
+
+    def _match_left(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
+        if self._guided is None:
+            return super()._match_left(left, right, matched, reached)
+        found, _ = self._guided.both(left, right, matched, reached)
+        settings = self._settings
+        if settings.speckle_size_px:
+            unknown = (self._pair.searched.first_px - 1) * SIXTEENTHS
+            cv2.filterSpeckles(found, unknown, settings.speckle_size_px, settings.speckle_range_px * SIXTEENTHS)
+        return found
+
+    def _match_both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
+        return (self._guided or self._pair).both(left, right, matched, reached)
 
     def _create(self, disparities: DisparityRange) -> Any:
         settings = self._settings
@@ -205,19 +220,3 @@ class SemiGlobalMatcher(_Matcher):
             matcher.setSpeckleWindowSize(settings.speckle_size_px)
             matcher.setSpeckleRange(settings.speckle_range_px)
         return matcher
-
-
-def _with_edge(region: Region, block_size_px: int, *, before: int = 0, after: int = 0) -> Region:
-    """A region with all that decides on its matches, and columns before or after it.
-
-    Around it, half a block, and a pixel more for the gradient that OpenCV takes of both views first. Of that gradient
-    OpenCV leaves out the last of an odd number of rows: the number is made even.
-    """
-    edge_px = block_size_px // 2 + 1
-    odd = (region.v1 - region.v0) % 2
-    return Region(
-        u0=region.u0 - edge_px - before,
-        v0=region.v0 - edge_px,
-        u1=region.u1 + edge_px + after,
-        v1=region.v1 + edge_px + odd,
-    )

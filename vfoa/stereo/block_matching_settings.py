@@ -16,54 +16,79 @@ def _odd(value: int) -> int:
 
 
 class BlockMatchingSettings(Settings):
-    """What both matchers share.
+    """Settings of both matchers.
 
-    Things nearer than ``min_depth_m`` are out of range. With ``wls``, both views are matched, the left map is
-    smoothed under the guidance of the colour image, and pixels with a confidence (0 to 1) below ``min_confidence``
-    are unknown. Without it, a pixel is known if its match is unique (the next best costs ``uniqueness_percent``
-    more), is found again from the right view (to ``left_right_px``) and is no speckle.
-
-    With ``resolution = "half"``, images of half the size are matched: a quarter of the pixels, half the disparities.
-    With ``region = "needed"``, only the region of things and heads with ``region_margin_px`` around it is.
+    With ``wls``, a pixel is known if the two views agree and their maps are smooth around it. Without, it is known if
+    its match is unique, if the right view has the same one, and if it is not in a speckle.
     """
 
     min_depth_m: float = Field(default=0.45, gt=0)
+    """Least depth that is searched for: it bounds the disparities. Nearer objects are not matched."""
     uniqueness_percent: int = Field(default=10, ge=0, le=100)
+    """Without ``wls``: how much more the next best match must cost for a pixel to be known."""
     left_right_px: int = Field(default=1, ge=0)
+    """Without ``wls`` and in a guided search: how far the match of the right view may lie from that of the left one."""
     speckle_size_px: int = Field(default=100, ge=0)
+    """Without ``wls``: regions of fewer pixels are taken for noise and are unknown."""
     speckle_range_px: int = Field(default=2, ge=1)
+    """Without ``wls``: pixels of one region differ by at most this disparity from their neighbours."""
     wls: bool = True
+    """Match both views, and smooth the left map along the edges of the colour image (weighted least squares)."""
     wls_lambda: float = Field(default=8000, gt=0)
+    """With ``wls``: how strongly the map is smoothed."""
     wls_sigma: float = Field(default=1.5, gt=0)
+    """With ``wls``: how strong a colour edge must be for the map to change across it; low is sensitive."""
     min_confidence: float = Field(default=0.5, ge=0, le=1)
+    """With ``wls``: pixels with a lower confidence, 0 to 1, are unknown."""
     resolution: Literal["full", "half"] = "full"
+    """``half`` matches images of half the size: a quarter of the pixels, half the disparities."""
     region: Literal["frame", "needed"] = "frame"
+    """``needed`` matches only the region of objects and heads."""
     region_margin_px: int = Field(default=16, ge=0)
+    """Width of the margin around the needed region."""
 
 
 class BlockMatcherSettings(BlockMatchingSettings):
     """Settings of :class:`vfoa.stereo.block_matching.BlockMatcher`."""
 
     block_size_px: Annotated[int, Field(ge=5, le=255), AfterValidator(_odd)] = 15
+    """Side of the blocks that are compared; odd."""
     pre_filter_cap: int = Field(default=31, ge=1, le=63)
+    """Bound of the horizontal gradient that is compared instead of the gray value."""
     texture_threshold: int = Field(default=10, ge=0)
+    """Least texture of a block that is matched: the sum of its gradients."""
 
 
 class SemiGlobalMatcherSettings(BlockMatchingSettings):
     """Settings of :class:`vfoa.stereo.block_matching.SemiGlobalMatcher`.
 
-    ``p1`` and ``p2`` are the penalties, per pixel of the block, of a disparity step of one and of more than one.
-    ``3way`` follows three paths through the image, ``sgbm`` five and ``hh`` eight.
+    A guided search (:mod:`vfoa.stereo.guided`) needs ``resolution = "full"``: images of a quarter of the size show too
+    little to bound a match at half of it.
     """
 
     mode: Literal["sgbm", "3way", "hh"] = "3way"
+    """Paths through the image that costs are summed along: ``3way`` three, ``sgbm`` five, ``hh`` eight."""
     block_size_px: Annotated[int, Field(ge=1, le=11), AfterValidator(_odd)] = 5
+    """Side of the blocks that are compared; odd."""
     pre_filter_cap: int = Field(default=63, ge=1, le=63)
+    """Bound of the horizontal gradient that is compared beside the gray value."""
     p1: int = Field(default=8, ge=0)
+    """Penalty of a disparity step of one between neighbours, per pixel of the block."""
     p2: int = Field(default=32, ge=1)
+    """Penalty of a larger step, per pixel of the block; above ``p1``."""
+    search: Literal["full", "guided"] = "full"
+    """``guided`` bounds each pixel's search by a match at half the resolution."""
+    guided_uniqueness_percent: int = Field(default=25, ge=0, le=100)
+    """With a guided search: how much more the next best match must cost."""
 
     @model_validator(mode="after")
     def _penalties(self) -> Self:
         if self.p2 <= self.p1:
             raise ValueError(f"p2: expected more than p1 = {self.p1}, found {self.p2}")
+        return self
+
+    @model_validator(mode="after")
+    def _guided_at_full_resolution(self) -> Self:
+        if self.search == "guided" and self.resolution != "full":
+            raise ValueError(f'search: "guided" needs resolution = "full", found {self.resolution!r}')
         return self

@@ -1,4 +1,4 @@
-"""Cutting regions out of images for a matcher, and putting what it found back in place."""
+"""Cut regions out of images for a matcher, and put its maps back in place."""
 
 from __future__ import annotations
 
@@ -14,18 +14,24 @@ from vfoa.types import Disparity, Image, Map, StereoRig
 
 def gray(image: Image, factor: int) -> NDArray[np.uint8]:
     """An image (H, W, 3) in gray, each pixel the mean of ``factor`` x ``factor``."""
-    found = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    return averaged(np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8), factor)
+
+
+def averaged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
+    """An image (H, W) with ``factor`` times fewer rows and columns, each pixel the mean of those that it covers.
+
+    Where the size is no multiple of the factor, the last pixels are repeated.
+    """
     if factor == 1:
-        return found
-    height, width = found.shape
-    # where the size is odd, the last pixels are repeated
-    even = cut(found, Region(u0=0, v0=0, u1=width, v1=height).shrunk(factor).times(factor))
-    size = (even.shape[1] // factor, even.shape[0] // factor)
-    return np.asarray(cv2.resize(even, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+        return image
+    height, width = image.shape
+    covered = cut(image, Region(u0=0, v0=0, u1=width, v1=height).shrunk(factor).times(factor))
+    size = (covered.shape[1] // factor, covered.shape[0] // factor)
+    return np.asarray(cv2.resize(covered, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 def cut(image: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:
-    """A region of an image; beyond the image's edges its last pixels are repeated."""
+    """A region of an image. Beyond the edges of the image, its last pixels are repeated."""
     height, width = image.shape[:2]
     inside = Region(u0=max(region.u0, 0), v0=max(region.v0, 0), u1=min(region.u1, width), v1=min(region.v1, height))
     beyond = (inside.v0 - region.v0, region.v1 - inside.v1, inside.u0 - region.u0, region.u1 - inside.u1)
@@ -40,8 +46,11 @@ def cropped(found: NDArray[Any], origin: Region, region: Region) -> NDArray[Any]
 
 
 def enlarged(found: NDArray[np.int16], factor: int) -> NDArray[np.int16]:
-    """Disparities for ``factor`` times as many rows and columns: each stands for its pixels, so many times as large."""
-    return found if factor == 1 else np.kron(found, np.full((factor, factor), factor, np.int16))
+    """Disparities for ``factor`` times as many rows and columns: each is repeated, and ``factor`` times as large."""
+    if factor == 1:
+        return found
+    size = (found.shape[1] * factor, found.shape[0] * factor)
+    return np.asarray(cv2.resize(found * np.int16(factor), size, interpolation=cv2.INTER_NEAREST), dtype=np.int16)
 
 
 def in_frame(found: Map, confidence: Map | None, region: Region, rig: StereoRig) -> Disparity:

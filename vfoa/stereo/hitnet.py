@@ -1,12 +1,12 @@
 """HITNet (Tankovich et al. 2021): learned stereo matching through ONNX, at the network's own size.
 
-The graph: [1, 2, h, w], the left and the right view in gray from 0 to 1; [1, h, w, 1], the left view's disparity in
-pixels of that input. The pair is stretched to the input and the map back to the image.
+The graph takes [1, 2, h, w], the left and the right view in gray from 0 to 1, and returns [1, h, w, 1], the disparity
+of the left view in pixels of that input. The pair is stretched to the input, and the map back to the image.
 
 Stretching by s in x makes fx, cx, cx' and every disparity s times as large, so that z = fx B / (d + cx' - cx) is the
-same at either size: the disparity divided by s goes with the rig as it is. Stretching in y moves rows, which a
-rectified pair shares, and changes no disparity. What is lost is resolution: an error of 1 px in the input is one of
-1 / s px in the image.
+same at either size: the disparity divided by s belongs to the rig of the image. Stretching in y moves rows, which a
+rectified pair shares, and changes no disparity. The price is resolution: an error of 1 px in the input is one of 1 / s
+px in the image.
 """
 
 from __future__ import annotations
@@ -16,23 +16,26 @@ import numpy as np
 
 from vfoa.errors import VfoaError
 from vfoa.onnx import Model, OnnxSettings, Signature
+from vfoa.stereo.views import both_views
 from vfoa.types import Disparity, Image, Map, StereoFrame
 
 SIGNATURE = Signature(inputs={"pair": (1, 2, None, None)}, outputs={"disparity": (1, None, None, 1)}, by_position=True)
 
 
 class HitNet:
-    """Stereo matching with HITNet: dense, without a confidence and without a limit of depth to set.
+    """Stereo matching with HITNet: dense, without confidence, without a least depth to set.
 
     With its input of 320 x 240, five frames each of Sintel's bandage_2 and of the rendered studio_table (1024 x 436)
     get a disparity on 92 and 96 % of their pixels, with a median error of 1.4 and 0.7 px, in depth 1.5 and 1.8 %;
-    semi-global matching reaches 62 and 59 % with 0.4 and 0.2 px. 0.4 s a frame on one thread.
+    semi-global matching reaches 62 and 59 % with 0.4 and 0.2 px. It takes 0.4 s a frame on one CPU thread; its speed
+    on a GPU has not been measured.
     """
 
     class Settings(OnnxSettings):
         """The network."""
 
         weights: str = "hitnet_1x240x320_model_float32.onnx"
+        """Path of the network, or a file's name in the folders of weights."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -41,10 +44,10 @@ class HitNet:
     def match(self, frame: StereoFrame) -> Disparity:
         """Match one pair (see :class:`vfoa.stereo.StereoMatcher`).
 
-        Unknown is what the network places at infinity or outside the right image.
+        Pixels that the network places at infinity or outside the right image are unknown.
         """
         width, height = self._size()
-        pair = np.stack([_gray(image, (width, height)) for image in (frame.left, frame.right)])[None]
+        pair = np.stack([_gray(image, (width, height)) for image in both_views(frame)])[None]
         found = self._model.run(pair=pair)["disparity"][0, ..., 0]
         size = (frame.rig.width_px, frame.rig.height_px)
         disparity: Map = cv2.resize(found, size, interpolation=cv2.INTER_NEAREST_EXACT) * np.float32(size[0] / width)
@@ -54,7 +57,7 @@ class HitNet:
     def _size(self) -> tuple[int, int]:
         _, _, height, width = self._model.input_shape("pair")
         if height is None or width is None:
-            raise VfoaError(f"{self._model.path}: leaves its input's size open; expected one of a fixed size")
+            raise VfoaError(f"{self._model.path}: leaves its input size open; expected a model with a fixed size")
         return width, height
 
 

@@ -1,4 +1,4 @@
-"""The part of the left image whose disparities are asked for."""
+"""The part of the left image whose disparities are needed."""
 
 from __future__ import annotations
 
@@ -26,28 +26,37 @@ class Region:
         return self.u0 >= self.u1 or self.v0 >= self.v1
 
     @property
+    def size(self) -> int:
+        """How many pixels it has."""
+        return max(self.u1 - self.u0, 0) * max(self.v1 - self.v0, 0)
+
+    @property
     def window(self) -> Window:
         """Its rows and columns as slices."""
         return slice(self.v0, self.v1), slice(self.u0, self.u1)
 
-    def grown(self, margin_px: int, rig: StereoRig) -> Region:
-        """With a margin all around, as far as the image goes; a region without pixels stays as it is."""
+    def grown(self, margin_px: int, limits: Region) -> Region:
+        """With a margin all around, as far as the limits go. A region without pixels stays as it is."""
         if self.is_empty:
             return self
         return Region(
-            u0=max(self.u0 - margin_px, 0),
-            v0=max(self.v0 - margin_px, 0),
-            u1=min(self.u1 + margin_px, rig.width_px),
-            v1=min(self.v1 + margin_px, rig.height_px),
+            u0=max(self.u0 - margin_px, limits.u0),
+            v0=max(self.v0 - margin_px, limits.v0),
+            u1=min(self.u1 + margin_px, limits.u1),
+            v1=min(self.v1 + margin_px, limits.v1),
         )
 
     def shrunk(self, factor: int) -> Region:
-        """In an image with so many times fewer rows and columns: every pixel that touches the region."""
+        """The region in an image with ``factor`` times fewer rows and columns: every pixel that touches it."""
         return Region(u0=self.u0 // factor, v0=self.v0 // factor, u1=-(-self.u1 // factor), v1=-(-self.v1 // factor))
 
     def times(self, factor: int) -> Region:
-        """In an image with so many times more rows and columns."""
+        """The region in an image with ``factor`` times more rows and columns."""
         return Region(u0=self.u0 * factor, v0=self.v0 * factor, u1=self.u1 * factor, v1=self.v1 * factor)
+
+    def moved(self, u: int, v: int) -> Region:
+        """The same size, ``u`` columns further right and ``v`` rows further down."""
+        return Region(u0=self.u0 + u, v0=self.v0 + v, u1=self.u1 + u, v1=self.v1 + v)
 
     def from_column(self, u0: int) -> Region:
         """The same with another first column."""
@@ -60,7 +69,7 @@ def whole(rig: StereoRig) -> Region:
 
 
 def needed_region(instances: Instances, heads: Iterable[Head], rig: StereoRig) -> Region:
-    """The smallest region with all things and all heads; empty where there are none."""
+    """The smallest region with all objects and all heads; empty if there are none."""
     needed = np.not_equal(instances.ids, 0)
     for each in instances.instances:
         if not each.is_thing:
@@ -79,6 +88,6 @@ def needed_region(instances: Instances, heads: Iterable[Head], rig: StereoRig) -
 
 
 def _extent(marked: Mask) -> slice:
-    """From the first to the last place that is set; empty where none is."""
+    """From the first to the last place that is set; empty if none is."""
     places = np.flatnonzero(marked)
     return slice(int(places[0]), int(places[-1]) + 1) if len(places) else slice(0, 0)

@@ -1,4 +1,4 @@
-"""Which disparities are searched: those of all depths from the nearest one on."""
+"""The range of disparities that is searched: those of all depths from the least one on."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vfoa.types import StereoRig
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisparityRange:
-    """The disparities ``first_px`` to ``first_px + count - 1``; ``count`` is a multiple of 16, as OpenCV wants it."""
+    """The disparities ``first_px`` to ``first_px + count - 1``; OpenCV needs a ``count`` that is a multiple of 16."""
 
     first_px: int
     count: int
@@ -23,13 +23,13 @@ class DisparityRange:
         return self.first_px + self.count
 
     def shrunk(self, factor: int) -> DisparityRange:
-        """The same in an image with so many times fewer columns."""
+        """The range in an image with ``factor`` times fewer columns."""
         first, end = self.first_px // factor, -(-self.reach_px // factor)
         return DisparityRange(first_px=first, count=16 * math.ceil((end - first) / 16))
 
 
 def disparity_range(rig: StereoRig, min_depth_m: float) -> DisparityRange:
-    """The disparities of all that a rig sees between ``min_depth_m`` and infinity.
+    """The disparities of all depths between ``min_depth_m`` and infinity on a rig.
 
     From 0, or from the disparity of infinity where the principal points differ, to fx B / z - (cx_right - cx), up
     to the next 16, and never beyond the image's width.

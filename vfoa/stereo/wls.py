@@ -1,4 +1,4 @@
-"""Weighted least squares: smooth a disparity map along the edges of its image (Min et al. 2014)."""
+"""Weighted least squares: smooth a disparity map within the edges of its image (Min et al. 2014)."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ CONFIDENCE_SCALE = 255.0
 class WlsFilter:
     """OpenCV's WLS filter with its confidence: agreement of the two views' maps, and their local variance.
 
-    The guide is the colour image, since a gray one smears dark scenes. ``discontinuity_radius_px`` is how far a
-    depth edge makes its neighbours doubtful.
+    The guide is the colour image: a gray one smears dark scenes. Pixels up to ``discontinuity_radius_px`` from a depth
+    edge have a lower confidence.
     """
 
     def __init__(self, *, smoothness: float, sigma_color: float, discontinuity_radius_px: int) -> None:

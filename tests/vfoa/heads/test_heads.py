@@ -181,6 +181,38 @@ def test_people_without_a_face_get_the_head_of_their_mask(shared_data: Path, sha
     assert len(YuNet(YuNet.Settings(weights=weights, fallback="none")).detect(frame, instances)) == 1
 
 
+@pytest.mark.parametrize("size", [640, 320])
+def test_faces_are_those_of_opencvs_own_decoder(shared_data: Path, shared_models: Path, size: int) -> None:
+    frame = bandage_frame(shared_data, 20)
+    path = shared_models / "yunet_n_dynamic.onnx"
+    (head,) = YuNet(YuNet.Settings(weights=str(path), max_size_px=size)).detect(frame, nobody(frame.left))
+    height, width = frame.left.shape[:2]
+    shrunk = cv2.resize(frame.left, (size, round(height * size / width)), interpolation=cv2.INTER_AREA)
+    level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_ERROR)
+    reference = cv2.FaceDetectorYN.create(str(path), "", (shrunk.shape[1], shrunk.shape[0]), 0.6, 0.3, 5000)
+    _, faces = reference.detect(np.ascontiguousarray(shrunk[..., ::-1]))
+    cv2.utils.logging.setLogLevel(level)
+    scale = np.array([width / shrunk.shape[1], height / shrunk.shape[0]])
+    assert len(faces) == 1
+    first, extent, score = faces[0, :2] * scale - 0.5, faces[0, 2:4] * scale, faces[0, 14]
+    assert head.face_box_px is not None
+    np.testing.assert_allclose(head.face_box_px, [*first, *(first + extent)], atol=0.1)
+    np.testing.assert_allclose(head.landmarks_px, faces[0, 4:14].reshape(5, 2) * scale - 0.5, atol=0.1)
+    assert head.score == pytest.approx(score, abs=1e-3)
+
+
+def test_a_graph_of_a_fixed_size_finds_the_same_face(shared_data: Path, shared_models: Path) -> None:
+    frame = bandage_frame(shared_data, 20)
+    boxes = [
+        YuNet(YuNet.Settings(weights=str(shared_models / name))).detect(frame, nobody(frame.left))[0].box_px
+        for name in ("yunet_n_dynamic.onnx", "yunet_n_640_640.onnx")
+    ]
+    assert overlap(*boxes) > 0.95
+    larger = YuNet(YuNet.Settings(weights=str(shared_models / "yunet_n_640_640.onnx"), max_size_px=800))
+    with pytest.raises(VfoaError, match=r"takes 640 x 640 pixels, found 800 x 341; expected a smaller heads\.max_size"):
+        larger.detect(frame, nobody(frame.left))
+
+
 def test_says_nothing_and_travels(yunet: YuNet, shared_data: Path, capfd: pytest.CaptureFixture[str]) -> None:
     frame = bandage_frame(shared_data, 20)
     before = yunet.detect(frame, nobody(frame.left))

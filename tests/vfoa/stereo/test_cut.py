@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tests.scenes import make_rig
 from vfoa.stereo.cut import cropped, cut, enlarged, gray, in_frame
-from vfoa.stereo.region import Region
+from vfoa.stereo.region import Region, whole
 
 RIG = make_rig(30, 20)
 PIXELS = np.random.default_rng(0).integers(0, 256, (20, 30), dtype=np.uint8)
@@ -67,10 +67,10 @@ def test_a_map_of_the_whole_image_is_handed_on_as_it_is():
 
 
 def test_a_region_grows_as_far_as_the_image_goes():
-    assert Region(u0=5, v0=4, u1=12, v1=9).grown(3, RIG) == Region(u0=2, v0=1, u1=15, v1=12)
-    assert Region(u0=5, v0=4, u1=28, v1=18).grown(6, RIG) == Region(u0=0, v0=0, u1=30, v1=20)
+    assert Region(u0=5, v0=4, u1=12, v1=9).grown(3, whole(RIG)) == Region(u0=2, v0=1, u1=15, v1=12)
+    assert Region(u0=5, v0=4, u1=28, v1=18).grown(6, whole(RIG)) == Region(u0=0, v0=0, u1=30, v1=20)
     empty = Region(u0=5, v0=4, u1=5, v1=9)
-    assert empty.grown(3, RIG) == empty
+    assert empty.grown(3, whole(RIG)) == empty
 
 
 def test_a_smaller_image_has_every_pixel_that_touches_the_region():

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from onnx import helper
 
-from harness.adapters.sintel import SintelClip, SintelSettings
-from harness.adapters.studio.clip import StudioClip, StudioSettings
+from harness.sources.sintel import SintelClip, SintelSettings
+from harness.studio.clip import StudioClip, StudioSettings
 from tests import graphs
 from tests.scenes import make_rig
 from vfoa.errors import VfoaError
@@ -87,7 +87,7 @@ def test_an_open_input_size_is_refused(tmp_path: Path) -> None:
     weights = graphs.constant(
         tmp_path / "open.onnx", {"input": (1, 2, "height", "width")}, {"disparity": np.zeros((1, 240, 320, 1))}
     )
-    with pytest.raises(VfoaError, match="leaves its input's size open"):
+    with pytest.raises(VfoaError, match="leaves its input size open"):
         HitNet(HitNet.Settings(weights=weights)).match(black(make_rig()))
 
 

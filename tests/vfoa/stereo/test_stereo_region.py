@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from tests.examples import few
 from tests.scenes import make_box, make_rig, rendered_boxes, stereo_planes
 from tests.vfoa.stereo.test_stereo import matcher
-from vfoa.stereo.region import Region, needed_region
+from vfoa.stereo.region import Region, needed_region, whole
 from vfoa.types import Head, Instance, Instances
 
 RIG, ODD_RIG = make_rig(240, 120), make_rig(241, 121)
@@ -92,7 +92,7 @@ def test_a_block_match_in_a_region_is_that_of_the_whole_frame(region, frame, res
     disparity = found("bm", frame, region, region_margin_px=20, **alone).disparity_px
     np.testing.assert_array_equal(disparity[region.window], expected[region.window])
     beyond = np.ones(expected.shape, np.bool_)
-    beyond[region.grown(20, frame.rig).window] = False
+    beyond[region.grown(20, whole(frame.rig)).window] = False
     assert np.isnan(disparity[beyond]).all()
 
 
@@ -164,12 +164,14 @@ def threads_restored() -> Iterator[None]:
 
 @pytest.mark.usefixtures("threads_restored")
 @pytest.mark.parametrize("resolution", ["full", "half"])
-@pytest.mark.parametrize("name", ["bm", "sgbm"])
-def test_several_threads_find_the_same(name, resolution):
+@pytest.mark.parametrize(("name", "options"), [("bm", {}), ("sgbm", {}), ("sgbm", {"search": "guided"})])
+def test_several_threads_find_the_same(name, options, resolution):
+    if "search" in options and resolution != "full":
+        pytest.skip("a guided search needs the full resolution")
     maps = []
     for threads in (1, 2, 4):
         cv2.setNumThreads(threads)
-        maps.append(found(name, resolution=resolution))
+        maps.append(found(name, resolution=resolution, **options))
     for other in maps[1:]:
         np.testing.assert_array_equal(other.disparity_px, maps[0].disparity_px)
         np.testing.assert_array_equal(other.confidence, maps[0].confidence)

@@ -1,0 +1,256 @@
+"""The posterior against an exact particle filter, and against scenes whose errors are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vfoa.geometry import perturb
+from vfoa.posterior.filter import Belief, Measured, Scenery, update
+from vfoa.posterior.head_motion import HEAD, HeadMotion, first_motion, next_motion
+from vfoa.posterior.settings import PosteriorSettings, sigma_rad
+from vfoa.posterior.smoothing import smoothed
+
+DT_S = 0.1
+NORMAL = PosteriorSettings(
+    error="told", tails=1e9, evidence=1.0, bias_share=0.5, bias_s=0.5, cues="gaze", p_nowhere=0.15
+)
+FIXED = {"nowhere_looks": 1e9, "dwell_looks": 1e9}
+"""Shares and dwells that no looks correct, so that the model is a plain hidden Markov model."""
+
+
+def scenery(*angles_deg: float) -> Scenery:
+    """Small targets at these angles to the right of the way to the camera."""
+    camera = np.array([0.0, 0.0, -1.0])
+    directions = perturb(
+        np.repeat(camera[None], len(angles_deg), axis=0), np.deg2rad(angles_deg), np.zeros(len(angles_deg))
+    )
+    keys = (*range(len(angles_deg)), None)
+    return Scenery(keys=keys, directions=directions, variances=np.full(len(angles_deg), 1e-4), to_camera=camera)
+
+
+def measured(gaze: np.ndarray | None = None, head: np.ndarray | None = None, error_deg: float = 11.1) -> Measured:
+    return Measured(gaze=gaze, head=head, gaze_sigma_rad=sigma_rad(error_deg), head_sigma_rad=sigma_rad(5.0))
+
+
+def beliefs_of(scene: Scenery, frames: list[Measured], settings: PosteriorSettings) -> list[Belief]:
+    found: list[Belief] = []
+    for frame in frames:
+        found.append(update(found[-1] if found else None, scene, frame, DT_S, settings))
+    return found
+
+
+def offsets_of(gazes_rad: np.ndarray) -> list[Measured]:
+    camera = np.array([0.0, 0.0, -1.0])
+    return [measured(perturb(camera, *offset)) for offset in gazes_rad]
+
+
+def drawn_course(seed: int, settings: PosteriorSettings, angles_deg: tuple[float, ...], count: int) -> np.ndarray:
+    """Gazes (N, 2) in radians, drawn from the model itself on a plane."""
+    rng = np.random.default_rng(seed)
+    aims = np.deg2rad([(angle, 0.0) for angle in angles_deg])
+    middle, sigma = aims.mean(axis=0), sigma_rad(settings.gaze_error_deg)
+    slow, fast = settings.bias_share * sigma**2, (1 - settings.bias_share) * sigma**2
+    look, drift, found = -1, np.zeros(2), []
+    keep = np.exp(-DT_S / settings.bias_s)
+    for frame in range(count):
+        if frame == 0 or rng.random() < -np.expm1(-DT_S / settings.dwell_s):
+            nowhere = rng.random() < settings.p_nowhere
+            look = len(aims) if nowhere else int(rng.integers(len(aims)))
+        wide = sigma_rad(settings.nowhere_deg) ** 2 if look == len(aims) else 1e-4
+        drift = keep * drift + np.sqrt((1 - keep**2) * (slow + wide)) * rng.normal(size=2)
+        found.append((middle if look == len(aims) else aims[look]) + drift + np.sqrt(fast) * rng.normal(size=2))
+    return np.array(found)
+
+
+def particle_probabilities(gazes: np.ndarray, settings: PosteriorSettings, aims: np.ndarray, n: int) -> np.ndarray:
+    """Filtered probabilities (N, T) of a bootstrap filter with n particles of (look, drift).
+
+    A new look draws its place on the target and keeps the share of the drift that is the error's.
+    """
+    rng = np.random.default_rng(1)
+    count = len(aims)
+    places = np.vstack([aims, aims.mean(axis=0)])
+    prior = np.append(np.full(count, (1 - settings.p_nowhere) / count), settings.p_nowhere)
+    sigma = sigma_rad(settings.gaze_error_deg)
+    slow, fast = settings.bias_share * sigma**2, (1 - settings.bias_share) * sigma**2
+    variance = slow + np.append(np.full(count, 1e-4), sigma_rad(settings.nowhere_deg) ** 2)
+    keep, leave = np.exp(-DT_S / settings.bias_s), -np.expm1(-DT_S / settings.dwell_s)
+    found = []
+    look = rng.choice(count + 1, size=n, p=prior)
+    drift = rng.normal(size=(n, 2)) * np.sqrt(variance[look])[:, None]
+    for frame, gaze in enumerate(gazes):
+        if frame:
+            leaves = rng.random(n) < leave
+            # the error's share of the drift, and what is left of its variance, go on; the rest is drawn anew
+            share = slow / variance[look]
+            error = share[:, None] * drift + np.sqrt(slow * (1 - share))[:, None] * rng.normal(size=(n, 2))
+            new = rng.choice(count + 1, size=n, p=prior)
+            place = np.sqrt(variance[new] - slow)[:, None] * rng.normal(size=(n, 2))
+            drift = np.where(leaves[:, None], error + place, drift)
+            look = np.where(leaves, new, look)
+            drift = keep * drift + np.sqrt((1 - keep**2) * variance[look])[:, None] * rng.normal(size=(n, 2))
+        log = -((gaze - places[look] - drift) ** 2).sum(axis=1) / fast / 2
+        weights = np.exp(log - log.max())
+        weights /= weights.sum()
+        found.append(np.bincount(look, weights, minlength=count + 1))
+        kept = np.searchsorted(np.cumsum(weights), (np.arange(n) + rng.random()) / n).clip(max=n - 1)
+        look, drift = look[kept], drift[kept]
+    return np.array(found)
+
+
+def test_nowhere_is_as_likely_as_a_particle_filter_has_it() -> None:
+    """The particle filter holds every course of looks and drift; this one collapses them after every frame."""
+    settings = NORMAL.model_copy(update=FIXED)
+    angles = (-20.0, 5.0, 25.0)
+    aims = np.deg2rad([(angle, 0.0) for angle in angles])
+    exact, found = [], []
+    for seed in (0, 1, 2, 3, 5):
+        gazes = drawn_course(seed, settings, angles, 60)
+        exact.append(particle_probabilities(gazes, settings, aims, 20_000))
+        found.append([each.probabilities for each in beliefs_of(scenery(*angles), offsets_of(gazes), settings)])
+    nowhere = [np.mean(each, axis=(0, 1))[-1] for each in (exact, found)]
+    assert nowhere[0] > 0.1
+    assert nowhere[1] == pytest.approx(nowhere[0], rel=0.25)
+    assert np.abs(np.array(found) - exact).mean() < 0.06
+
+
+def test_a_large_error_is_found_out_and_a_small_one_too() -> None:
+    rng = np.random.default_rng(2)
+    settings = PosteriorSettings(cues="gaze")
+    for factor in (0.4, 2.5):
+        gazes = np.deg2rad([(10.0, 0.0)]) + factor * sigma_rad(11.1) * rng.normal(size=(60, 2))
+        last = beliefs_of(scenery(-30.0, 10.0, 50.0), offsets_of(gazes), settings)[-1]
+        scale = float(last.weights.sum(axis=1) @ last.gaze.scale)
+        assert scale == pytest.approx(factor, rel=0.4)
+
+
+def test_a_constant_bias_is_learned_from_the_looks() -> None:
+    """Looks go from target to target, all of them 20 degrees low: told the error, the filter has them at nowhere."""
+    rng = np.random.default_rng(3)
+    angles = (-40.0, 0.0, 40.0)
+    looks = np.repeat([0, 2, 1, 0, 1, 2], 15)
+    aims = np.column_stack([np.deg2rad(np.array(angles)[looks]), np.full(len(looks), np.deg2rad(20.0))])
+    frames = offsets_of(aims + sigma_rad(5.0) * rng.normal(size=aims.shape))
+    unknown = PosteriorSettings(cues="gaze", gaze_error_deg=5.0)
+    beliefs = beliefs_of(scenery(*angles), frames, unknown)
+    last = beliefs[-1]
+    bias = last.gaze.bias_rad @ last.weights.sum(axis=1)
+    assert np.degrees(bias) == pytest.approx([0, 20], abs=8)
+    right = [np.argmax(each.probabilities) == look for each, look in zip(beliefs, looks, strict=True)]
+    assert np.mean(right[-30:]) > 0.9
+
+
+def test_a_gaze_shrunk_towards_the_camera_is_stretched_again() -> None:
+    """Targets at 0, 30 and 60 degrees look as if at 0, 18 and 36: the nearest of 36 is that at 30."""
+    rng = np.random.default_rng(4)
+    angles = (0.0, 30.0, 60.0)
+    looks = np.repeat([0, 2, 1, 2, 0, 2], 20)
+    aims = 0.6 * np.deg2rad(np.array(angles)[looks])
+    frames = offsets_of(np.column_stack([aims, np.zeros(len(aims))]) + sigma_rad(4.0) * rng.normal(size=(len(aims), 2)))
+    settings = PosteriorSettings(cues="gaze", gaze_error_deg=4.0)
+    found = [int(np.argmax(each.probabilities)) for each in beliefs_of(scenery(*angles), frames, settings)]
+    assert np.mean(np.array(found[-40:]) == looks[-40:]) > 0.9
+
+
+def test_people_who_look_at_nothing_look_where_their_head_points() -> None:
+    """Head and gaze agree, far from every target."""
+    camera = np.array([0.0, 0.0, -1.0])
+    away = perturb(camera, np.deg2rad(-50.0), np.deg2rad(-30.0))
+    last = beliefs_of(scenery(0.0, 30.0), [measured(away, away)] * 20, PosteriorSettings())[-1]
+    assert last.probabilities[-1] > 0.8
+
+
+def test_a_dwell_is_the_same_time_at_every_frame_rate() -> None:
+    """One frame that says another target: what is left of the belief depends on seconds alone."""
+    scene, settings = scenery(-10.0, 10.0), PosteriorSettings(error="told", nowhere_looks=1e9, dwell_looks=1e9)
+    camera = np.array([0.0, 0.0, -1.0])
+    at = measured(perturb(camera, np.deg2rad(-10.0), 0.0))
+    none = Measured(gaze=None, head=None, gaze_sigma_rad=0.1, head_sigma_rad=0.1)
+    left = []
+    for rate_hz in (10, 40):
+        belief = update(None, scene, at, 0.0, settings)
+        for _ in range(rate_hz):
+            belief = update(belief, scene, none, 1 / rate_hz, settings)
+        left.append(belief.probabilities)
+    assert left[0] == pytest.approx(left[1])
+    first = update(None, scene, at, 0.0, settings).probabilities
+    stays = np.exp(-1 / settings.dwell_s)
+    count = (1 - settings.p_nowhere) / 2
+    fresh = np.array([count, count, settings.p_nowhere])
+    assert left[0] == pytest.approx(stays * first + (1 - stays) * fresh)
+
+
+def test_looks_teach_how_often_a_person_looks_at_nothing() -> None:
+    """A long time away and back: new looks are expected at nowhere more often than before."""
+    camera = np.array([0.0, 0.0, -1.0])
+    away, at = (measured(gaze, gaze) for gaze in (perturb(camera, -1.0, -0.6), camera))
+    settings = PosteriorSettings()
+    frames = ([away] * 20 + [at] * 5) * 4
+    last = beliefs_of(scenery(0.0, 40.0), frames, settings)[-1]
+    expected = float((last.weights * last.new[..., -1]).sum())
+    assert expected > settings.p_nowhere * 1.3
+
+
+def test_a_cue_that_comes_later_brings_its_hypotheses() -> None:
+    camera = np.array([0.0, 0.0, -1.0])
+    frames = [measured(head=camera)] * 3 + [measured(camera, camera)] * 3 + [measured(gaze=camera)] * 3
+    beliefs = beliefs_of(scenery(0.0, 40.0), frames, PosteriorSettings())
+    assert [len(each.gaze.scale) for each in beliefs[:3]] == [1, 1, 1]
+    assert len(beliefs[3].gaze.scale) > 50
+    assert all(each.probabilities.sum() == pytest.approx(1) for each in beliefs)
+    assert all(probability.sum() == pytest.approx(1) for probability in smoothed(beliefs))
+
+
+def test_the_tail_is_small_where_the_directions_do_not_fit() -> None:
+    camera = np.array([0.0, 0.0, -1.0])
+    settings = PosteriorSettings(error="told", cues="gaze")
+    still = [measured(camera, error_deg=3.0)] * 10
+    jump = measured(perturb(camera, -2.0, 1.0), error_deg=3.0)
+    beliefs = beliefs_of(scenery(0.0, 40.0), [*still, jump], settings)
+    assert min(each.tail for each in beliefs[:-1]) > 0.2
+    assert beliefs[-1].tail < 0.02
+
+
+@pytest.mark.parametrize("error", ["told", "unknown"])
+def test_the_frames_before_help_where_looks_are_short_and_heads_set_out_late(error: str) -> None:
+    """Looks of 0.7 s; the head stays for 0.12 s, then turns in 0.36 s as smoothly as can be. 25 frames a second."""
+    angles = (-36.0, -24.0, -12.0, 0.0, 12.0, 24.0, 36.0)
+    scene, settings = scenery(*angles), PosteriorSettings(error=error)
+    camera = np.array([0.0, 0.0, -1.0])
+    alone, forward = [], []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        looks = np.repeat(rng.permutation(len(angles)), 17)
+        goal = 0.65 * np.deg2rad(angles)[looks]
+        since = np.tile(np.arange(17), len(angles))
+        part = np.clip((since - 2) / 9, 0, 1)
+        turned = part**3 * (10 - 15 * part + 6 * part**2)
+        start = np.concatenate([goal[:17], goal[:-17]])
+        heads = start + turned * (goal - start)
+        belief = None
+        for look, head in zip(looks, heads, strict=True):
+            gaze_noise, head_noise = sigma_rad(11.1) * rng.normal(size=2), sigma_rad(5.0) * rng.normal(size=2)
+            frame = measured(
+                perturb(camera, np.deg2rad(angles[look]) + gaze_noise[0], gaze_noise[1]),
+                perturb(camera, head + head_noise[0], head_noise[1]),
+            )
+            belief = update(belief, scene, frame, 0.04, settings)
+            forward.append(int(belief.probabilities.argmax()) == look)
+            alone.append(int(update(None, scene, frame, 0.04, settings).probabilities.argmax()) == look)
+    assert np.mean(forward) > np.mean(alone) + 0.05
+
+
+def test_how_uncertain_a_turning_head_is_depends_on_the_time_alone() -> None:
+    """One step of 0.04 s and four of 0.01 s, towards a goal 40 degrees away, without an error of the measurement."""
+
+    def after(steps: int) -> HeadMotion:
+        motion, one = first_motion(np.zeros((1, 1)), np.zeros((1, 1))), np.ones((1, 1))
+        goal, far = np.zeros((1, 1, 2)), np.full((1, 1, 2), np.deg2rad(40.0))
+        motion = HeadMotion(means=np.stack([goal, goal, far], axis=2), covariances=motion.covariances)
+        for _ in range(steps):
+            motion = next_motion(motion, one, np.zeros(1, int), one, far, 0.0, np.zeros((1, 1)), 0.04 / steps, 0.35)
+        return motion
+
+    coarse, fine = (after(steps).covariances[0, 0, HEAD, HEAD] for steps in (1, 4))
+    assert fine == pytest.approx(coarse, rel=0.25)

@@ -1,0 +1,150 @@
+from __future__ import annotations
+
+import ast
+import math
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import vfoa
+from tests.repository import REPOSITORY
+from tests.true_stages import EYES, FAR, NEAR, true_percepts, true_stages
+from vfoa.bayes import BayesSettings
+from vfoa.estimator import DEFAULTS
+from vfoa.pipeline import AttendSettings
+from vfoa.reconstruction import ReconstructionSettings
+from vfoa.types import NoAttention, Percepts
+
+PATCH = ReconstructionSettings(eyes="patch")
+BLACK = np.zeros((240, 400, 3), np.uint8)
+AT_HAND = {"segmentation.model": "yolo_seg", "segmentation.weights": "yolov8n-seg_int8.onnx"}
+"""The default segmentation's weights are not among those that the tests may expect."""
+
+
+@pytest.fixture(scope="module")
+def percepts() -> Percepts:
+    return true_percepts()
+
+
+def test_two_images_and_a_rig_give_who_looks_at_what_by_name(percepts: Percepts) -> None:
+    estimator = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH)
+    estimate = estimator.estimate(BLACK, BLACK, percepts.rig)
+    (look,) = estimate.looks
+    assert (look.subject, look.target, look.missing) == ("person 1", estimate.target_names[NEAR], None)
+    assert look.attention == max(look.values.values()) > 0
+    np.testing.assert_allclose(look.distance_m, np.linalg.norm(np.array([0.5, 0.2, 1.8]) - EYES), atol=0.05)
+    assert str(estimate).startswith(f"person 1 looks at {look.target} (attention ")
+
+
+def test_targets_with_one_label_are_numbered(percepts: Percepts) -> None:
+    estimate = vfoa.Estimator(true_stages(percepts, FAR), reconstruction=PATCH).estimate(BLACK, BLACK, percepts.rig)
+    assert len(set(estimate.target_names.values())) == len(estimate.target_names) == 3
+
+
+def test_a_follower_carries_the_memory_over_frames(percepts: Percepts) -> None:
+    estimator = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH)
+    follower = estimator.follow(percepts.rig)
+    followed = [follower.step(BLACK, BLACK, time_ns=40 * i) for i in range(3)]
+    assert [(each.result.scene.index, each.result.scene.time_ns) for each in followed] == [(0, 0), (1, 40), (2, 80)]
+    assert [look.track_id for each in followed for look in each.looks] == [1, 1, 1]
+
+
+def test_the_posterior_follows_with_and_without_times(percepts: Percepts) -> None:
+    attention = AttendSettings(attention=BayesSettings(method="bayes"))
+    estimator = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH, attend=attention)
+    follower = estimator.follow(percepts.rig)
+    (look,) = [follower.step(BLACK, BLACK) for _ in range(5)][-1].looks
+    assert look.target == estimator.estimate(BLACK, BLACK, percepts.rig).target_names[NEAR]
+    assert 0 < look.attention <= 1
+
+
+def test_without_a_direction_the_look_says_why(percepts: Percepts) -> None:
+    estimator = vfoa.Estimator(true_stages(percepts, NEAR, cues=False), reconstruction=PATCH)
+    (look,) = estimator.estimate(BLACK, BLACK, percepts.rig).looks
+    assert (look.target, look.missing) == (None, NoAttention.NO_DIRECTION)
+    assert math.isnan(look.attention)
+
+
+def test_images_of_another_size_leave_the_memory_as_it_was(percepts: Percepts) -> None:
+    follower = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH).follow(percepts.rig)
+    with pytest.raises(vfoa.VfoaError, match="frame 0"):
+        follower.step(BLACK[:-1], BLACK)
+    assert follower.step(BLACK, BLACK).result.scene.index == 0
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"stereo.matcher": "sgmb"}, "'sgbm'"),
+        ({"sterio.matcher": "bm"}, "'stereo'"),
+        ({"stereo.min_depth": 1}, "stereo.min_depth"),
+        ({"gaze.model": "gaze360", "gaze.weights": "x.onnx"}, "gaze.model"),
+        ({"attention.method": "bayes", "attention.smoothing": "both"}, "attention.smoothing"),
+        ({"segmentation.model": "yolo_seg", "segmentation.weights": "none-such.onnx"}, "none-such.onnx"),
+    ],
+)
+def test_wrong_settings_are_one_line_that_names_them(settings: dict[str, object], said: str) -> None:
+    with pytest.raises(vfoa.VfoaError) as error:
+        vfoa.Estimator.open(settings)
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_the_defaults_are_those_of_the_command_line() -> None:
+    experiment = tomllib.loads((REPOSITORY / "harness/experiments/default.toml").read_text(encoding="utf-8"))
+    (configuration,) = experiment["configuration"]
+    tables = {key: value for key, value in configuration.items() if key != "name"}
+    assert {f"{table}.{key}": value for table, of in tables.items() for key, value in of.items()} == DEFAULTS
+
+
+def _script() -> str:
+    """The first Python block of README.md."""
+    found = re.search(r"^```python\n(.*?)^```", (REPOSITORY / "README.md").read_text(encoding="utf-8"), re.M | re.S)
+    assert found
+    return found[1]
+
+
+def test_the_script_of_the_readme_has_ten_lines_at_most() -> None:
+    assert len([line for line in _script().splitlines() if line.strip()]) <= 10
+
+
+def test_the_script_of_the_readme_runs_on_a_real_pair(
+    shared_data: Path,
+    shared_models: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture,
+) -> None:
+    from harness.clips.manifest import load_manifest
+
+    monkeypatch.setenv("VFOA_DATA", str(shared_data))
+    monkeypatch.setenv("VFOA_MODELS", str(shared_models))
+    monkeypatch.chdir(tmp_path)
+    frame = load_manifest(REPOSITORY / "datasets/sintel_bandage_2.toml").open().frame(1)
+    np.save("left.npy", frame.left)
+    np.save("right.npy", frame.right)
+    script = _script()
+    assert "Estimator.open()" in script
+    exec(script.replace("Estimator.open()", f"Estimator.open({AT_HAND!r})"), {})
+    assert capsys.readouterr().out.startswith("person 1 looks at ")
+
+
+def test_importing_vfoa_imports_nothing_heavy() -> None:
+    code = "import sys, vfoa; print(vfoa.__version__, *sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    version, *modules = done.stdout.split()
+    assert version == vfoa.__version__
+    assert not {"numpy", "cv2", "pydantic", "onnxruntime", "scipy"} & set(modules)
+
+
+def test_every_public_name_is_there_and_type_checkers_know_it() -> None:
+    stub = ast.parse((REPOSITORY / "vfoa/__init__.pyi").read_text(encoding="utf-8"))
+    aliases = {alias.asname for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
+    assert {name for name in aliases if name} | {"__version__"} == set(vfoa.__all__)
+    for name in vfoa.__all__:
+        assert getattr(vfoa, name) is not None

@@ -1,0 +1,43 @@
+"""The target nearest in angle, by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tests.scenes import make_box, make_subject, make_target
+from vfoa.nearest import NearestSettings, look_at_nearest
+from vfoa.types import NoAttention
+
+NEAREST = NearestSettings(method="nearest")
+LEFT, RIGHT = make_target(1, make_box((-1, 0, 2))), make_target(2, make_box((1, 0, 2)))
+
+
+def at_deg(angle: float) -> tuple[float, float, float]:
+    return np.sin(np.deg2rad(angle)), 0.0, np.cos(np.deg2rad(angle))
+
+
+@pytest.mark.parametrize(
+    ("gaze", "head", "gaze_share", "focus"),
+    [(20, -20, 0.6, 2), (20, -20, 0.4, 1), (20, None, 0.0, None), (None, -20, 0.9, 1), (20, -20, 1.0, 2)],
+)
+def test_gaze_and_head_are_weighed(gaze: float, head: float, gaze_share: float, focus: int | None) -> None:
+    subject = make_subject(gaze=None if gaze is None else at_deg(gaze), head=None if head is None else at_deg(head))
+    found = look_at_nearest(subject, (LEFT, RIGHT), NEAREST.model_copy(update={"gaze_share": gaze_share}))
+    assert found.focus == focus
+    assert found.missing is (NoAttention.NO_DIRECTION if focus is None else None)
+    assert sum(value.total for value in found.values) == (focus is not None)
+
+
+def test_beyond_the_limit_nothing_is_looked_at() -> None:
+    """The right one lies 26.6 degrees to the right; the gaze is 16.6 degrees short of it."""
+    subject = make_subject(gaze=at_deg(10))
+    for limit, focus in ((16.5, None), (16.7, 2), (None, 2)):
+        found = look_at_nearest(subject, (LEFT, RIGHT), NEAREST.model_copy(update={"limit_deg": limit}))
+        assert found.focus == focus
+        assert len(found.values) == 2
+
+
+def test_what_is_missing_is_said() -> None:
+    assert look_at_nearest(make_subject(eyes=None, gaze=(0, 0, 1)), (), NEAREST).missing is NoAttention.NO_EYES_3D
+    assert look_at_nearest(make_subject(gaze=(0, 0, 1)), (), NEAREST).focus is None

@@ -1,0 +1,97 @@
+"""What was found in one frame, with names for people to read."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vfoa.types import Attention, FrameResult, NoAttention, Percepts
+
+_REASONS = {
+    NoAttention.NO_EYES_3D: "the position of the eyes is unknown",
+    NoAttention.NO_DIRECTION: "neither gaze nor head pose was measured",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Look:
+    """One person's answer in one frame. ``str()`` of it is a sentence.
+
+    ``track_id`` is the person's number in the sequence, ``subject`` the name made of it ("person 1").
+    ``target`` is the name of the focus of attention; None: the person looks at none of the targets, or, where
+    ``missing`` says why, nothing is known. ``attention`` is its value in [0, 1], and ``distance_m`` the way from the
+    eyes to the middle of its box; NaN without a target. ``values`` are the attention values of all targets by name.
+    """
+
+    track_id: int
+    subject: str
+    target: str | None
+    attention: float
+    distance_m: float
+    values: Mapping[str, float]
+    missing: NoAttention | None = None
+
+    def __str__(self) -> str:
+        if self.missing is not None:
+            return f"{self.subject}: unknown ({_REASONS[self.missing]})"
+        if self.target is None:
+            return f"{self.subject} looks at nothing in the scene (targets found: {len(self.values)})"
+        return f"{self.subject} looks at {self.target} (attention {self.attention:.2f}), {self.distance_m:.2f} m away"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """Everything known of one frame. ``print(estimate)`` says who looks at what, one line per person.
+
+    ``percepts`` is what the models found, ``result`` the scene in metres with every attention value
+    (:mod:`vfoa.types`).
+    """
+
+    percepts: Percepts
+    result: FrameResult
+
+    @property
+    def looks(self) -> tuple[Look, ...]:
+        """Who looks at what, in the order of the people's numbers."""
+        names = self.target_names
+        looks = (_look(each, self.result, names) for each in self.result.attentions)
+        return tuple(sorted(looks, key=lambda look: look.track_id))
+
+    @property
+    def target_names(self) -> Mapping[int, str]:
+        """Names of the targets by instance id: the label, with a number where several have the same one (``cup 2``)."""
+        instances = [target.instance for target in self.result.scene.targets]
+        alike = Counter(each.label for each in instances)
+        seen: Counter[str] = Counter()
+        names = {}
+        for each in instances:
+            seen[each.label] += 1
+            names[each.id] = f"{each.label} {seen[each.label]}" if alike[each.label] > 1 else each.label
+        return names
+
+    def __str__(self) -> str:
+        return "\n".join(map(str, self.looks)) or "nobody was found"
+
+
+def _look(attention: Attention, result: FrameResult, names: Mapping[int, str]) -> Look:
+    values = {each.instance_id: each.total for each in attention.values}
+    return Look(
+        track_id=attention.subject.track_id,
+        subject=f"person {attention.subject.track_id}",
+        target=None if attention.focus is None else names[attention.focus],
+        attention=math.nan if attention.focus is None else values[attention.focus],
+        distance_m=_distance_m(attention, result),
+        values={names[number]: value for number, value in values.items()},
+        missing=attention.missing,
+    )
+
+
+def _distance_m(attention: Attention, result: FrameResult) -> float:
+    eyes = attention.subject.person.eye_origin_left
+    boxes = {target.instance.id: target.box for target in result.scene.targets}
+    box = None if attention.focus is None else boxes[attention.focus]
+    return math.nan if eyes is None or box is None else float(np.linalg.norm(box.center_m - eyes))

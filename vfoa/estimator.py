@@ -1,0 +1,257 @@
+"""The pipeline for scripts: numpy images in, "who looks at what" out, with the defaults of ``vfoa run``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Self
+
+import numpy as np
+
+import vfoa.gaze
+import vfoa.head_pose
+import vfoa.heads
+import vfoa.segmentation
+import vfoa.stereo
+from vfoa.attention import AttentionSettings
+from vfoa.bayes import BayesSettings
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.estimate import Estimate
+from vfoa.gaze_filter import GazeFilterSettings
+from vfoa.nearest import NearestSettings
+from vfoa.pipeline import AttendSettings, Memory, Stages, attend, perceive, reconstruct
+from vfoa.reconstruction import ReconstructionSettings
+from vfoa.registry import Registry
+from vfoa.settings import Settings
+from vfoa.tracking import TrackingSettings
+from vfoa.types import Image, StereoFrame, StereoRig
+from vfoa.validation import parse
+from vfoa.weights import check_located, weights_of
+
+DEFAULTS: Mapping[str, str] = {
+    "stereo.matcher": "sgbm",
+    "segmentation.model": "rf_detr_seg",
+    "heads.detector": "yunet",
+    "head_pose.model": "fsanet",
+    "gaze.model": "adas_0002",
+}
+"""The stages of ``vfoa run CLIP``."""
+
+_REGISTRIES = {
+    registry.kind: registry
+    for registry in (
+        vfoa.stereo.MATCHERS,
+        vfoa.segmentation.SEGMENTERS,
+        vfoa.heads.DETECTORS,
+        vfoa.head_pose.MODELS,
+        vfoa.gaze.MODELS,
+    )
+}
+_OPTIONAL = ("head_pose.model", "gaze.model")
+_ATTENTION: dict[str | None, type[Settings]] = {"bayes": BayesSettings, "nearest": NearestSettings}
+_STEPS: dict[str, type[Settings]] = {
+    "reconstruction": ReconstructionSettings,
+    "tracking": TrackingSettings,
+    "gaze_filter": GazeFilterSettings,
+    "attention": AttentionSettings,
+}
+_TABLES = (*(kind.partition(".")[0] for kind in _REGISTRIES), *_STEPS)
+
+
+class Estimator:
+    """Estimates who looks at what. Opened once; any number of frames, clips and cameras.
+
+    Parameters
+    ----------
+    stages
+        Models and matchers: any objects that follow the protocols of :mod:`vfoa.pipeline`. :meth:`open` makes them
+        from settings.
+    reconstruction, attend
+        Settings of the two steps after perception.
+
+    Examples
+    --------
+    >>> estimator = vfoa.Estimator.open({"stereo.matcher": "bm", "attention.cones_cm": [10, 25]})
+    >>> print(estimator.estimate(left, right, rig))
+    person 1 looks at cup (attention 0.43), 1.21 m away
+    """
+
+    def __init__(
+        self,
+        stages: Stages,
+        *,
+        reconstruction: ReconstructionSettings | None = None,
+        attend: AttendSettings | None = None,
+    ) -> None:
+        self.stages = stages
+        self.reconstruction = reconstruction or ReconstructionSettings()
+        self.attend = attend or AttendSettings()
+
+    @classmethod
+    def open(cls, settings: Mapping[str, Any] | None = None) -> Self:
+        """Open the models of ``vfoa run CLIP``, with settings changed as by its ``--set``.
+
+        Parameters
+        ----------
+        settings
+            Values by dotted key, such as ``{"gaze.model": "l2cs"}``; ``vfoa settings`` prints every key.
+
+        Raises
+        ------
+        VfoaError
+            If a key or a value is wrong, a model's file is not on this machine (all missing files are named), or the
+            configuration needs frames after the present one (a temporal gaze model, smoothing in both directions).
+        """
+        tables = _tables({**DEFAULTS, **(settings or {})})
+        chosen = {kind: _choose(registry, tables) for kind, registry in _REGISTRIES.items()}
+        attention = _ATTENTION.get(tables["attention"].get("method"), AttentionSettings)
+        steps: dict[str, Any] = {
+            name: parse(attention if name == "attention" else model, tables[name], "settings", name)
+            for name, model in _STEPS.items()
+        }
+        reconstruction = steps.pop("reconstruction")
+        attend_settings = AttendSettings(**steps)
+        if awaited := getattr(attend_settings.attention, "frames_awaited", 0):
+            raise VfoaError(
+                f"settings: attention.smoothing: needs {awaited} later frames; expected 'off' or 'forward' (`vfoa run` "
+                "smooths in both directions)"
+            )
+        check_located(name for choice in chosen.values() if choice for name in weights_of(choice[1]))
+        stages = {kind: model(checked) for kind, (model, checked) in _present(chosen).items()}
+        matcher = stages["stereo.matcher"]
+        in_region = getattr(_present(chosen)["stereo.matcher"][1], "region", None) == "needed"
+        return cls(
+            Stages(
+                matcher=matcher,
+                segmenter=stages["segmentation.model"],
+                heads=stages["heads.detector"],
+                head_pose=stages.get("head_pose.model"),
+                gaze=stages.get("gaze.model"),
+                region_matcher=matcher if in_region else None,
+            ),
+            reconstruction=reconstruction,
+            attend=attend_settings,
+        )
+
+    def estimate(self, left: Image, right: Image, rig: StereoRig) -> Estimate:
+        """Estimate who looks at what in one pair, without memory of others.
+
+        Parameters
+        ----------
+        left, right
+            The rectified pair, (H, W, 3) uint8 RGB. OpenCV reads BGR: ``cv2.cvtColor(image, cv2.COLOR_BGR2RGB)``.
+        rig
+            Its calibration: see :func:`rectified_rig`.
+
+        Raises
+        ------
+        VfoaError
+            If an image is not as the rig says, or a model fails.
+        """
+        return self.follow(rig).step(left, right)
+
+    def follow(self, rig: StereoRig) -> Follower:
+        """Begin a sequence of frames: people keep their numbers, and gaze is filtered where the settings say so."""
+        return Follower(self, rig)
+
+
+class Follower:
+    """Follows people over the frames of one sequence. It carries the memory; made by :meth:`Estimator.follow`."""
+
+    def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
+        self._estimator, self._rig = estimator, rig
+        self._memory, self._frames = Memory(), 0
+
+    def step(self, left: Image, right: Image, *, time_ns: int = 0) -> Estimate:
+        """Estimate who looks at what in the next pair.
+
+        Parameters
+        ----------
+        left, right
+            As for :meth:`Estimator.estimate`.
+        time_ns
+            The frame's time. Only the posterior (``attention.method = "bayes"``) depends on it; where times do not
+            increase, it takes the setting ``attention.frame_rate_hz``.
+
+        Raises
+        ------
+        VfoaError
+            If an image is not as the rig says, or a model fails. The memory is then as it was before.
+        """
+        estimator = self._estimator
+        try:
+            frame = StereoFrame(index=self._frames, time_ns=time_ns, left=left, right=right, rig=self._rig)
+        except ValueError as error:
+            raise VfoaError(f"frame {self._frames}: {error}") from None
+        percepts = perceive(frame, estimator.stages)
+        scene = reconstruct(percepts, estimator.reconstruction)
+        result, self._memory = attend(scene, self._memory, estimator.attend)
+        self._frames += 1
+        return Estimate(percepts=percepts, result=result)
+
+
+def rectified_rig(
+    left: Image,
+    *,
+    fx_px: float,
+    cx_px: float,
+    cy_px: float,
+    baseline_m: float,
+    fy_px: float | None = None,
+    cx_right_px: float | None = None,
+) -> StereoRig:
+    """The rig of a rectified pair with images of the size of ``left`` (H, W, 3).
+
+    ``fy_px`` is ``fx_px``, and ``cx_right_px`` is ``cx_px``, if not given. ``harness.read_rig`` reads files.
+
+    Raises
+    ------
+    VfoaError
+        If a number is not finite, or a length is not positive.
+    """
+    height, width = np.shape(left)[:2]
+    try:
+        return StereoRig(
+            width_px=width,
+            height_px=height,
+            fx_px=fx_px,
+            fy_px=fx_px if fy_px is None else fy_px,
+            cx_px=cx_px,
+            cy_px=cy_px,
+            baseline_m=baseline_m,
+            cx_right_px=cx_px if cx_right_px is None else cx_right_px,
+        )
+    except ValueError as error:
+        raise VfoaError(f"rectified_rig: {error}") from None
+
+
+_Choice = tuple[Any, Settings]
+"""A stage's class and its checked settings."""
+
+
+def _tables(settings: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    tables: dict[str, dict[str, Any]] = {table: {} for table in _TABLES}
+    for dotted, value in settings.items():
+        table, _, key = dotted.partition(".")
+        if table not in tables or not key:
+            raise VfoaError(f"settings: unknown table {table!r} in {dotted!r}; {did_you_mean(table, tables)}")
+        tables[table][key] = value
+    return tables
+
+
+def _choose(registry: Registry, tables: Mapping[str, Mapping[str, Any]]) -> _Choice | None:
+    table, _, key = registry.kind.partition(".")
+    settings = dict(tables[table])
+    name = settings.pop(key)
+    if name == "none" and registry.kind in _OPTIONAL:
+        return None
+    stage = registry.load(name)
+    if hasattr(stage, "estimate_sequence"):
+        raise VfoaError(
+            f"settings: {registry.kind}: {name!r} needs later frames; expected a model of single frames (`vfoa run` "
+            "runs both)"
+        )
+    return stage, parse(stage.Settings, settings, "settings", table)
+
+
+def _present(chosen: Mapping[str, _Choice | None]) -> dict[str, _Choice]:
+    return {kind: choice for kind, choice in chosen.items() if choice is not None}

@@ -1,0 +1,59 @@
+"""The strongest simple baseline: the target nearest in angle to where gaze and head point, none beyond a limit."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import Field
+
+from vfoa.attention import boxes_of_others
+from vfoa.geometry import angle_between, unit
+from vfoa.settings import Settings
+from vfoa.types import CUES, Attention, Cue, NoAttention, Subject, Target, TargetAttention
+
+
+class NearestSettings(Settings):
+    """Settings of :func:`look_at_nearest`."""
+
+    method: Literal["nearest"]
+    """``nearest``: the target nearest in angle."""
+    gaze_share: float = Field(default=0.6, ge=0, le=1)
+    """Weight of the gaze in the mean of gaze and head. A cue that was not measured leaves its weight to the other."""
+    limit_deg: float | None = Field(default=None, gt=0, le=180)
+    """Greatest angle to the middle of a box at which it is still looked at; none: some target always is."""
+
+
+def look_at_nearest(subject: Subject, targets: tuple[Target, ...], settings: NearestSettings) -> Attention:
+    """Compute one subject's attention: 1 for the target nearest in angle, 0 for the others.
+
+    The angle is to the middle of a target's box, seen from the eyes. Among targets at exactly the same angle, the first
+    has the focus. Without an eye origin or a direction to go by the result says so, and holds nothing else.
+    """
+    origin = subject.person.eye_origin_left
+    if origin is None:
+        return Attention(subject=subject, missing=NoAttention.NO_EYES_3D)
+    weights: dict[Cue, float] = {"gaze": settings.gaze_share, "head": 1 - settings.gaze_share}
+    cues = {cue: found for cue in CUES if weights[cue] and (found := subject.direction(cue)) is not None}
+    if not cues:
+        return Attention(subject=subject, missing=NoAttention.NO_DIRECTION)
+    total = sum(weights[cue] for cue in cues)
+    parts = {cue: weights[cue] / total for cue in cues}
+    mean = np.sum([parts[cue] * found for cue, found in cues.items()], axis=0)
+    direction = unit(mean) if np.linalg.norm(mean) > 0 else next(iter(cues.values()))
+
+    boxes = boxes_of_others(subject, targets)
+    angles = {number: float(angle_between(box.center_m - origin, direction)) for number, box in boxes.items()}
+    nearest = min(angles, key=lambda number: angles[number], default=None)
+    if nearest is not None and settings.limit_deg is not None and angles[nearest] > np.deg2rad(settings.limit_deg):
+        nearest = None
+    values = tuple(
+        TargetAttention(
+            instance_id=number,
+            gaze=parts.get("gaze", float("nan")) * (number == nearest),
+            head=parts.get("head", float("nan")) * (number == nearest),
+            total=float(number == nearest),
+        )
+        for number in boxes
+    )
+    return Attention(subject=subject, values=values, focus=nearest)

@@ -1,0 +1,159 @@
+"""What labelled sequences say of the assumptions: error, bias, gain, head share, dwell and share of looks at nothing.
+
+Every quantity is estimated with each clip left out in turn: settings for a clip come from the others alone, and the
+spread of the estimates gives the interval (delete-one jackknife, Efron 1982).
+
+In the tangent plane of the way to the camera, where o is the offset of a direction (log map on the sphere):
+
+    o(gaze) = gain o(target) + bias of the person + error        o(head) = share o(target) + rest of the person + aside
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vfoa.geometry import tangent_offset
+from vfoa.posterior.filter import Measured, Scenery
+from vfoa.posterior.settings import PosteriorSettings
+from vfoa.types import Float
+
+QUANTITIES = ("gaze_error_deg", "bias_deg", "gain", "head_share", "aside_deg", "rest_deg", "dwell_s", "p_nowhere")
+_T_95 = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23)
+"""Student's t, two-sided 95 %, for 1 to 10 degrees of freedom."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelledFrame:
+    """One frame of one person: what can be looked at, what was measured, and the key of what is looked at."""
+
+    time_s: float
+    scenery: Scenery
+    measured: Measured
+    looked_at: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelledPerson:
+    """One person in one clip: the labelled frames in the order of time. ``clip`` is what is left out together."""
+
+    clip: Hashable
+    frames: Sequence[LabelledFrame]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate:
+    """A quantity with the number of frames or looks it rests on, and its 95 % interval; NaN where it is not known."""
+
+    value: float
+    n: int
+    low: float
+    high: float
+
+
+def fit(people: Sequence[LabelledPerson]) -> dict[str, Estimate]:
+    """Estimate every one of :data:`QUANTITIES`; intervals need at least two clips."""
+    values, counts = _estimates(people)
+    without = [_estimates([each for each in people if each.clip != clip])[0] for clip in _clips(people)]
+    return {name: _with_interval(values[name], counts[name], [each[name] for each in without]) for name in QUANTITIES}
+
+
+def settings_from(
+    people: Sequence[LabelledPerson], base: PosteriorSettings, *, without: Hashable | None = None
+) -> PosteriorSettings:
+    """``base`` with what the people say of it, those of the clip ``without`` left out.
+
+    A fitted error is a prior, as a claimed one is: ``error`` stays as it was. Quantities that the people do not show
+    stay as they are in ``base``; so does the gain, which is always a hypothesis.
+    """
+    values, counts = _estimates([each for each in people if without is None or each.clip != without])
+    allowed = {"gaze_error_deg": 60.0, "bias_deg": 60.0, "aside_deg": 90.0, "rest_deg": 90.0, "head_share": 1.0}
+    update: dict[str, object] = {
+        name: float(np.clip(value, 0.02, allowed.get(name, np.inf)))
+        for name, value in values.items()
+        if name in type(base).model_fields and counts[name] and np.isfinite(value)
+    }
+    if "gaze_error_deg" in update:
+        update["spread"] = "published"
+    if "p_nowhere" in update:
+        # Laplace's rule of succession: a few looks without nowhere do not rule it out
+        looks = counts["p_nowhere"]
+        update["p_nowhere"] = (values["p_nowhere"] * looks + 1) / (looks + 2)
+    return type(base).model_validate({**base.model_dump(), **update})
+
+
+def _clips(people: Sequence[LabelledPerson]) -> list[Hashable]:
+    return list(dict.fromkeys(each.clip for each in people))
+
+
+def _with_interval(value: float, n: int, without: Sequence[float]) -> Estimate:
+    clips = len(without)
+    if clips < 2 or not np.isfinite(without).all():
+        return Estimate(value=value, n=n, low=float("nan"), high=float("nan"))
+    spread = float(np.sqrt((clips - 1) / clips * ((np.array(without) - np.mean(without)) ** 2).sum()))
+    half = spread * (_T_95[clips - 2] if clips - 2 < len(_T_95) else 1.96)
+    return Estimate(value=value, n=n, low=value - half, high=value + half)
+
+
+def _estimates(people: Sequence[LabelledPerson]) -> tuple[dict[str, float], dict[str, int]]:
+    """Values and what they rest on, by quantity."""
+    gain, bias_deg, error_deg, gazes = _line([_offsets(each, "gaze") for each in people])
+    share, rest_deg, aside_deg, heads = _line([_offsets(each, "head") for each in people])
+    ended, watched_s, looks, nowhere = np.sum([_looks(each) for each in people] or [(0, 0.0, 0, 0)], axis=0).tolist()
+    values = {
+        "gaze_error_deg": error_deg,
+        "bias_deg": bias_deg,
+        "gain": gain,
+        "head_share": share,
+        "aside_deg": aside_deg,
+        "rest_deg": rest_deg,
+        "dwell_s": watched_s / ended if ended else float("nan"),
+        "p_nowhere": nowhere / looks if looks else float("nan"),
+    }
+    of_gaze = dict.fromkeys(("gaze_error_deg", "bias_deg", "gain"), gazes)
+    of_head = dict.fromkeys(("head_share", "aside_deg", "rest_deg"), heads)
+    return values, {**of_gaze, **of_head, "dwell_s": int(ended), "p_nowhere": int(looks)}
+
+
+def _offsets(person: LabelledPerson, cue: str) -> Float:
+    """Offsets (N, 4) from the way to the camera, radians: of what is looked at (2) and of the measured cue (2)."""
+    rows = []
+    for frame in person.frames:
+        direction = frame.measured.gaze if cue == "gaze" else frame.measured.head
+        if frame.looked_at is None or direction is None or frame.looked_at not in frame.scenery.keys:
+            continue
+        target = frame.scenery.directions[frame.scenery.keys.index(frame.looked_at)]
+        rows.append(tangent_offset(frame.scenery.to_camera, np.stack([target, direction])).ravel())
+    return np.array(rows).reshape(-1, 4)
+
+
+def _line(offsets: Sequence[Float]) -> tuple[float, float, float, int]:
+    """Slope over all people, mean angle of their constants and of what is left, in degrees; and the frames.
+
+    The slope is that within people (least squares), so that a person's constant does not enter it.
+    """
+    offsets = [each for each in offsets if len(each)]
+    n = sum(len(each) for each in offsets)
+    if not n:
+        return float("nan"), float("nan"), float("nan"), 0
+    means = [each.mean(axis=0) for each in offsets]
+    apart = np.concatenate([each - mean for each, mean in zip(offsets, means, strict=True)])
+    aim, found = apart[:, :2], apart[:, 2:]
+    power = float((aim**2).sum())
+    slope = float((aim * found).sum()) / power if power > 1e-9 else float("nan")
+    used = slope if np.isfinite(slope) else 1.0
+    constants = [np.hypot(*(mean[2:] - used * mean[:2])) for mean in means]
+    left = np.hypot(*(found - used * aim).T)
+    return slope, float(np.degrees(np.mean(constants))), float(np.degrees(left.mean())), n
+
+
+def _looks(person: LabelledPerson) -> tuple[int, float, int, int]:
+    """Looks that ended, seconds watched, looks in all, and those at nothing. The last look is cut off by the clip."""
+    frames = person.frames
+    if not frames:
+        return 0, 0.0, 0, 0
+    starts = [0] + [k for k in range(1, len(frames)) if frames[k].looked_at != frames[k - 1].looked_at]
+    nowhere = sum(frames[k].looked_at is None for k in starts)
+    return len(starts) - 1, frames[-1].time_s - frames[0].time_s, len(starts), nowhere

@@ -1,0 +1,28 @@
+"""How well the measured directions fit what is believed: the error that they imply beside the claimed one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vfoa.posterior.filter import Belief, Measured
+from vfoa.posterior.settings import MEAN_ANGLE_PER_SIGMA
+from vfoa.types import DirectionFit
+
+
+def fit_of(belief: Belief, measured: Measured) -> DirectionFit:
+    """One subject in one frame. Angles are those of the gaze; None where no gaze was measured.
+
+    The implied error is the mean over the hypotheses of the root of the squares of noise and bias, as a mean angle.
+    """
+    if measured.gaze is None or belief.error is None:
+        return DirectionFit(tail=belief.tail)
+    weights = belief.weights
+    noise = (belief.gaze.scale * measured.gaze_sigma_rad) ** 2
+    constant = belief.gaze.bias_rad + np.einsum("gt,xgt->xg", belief.looked.mean(axis=1), belief.error.constant)
+    mean_square = noise + (constant**2).sum(axis=0) / 2
+    implied = float(weights.sum(axis=1) @ np.sqrt(mean_square))
+    return DirectionFit(
+        tail=belief.tail,
+        claimed_error_rad=MEAN_ANGLE_PER_SIGMA * measured.gaze_sigma_rad,
+        implied_error_rad=MEAN_ANGLE_PER_SIGMA * implied,
+    )

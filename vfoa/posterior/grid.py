@@ -1,0 +1,118 @@
+"""The hypotheses: what may be wrong with a gaze model, and how much a head follows. One table each, with a prior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfoa.posterior.settings import PosteriorSettings, sigma_rad
+from vfoa.types import Float
+
+_SCALE_STEPS = (-1.15, -0.3, 0.45, 1.1, 1.75)
+"""Nodes of the logarithm of the error's scale, in standard deviations: the upper side is reached farther, since
+models seldom do better than they claim on material of others."""
+_GAINS = ((1.0, 0.5), (0.8, 0.3), (0.6, 0.2))
+"""What is left of the angle between a direction and the way to the camera, and its prior: models shrink it."""
+_BIAS_SPACING_DEG = 12.0
+_BIAS_RINGS = 2
+_SHARE_STEPS = ((-0.3, 0.3), (0.0, 0.4), (0.3, 0.3))
+"""Steps of the head's share about its setting, and their prior."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GazeHypotheses:
+    """G hypotheses of what is wrong with a gaze model.
+
+    ``scale`` (G,) of the claimed error, ``bias_rad`` (2, G) right and down, ``gain`` (G,) as a row of ``gains``, and
+    ``log_prior`` (G,). ``cell_rad`` is the spread of the bias about each hypothesis, per direction. ``number`` (G,)
+    increases, and stays with a hypothesis when others are given up.
+    """
+
+    number: NDArray[np.intp]
+    scale: Float
+    bias_rad: Float
+    gain: NDArray[np.intp]
+    gains: tuple[float, ...]
+    cell_rad: float
+    log_prior: Float
+
+    def kept(self, rows: NDArray[np.bool_]) -> GazeHypotheses:
+        """Those of the hypotheses that ``rows`` (G,) names; their prior has done its work."""
+        return GazeHypotheses(
+            number=self.number[rows],
+            scale=self.scale[rows],
+            bias_rad=self.bias_rad[:, rows],
+            gain=self.gain[rows],
+            gains=self.gains,
+            cell_rad=self.cell_rad,
+            log_prior=self.log_prior[rows],
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadHypotheses:
+    """K hypotheses of the share (K,) that a head turns of the way to a target, with ``log_prior`` (K,)."""
+
+    share: Float
+    log_prior: Float
+
+
+@lru_cache(maxsize=32)
+def gaze_hypotheses(settings: PosteriorSettings) -> GazeHypotheses:
+    """Every combination of scale, bias and gain; a single one where the error is told."""
+    if settings.error == "told":
+        return GazeHypotheses(
+            number=np.zeros(1, dtype=np.intp),
+            scale=np.ones(1),
+            bias_rad=np.zeros((2, 1)),
+            gain=np.zeros(1, dtype=np.intp),
+            gains=(1.0,),
+            cell_rad=0.0,
+            log_prior=np.zeros(1),
+        )
+    steps = np.array(_SCALE_STEPS)
+    scale, scale_prior = np.exp(settings.scale_spread * steps), _normalised(np.exp(-(steps**2) / 2))
+    bias = np.deg2rad(_hexagons(_BIAS_SPACING_DEG, _BIAS_RINGS))
+    gains, gain_prior = np.array(_GAINS).T
+    rows = np.indices((len(scale), bias.shape[1], len(gains))).reshape(3, -1)
+    prior = scale_prior[rows[0]] * _bias_prior(bias, settings)[rows[1]] * gain_prior[rows[2]]
+    return GazeHypotheses(
+        number=np.arange(len(prior)),
+        scale=scale[rows[0]],
+        bias_rad=bias[:, rows[1]],
+        gain=rows[2],
+        gains=tuple(gains.tolist()),
+        cell_rad=float(np.deg2rad(_BIAS_SPACING_DEG) / np.sqrt(12)),
+        log_prior=np.log(_normalised(prior)),
+    )
+
+
+@lru_cache(maxsize=32)
+def head_hypotheses(settings: PosteriorSettings) -> HeadHypotheses:
+    """Three shares about the setting; that alone where the error is told."""
+    if settings.error == "told":
+        return HeadHypotheses(share=np.array([settings.head_share]), log_prior=np.zeros(1))
+    steps, prior = np.array(_SHARE_STEPS).T
+    share = np.clip(settings.head_share + steps, 0.05, 1.0)
+    return HeadHypotheses(share=share, log_prior=np.log(prior))
+
+
+def _hexagons(spacing_deg: float, rings: int) -> Float:
+    """Nodes (2, B) of a hexagonal lattice about 0."""
+    whole = range(-rings, rings + 1)
+    nodes = [(i + j / 2, j * np.sqrt(3) / 2) for i in whole for j in whole if abs(i + j) <= rings]
+    return spacing_deg * np.array(nodes).T
+
+
+def _bias_prior(bias: Float, settings: PosteriorSettings) -> Float:
+    """Prior (B,) of the nodes: a part without bias, and a Student distribution with three degrees of freedom."""
+    square = (bias**2).sum(axis=0)
+    biased = _normalised((1 + square / (3 * sigma_rad(settings.bias_deg) ** 2)) ** -2.5)
+    return settings.unbiased * (square == square.min()) + (1 - settings.unbiased) * biased
+
+
+def _normalised(weights: Float) -> Float:
+    return np.asarray(weights / weights.sum())

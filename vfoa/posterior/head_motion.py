@@ -1,0 +1,111 @@
+"""Where a head is on its way to: a Kalman filter for each head hypothesis and target.
+
+If a person looks at a target, the head moves from where it is to its goal: a share of the way from rest to the target.
+
+    goal      = share of the way + rest + aside
+    head'     = head + (1 - exp(-dt / lag)) (goal - head)
+    measured  = head + noise
+
+    rest      how far the head's rest, and a bias of its model, are off what is assumed; the same in all looks
+    aside     how far from the goal the head stops; new in each look
+
+All are angles to the right and down in the tangent plane of the share of the way. A person who looks at nothing has
+no target: the goal is anywhere about the middle of all targets, as far as ``nowhere_deg``. Arrays are (K, T):
+hypotheses by targets, the last of which is nowhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vfoa.types import Float
+
+REST, ASIDE, HEAD = range(3)
+_JITTER_RAD_PER_ROOT_S = float(np.deg2rad(1.7))
+"""How much a head that has reached its goal still moves."""
+_PACE_SPREAD = 0.5
+"""How uncertain the way that a head makes in its time constant is, over the way that is left: heads set out late and
+at their own pace."""
+_ASIDE_S = 20.0
+"""Within this time the head settles elsewhere although the look goes on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadMotion:
+    """Means (K, T, 3, 2) and covariances (K, T, 3, 3) of rest, aside and head."""
+
+    means: Float
+    covariances: Float
+
+
+def first_motion(rest_variance: Float, aside_variance: Float) -> HeadMotion:
+    """Before the first frame, the head at its goal; variances (K, 1) of the rest and (K, T) of what is aside."""
+    covariances = np.zeros((*aside_variance.shape, 3, 3))
+    covariances[..., [REST, REST, HEAD], [REST, HEAD, REST]] = rest_variance[..., None]
+    covariances[..., [ASIDE, ASIDE, HEAD], [ASIDE, HEAD, ASIDE]] = aside_variance[..., None]
+    covariances[..., HEAD, HEAD] = rest_variance + aside_variance
+    return HeadMotion(means=np.zeros((*aside_variance.shape, 3, 2)), covariances=covariances)
+
+
+def next_motion(
+    before: HeadMotion,
+    looked: Float,
+    columns: np.ndarray,
+    stay: Float,
+    last_offset: Float,
+    noise: float,
+    aside_variance: Float,
+    dt_s: float,
+    lag_s: float,
+) -> HeadMotion:
+    """Before the next frame. ``last_offset`` (K, T, 2) is the last measured head from the share of the way to each.
+
+    ``looked`` (K, T') are the probabilities of the targets before, ``columns`` (T,) which of them each target was,
+    ``stay`` (K, T) the part of each that goes on: the rest starts a new look, from where the head was.
+    """
+    rest = np.einsum("kt,ktx->kx", looked, before.means[:, :, REST])
+    apart = before.means[:, :, REST] - rest[:, None]
+    rest_variance = np.einsum("kt,kt->k", looked, before.covariances[..., REST, REST] + (apart**2).sum(axis=-1) / 2)
+    new_means = np.zeros((*stay.shape, 3, 2))
+    new_means[:, :, REST] = rest[:, None]
+    new_means[:, :, HEAD] = last_offset
+    new = np.zeros((*stay.shape, 3, 3))
+    new[..., REST, REST] = rest_variance[:, None]
+    new[..., ASIDE, ASIDE] = aside_variance
+    new[..., HEAD, HEAD] = noise
+
+    part = stay[..., None, None]
+    difference = before.means[:, columns] - new_means
+    means = new_means + part * difference
+    covariances = part * before.covariances[:, columns] + (1 - part) * new
+    covariances += part * (1 - part) / 2 * (difference @ difference.swapaxes(-1, -2))
+
+    settle, move = float(np.exp(-dt_s / _ASIDE_S)), 1 - float(np.exp(-dt_s / lag_s))
+    step = np.array([[1, 0, 0], [0, settle, 0], [move, move * settle, 1 - move]])
+    moved = step @ means
+    covariances = step @ covariances @ step.T
+    covariances[..., ASIDE, ASIDE] += (1 - settle**2) * aside_variance
+    covariances[..., HEAD, HEAD] += _JITTER_RAD_PER_ROOT_S**2 * dt_s
+    # of the way in a time lag: over a time, it comes to about the same at every frame rate
+    covariances[..., HEAD, HEAD] += _PACE_SPREAD**2 / move * ((moved - means)[:, :, HEAD] ** 2).sum(axis=-1)
+    return HeadMotion(means=moved, covariances=covariances)
+
+
+def weigh_head(predicted: HeadMotion, offset: Float, noise: float, tails: float) -> tuple[HeadMotion, Float, Float]:
+    """After a frame: the filter, the log likelihood (K, T) and the squared surprise (K, T) in standard deviations.
+
+    ``offset`` (K, T, 2) is the measured head from the share of the way to each target, ``noise`` its variance.
+    """
+    to_all = predicted.covariances[..., HEAD]
+    known = to_all[..., HEAD]
+    surprise = offset - predicted.means[:, :, HEAD]
+    square = (surprise**2).sum(axis=-1) / (known + noise)
+    likelihood = -np.log(known + noise) - (tails + 2) / 2 * np.log1p(square / tails)
+    gain = to_all / (known + noise * (tails + square) / (tails + 2))[..., None]
+    after = HeadMotion(
+        means=predicted.means + gain[..., None] * surprise[:, :, None],
+        covariances=predicted.covariances - gain[..., None] * to_all[..., None, :],
+    )
+    return after, likelihood, square

@@ -1,0 +1,73 @@
+"""How long people look, and how often at none of the targets: a hidden Markov model that learns both of each person.
+
+Looks end at a rate; the next look is at nowhere with a probability, or else at any target, the same one included. Rate
+and probability have a prior (Gamma and Beta) and are corrected by the looks that were probably made.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vfoa.posterior.settings import LookSettings
+from vfoa.types import Float
+
+Keys = tuple[int | None, ...]
+"""What can be looked at: ids of targets, and None for nowhere, which is the last."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Looks:
+    """Expected numbers, each (...,): looks begun, those of them at nowhere, and the seconds watched."""
+
+    begun: Float
+    nowhere: Float
+    watched_s: Float
+
+
+def no_looks(shape: tuple[int, ...]) -> Looks:
+    """Before anything was seen."""
+    return Looks(begun=np.zeros(shape), nowhere=np.zeros(shape), watched_s=np.zeros(shape))
+
+
+def counted(before: Looks, begun: Float, dt_s: float) -> Looks:
+    """After a frame, for the probabilities (..., T) that a look at each target began in it."""
+    return Looks(
+        begun=before.begun + begun.sum(axis=-1),
+        nowhere=before.nowhere + begun[..., -1],
+        watched_s=before.watched_s + dt_s,
+    )
+
+
+def new_look(looks: Looks, count: int, settings: LookSettings) -> Float:
+    """What a new look is at: probabilities (..., count + 1) of the targets alike and of nowhere."""
+    if count == 0:
+        return np.ones((*looks.begun.shape, 1))
+    seen = settings.nowhere_looks
+    nowhere = (settings.p_nowhere * seen + looks.nowhere) / (seen + looks.begun)
+    one = (1 - nowhere) / count
+    return np.concatenate([np.repeat(one[..., None], count, axis=-1), nowhere[..., None]], axis=-1)
+
+
+def leaving(looks: Looks, dt_s: float, settings: LookSettings) -> Float:
+    """The probability (...,) that a look ends within the time."""
+    seen = settings.dwell_looks
+    return np.asarray(-np.expm1(-dt_s * (seen + looks.begun) / (seen * settings.dwell_s + looks.watched_s)))
+
+
+def columns_of(before: Keys, keys: Keys) -> tuple[np.ndarray, np.ndarray]:
+    """Which column (T,) each key had before, and whether (T,) it was there at all."""
+    index = {key: column for column, key in enumerate(before)}
+    return np.array([index.get(key, 0) for key in keys]), np.array([key in index for key in keys])
+
+
+def predicted_looks(
+    looked: Float, columns: np.ndarray, known: np.ndarray, leave: Float, new: Float
+) -> tuple[Float, Float]:
+    """Probabilities (..., T) before the next frame, and the part (..., T) of them that has stayed.
+
+    What was believed of targets that are gone is open again.
+    """
+    stayed = (1 - leave)[..., None] * np.where(known, looked[..., columns], 0.0)
+    return stayed + (1 - stayed.sum(axis=-1, keepdims=True)) * new, stayed

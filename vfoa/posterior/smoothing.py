@@ -1,0 +1,93 @@
+"""What was looked at, with later frames known too: the backward pass under each of the likeliest hypotheses.
+
+The weights of the hypotheses are those after the last frame that is known. Under one hypothesis the looks are a hidden
+Markov model, and what the filter believed is all that the backward pass needs (Kim 1994).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vfoa.posterior.filter import Belief
+from vfoa.posterior.looks import Keys, columns_of, predicted_looks
+from vfoa.types import Float
+
+_MOST_HYPOTHESES = 48
+"""Only so many of the likeliest are passed backward: the others seldom have a percent together."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    """One frame under H chosen hypotheses: looked (H, T), leave (H,) and new (H, T) on the way to it."""
+
+    keys: Keys
+    looked: Float
+    leave: Float
+    new: Float
+
+
+def smoothed(beliefs: Sequence[Belief]) -> list[Float]:
+    """Probabilities (T,) of the targets in each frame, given all of them."""
+    steps, weights = _likeliest_hypotheses(beliefs)
+    later = steps[-1]
+    given_all = later.looked
+    found = [weights @ given_all]
+    for step in reversed(steps[:-1]):
+        columns, known = columns_of(step.keys, later.keys)
+        predicted, _ = predicted_looks(step.looked, columns, known, later.leave, later.new)
+        ratio = given_all / np.maximum(predicted, 1e-300)
+        anew = (ratio * later.new).sum(axis=1, keepdims=True)
+        back, still = columns_of(later.keys, step.keys)
+        stays = np.where(still, ratio[:, back], anew)
+        leave = later.leave[:, None]
+        given_all = step.looked * ((1 - leave) * stays + leave * anew)
+        given_all = given_all / given_all.sum(axis=1, keepdims=True)
+        found.append(weights @ given_all)
+        later = step
+    return found[::-1]
+
+
+def likeliest_path(beliefs: Sequence[Belief]) -> list[int | None]:
+    """The key of every frame in the likeliest sequence under the likeliest hypothesis (Viterbi 1967)."""
+    steps, weights = _likeliest_hypotheses(beliefs)
+    row = int(weights.argmax())
+    before = steps[0]
+    with np.errstate(divide="ignore"):
+        score = np.log(before.looked[row])
+        origins: list[np.ndarray] = []
+        for step in steps[1:]:
+            columns, known = columns_of(before.keys, step.keys)
+            predicted, _ = predicted_looks(before.looked, columns, known, step.leave, step.new)
+            leave, new = step.leave[row], step.new[row]
+            # whoever looked at what is gone has left it for certain
+            left = score + np.log([leave if key in step.keys else 1.0 for key in before.keys])
+            best = int(left.argmax())
+            jump = left[best] + np.log(new)
+            stay = np.where(known, score[columns] + np.log(1 - leave + leave * new), -np.inf)
+            origins.append(np.where(stay >= jump, columns, best))
+            score = np.maximum(stay, jump) + np.log(step.looked[row]) - np.log(predicted[row])
+            before = step
+    path = [int(score.argmax())]
+    for origin in reversed(origins):
+        path.append(int(origin[path[-1]]))
+    return [step.keys[column] for step, column in zip(steps, reversed(path), strict=True)]
+
+
+def _likeliest_hypotheses(beliefs: Sequence[Belief]) -> tuple[list[_Step], Float]:
+    """Every frame under the hypotheses that are likeliest at the end, and their weights (H,)."""
+    last = beliefs[-1]
+    weights = last.weights.ravel()
+    chosen = np.sort(np.argsort(weights, kind="stable")[-_MOST_HYPOTHESES:])
+    gaze, head = np.unravel_index(chosen, last.weights.shape)
+    number = last.gaze.number[gaze]
+    steps = []
+    for belief in beliefs:
+        # a cue that came later had one hypothesis before
+        row = np.searchsorted(belief.gaze.number, number) if len(belief.gaze.number) > 1 else np.zeros_like(gaze)
+        column = head if len(belief.head.share) > 1 else np.zeros_like(head)
+        row = np.minimum(row, len(belief.gaze.number) - 1)
+        steps.append(_Step(belief.keys, belief.looked[row, column], belief.leave[row, column], belief.new[row, column]))
+    return steps, weights[chosen] / weights[chosen].sum()

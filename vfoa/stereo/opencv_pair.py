@@ -1,0 +1,77 @@
+"""OpenCV's matchers of both views of a pair, at one resolution and in one range of disparities."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vfoa.stereo.cut import cropped, cut
+from vfoa.stereo.region import Region
+from vfoa.stereo.search import DisparityRange
+
+Gray = NDArray[np.uint8]
+Sixteenths = NDArray[np.int16]
+
+SIXTEENTHS = 16
+"""OpenCV's matchers return int16 disparities in sixteenths of a pixel."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairMatcher:
+    """OpenCV's matcher of the left view and, where it is needed, its matcher of the right view.
+
+    Disparities are int16 in sixteenths of a pixel. Pixels without a match are below the range.
+    """
+
+    left_matcher: Any
+    right_matcher: Any
+    searched: DisparityRange
+    block_size_px: int
+
+    def left(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
+        """Disparities of the left view in ``reached``; only those in ``matched`` are computed.
+
+        OpenCV matches no pixel in its first columns, as many as it searches: it gets as many more.
+        """
+        given = with_edge(matched, self.block_size_px, before=self.searched.reach_px)
+        found = self.left_matcher.compute(cut(left, given), cut(right, given))
+        return np.ascontiguousarray(cropped(found, given, reached))
+
+    def right(self, left: Gray, right: Gray, reached: Region) -> Sixteenths:
+        """Disparities of the right view, which are negative. Here OpenCV matches no pixel in the last columns."""
+        given = with_edge(reached, self.block_size_px, after=self.searched.reach_px)
+        found = self.right_matcher.compute(cut(right, given), cut(left, given))
+        return np.ascontiguousarray(cropped(found, given, reached))
+
+    def both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
+        """Disparities of both views, computed in parallel where this process may use several threads."""
+        if cv2.getNumThreads() == 1:
+            return self.left(left, right, matched, reached), self.right(left, right, reached)
+        with ThreadPoolExecutor(1) as pool:
+            of_right = pool.submit(self.right, left, right, reached)
+            return self.left(left, right, matched, reached), of_right.result()
+
+    def reached(self, matched: Region) -> Region:
+        """A region, and the columns to its left in which its matches may lie."""
+        return matched.from_column(max(matched.u0 - self.searched.reach_px, 0))
+
+
+def with_edge(region: Region, block_size_px: int, *, before: int = 0, after: int = 0) -> Region:
+    """A region with all pixels that its matches depend on, and more columns before or after it.
+
+    These are half a block around it, and one pixel more for the gradient that OpenCV takes of both views first. Of an
+    odd number of rows OpenCV leaves out the last row of that gradient: the number is made even.
+    """
+    edge_px = block_size_px // 2 + 1
+    odd = (region.v1 - region.v0) % 2
+    return Region(
+        u0=region.u0 - edge_px - before,
+        v0=region.v0 - edge_px,
+        u1=region.u1 + edge_px + after,
+        v1=region.v1 + edge_px + odd,
+    )

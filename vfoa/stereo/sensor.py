@@ -1,0 +1,35 @@
+"""Depth that a sensor measured (a depth camera, a stereo camera with its own matching), in place of matching."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vfoa.errors import VfoaError
+from vfoa.geometry import disparity_from_depth
+from vfoa.settings import Settings
+from vfoa.types import Disparity, StereoFrame
+
+
+class SensorDepth:
+    """``stereo.matcher = "sensor"``: the measured depth of each frame, as disparities of the frame's rig."""
+
+    class Settings(Settings):
+        """None."""
+
+    def __init__(self, settings: Settings) -> None:
+        self.settings = settings
+
+    def match(self, frame: StereoFrame) -> Disparity:
+        """Convert the measured depth (see :class:`vfoa.stereo.StereoMatcher`); unknown depth stays unknown.
+
+        Raises
+        ------
+        VfoaError
+            If the frame has no measured depth.
+        """
+        if frame.depth_m is None:
+            raise VfoaError(
+                'stereo.matcher: found "sensor", but the clip has no measured depth; '
+                'expected a matcher of two views, such as stereo.matcher = "sgbm"'
+            )
+        return Disparity(disparity_px=disparity_from_depth(frame.depth_m, frame.rig).astype(np.float32))
