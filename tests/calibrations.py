@@ -10,8 +10,8 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from harness.calibration.solve import StereoCalibration
-from harness.calibration.views import View
+from harness.sources.calibrate.solve import StereoCalibration
+from harness.sources.calibrate.views import View
 from tests.disk import write_text
 
 Array = NDArray[np.float64]

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from harness.adapters import PersonTruth, Truth
-from harness.annotation_formats.bodies import TrueBodies
-from harness.annotation_formats.exchange import Exchange
-from harness.annotations.labels import Label, LabelRange, Labels
+from harness.annotate.bodies import TrueBodies
 from harness.clips.naming import NameRule
+from harness.labels.formats.exchange import Exchange
+from harness.labels.labels import Label, LabelRange, Labels
+from harness.sources import PersonTruth, Truth
 from tests.scenes import make_rig
 from vfoa.types import Instance, Instances, StereoFrame
 

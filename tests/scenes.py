@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from vfoa.geometry import back_project, disparity_from_depth, entry_distance
 from vfoa.types import (
     Box3D,
+    Cues,
     Disparity,
     Gaze,
     Head,
@@ -69,6 +70,18 @@ def make_person(
     )
     origin = None if eyes is None else np.asarray(eyes, dtype=np.float64)
     return Person(view=view, instance_id=instance_id, eye_origin_left=origin)
+
+
+def make_measured_person(
+    instance_id: int, *, eyes: ArrayLike = (0, 0, 0), gaze: ArrayLike | None = None, head: ArrayLike | None = None
+) -> Person:
+    """A person who was measured without an image."""
+    seen = make_person(eyes=eyes, gaze=gaze, head=head)
+    return Person(
+        view=Cues(head_pose=seen.view.head_pose, gaze=seen.view.gaze),
+        instance_id=instance_id,
+        eye_origin_left=seen.eye_origin_left,
+    )
 
 
 def make_subject(

@@ -1,0 +1,199 @@
+"""Sources of clips, of images or of measurements: one file per kind, one protocol for all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+from vfoa.registry import Registry
+from vfoa.types import Box3D, Disparity, Float, Instances, Scene, StereoFrame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PersonTruth:
+    """What is true of one person in one frame (camera frame, metres, unit directions). None: not known.
+
+    ``target`` is the name of what the person looks at, ``"none"`` for nothing in the scene.
+    """
+
+    name: str
+    instance_id: int
+    head_box_px: Float
+    eye_origin_left: Float | None = None
+    head_direction: Float | None = None
+    gaze_direction: Float | None = None
+    target: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth:
+    """What a source knows to be true of one frame. None: the source does not know it.
+
+    ``boxes`` are keyed by instance id. ``missing`` says of a field that is None what would have to be there, where
+    the source could know it: it is told to whoever asks for that field.
+    """
+
+    disparity: Disparity | None = None
+    instances: Instances | None = None
+    boxes: dict[int, Box3D] | None = None
+    people: tuple[PersonTruth, ...] | None = None
+    missing: Mapping[str, str] = field(default_factory=dict)
+
+
+class AnyClip(Protocol):
+    """A sequence of frames: a :class:`Clip` of images or a :class:`MeasuredClip`.
+
+    Built as ``Class(settings, root)``, with ``Class.Settings``; ``root`` is the manifest's resolved ``root`` (None
+    where it has none). Frames are read on demand and in any order; a clip can be pickled to another process.
+    """
+
+    @property
+    def frames(self) -> Sequence[int]:
+        """The source's own frame numbers, ascending; gaps are allowed."""
+        ...
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Frames per second, None where the source does not know it."""
+        ...
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the table must know of this source (a view that was made, frames that were dropped)."""
+        ...
+
+    def time_ns(self, number: int) -> int:
+        """When a frame was taken, ns on the source's own clock, as the frame has it, without reading an image."""
+        ...
+
+    def truth(self, number: int) -> Truth:
+        """What is known to be true of one frame. Read by scoring, and by stages configured as ``truth``."""
+        ...
+
+    def digest(self) -> str:
+        """Hexadecimal sha256 of all that a frame depends on: files' content or settings, not their paths."""
+        ...
+
+
+class Clip(AnyClip, Protocol):
+    """A sequence of rectified stereo frames, of which none is held in memory."""
+
+    def frame(self, number: int) -> StereoFrame:
+        """Read one stereo pair.
+
+        Raises
+        ------
+        vfoa.errors.VfoaError
+            If it cannot be read: the message names the file.
+        """
+        ...
+
+
+@runtime_checkable
+class MeasuredClip(AnyClip, Protocol):
+    """A sequence of measurements without images: each frame is a scene in metres. It needs no stage of perception."""
+
+    @property
+    def people(self) -> Mapping[str, int]:
+        """Everyone whom the source names: the instance id, the same in every frame, by name."""
+        ...
+
+    @property
+    def objects(self) -> Mapping[str, int]:
+        """Every object besides that can be looked at: the instance id, the same in every frame, by name."""
+        ...
+
+    @property
+    def categories(self) -> Mapping[str, str]:
+        """The category of every person and object by name."""
+        ...
+
+    def scene(self, number: int) -> Scene:
+        """What was measured in one frame.
+
+        Raises
+        ------
+        vfoa.errors.VfoaError
+            If there is no such frame.
+        """
+        ...
+
+
+@runtime_checkable
+class SightTruth(Protocol):
+    """What a clip may have besides: it knows which lines of sight are blocked."""
+
+    def blockers(self, number: int) -> Mapping[str, str]:
+        """By person, the name of what stands between the eyes and the target in one frame."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recognised:
+    """One way to read a path as a clip: what ``vfoa clips add`` writes into a manifest.
+
+    ``root`` and ``source`` are the manifest's, ``layout`` says in words what was found, ``name`` is what to call the
+    clip. ``calibration`` says where the calibration is from; None: there is none, and the user has to give one.
+    ``incomplete`` says of calibrations that lie there what they lack.
+    """
+
+    root: Path
+    source: Mapping[str, Any]
+    layout: str
+    name: str
+    calibration: str | None
+    licence: str | None = None
+    incomplete: tuple[str, ...] = ()
+
+
+@runtime_checkable
+class Recogniser(Protocol):
+    """What an adapter's class may have besides: it is asked whether it can read a path.
+
+    Every registered adapter is asked, those of other packages too. A calibration that the user gives arrives as the
+    setting ``calibration`` (a file) or ``camera`` (``fx_px``, ``cx_px``, ``cy_px``, ``baseline_m``), where the
+    adapter's ``Settings`` have it.
+    """
+
+    @classmethod
+    def recognise(cls, path: Path) -> Sequence[Recognised]:
+        """Every way to read an absolute path that exists, none where it is not of this kind.
+
+        Several ways differ in their ``source``: the user chooses by the setting in which they do. Only names and the
+        heads of files are looked at, and nothing is guessed: what cannot be seen is left out.
+        """
+        ...
+
+
+@runtime_checkable
+class GuidedRecogniser(Recogniser, Protocol):
+    """A recogniser that can also be told which files to read: what the user names wins over what it sees."""
+
+    @classmethod
+    def recognise_as(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:
+        """As :meth:`recognise`, with the settings that the user gives (``left``, ``right``, ``baseline_m`` ...).
+
+        Raises
+        ------
+        vfoa.errors.VfoaError
+            If files that the user names cannot be read, or none are recognised that could be: how to name them.
+        """
+        ...
+
+
+ADAPTERS = Registry(
+    kind="adapter",
+    builtin={
+        "depth_folder": "harness.sources.depth_folder:DepthFolderClip",
+        "idiap_vfoa": "harness.sources.measured.idiap:IdiapClip",
+        "mcap": "harness.sources.recordings.clip:McapClip",
+        "measured": "harness.sources.measured.tables:MeasuredTables",
+        "rosbag": "harness.sources.recordings.clip:BagClip",
+        "sintel": "harness.sources.sintel:SintelClip",
+        "stereo_folder": "harness.sources.stereo_folder:StereoFolderClip",
+        "studio": "harness.studio:StudioClip",
+    },
+    group="vfoa.adapters",
+)

@@ -1,0 +1,93 @@
+"""Which paths are bags, of which parts they consist, and how a part is opened."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag2 import Reader as Ros2Reader
+
+from vfoa.errors import VfoaError
+
+_ROS1 = b"#ROSBAG V2.0"
+_SQLITE = b"SQLite format 3\0"
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is a bag of ROS 1, a SQLite file, or a folder of such that is no folder of plain MCAP."""
+    return bool(_parts(path))
+
+
+def bag_parts(path: Path) -> tuple[Path, ...]:
+    """What is opened one after the other: files, or a folder with ``metadata.yaml``.
+
+    Raises
+    ------
+    VfoaError
+        If the path is no bag.
+    """
+    if not (parts := _parts(path)):
+        raise VfoaError(f"{path}: no bag; expected a .bag of ROS 1, a .db3, or a folder that ros2 bag recorded")
+    return parts
+
+
+def data_files(part: Path) -> tuple[Path, ...]:
+    """The files that hold a part's messages."""
+    if part.is_file():
+        return (part,)
+    return tuple(part / Path(name).name for name in _metadata(part).get("relative_file_paths", []))
+
+
+def open_reader(part: Path) -> Any:
+    """An open reader of rosbags.
+
+    Raises
+    ------
+    VfoaError
+        If the part cannot be read; the message says what to do where that is known.
+    """
+    reader: Any = None
+    try:
+        reader = Ros1Reader(part) if part.is_file() and _starts(part, _ROS1) else Ros2Reader(part)
+        reader.open()
+    except Exception as error:  # of rosbags, struct, SQLite, YAML, the decompressors
+        text = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
+        is_unindexed = "not indexed" in text or "index looks damaged" in text
+        hint = "; its recorder was killed: rosbag reindex writes the index" if is_unindexed else ""
+        raise VfoaError(f"{part}: cannot be read as a bag: {text}{hint}") from None
+    return reader
+
+
+def _parts(path: Path) -> tuple[Path, ...]:
+    if path.is_file():
+        return (path,) if _starts(path, _ROS1) or _starts(path, _SQLITE) else ()
+    if not path.is_dir():
+        return ()
+    noted = _metadata(path)
+    if noted.get("storage_identifier") == "sqlite3" or noted.get("compression_mode"):
+        return (path,)
+    # A recorder that was killed leaves no metadata.yaml; ROS 1 never writes one.
+    for suffix in ("*.bag", "*.db3"):
+        if found := tuple(sorted(file for file in path.glob(suffix) if not file.name.startswith("."))):
+            return found
+    return ()
+
+
+def _metadata(folder: Path) -> dict[str, Any]:
+    """What ``ros2 bag record`` noted; empty where it did not, or it is not readable."""
+    try:
+        noted = yaml.safe_load((folder / "metadata.yaml").read_bytes())["rosbag2_bagfile_information"]
+        mode = str(noted.get("compression_mode") or "").lower()
+        return {**noted, "compression_mode": "" if mode == "none" else mode}
+    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError):
+        return {}
+
+
+def _starts(path: Path, magic: bytes) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(magic)) == magic
+    except OSError:
+        return False

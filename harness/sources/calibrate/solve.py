@@ -1,0 +1,138 @@
+"""Both cameras and the pose between them from views of a board; views that do not fit are dropped."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from harness.sources.calibrate.views import Dropped, View
+from vfoa.errors import VfoaError
+from vfoa.types import Float
+
+MIN_VIEWS = 3
+"""Zhang's method needs three poses of the plane for all intrinsics."""
+
+OUTLIER_FACTOR, OUTLIER_FLOOR_PX = 4.0, 1.0
+"""A view is bad if one of its errors exceeds this many medians, and this many pixels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewErrors:
+    """Of one view, pixels: RMS of re-projection, the worse camera's; mean distance of corners from epipolar lines."""
+
+    rms_px: float
+    epipolar_px: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoCalibration:
+    """The pair as OpenCV has it: x_right = R x_left + T, metres; R1 R2 P1 P2 rectify it.
+
+    ``rms_px`` is stereoCalibrate's re-projection error over all views; ``errors`` are those of each used frame.
+    """
+
+    size_px: tuple[int, int]
+    K1: Float
+    D1: Float
+    K2: Float
+    D2: Float
+    R: Float
+    T: Float
+    R1: Float
+    R2: Float
+    P1: Float
+    P2: Float
+    rms_px: float
+    errors: dict[int, ViewErrors]
+    dropped: tuple[Dropped, ...] = ()
+
+    @property
+    def epipolar_px(self) -> float:
+        """Mean over the used frames."""
+        return float(np.mean([each.epipolar_px for each in self.errors.values()]))
+
+
+def solve(views: Sequence[View], size_px: tuple[int, int]) -> StereoCalibration:
+    """Calibrate; while a view stands out by its errors, drop the worst and solve again.
+
+    Raises
+    ------
+    VfoaError
+        If fewer than three views are there or remain, or OpenCV finds no solution.
+    """
+    kept = list(views)
+    dropped: list[Dropped] = []
+    while True:
+        if len(kept) < MIN_VIEWS:
+            reasons = "".join(f"; frame {each.number}: {each.reason}" for each in dropped)
+            hint = " (are --columns and --rows right?)" if not kept else ""
+            raise VfoaError(f"{len(kept)} usable views of the board; expected at least {MIN_VIEWS}{hint}{reasons}")
+        found = _solve(kept, size_px, tuple(dropped))
+        worst = _worst(found.errors)
+        if worst is None:
+            return found
+        kept = [view for view in kept if view.number != worst.number]
+        dropped.append(worst)
+
+
+def _worst(errors: dict[int, ViewErrors]) -> Dropped | None:
+    """The view that stands out most, relative to its limit; None where none does."""
+    worst, excess = None, 1.0
+    for kind, name in (("rms_px", "re-projection"), ("epipolar_px", "epipolar")):
+        values = {number: float(getattr(each, kind)) for number, each in errors.items()}
+        limit = max(OUTLIER_FLOOR_PX, OUTLIER_FACTOR * float(np.median([*values.values()])))
+        for number, value in values.items():
+            if value / limit > excess:
+                excess = value / limit
+                worst = Dropped(number=number, reason=f"{name} error {value:.2f} px; expected at most {limit:.2f}")
+    return worst
+
+
+def _solve(views: Sequence[View], size_px: tuple[int, int], dropped: tuple[Dropped, ...]) -> StereoCalibration:
+    points = [view.points_m.astype(np.float32) for view in views]
+    left = [view.left_px.astype(np.float32)[:, None] for view in views]
+    right = [view.right_px.astype(np.float32)[:, None] for view in views]
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-6)
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS
+    try:
+        _, K1, D1, *_ = cv2.calibrateCamera(points, left, size_px, None, None)
+        _, K2, D2, *_ = cv2.calibrateCamera(points, right, size_px, None, None)
+        rms, K1, D1, K2, D2, R, T, _, F, _, _, errors = cv2.stereoCalibrateExtended(
+            points, left, right, K1, D1, K2, D2, size_px, np.eye(3), np.zeros((3, 1)), criteria=stop, flags=flags
+        )
+    except cv2.error as error:
+        raise VfoaError(f"OpenCV finds no calibration for {len(views)} views: {error.err}; add other poses") from None
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(K1, D1, K2, D2, size_px, R, T, alpha=0)
+    return StereoCalibration(
+        size_px=size_px,
+        K1=K1,
+        D1=D1,
+        K2=K2,
+        D2=D2,
+        R=R,
+        T=T,
+        R1=R1,
+        R2=R2,
+        P1=P1,
+        P2=P2,
+        rms_px=float(rms),
+        errors={
+            view.number: ViewErrors(rms_px=float(max(of_view)), epipolar_px=_epipolar_px(view, K1, D1, K2, D2, F))
+            for view, of_view in zip(views, errors, strict=True)
+        },
+        dropped=dropped,
+    )
+
+
+def _epipolar_px(view: View, K1: Float, D1: Float, K2: Float, D2: Float, F: Float) -> float:
+    """Mean distance of undistorted corners from their partners' lines, over both pictures."""
+    left = cv2.undistortPoints(view.left_px[:, None], K1, D1, P=K1)[:, 0]
+    right = cv2.undistortPoints(view.right_px[:, None], K2, D2, P=K2)[:, 0]
+    left, right = (np.hstack([points, np.ones((len(points), 1))]) for points in (left, right))
+    lines_right, lines_left = left @ F.T, right @ F
+    product = np.abs(np.sum(right * lines_right, axis=1))
+    to_right, to_left = (product / np.hypot(lines[:, 0], lines[:, 1]) for lines in (lines_right, lines_left))
+    return float(np.mean([to_right, to_left]))

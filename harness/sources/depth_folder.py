@@ -1,0 +1,153 @@
+"""Colour images and depth maps in files: a folder of each, or TUM's lists, and the calibration of their camera."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Self
+
+import numpy as np
+from pydantic import Field, model_validator
+
+from harness.files import digest_files
+from harness.sources import Recognised, Truth
+from harness.sources.calibration_files.one_camera import read_one_camera
+from harness.sources.depth_images import DepthFrame, find_depth_frames
+from harness.sources.depth_optics import DepthOptics, Intrinsics
+from harness.sources.media.depth_files import read_depth_file
+from harness.sources.media.images import read_rgb
+from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
+from vfoa.errors import VfoaError
+from vfoa.settings import Settings
+from vfoa.types import StereoFrame
+
+
+class DepthFolderSettings(Settings):
+    """Which files, under the manifest's root, and how their camera was calibrated.
+
+    ``colour`` and ``depth`` are folders, globs (``depth/*.npy``), printf patterns, or two lists of times and files
+    (``rgb.txt``, ``depth.txt``), which are joined if they are at most ``tolerance_ms`` apart. ``depth_scale`` is how
+    many counts are a metre (if not given, integers are millimetres and floating point numbers metres; TUM RGB-D has
+    5000). The camera is a file (``calibration``) or numbers (``camera``); ``rectified`` images have no lens distortion
+    any more. Without ``rate_hz``, times are the lists'; images without times are a second apart.
+    """
+
+    colour: str
+    depth: str
+    depth_scale: float | None = Field(default=None, gt=0)
+    tolerance_ms: float = Field(default=DEPTH_TOLERANCE_MS, ge=0)
+    calibration: str | None = None
+    camera: Intrinsics | None = None
+    rectified: bool = False
+    rate_hz: float | None = Field(default=None, ge=1e-3, le=1e6)
+
+    @model_validator(mode="after")
+    def _one_calibration(self) -> Self:
+        if (self.calibration is None) == (self.camera is None):
+            found = "neither" if self.camera is None else "both"
+            raise ValueError(f"found {found}; expected either calibration (a file) or camera (numbers)")
+        if self.camera is not None and self.camera.baseline_m is not None:
+            raise ValueError("found camera.baseline_m; expected none for a camera that measures depth")
+        return self
+
+
+class DepthFolderClip:
+    """A clip from colour images and depth maps of the same size, aligned: each pixel's depth is at its own place.
+
+    root/
+      rgb/000007.png      any image OpenCV reads; colour and depth are joined by number
+      depth/000007.png    16 bits, or .npy, .exr, .tif, .pfm
+      intrinsics.json     see harness.sources.calibration_files.one_camera
+    """
+
+    Settings = DepthFolderSettings
+
+    def __init__(self, settings: DepthFolderSettings, root: Path | None) -> None:
+        self._settings = settings
+        self._folder = folder = root if root is not None else Path.cwd()
+        if not folder.is_dir():
+            raise VfoaError(f"{folder}: no such folder; expected the clip's root")
+        found = find_depth_frames(folder, settings.colour, settings.depth, settings.tolerance_ms)
+        self._frames, self._notes = found.by_number, found.notes
+
+    @classmethod
+    def recognise(cls, path: Path) -> Sequence[Recognised]:
+        """Folders or names of colour and of depth, TUM RGB-D, a scene of GFIE; refuses Azure Kinect's .mkv."""
+        from harness.sources.depth_recognition import recognise_depth
+
+        return recognise_depth(path)
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The numbers in the files' names, or from 1 for lists."""
+        return tuple(self._frames)
+
+    @cached_property
+    def rate_hz(self) -> float | None:
+        """As the manifest says, else from the median distance of the times, to 0.001 Hz."""
+        if self._settings.rate_hz is not None:
+            return self._settings.rate_hz
+        steps = np.diff([frame.time_ns for frame in self._frames.values() if frame.time_ns is not None])
+        return round(1e9 / float(np.median(steps)), 3) if steps.size else None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Which images are in no frame."""
+        return self._notes
+
+    def time_ns(self, number: int) -> int:
+        """As the lists say, else (or if the manifest says a rate) the number over the rate."""
+        time_ns = None if self._settings.rate_hz else self._files(number).time_ns
+        return round(number * 1e9 / (self._settings.rate_hz or 1.0)) if time_ns is None else time_ns
+
+    def frame(self, number: int) -> StereoFrame:
+        """Read one frame."""
+        files = self._files(number)
+        left, depth_m = read_rgb(files.colour), read_depth_file(files.depth, self._settings.depth_scale)
+        if left.shape[:2] != depth_m.shape:
+            sizes = " and depth ".join(f"{each.shape[1]} x {each.shape[0]}" for each in (left, depth_m))
+            raise VfoaError(
+                f"{self._folder}: frame {number}: colour is {sizes} pixels; expected depth that the camera's software "
+                "aligned with colour (a recording with extrinsics, MCAP or a bag, is registered here)"
+            )
+        try:
+            optics = self._optics
+            image, depth = optics.image(left), optics.depth(depth_m)
+        except VfoaError as error:
+            raise VfoaError(f"{self._folder}: frame {number}: {error}") from None
+        return StereoFrame(index=number, time_ns=self.time_ns(number), left=image, depth_m=depth, rig=optics.rig)
+
+    def truth(self, number: int) -> Truth:
+        """Nothing is known."""
+        return Truth()
+
+    def digest(self) -> str:
+        """Of the files' bytes, the frames' numbers and the settings, not of the files' names."""
+        paths = [
+            (f"{kind} {number}", path)
+            for number, files in self._frames.items()
+            for kind, path in (("colour", files.colour), ("depth", files.depth))
+        ]
+        if self._settings.calibration is not None:
+            paths.append(("calibration", self._folder / self._settings.calibration))
+        times = [files.time_ns for files in self._frames.values()]
+        settings = self._settings.model_dump_json(exclude={"colour", "depth", "calibration"})
+        return hashlib.sha256(f"{digest_files(paths)} {times} {settings}".encode()).hexdigest()
+
+    def _files(self, number: int) -> DepthFrame:
+        if number not in self._frames:
+            first, last = self.frames[0], self.frames[-1]
+            raise VfoaError(f"{self._folder}: no frame {number}; expected {first} to {last}")
+        return self._frames[number]
+
+    @cached_property
+    def _optics(self) -> DepthOptics:
+        height, width = read_rgb(next(iter(self._frames.values())).colour).shape[:2]
+        settings = self._settings
+        if settings.camera is not None:
+            return DepthOptics(settings.camera.camera((width, height)), str(self._folder))
+        assert settings.calibration is not None
+        path = self._folder / settings.calibration
+        return DepthOptics(read_one_camera(path, (width, height), rectified=settings.rectified), str(path))

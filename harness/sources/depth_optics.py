@@ -1,0 +1,115 @@
+"""A single camera with a depth map in its own image: both without lens distortion, and the rig they have then."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from pydantic import Field
+
+from harness.sources.calibration import Calibration
+from harness.sources.rectification import RawCamera
+from vfoa.errors import VfoaError
+from vfoa.settings import Settings
+from vfoa.types import Float, Image, Map, StereoRig
+
+
+class Intrinsics(Settings):
+    """A camera without lens distortion, pixels; fy is fx where nothing else is said.
+
+    ``baseline_m`` makes it the left camera of a rectified pair, whose right one has the same principal point.
+    """
+
+    fx_px: float = Field(gt=0)
+    cx_px: float
+    cy_px: float
+    fy_px: float | None = Field(default=None, gt=0)
+    baseline_m: float | None = Field(default=None, gt=0)
+
+    def pair(self, where: str) -> Calibration:
+        """The rectified pair; a :class:`VfoaError` that begins with ``where`` without a baseline."""
+        if self.baseline_m is None:
+            raise VfoaError(f"{where}: source.camera.baseline_m: missing; expected the pair's baseline in metres")
+        return Calibration(
+            fx_px=self.fx_px,
+            fy_px=self.fx_px if self.fy_px is None else self.fy_px,
+            cx_px=self.cx_px,
+            cy_px=self.cy_px,
+            cx_right_px=self.cx_px,
+            baseline_m=self.baseline_m,
+        )
+
+    def camera(self, size_px: tuple[int, int]) -> RawCamera:
+        """The same as a camera for images of this (width, height)."""
+        fy = self.fx_px if self.fy_px is None else self.fy_px
+        return lens(np.array([[self.fx_px, 0, self.cx_px], [0, fy, self.cy_px], [0, 0, 1.0]]), size_px)
+
+
+def lens(k: Float, size_px: tuple[int, int]) -> RawCamera:
+    """A camera with this matrix (3, 3) and no distortion."""
+    return RawCamera(size_px=size_px, k=k, d=np.zeros(0), r=np.eye(3), p=np.column_stack([k, np.zeros(3)]))
+
+
+def without_distortion(camera: RawCamera) -> RawCamera:
+    """The camera of images that were rectified already: the left part of P, or K where P is empty."""
+    has_p = camera.p[0, 0] > 0 and camera.p[1, 1] > 0
+    return lens(camera.p[:, :3] if has_p else camera.k, camera.size_px)
+
+
+class DepthOptics:
+    """Takes the distortion out of images of one camera, and of depth maps in these images.
+
+    A single camera is not turned: the new camera has the matrix K of the old one and no distortion, so that z stays z.
+
+    Raises
+    ------
+    VfoaError
+        If the camera has no positive focal lengths; ``where`` opens the message, here and below.
+    """
+
+    def __init__(self, camera: RawCamera, where: str) -> None:
+        if not (np.isfinite(camera.k).all() and camera.k[0, 0] > 0 and camera.k[1, 1] > 0):
+            raise VfoaError(
+                f"{where}: found focal lengths {camera.k[0, 0]:g}, {camera.k[1, 1]:g}; expected a calibrated camera"
+            )
+        self._camera, self._where = camera, where
+        self._maps = _maps(camera) if camera.d.any() else None
+
+    @property
+    def rig(self) -> StereoRig:
+        """The rig of what :meth:`image` and :meth:`depth` return."""
+        (width, height), k = self._camera.size_px, self._camera.k
+        return StereoRig.of_depth_camera(
+            width_px=width, height_px=height, fx_px=k[0, 0], fy_px=k[1, 1], cx_px=k[0, 2], cy_px=k[1, 2]
+        )
+
+    def image(self, image: Image) -> Image:
+        """An image (H, W, 3) without distortion; pixels that the camera did not see are black."""
+        self._check(image.shape, "colour image")
+        if self._maps is None:
+            return image
+        return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
+
+    def depth(self, depth_m: Map) -> Map:
+        """A depth map (H, W) without distortion, by nearest pixels: depths across an edge have no mean."""
+        self._check(depth_m.shape, "depth map")
+        if self._maps is None:
+            return depth_m
+        nan = float("nan")
+        return np.asarray(cv2.remap(depth_m, *self._maps, cv2.INTER_NEAREST, borderValue=nan), dtype=np.float32)
+
+    def _check(self, shape: tuple[int, ...], what: str) -> None:
+        size = (shape[1], shape[0])
+        if size != self._camera.size_px:
+            raise VfoaError(
+                f"{self._where}: the calibration is for {self._camera.size_px} pixels, the {what} has {size}"
+            )
+
+
+def _maps(camera: RawCamera) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike]:
+    if camera.model == "equidistant":
+        maps = cv2.fisheye.initUndistortRectifyMap(
+            camera.k, camera.d, np.eye(3), camera.k, camera.size_px, cv2.CV_32FC1
+        )
+        return maps[0], maps[1]
+    maps = cv2.initUndistortRectifyMap(camera.k, camera.d, np.eye(3), camera.k, camera.size_px, cv2.CV_32FC1)
+    return maps[0], maps[1]

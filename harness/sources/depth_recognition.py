@@ -1,0 +1,196 @@
+"""Which layouts of ``depth_folder`` a path could have. For proposals: a manifest then says which one it is."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from harness.sources import Recognised
+from harness.sources.calibration_files.one_camera import read_one_camera
+from harness.sources.depth_images import find_depth_frames
+from harness.sources.media.depth_files import DEPTH_SUFFIXES, read_depth_file
+from harness.sources.media.frame_files import IMAGE_SUFFIXES
+from harness.sources.media.images import read_rgb
+from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
+from vfoa.errors import VfoaError
+
+_DEPTH_OF_FOLDERS = 3
+"""Folders below the path that are looked into."""
+
+_COLOUR_WORDS = ("rgb", "color", "colour", "image", "img", "left")
+_CALIBRATIONS = (
+    "intrinsics.json",
+    "camera_intrinsic.json",
+    "intrinsic.json",
+    "camera.json",
+    "camera_info.yaml",
+    "K.txt",
+    "intrinsics.txt",
+    "camera-intrinsics.txt",
+    "camera.txt",
+    "calibration.txt",
+)
+"""What Open3D, ROS and data sets call the calibration of one camera."""
+
+TUM_SCALE = 5000.0
+"""Counts per metre in TUM RGB-D; Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012."""
+
+_TUM_CAMERAS = {
+    "freiburg1": (517.3, 516.5, 318.6, 255.3),
+    "freiburg2": (520.9, 521.0, 325.1, 249.7),
+    "freiburg3": (535.4, 539.2, 320.1, 247.6),
+}
+"""fx, fy, cx, cy as TUM publishes them with the data set; the small lens distortion of the first two is left out."""
+
+_MATROSKA = b"\x1a\x45\xdf\xa3"
+_HEAD_BYTES = 1 << 20
+
+_GFIE_CAMERA = "CameraKinect.npy"
+
+
+def recognise_depth(path: Path) -> tuple[Recognised, ...]:
+    """Every way to read a folder as colour with depth; none for anything else.
+
+    Raises
+    ------
+    VfoaError
+        If the path is a recording of Azure Kinect, whose depth track is of a lens of its own: names what converts it.
+    """
+    if not path.is_dir():
+        if _is_azure_kinect(path):
+            raise VfoaError(
+                f"{path}: an Azure Kinect recording; expected colour and aligned depth: Open3D's "
+                "azure_kinect_mkv_reader.py --input FILE.mkv --output FOLDER writes such a folder, and "
+                "Azure_Kinect_ROS_Driver with recording_file plays it for a bag (depth_to_rgb)"
+            )
+        return ()
+    return tuple(_tum(path) or _gfie(path) or _folders(path))
+
+
+def _is_azure_kinect(path: Path) -> bool:
+    """Whether a file is a Matroska file with k4arecorder's tags, or its codec of 16-bit depth, near the beginning."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError:
+        return False
+    return head.startswith(_MATROSKA) and (b"K4A_" in head or b"b16g" in head)
+
+
+def _tum(path: Path) -> list[Recognised]:
+    if not ((path / "rgb.txt").is_file() and (path / "depth.txt").is_file()):
+        return []
+    source: dict[str, Any] = {"colour": "rgb.txt", "depth": "depth.txt", "depth_scale": TUM_SCALE}
+    known = next((name for name in _TUM_CAMERAS if name in path.name.lower()), None)
+    calibration = _calibration_file(path, source)
+    if calibration is None and known is not None:
+        fx, fy, cx, cy = _TUM_CAMERAS[known]
+        source["camera"] = {"fx_px": fx, "fy_px": fy, "cx_px": cx, "cy_px": cy}
+        calibration = f"as published for {known}, without its lens distortion"
+    layout = "TUM RGB-D: rgb.txt and depth.txt, 5000 counts a metre"
+    return [Recognised(root=path, source=source, layout=layout, name=path.name, calibration=calibration)]
+
+
+def _gfie(path: Path) -> list[Recognised]:
+    """Scenes below the root of GFIE: rgb/SPLIT/sceneN/0001.jpg, depth/SPLIT/sceneN/0001.npy, CameraKinect.npy."""
+    root = next((each for each in (path, *path.parents[:3]) if (each / _GFIE_CAMERA).is_file()), None)
+    if root is None:
+        return []
+    found = []
+    for colour in sorted(root.glob("rgb/*/scene*")):
+        depth = root / "depth" / colour.relative_to(root / "rgb")
+        if depth.is_dir() and (path == root or path in (colour, depth, *colour.parents, *depth.parents)):
+            source = {
+                "colour": colour.relative_to(root).as_posix(),
+                "depth": f"{depth.relative_to(root).as_posix()}/*.npy",
+                "calibration": _GFIE_CAMERA,
+            }
+            name = f"gfie_{colour.parent.name}_{colour.name}"
+            layout = f"GFIE, {colour.parent.name}/{colour.name}"
+            found.append(Recognised(root=root, source=source, layout=layout, name=name, calibration=_GFIE_CAMERA))
+    return found
+
+
+def _folders(path: Path) -> Iterator[Recognised]:
+    """Files whose paths differ by a word for colour and the word depth, and share numbers."""
+    patterns = _patterns(path)
+    depths = {pattern: first for pattern, first in patterns.items() if _is_depth(pattern)}
+    for depth, first in depths.items():
+        if first.suffix.lower() not in DEPTH_SUFFIXES or not _readable_depth(first):
+            continue
+        colours = [each for each in patterns if each not in depths and _is_colour_of(each, depth)]
+        for colour in colours:
+            try:
+                frames = find_depth_frames(path, colour, depth, DEPTH_TOLERANCE_MS)
+            except VfoaError:
+                continue  # no number in common
+            source: dict[str, Any] = {"colour": colour, "depth": depth}
+            calibration = _calibration_file(path, source)
+            layout = f"colour {colour!r} and depth {depth!r}: {len(frames.by_number)} frames"
+            yield Recognised(root=path, source=source, layout=layout, name=path.name, calibration=calibration)
+
+
+def _patterns(root: Path) -> dict[str, Path]:
+    """Globs, with ``*`` for runs of digits in names, of the files under the root, each with its first file."""
+    found: defaultdict[str, list[Path]] = defaultdict(list)
+    for folder, subfolders, files in os.walk(root):
+        relative = Path(folder).relative_to(root)
+        subfolders[:] = sorted(
+            n for n in subfolders if not n.startswith(".") and len(relative.parts) < _DEPTH_OF_FOLDERS
+        )
+        for name in sorted(files):
+            suffix = Path(name).suffix.lower()
+            if not name.startswith(".") and suffix in IMAGE_SUFFIXES | DEPTH_SUFFIXES:
+                pattern = re.sub(r"\d+(?:\.\d+)?(?=\D*$)|\d+", "*", Path(name).stem) + Path(name).suffix
+                found[(relative / pattern).as_posix()].append(Path(folder) / name)
+    return {pattern: paths[0] for pattern, paths in found.items()}
+
+
+def _is_depth(pattern: str) -> bool:
+    return "depth" in pattern.lower()
+
+
+def _is_colour_of(colour: str, depth: str) -> bool:
+    """Whether two patterns differ where one has the word depth, and the other one a word for colour, or nothing."""
+    if Path(colour).suffix.lower() not in IMAGE_SUFFIXES:
+        return False
+    folders = [Path(each).parent.as_posix().lower() for each in (colour, depth)]
+    in_folders, in_names = "depth" in folders[1], "depth" in Path(depth).name.lower()
+    if in_folders and Path(folders[0]).parent != Path(folders[1]).parent and not in_names:
+        return False
+    if not in_folders and folders[0] != folders[1]:
+        return False
+    said = folders[0] if in_folders else Path(colour).name.lower()
+    return any(word in said for word in _COLOUR_WORDS)
+
+
+def _readable_depth(path: Path) -> bool:
+    try:
+        read_depth_file(path, None)
+    except VfoaError:
+        return False
+    return True
+
+
+def _calibration_file(path: Path, source: dict[str, Any]) -> str | None:
+    """The only calibration of one camera in the folder, which is added to the source; None where there is none."""
+    names = {each.name.lower(): each.name for each in path.iterdir() if each.is_file()}
+    for name in _CALIBRATIONS:
+        if name.lower() in names and _fits(path / names[name.lower()], path, source):
+            source["calibration"] = names[name.lower()]
+            return names[name.lower()]
+    return None
+
+
+def _fits(file: Path, root: Path, source: dict[str, Any]) -> bool:
+    try:
+        frames = find_depth_frames(root, source["colour"], source["depth"], DEPTH_TOLERANCE_MS).by_number
+        height, width = read_rgb(next(iter(frames.values())).colour).shape[:2]
+        read_one_camera(file, (width, height))
+    except VfoaError:
+        return False
+    return True

@@ -1,0 +1,215 @@
+"""One MCAP file: its messages, walked once as far as they are readable, and read again by their records' offset."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import BinaryIO
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, DataEnd, McapRecord, Message, Schema, Statistics
+
+from harness.files import unreadable
+from harness.sources.mcap.records import HEAD, MAGIC, PARSED, chunk_span_ns, first_line, parse_record, parts_of
+from vfoa.errors import VfoaError
+
+_FOOTER = struct.Struct("<QQI")  # summary's offset, its offset section's, checksum
+_MESSAGE = struct.Struct("<HIQ")  # channel, sequence and log time, the first fields of a message
+
+_BLOCK_BYTES = 1 << 20
+
+
+@dataclass(slots=True)
+class Walk:
+    """What one pass through a file found besides its messages.
+
+    ``losses`` are what could not be read, in words; ``message_counts`` by channel id, what the file's own statistics
+    say was recorded (None: the file has none). ``is_cut``: the file ends too early; ``cut_span_ns`` are the first and
+    last log time of its last chunk, where it was cut inside one.
+    """
+
+    schemas: dict[int, Schema] = field(default_factory=dict)
+    channels: dict[int, Channel] = field(default_factory=dict)
+    losses: list[str] = field(default_factory=list)
+    message_counts: dict[int, int] | None = None
+    is_cut: bool = False
+    cut_span_ns: tuple[int, int] | None = None
+
+
+def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) -> Iterator[tuple[int, int, Message]]:
+    """Every readable message as (record's offset in the file, place in that record, message); ``walk`` is filled.
+
+    Holds one chunk at a time. A chunk whose checksum is wrong is left out whole; messages outside chunks have one
+    checksum for all, if any, which only tells that something is wrong. Attachments and metadata are stepped over.
+    ``offsets``: only of the chunks that stand there.
+
+    Raises
+    ------
+    VfoaError
+        If the file cannot be opened or is not MCAP.
+    """
+    recall_channels(path, walk)
+    is_chunked = True
+    for offset, record in _records(path, walk) if offsets is None else _records_at(path, offsets, walk):
+        if isinstance(record, Statistics):
+            walk.message_counts = dict(record.channel_message_counts)
+            continue
+        if isinstance(record, DataEnd):
+            if not is_chunked and record.data_section_crc not in (0, _checksum(path, offset)):
+                walk.losses.append("the checksum of all data is wrong: some messages are damaged, which is not known")
+            continue
+        is_chunked = is_chunked and not isinstance(record, Message)
+        try:
+            parts = parts_of(record)
+        except Exception as error:  # the decompressors' errors have no common base
+            walk.losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
+            continue
+        messages = 0
+        for part in parts:
+            if isinstance(part, Schema):
+                walk.schemas[part.id] = part
+            elif isinstance(part, Channel):
+                walk.channels[part.id] = part
+            elif isinstance(part, Message):
+                yield offset, messages, part
+                messages += 1
+
+
+def read_message(path: Path, offset: int, place: int) -> Message:
+    """Read one message again, of the record at this offset.
+
+    Raises
+    ------
+    VfoaError
+        If the file changed since it was walked.
+    """
+    try:
+        status = path.stat()
+        return _messages_at(path, offset, (status.st_size, status.st_mtime_ns))[place]
+    except Exception as error:
+        raise VfoaError(f"{path}: the record at byte {offset} is not readable any more: {first_line(error)}") from None
+
+
+@lru_cache(maxsize=2)
+def _messages_at(path: Path, offset: int, _version: tuple[int, int]) -> tuple[Message, ...]:
+    """The messages of one record; the last two chunks stay decompressed, since neighbours are read in turn."""
+    with path.open("rb") as file:
+        file.seek(offset)
+        opcode, length = HEAD.unpack(file.read(HEAD.size))
+        parts = parts_of(parse_record(opcode, length, file.read(length)))
+    return tuple(part for part in parts if isinstance(part, Message))
+
+
+def summary(path: Path) -> list[McapRecord]:
+    """The records at the end of a file: schemas, channels, statistics, indexes of chunks; none in one that was cut."""
+    return [record for _, record in _records(path, Walk(), from_summary=True)]
+
+
+def log_span_ns(path: Path) -> tuple[int, int] | None:
+    """First and last log time of a file: of its statistics, or else of its records' heads; None without messages."""
+    for record in summary(path):
+        if isinstance(record, Statistics) and record.message_count:
+            return record.message_start_time, record.message_end_time
+    spans = list(_spans(path))
+    return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
+
+
+def recall_channels(path: Path, walk: Walk) -> None:
+    """Schemas and channels from the summary at the end, if there is one: the chunk with the first ones may be lost."""
+    for record in summary(path):
+        if isinstance(record, Schema):
+            walk.schemas[record.id] = record
+        elif isinstance(record, Channel):
+            walk.channels[record.id] = record
+
+
+def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[tuple[int, McapRecord]]:
+    try:
+        size = path.stat().st_size
+        file = path.open("rb")
+    except OSError as error:
+        raise unreadable(path, error) from None
+    with file:
+        if (magic := file.read(len(MAGIC))) != MAGIC:
+            raise VfoaError(f"{path}: not MCAP: it starts with {magic!r}; expected {MAGIC!r}")
+        if from_summary:
+            file.seek(_summary_start(file, size))
+        while (head := file.read(HEAD.size)) and len(head) == HEAD.size:
+            opcode, length = HEAD.unpack(head)
+            offset = file.tell() - HEAD.size
+            if opcode == Opcode.FOOTER:
+                return
+            if file.tell() + length > size:
+                walk.losses.append(f"cut at byte {size}: the record at byte {offset} and all that followed are lost")
+                walk.is_cut, walk.cut_span_ns = True, chunk_span_ns(opcode, file)
+                return
+            if opcode == 0:  # no such record: a file system's zeros
+                walk.losses.append(f"damaged at byte {offset}: what follows is lost")
+                walk.is_cut = True
+                return
+            if opcode not in PARSED:
+                file.seek(length, 1)
+                continue
+            try:
+                record = parse_record(opcode, length, file.read(length))
+            except Exception as error:  # of struct, of text decoding, of the library: all mean damage
+                walk.losses.append(f"the record at byte {offset} is damaged ({first_line(error)})")
+                continue
+            yield offset, record
+        walk.losses.append(f"cut at byte {size}: all that followed is lost")
+        walk.is_cut = True
+
+
+def _records_at(path: Path, offsets: Sequence[int], walk: Walk) -> Iterator[tuple[int, McapRecord]]:
+    with path.open("rb") as file:
+        for offset in offsets:
+            file.seek(offset)
+            try:
+                opcode, length = HEAD.unpack(file.read(HEAD.size))
+                record = parse_record(opcode, length, file.read(length))
+            except Exception as error:  # as above; an index that leads nowhere, too
+                walk.losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
+                continue
+            yield offset, record
+
+
+def _spans(path: Path) -> Iterator[tuple[int, int]]:
+    """First and last log time of each whole chunk and message, from its first bytes."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        file.seek(len(MAGIC))
+        while len(head := file.read(HEAD.size)) == HEAD.size:
+            opcode, length = HEAD.unpack(head)
+            end = file.tell() + length
+            if end > size or opcode in (0, Opcode.FOOTER):
+                return
+            if (span := chunk_span_ns(opcode, file)) is not None:
+                yield span
+            elif opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
+                log_time_ns = _MESSAGE.unpack(file.read(_MESSAGE.size))[2]
+                yield log_time_ns, log_time_ns
+            file.seek(end)
+
+
+def _checksum(path: Path, end: int) -> int:
+    """CRC-32 of a file's bytes before ``end``."""
+    crc = 0
+    with path.open("rb") as file:
+        while data := file.read(min(_BLOCK_BYTES, end - file.tell())):
+            crc = zlib.crc32(data, crc)
+    return crc
+
+
+def _summary_start(file: BinaryIO, size: int) -> int:
+    """The summary's offset as the footer has it; the end of the file where there is neither."""
+    file.seek(max(size - HEAD.size - _FOOTER.size - len(MAGIC), 0))
+    opcode, _ = HEAD.unpack(file.read(HEAD.size).ljust(HEAD.size, b"\0"))
+    tail = file.read()
+    if opcode != Opcode.FOOTER or len(tail) != _FOOTER.size + len(MAGIC) or not tail.endswith(MAGIC):
+        return size
+    summary_start = int(_FOOTER.unpack_from(tail)[0])
+    return summary_start if 0 < summary_start < size else size

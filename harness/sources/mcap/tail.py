@@ -1,0 +1,232 @@
+"""The end of a recording that is being written: its newest frames, as the writer gets them to the file."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Event
+
+from mcap.records import Channel, Message, Schema
+
+from harness.sources.calibration_files.options import Options
+from harness.sources.calibration_files.read import read_cameras
+from harness.sources.live import Arrival
+from harness.sources.mcap.channels import message_type
+from harness.sources.mcap.follow import follow_records
+from harness.sources.recordings.depth_camera import DepthCamera
+from harness.sources.recordings.depth_images import read_depth
+from harness.sources.recordings.message_types import IMAGES, MessageType
+from harness.sources.recordings.messages import camera, sight, stamp_ns
+from harness.sources.recordings.pixels import read_image
+from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.streams import Streams, find_streams
+from harness.sources.recordings.topics import Place, Topic, are_rectified, find_camera
+from harness.sources.rectification import Optics, RawCalibration, RawCamera, optics
+from vfoa.errors import VfoaError
+from vfoa.types import StereoFrame
+
+_KEPT = 200
+_WAITING = 32
+"""Images of one side that wait for one of the other."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Taken:
+    stamp_ns: int
+    type: MessageType
+    data: bytes
+
+
+@dataclass(slots=True)
+class _Heard:
+    """Messages by which cameras are calibrated, as far as they have come."""
+
+    data: dict[str, list[bytes]] = field(default_factory=dict)
+
+    def keep(self, topic: Topic, data: bytes) -> None:
+        """Keep one more message, up to a number that static transforms do not reach."""
+        kept = self.data.setdefault(topic.name, [])
+        if len(kept) < _KEPT:
+            topic.places.append(Place(0, 0, 0, len(kept)))
+            kept.append(data)
+
+    def keep_last(self, topic: Topic, data: bytes) -> None:
+        """Keep this message of the topic alone."""
+        topic.places = [Place(0, 0, 0, 0)]
+        self.data[topic.name] = [data]
+
+    def read(self, topic: Topic, place: Place) -> bytes:
+        """A message that was kept."""
+        return self.data[topic.name][place.place]
+
+
+class McapTail:
+    """A recording that grows, read behind its writer. Topics and calibration are found as in a finished one.
+
+    A writer that gathers messages in chunks gets them to the file chunk by chunk: frames then come in bursts. What
+    stands in the file already is passed over, up to its newest frame. The source ends with the recording. A frame is a
+    pair, or colour with measured depth.
+    """
+
+    rate_hz = None
+
+    def __init__(self, path: Path, settings: RecordingSettings) -> None:
+        self._path, self._settings = path, settings
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._topics: dict[str, Topic] = {}
+        self._pair: tuple[Topic, Topic] | None = None
+        self._is_depth = False
+        self._depth_camera: DepthCamera | None = None
+        self._calibrations: dict[str, RawCamera] = {}
+        self._heard = _Heard()
+        self._waiting: tuple[deque[_Taken], deque[_Taken]] = (deque(maxlen=_WAITING), deque(maxlen=_WAITING))
+        self._optics: tuple[bytes, Optics] | None = None
+
+    def arrivals(self, stopped: Event) -> Iterator[Arrival]:
+        """As :class:`harness.sources.live.LiveSource`; numbers count the pairs, from 1, that come from now on."""
+        number, newest, is_behind = 0, None, True
+        for record in follow_records(self._path, stopped):
+            if record is not None:
+                pair = self._take(record)
+                newest = pair or newest
+            if newest is not None and (record is None or not is_behind):
+                number += 1
+                yield self._arrival(number, *newest)
+                newest = None
+            is_behind = is_behind and record is not None
+        if newest is not None:
+            yield self._arrival(number + 1, *newest)
+        if self._pair is None and not stopped.is_set():
+            self._find_pair()  # says what is missing
+
+    def begin(self) -> None:
+        """The writer does not wait."""
+
+    def _take(self, record: Schema | Channel | Message) -> tuple[_Taken, _Taken] | None:
+        """Take note of a record; the pair that it completes."""
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, Channel):
+            self._channels[record.id] = record
+            kind = message_type(record, self._schemas.get(record.schema_id))
+            self._topics.setdefault(record.topic, Topic(record.topic, kind))
+        elif (channel := self._channels.get(record.channel_id)) is not None:
+            return self._hear(self._topics[channel.topic], record)
+        return None
+
+    def _find_pair(self) -> tuple[Topic, Topic]:
+        """The two topics that make frames.
+
+        Raises
+        ------
+        VfoaError
+            If they have not come yet, or are not images by themselves.
+        """
+        streams = find_streams(self._topics.values(), self._settings, str(self._path))
+        other = streams.right or streams.depth
+        assert other is not None
+        for topic in (streams.left, other):
+            if topic.type.kind == "video":
+                raise VfoaError(
+                    f"{self._path}: {topic.name} is a video; expected images, raw or compressed, for a live run"
+                )
+        self._is_depth = streams.right is None
+        return streams.left, other
+
+    def _hear(self, topic: Topic, message: Message) -> tuple[_Taken, _Taken] | None:
+        where = f"{self._path}: {topic.name}"
+        if topic.type.kind == "calibration":
+            self._calibrations[topic.name] = camera(topic.type, message.data, where)
+            self._heard.keep_last(topic, message.data)
+        elif topic.type.kind in ("transforms", "extrinsics"):
+            self._heard.keep(topic, message.data)
+        if topic.sight is None and topic.type.kind in (*IMAGES, "calibration"):
+            self._note_first(topic, message, where)
+        if self._pair is None or topic not in self._pair:
+            return None
+        by_log = self._settings.stamps == "log"
+        stamp = message.log_time if by_log else stamp_ns(topic.type, message.data, where)
+        side = self._pair.index(topic)
+        self._waiting[side].append(_Taken(stamp, topic.type, message.data))
+        return self._joined(side)
+
+    def _note_first(self, topic: Topic, message: Message, where: str) -> None:
+        """Take note of what a topic's first message says; it may be the one that completes the frames' topics."""
+        topic.sight = sight(topic.type, message.data, where)
+        if topic.type.kind in IMAGES:
+            topic.places = [Place(0, 0, 0, 0)]
+        if self._pair is None:
+            with suppress(VfoaError):  # the other topics may still come
+                self._pair = self._find_pair()
+
+    def _joined(self, side: int) -> tuple[_Taken, _Taken] | None:
+        """The image that came last, on this side, with its partner; those that came before either wait no more."""
+        own, others = self._waiting[side], self._waiting[1 - side]
+        nearest = min(others, key=lambda other: abs(other.stamp_ns - own[-1].stamp_ns), default=None)
+        if nearest is None or abs(nearest.stamp_ns - own[-1].stamp_ns) > self._settings.tolerance_ns(
+            of_depth=self._is_depth
+        ):
+            return None
+        last = own[-1]
+        own.clear()
+        while others.popleft() is not nearest:
+            pass
+        return (last, nearest) if side == 0 else (nearest, last)
+
+    def _arrival(self, number: int, left: _Taken, right: _Taken) -> Arrival:
+        calibrations = dict(self._calibrations)
+
+        def read() -> StereoFrame:
+            return self._frame(number, left, right, calibrations)
+
+        return Arrival(number=number, time_ns=left.stamp_ns, arrived_s=time.monotonic(), read=read)
+
+    def _frame(self, number: int, left: _Taken, right: _Taken, calibrations: dict[str, RawCamera]) -> StereoFrame:
+        where = f"{self._path}: frame {number}"
+        if self._is_depth:
+            return self._depth_frame(number, left, right, where)
+        images = [read_image(taken.type, taken.data, where) for taken in (left, right)]
+        if images[0].shape != images[1].shape:
+            sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in images)
+            raise VfoaError(f"{where}: left and right are {sizes} pixels; expected the same")
+        found = self._optics_of(calibrations, (images[0].shape[1], images[0].shape[0]))
+        first, second = found.rectify(*images)
+        rig = found.calibration.rig(first.shape[1], first.shape[0])
+        return StereoFrame(index=number, time_ns=left.stamp_ns, left=first, right=second, rig=rig)
+
+    def _depth_frame(self, number: int, colour: _Taken, depth: _Taken, where: str) -> StereoFrame:
+        assert self._pair is not None
+        if self._depth_camera is None:
+            streams = Streams(left=self._pair[0], right=None, depth=self._pair[1])
+            topics = [topic for topic in self._topics.values() if topic.sight is not None or topic.places]
+            self._depth_camera = DepthCamera(topics, streams, self._heard, self._settings, str(self._path))
+        image = read_image(colour.type, colour.data, where)
+        depth_m = read_depth(depth.type, depth.data, self._settings.depth_scale, where)
+        left, measured, rig = self._depth_camera.view(image, depth_m, colour.stamp_ns)
+        return StereoFrame(index=number, time_ns=colour.stamp_ns, left=left, depth_m=measured, rig=rig)
+
+    def _optics_of(self, calibrations: dict[str, RawCamera], size: tuple[int, int]) -> Optics:
+        """Of the calibrations that had come with a pair; maps are computed only where they changed."""
+        assert self._pair is not None
+        settings = self._settings
+        rectified = are_rectified(self._pair) if settings.rectified is None else settings.rectified
+        if settings.calibration is not None:
+            if self._optics is None:
+                path = self._path.parent / settings.calibration
+                self._optics = b"", optics(read_cameras([path], lambda: size, Options(rectified=rectified)))
+            return self._optics[1]
+        topics = [self._topics[name] for name in calibrations]
+        named = (settings.left_info, settings.right_info)
+        left, right = (
+            calibrations[find_camera(topics, image, name, str(self._path)).name]
+            for image, name in zip(self._pair, named, strict=True)
+        )
+        if self._optics is None or self._optics[0] != left.key + right.key:
+            raw = RawCalibration(left=left, right=right, where=str(self._path))
+            self._optics = left.key + right.key, optics(raw.rectified() if rectified else raw)
+        return self._optics[1]

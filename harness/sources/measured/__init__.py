@@ -1,0 +1,1 @@
+"""Clips without images: people and objects in metres, measured elsewhere."""

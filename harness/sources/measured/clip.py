@@ -1,0 +1,245 @@
+"""What every clip of measurements has in common: numbered frames, and a scene made of each.
+
+People and objects are numbered from 1 in the order in which they are first named, people first: these are the
+``instance`` ids of a manifest. Everyone is a target for the others, by a box about the head.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from pydantic import Field, field_validator
+
+from harness.sources import Truth
+from vfoa.errors import VfoaError
+from vfoa.settings import Settings
+from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Person, Scene, Target
+
+PERSON = "person"
+"""The category of everyone who looks."""
+
+Metres = tuple[float, float, float]
+
+
+class FixedObject(Settings):
+    """An object that stands still: its middle, its extent along the camera's axes, and its category.
+
+    Without ``size_m`` it is a point; without ``category`` its name is its category.
+    """
+
+    center_m: Metres
+    size_m: Metres | None = None
+    category: str | None = None
+
+
+class MeasuredSettings(Settings):
+    """Settings of every measured clip.
+
+    ``objects`` are those that stand still, by name. A point is looked at as a cube with sides of ``point_size_m``.
+    ``head_size_m`` is the extent of the box about a head, along the camera's axes; the default is that of an adult.
+    """
+
+    objects: dict[str, FixedObject] = Field(default_factory=dict)
+    point_size_m: float = Field(default=0.1, gt=0)
+    head_size_m: Metres = (0.18, 0.25, 0.2)
+
+    @field_validator("head_size_m")
+    @classmethod
+    def _positive(cls, size_m: Metres) -> Metres:
+        if min(size_m) <= 0:
+            raise ValueError(f"expected positive metres, found {size_m}")
+        return size_m
+
+    def fixed_objects(self) -> tuple[MeasuredObject, ...]:
+        """The objects that stand still."""
+        return tuple(
+            MeasuredObject(
+                name=name,
+                category=each.category or name,
+                box=self.box(np.array(each.center_m), None if each.size_m is None else np.array(each.size_m)),
+            )
+            for name, each in self.objects.items()
+        )
+
+    def box(self, center_m: Float, size_m: Float | None, left_from_box: Float | None = None) -> Box3D:
+        """The box of an object with this middle (3,), extent (3,) and rotation (3, 3); without an extent, a point's.
+
+        Raises
+        ------
+        ValueError
+            If the extent is not positive.
+        """
+        half = np.full(3, self.point_size_m / 2) if size_m is None else size_m / 2
+        return Box3D(
+            center_m=center_m,
+            half_size_m=half,
+            left_from_box=np.eye(3) if left_from_box is None else left_from_box,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredPerson:
+    """One person in one frame: the point between the eyes (3,), and the cues. None: not measured."""
+
+    name: str
+    eyes_m: Float | None
+    head_pose: HeadPose | None = None
+    gaze: Gaze | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredObject:
+    """One object in one frame. With a person's name, it is the box of that person."""
+
+    name: str
+    category: str
+    box: Box3D
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MeasuredFrame:
+    """All that was measured at one time."""
+
+    time_ns: int
+    people: tuple[MeasuredPerson, ...]
+    objects: tuple[MeasuredObject, ...] = ()
+
+
+class FramesOfMeasurements:
+    """A clip (:class:`harness.sources.MeasuredClip`) of measurements that are in memory; adapters fill it.
+
+    ``where`` opens messages: the file or folder that was read. ``fixed`` objects are in every frame that
+    has no object of that name itself.
+    """
+
+    def __init__(
+        self,
+        frames: Mapping[int, MeasuredFrame],
+        fixed: Sequence[MeasuredObject],
+        settings: MeasuredSettings,
+        where: str,
+        content: str,
+    ) -> None:
+        self._frames = dict(sorted(frames.items()))
+        self._fixed, self._settings, self._where = tuple(fixed), settings, where
+        self._content = content
+        if not self._frames:
+            raise VfoaError(f"{where}: no frames; expected at least one row")
+        times = [frame.time_ns for frame in self._frames.values()]
+        for (before, after), number in zip(itertools.pairwise(times), self.frames[1:], strict=True):
+            if after <= before:
+                raise VfoaError(f"{where}: frame {number}: its time is not after that of the frame before it")
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The frames' numbers, ascending."""
+        return tuple(self._frames)
+
+    @cached_property
+    def rate_hz(self) -> float | None:
+        """One over the median step in time; None for a single frame."""
+        steps = np.diff([frame.time_ns for frame in self._frames.values()])
+        return float(1e9 / np.median(steps)) if len(steps) else None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Nothing was left out."""
+        return ()
+
+    @cached_property
+    def people(self) -> dict[str, int]:
+        """Ids by name, from 1."""
+        names = dict.fromkeys(person.name for frame in self._frames.values() for person in frame.people)
+        return {name: number for number, name in enumerate(names, start=1)}
+
+    @cached_property
+    def objects(self) -> dict[str, int]:
+        """Ids by name, after those of the people; the manifest's own come last, so that they renumber nothing."""
+        found = [*self._fixed, *(each for frame in self._frames.values() for each in frame.objects)]
+        names = [name for name in dict.fromkeys(each.name for each in found) if name not in self.people]
+        names.sort(key=lambda name: name in self._settings.objects)
+        return {name: number for number, name in enumerate(names, start=len(self.people) + 1)}
+
+    @cached_property
+    def categories(self) -> dict[str, str]:
+        """The category of everyone and of every object by name.
+
+        Raises
+        ------
+        VfoaError
+            If an object has two.
+        """
+        found = dict.fromkeys(self.people, PERSON)
+        for each in [*self._fixed, *(each for frame in self._frames.values() for each in frame.objects)]:
+            if each.name in self.people:
+                continue
+            if found.setdefault(each.name, each.category) != each.category:
+                raise VfoaError(
+                    f"{self._where}: object {each.name!r}: found the categories {found[each.name]!r} and "
+                    f"{each.category!r}; expected one"
+                )
+        return found
+
+    def time_ns(self, number: int) -> int:
+        """When a frame was measured."""
+        return self._frame(number).time_ns
+
+    def scene(self, number: int) -> Scene:
+        """What was measured in one frame."""
+        frame = self._frame(number)
+        boxes = {each.name: each for each in (*self._fixed, *frame.objects)}
+        heads = [
+            _target(self.people[person.name], PERSON, 0, self._body(person, boxes.get(person.name)))
+            for person in frame.people
+        ]
+        kinds = list(dict.fromkeys([PERSON, *self.categories.values()]))
+        things = [
+            _target(self.objects[each.name], each.category, kinds.index(each.category), each.box)
+            for each in boxes.values()
+            if each.name in self.objects
+        ]
+        return Scene(
+            index=number,
+            time_ns=frame.time_ns,
+            targets=tuple(sorted((*heads, *things), key=lambda each: each.instance.id)),
+            people=tuple(
+                Person(
+                    view=Cues(head_pose=person.head_pose, gaze=person.gaze),
+                    instance_id=self.people[person.name],
+                    eye_origin_left=person.eyes_m,
+                )
+                for person in frame.people
+            ),
+        )
+
+    def truth(self, number: int) -> Truth:
+        """Nothing is known to be true."""
+        self._frame(number)
+        return Truth()
+
+    def digest(self) -> str:
+        """Of the files' content and the settings."""
+        return hashlib.sha256(f"{self._content} {self._settings.model_dump_json()}".encode()).hexdigest()
+
+    def _frame(self, number: int) -> MeasuredFrame:
+        if number not in self._frames:
+            raise VfoaError(f"{self._where}: no frame {number}; expected {self.frames[0]} to {self.frames[-1]}")
+        return self._frames[number]
+
+    def _body(self, person: MeasuredPerson, own: MeasuredObject | None) -> Box3D | None:
+        """The box that others look at: the person's own where the source has one, else one about the head."""
+        if own is not None:
+            return own.box
+        return (
+            None if person.eyes_m is None else self._settings.box(person.eyes_m, np.array(self._settings.head_size_m))
+        )
+
+
+def _target(number: int, category: str, category_id: int, box: Box3D | None) -> Target:
+    instance = Instance(id=number, label=category, category_id=category_id, is_thing=True, score=1.0)
+    return Target(instance=instance, box_px=None, points_left=np.zeros((0, 3), np.float32), box=box)

@@ -1,0 +1,122 @@
+"""Idiap's head tracker (github.com/idiap/vfoa, ``tests/test_runVfoaModule_data.csv``; read, not used).
+
+No header; a line for each frame and person::
+
+    time_ns,person,x,y,w,h,confidence,X,Y,Z,roll,tilt,pan[,target,probability]...
+
+``X, Y, Z`` is the head in metres, in the axes of the robot's camera (x right, y down, z forward): the robot is at the
+origin. ``roll``, ``tilt`` and ``pan`` are degrees, relative to the ray between head and camera: 0, 0 looks into the
+camera. The head box in pixels and the answers of Idiap's own model are not read. The frames are the distinct times,
+numbered from 0.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+
+from harness.files import file_digest, read_text
+from harness.sources import Recognised
+from harness.sources.measured.clip import FramesOfMeasurements, MeasuredFrame, MeasuredPerson, MeasuredSettings
+from vfoa.errors import VfoaError
+from vfoa.geometry import unit
+from vfoa.types import Float, HeadPose
+
+COLUMNS = ("time_ns", "person", "x", "y", "w", "h", "confidence", "X", "Y", "Z", "roll", "tilt", "pan")
+_POSITION, _ANGLES = slice(7, 10), slice(11, 13)
+_STAMP = re.compile(r"[0-9]{16,19}")
+_DOWN = np.array([0.0, 1.0, 0.0])
+
+
+class IdiapSettings(MeasuredSettings):
+    """The tracker's file under the manifest's root."""
+
+    file: str = Field(min_length=1)
+
+
+class IdiapClip(FramesOfMeasurements):
+    """A clip of the tracker's output."""
+
+    Settings = IdiapSettings
+
+    def __init__(self, settings: IdiapSettings, root: Path | None) -> None:
+        path = (root if root is not None else Path.cwd()) / settings.file
+        people: dict[int, dict[str, MeasuredPerson]] = {}
+        for where, cells in _lines(path):
+            time_ns, person = _person(where, cells)
+            if person.name in people.setdefault(time_ns, {}):
+                raise VfoaError(f"{where}: person {person.name!r}: is there twice at this time")
+            people[time_ns][person.name] = person
+        frames = {
+            number: MeasuredFrame(time_ns=time_ns, people=tuple(people[time_ns].values()))
+            for number, time_ns in enumerate(sorted(people))
+        }
+        super().__init__(frames, settings.fixed_objects(), settings, str(path), file_digest(path))
+
+    @classmethod
+    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+        """A file of the tracker's, or a folder that holds some."""
+        files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+        robot = {"robot": {"center_m": [0.0, 0.0, 0.0], "size_m": [0.3, 0.3, 0.3]}}
+        return tuple(
+            Recognised(
+                root=file.parent,
+                source={"file": file.name, "objects": robot},
+                layout=f"Idiap's head tracker in {file.name}, with the robot at the camera",
+                name=file.parent.name,
+                calibration="not needed",
+                licence=None,
+            )
+            for file in files
+            if _is_tracker_output(file)
+        )
+
+
+def _is_tracker_output(path: Path) -> bool:
+    try:
+        with path.open(encoding="utf-8") as file:
+            cells = file.readline().rstrip("\n").split(",")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return len(cells) >= len(COLUMNS) and len(cells) % 2 == len(COLUMNS) % 2 and bool(_STAMP.fullmatch(cells[0]))
+
+
+def _lines(path: Path) -> Iterator[tuple[str, list[str]]]:
+    reader = csv.reader(io.StringIO(read_text(path), newline=""))
+    for cells in reader:
+        if cells:
+            yield f"{path}:{reader.line_num}", [cell.strip() for cell in cells]
+
+
+def _person(where: str, cells: list[str]) -> tuple[int, MeasuredPerson]:
+    """The time and the person of one line."""
+    if len(cells) < len(COLUMNS) or not _STAMP.fullmatch(cells[0]) or not cells[1]:
+        raise VfoaError(f"{where}: found {','.join(cells)[:80]!r}; expected {','.join(COLUMNS)},...")
+    try:
+        eyes_m, (tilt, pan) = np.array(cells[_POSITION], float), np.radians(np.array(cells[_ANGLES], float))
+    except ValueError as error:
+        raise VfoaError(f"{where}: {error}; expected numbers in {','.join(COLUMNS)}") from None
+    if not (np.isfinite(eyes_m).all() and eyes_m.any() and math.isfinite(tilt) and math.isfinite(pan)):
+        raise VfoaError(f"{where}: expected a finite place other than the camera's, and finite angles")
+    pose = HeadPose(direction=head_direction(eyes_m, tilt, pan))
+    return int(cells[0]), MeasuredPerson(name=cells[1], eyes_m=eyes_m, head_pose=pose)
+
+
+def head_direction(head_m: Float, tilt_rad: float, pan_rad: float) -> Float:
+    """Where a head at (3,) points, a unit vector (3,): tilt > 0 up, pan > 0 to the image's left, 0 into the camera.
+
+    The signs are those that make people look at what upstream's ground truth says they look at.
+    """
+    forward = unit(head_m)  # from the camera to the head
+    right = unit(np.cross(_DOWN, forward))
+    down = np.cross(forward, right)
+    aside, up = math.sin(pan_rad) * math.cos(tilt_rad), math.sin(tilt_rad)
+    direction: Float = -aside * right - up * down - math.cos(pan_rad) * math.cos(tilt_rad) * forward
+    return direction

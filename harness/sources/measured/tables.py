@@ -1,0 +1,200 @@
+"""Measurements from a pair of tables, CSV or Parquet, which every tracker can write.
+
+``people.csv``: a row for each frame and person; a frame in which nobody was seen has one row with a blank person::
+
+    frame,time_ns,person,x_m,y_m,z_m
+        [,head_x,head_y,head_z][,head_sigma_deg]        where the head points, a unit vector, and its claimed error
+        [,gaze_x,gaze_y,gaze_z][,gaze_sigma_deg]        where the eyes look
+
+``objects.csv``, optional: what can be looked at besides people; a blank frame stands for all frames::
+
+    frame,object,x_m,y_m,z_m[,category][,size_x_m,size_y_m,size_z_m][,qx,qy,qz,qw]
+
+Camera frame: x right, y down, z forward, metres; any frame with these axes will do. ``x_m, y_m, z_m`` of a person is
+the point between the eyes, of an object its middle. ``size_*_m`` is the whole extent along the object's own axes, which
+the unit quaternion turns into the camera's; without a size the object is a point. An object with a person's name is
+the box of that person, who is otherwise a box about the head. ``sigma`` is the claimed error per tangent direction
+(``*_sigma_rad`` instead loses no bit). ``time_s`` may stand for ``time_ns``. A blank cell is an unknown value.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from pydantic import Field
+from scipy.spatial.transform import Rotation
+
+from harness.files import digest_files
+from harness.sources import Recognised
+from harness.sources.measured.clip import (
+    FramesOfMeasurements,
+    MeasuredFrame,
+    MeasuredObject,
+    MeasuredPerson,
+    MeasuredSettings,
+)
+from harness.strict_tables import TableRow, read_header, read_rows
+from vfoa.errors import VfoaError
+from vfoa.types import Float, Gaze, HeadPose
+
+POSITION = ("x_m", "y_m", "z_m")
+SIZE = ("size_x_m", "size_y_m", "size_z_m")
+QUATERNION = ("qx", "qy", "qz", "qw")
+TIMES = ("time_ns", "time_s")
+CUES = ("head", "gaze")
+PEOPLE_COLUMNS = (
+    *("frame", *TIMES, "person", *POSITION),
+    *(f"{cue}_{column}" for cue in CUES for column in ("x", "y", "z", "sigma_deg", "sigma_rad")),
+)
+OBJECT_COLUMNS = ("frame", "object", *POSITION, "category", *SIZE, *QUATERNION)
+_SUFFIXES = (".csv", ".parquet")
+_UNIT_TOLERANCE = 0.01
+
+
+class MeasuredTablesSettings(MeasuredSettings):
+    """The tables under the manifest's root. Without ``objects_file``, the objects are those that stand still."""
+
+    people_file: str = Field(default="people.csv", min_length=1)
+    objects_file: str | None = Field(default=None, min_length=1)
+
+
+class MeasuredTables(FramesOfMeasurements):
+    """A clip of two tables."""
+
+    Settings = MeasuredTablesSettings
+
+    def __init__(self, settings: MeasuredTablesSettings, root: Path | None) -> None:
+        folder = root if root is not None else Path.cwd()
+        people = folder / settings.people_file
+        objects = None if settings.objects_file is None else folder / settings.objects_file
+        rows = read_rows(people, PEOPLE_COLUMNS, ("frame", "person", *POSITION))
+        times = _times(rows, people)
+        fixed, moving = _objects(objects, settings, times)
+        super().__init__(
+            {
+                number: MeasuredFrame(time_ns=time_ns, people=found, objects=tuple(moving.get(number, ())))
+                for (number, time_ns), found in zip(times.items(), _people(rows, times), strict=True)
+            },
+            (*settings.fixed_objects(), *fixed),
+            settings,
+            str(people),
+            digest_files([("people", people), *([("objects", objects)] if objects else [])]),
+        )
+
+    @classmethod
+    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+        """A folder with ``people`` (and ``objects``) tables, or the table of the people itself."""
+        folder = path if path.is_dir() else path.parent
+        files = [path] if path.is_file() else [folder / f"people{suffix}" for suffix in _SUFFIXES]
+        people = [file for file in files if file.suffix in _SUFFIXES and file.is_file() and _is_of_people(file)]
+        objects = [folder / f"objects{suffix}" for suffix in _SUFFIXES if (folder / f"objects{suffix}").is_file()]
+        return tuple(
+            Recognised(
+                root=folder,
+                source={"people_file": file.name, **({"objects_file": objects[0].name} if objects else {})},
+                layout=f"measurements of people in {file.name}"
+                + (f", objects in {objects[0].name}" if objects else ""),
+                name=folder.name,
+                calibration="not needed",
+            )
+            for file in people
+        )
+
+
+def _is_of_people(path: Path) -> bool:
+    return {"frame", "person", *POSITION} <= set(read_header(path))
+
+
+def _times(rows: list[TableRow], path: Path) -> dict[int, int]:
+    """Every frame's time in ns, ascending by frame."""
+    found: dict[int, int] = {}
+    for row in rows:
+        frame, time_ns = _frame(row), _time_ns(row)
+        if frame is None:
+            raise VfoaError(f"{row.where}: frame: expected a whole number, found nothing")
+        if found.setdefault(frame, time_ns) != time_ns:
+            raise VfoaError(f"{row.where}: frame {frame}: found two times; expected one for all of its rows")
+    return dict(sorted(found.items()))
+
+
+def _frame(row: TableRow) -> int | None:
+    return row.integer("frame")
+
+
+def _time_ns(row: TableRow) -> int:
+    stamp, seconds = row.integer("time_ns"), row.number("time_s")
+    if (stamp is None) == (seconds is None):
+        raise VfoaError(f"{row.where}: found {'both' if stamp is not None else 'no time'}; expected time_ns or time_s")
+    return round(1e9 * seconds) if seconds is not None else stamp or 0
+
+
+def _people(rows: list[TableRow], times: Mapping[int, int]) -> list[tuple[MeasuredPerson, ...]]:
+    """The people of each frame in the order of the frames, and in that of the rows."""
+    found: dict[int, dict[str, MeasuredPerson]] = {number: {} for number in times}
+    for row in rows:
+        frame, name = _frame(row) or 0, row.cells.get("person")
+        if name is None:
+            continue
+        if name in found[frame]:
+            raise VfoaError(f"{row.where}: frame {frame}, person {name!r}: is there twice")
+        head, gaze = (_direction(row, cue) for cue in CUES)
+        found[frame][name] = MeasuredPerson(
+            name=name,
+            eyes_m=row.numbers(POSITION),
+            head_pose=None if head is None else HeadPose(direction=head, sigma_rad=_sigma(row, "head")),
+            gaze=None if gaze is None else Gaze(direction=gaze, sigma_rad=_sigma(row, "gaze")),
+        )
+    return [tuple(people.values()) for people in found.values()]
+
+
+def _direction(row: TableRow, cue: str) -> Float | None:
+    columns = [f"{cue}_{axis}" for axis in "xyz"]
+    direction = row.numbers(columns)
+    if direction is not None and abs((length := math.hypot(*direction)) - 1) > _UNIT_TOLERANCE:
+        raise VfoaError(f"{row.where}: {', '.join(columns)}: expected a unit vector, found one of length {length:.4g}")
+    return direction
+
+
+def _sigma(row: TableRow, cue: str) -> float | None:
+    degrees, radians = row.number(f"{cue}_sigma_deg"), row.number(f"{cue}_sigma_rad")
+    if degrees is not None and radians is not None:
+        raise VfoaError(f"{row.where}: {cue}_sigma: found degrees and radians; expected one of them")
+    sigma = math.radians(degrees) if degrees is not None else radians
+    if sigma is not None and sigma < 0:
+        raise VfoaError(f"{row.where}: {cue}_sigma: expected an angle of at least 0, found {sigma:g} rad")
+    return sigma
+
+
+def _objects(
+    path: Path | None, settings: MeasuredTablesSettings, times: Mapping[int, int]
+) -> tuple[list[MeasuredObject], dict[int, list[MeasuredObject]]]:
+    """The objects that are in every frame, and those of single frames by frame."""
+    fixed, moving = list[MeasuredObject](), dict[int, list[MeasuredObject]]()
+    seen: dict[tuple[int | None, str], str] = {}
+    for row in [] if path is None else read_rows(path, OBJECT_COLUMNS, ("frame", "object", *POSITION)):
+        frame, found = _frame(row), _object(row, settings)
+        if frame is not None and frame not in times:
+            raise VfoaError(f"{row.where}: frame {frame}: not in the table of people")
+        if before := seen.get((frame, found.name)):
+            raise VfoaError(f"{row.where}: object {found.name!r}: is there twice, first at {before}")
+        seen[frame, found.name] = row.where
+        (fixed if frame is None else moving.setdefault(frame, [])).append(found)
+    return fixed, moving
+
+
+def _object(row: TableRow, settings: MeasuredTablesSettings) -> MeasuredObject:
+    name, center = row.cells.get("object"), row.numbers(POSITION)
+    if not name or center is None:
+        raise VfoaError(f"{row.where}: {'x_m' if name else 'object'}: found nothing; expected a name and a place")
+    size, quaternion = row.numbers(SIZE), row.numbers(QUATERNION)
+    if quaternion is not None and abs(math.hypot(*quaternion) - 1) > _UNIT_TOLERANCE:
+        raise VfoaError(f"{row.where}: {', '.join(QUATERNION)}: expected a unit quaternion, found {quaternion}")
+    rotation = None if quaternion is None else np.asarray(Rotation.from_quat(quaternion).as_matrix())
+    try:
+        box = settings.box(center, size, rotation)
+    except ValueError as error:  # an extent of 0; the value's own words say so
+        raise VfoaError(f"{row.where}: {error}") from None
+    return MeasuredObject(name=name, category=row.cells.get("category", name), box=box)

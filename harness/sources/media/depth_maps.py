@@ -1,0 +1,23 @@
+"""Counts of a depth sensor become metres."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vfoa.types import Map
+
+MILLIMETRES = 1000.0
+
+
+def depth_map(counts: NDArray[Any], counts_per_m: float) -> Map:
+    """Depth (H, W) float32 in metres; NaN where the sensor has 0, NaN, infinity or a negative number."""
+    values = counts.astype(np.float32) / np.float32(counts_per_m)
+    return np.where((values > 0) & np.isfinite(values), values, np.float32(np.nan))
+
+
+def default_counts_per_m(counts: NDArray[Any]) -> float:
+    """Integers are millimetres and floating point numbers metres, where nothing else is said."""
+    return MILLIMETRES if np.issubdtype(counts.dtype, np.integer) else 1.0

@@ -1,0 +1,123 @@
+"""Images from files: decoded whole, or one clear error."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.files import read_bytes, unreadable
+from harness.sources.media.jpeg_damage import zeros_at
+from harness.sources.media.orientation import without_rotation
+from vfoa.errors import VfoaError
+from vfoa.types import Image
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG_HEAD = struct.Struct(">16sII")  # up to the size, the first fields of the chunk IHDR
+_JPEG = b"\xff\xd8"
+_JPEG_END = b"\xff\xd9"
+
+MOST_PIXELS = 2**30
+"""More than that OpenCV does not decode; an 8K image has 2**25."""
+
+
+def read_rgb(path: Path) -> Image:
+    """Read an image (H, W, 3) uint8 RGB. Gray is repeated, alpha dropped, 16 bits are cut to 8.
+
+    The rotation a camera may have noted (EXIF) is ignored: calibrations speak of the sensor's own pixels.
+
+    Raises
+    ------
+    VfoaError
+        If the file is not there, not an image, or damaged.
+    """
+    return decode_rgb(read_bytes(path), str(path))
+
+
+def decode_rgb(data: bytes, where: str) -> Image:
+    """As :func:`read_rgb`, from a file's bytes that stand at ``where``, which names them in messages."""
+    image = _decode(data, where, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
+
+
+def read_raw(path: Path) -> NDArray[Any]:
+    """Read an image with the values it holds: (H, W) or (H, W, 3) in RGB order, alpha dropped, uint8 or uint16.
+
+    Raises
+    ------
+    VfoaError
+        As :func:`read_rgb`.
+    """
+    image = _decode(read_bytes(path), str(path), cv2.IMREAD_UNCHANGED)
+    if image.ndim == 2:
+        return image
+    if image.dtype not in (np.uint8, np.uint16) or image.shape[2] not in (3, 4):
+        found = f"{image.shape[2]} channels of {image.dtype}"
+        raise VfoaError(f"{path}: found {found}; expected gray or colour of 8 or 16 bits")
+    return cv2.cvtColor(image, cv2.COLOR_BGRA2RGB if image.shape[2] == 4 else cv2.COLOR_BGR2RGB)
+
+
+def png_size_px(path: Path) -> tuple[int, int]:
+    """(width, height) of a PNG, from its first bytes; a :class:`VfoaError` that names it where it is none."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(_PNG_HEAD.size)
+    except OSError as error:
+        raise unreadable(path, error) from None
+    if len(head) < _PNG_HEAD.size or not head.startswith(_PNG):
+        raise VfoaError(f"{path}: not a PNG: it starts with {head[:8]!r}")
+    width, height = _PNG_HEAD.unpack(head)[1:]
+    return width, height
+
+
+def _decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
+    # OpenCV 4 fills the missing part of a cut file with black or gray and says nothing.
+    if problem := _damage(data):
+        raise VfoaError(f"{where}: {problem}")
+    try:
+        image = cv2.imdecode(np.frombuffer(without_rotation(data), np.uint8), flags)
+    except cv2.error as error:
+        raise VfoaError(f"{where}: not a readable image: {error.err}") from None
+    if image is None:
+        raise VfoaError(f"{where}: not a readable image ({len(data)} bytes); expected PNG, JPEG or another of OpenCV's")
+    return image
+
+
+def _damage(data: bytes) -> str | None:
+    """What is wrong with the bytes of an image file, None if nothing can be seen."""
+    if not data:
+        return "the file is empty; expected an image"
+    if data.startswith(_PNG):
+        return _png_damage(data)
+    # Some cameras append a few bytes of their own to a JPEG, or send the buffer's rest; inside compressed data the end
+    # mark cannot occur.
+    if data.startswith(_JPEG) and _JPEG_END not in data.rstrip(b"\0")[-1024:]:
+        return f"truncated JPEG: no end mark in {len(data)} bytes"
+    if data.startswith(_JPEG) and (place := zeros_at(data)) is not None:
+        return f"damaged JPEG: zeros in its compressed data from byte {place} of {len(data)} on"
+    return None
+
+
+def _png_damage(data: bytes) -> str | None:
+    """Walk the chunks of a PNG (length, type, data, CRC) up to IEND."""
+    at = len(_PNG)
+    while at + 12 <= len(data):
+        (length,) = struct.unpack_from(">I", data, at)
+        kind, end = data[at + 4 : at + 8], at + 12 + length
+        if end > len(data):
+            break
+        if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
+            return f"damaged PNG: wrong checksum of chunk {kind.decode('latin-1')!r} at byte {at}"
+        if kind == b"IHDR" and length >= 8:
+            width, height = struct.unpack_from(">II", data, at + 8)
+            if not 0 < width * height <= MOST_PIXELS:
+                return f"not a readable PNG: it claims {width} x {height} pixels; expected 1 to {MOST_PIXELS}"
+        if kind == b"IEND":
+            return None
+        at = end
+    return f"truncated PNG: the file ends after {len(data)} bytes, inside the chunk at byte {at}"

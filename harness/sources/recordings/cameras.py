@@ -1,0 +1,72 @@
+"""The calibration of each pair: from the recording's own messages, which may change with time, or from a file."""
+
+from __future__ import annotations
+
+import bisect
+from pathlib import Path
+from typing import Protocol
+
+from harness.sources.calibration_files.options import ImageSize, Options
+from harness.sources.calibration_files.read import read_cameras
+from harness.sources.recordings.containers import Messages
+from harness.sources.recordings.messages import camera
+from harness.sources.recordings.topics import Place, Topic
+from harness.sources.rectification import Optics, RawCalibration, RawCamera, optics
+
+
+class Cameras(Protocol):
+    """Knows the optics of every pair."""
+
+    def at(self, left_ns: int, right_ns: int) -> Optics:
+        """The optics when the two images were taken."""
+        ...
+
+
+class ConstantCameras:
+    """One calibration for the whole recording."""
+
+    def __init__(self, optics: Optics) -> None:
+        self._optics = optics
+
+    def at(self, left_ns: int, right_ns: int) -> Optics:
+        """The same at all times."""
+        return self._optics
+
+
+def file_cameras(path: Path, size: ImageSize, rectified: bool) -> ConstantCameras:
+    """The calibration in any file that a stereo folder may have."""
+    return ConstantCameras(optics(read_cameras([path], size, Options(rectified=rectified))))
+
+
+class RecordedCameras:
+    """For each image its camera's calibration at that time."""
+
+    def __init__(self, container: Messages, topics: tuple[Topic, Topic], rectified: bool, where: str) -> None:
+        self._container, self._topics, self._rectified, self._where = container, topics, rectified, where
+        self._latest: tuple[bytes, Optics] | None = None
+
+    def at(self, left_ns: int, right_ns: int) -> Optics:
+        """Maps are computed only where the calibration changed since the last call."""
+        left, right = (
+            camera_at(topic, stamp_ns, self._container, self._where)
+            for topic, stamp_ns in zip(self._topics, (left_ns, right_ns), strict=True)
+        )
+        key = left.key + right.key
+        if self._latest is None or self._latest[0] != key:
+            where = f"{self._topics[0].name} and {self._topics[1].name}"
+            self._latest = key, self._optics(RawCalibration(left=left, right=right, where=where))
+        return self._latest[1]
+
+    def _optics(self, raw: RawCalibration) -> Optics:
+        return optics(raw.rectified() if self._rectified else raw)
+
+
+def camera_at(topic: Topic, stamp_ns: int, container: Messages, where: str) -> RawCamera:
+    """A camera's last calibration at a time, or its first one where that came later."""
+    after = bisect.bisect_right(topic.places, stamp_ns, key=_stamp)
+    place = topic.places[max(after - 1, 0)]
+    return camera(topic.type, container.read(topic, place), f"{where}: {topic.name}")
+
+
+def _stamp(place: Place) -> int:
+    return place.stamp_ns

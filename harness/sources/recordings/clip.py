@@ -1,0 +1,241 @@
+"""A clip from a recording of messages: a stereo pair, a colour camera with depth, or both."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from harness.files import digest_files
+from harness.sources import Recognised, Truth
+from harness.sources.bags.files import is_bag
+from harness.sources.mcap.container import files_in
+from harness.sources.mcap.records import is_mcap
+from harness.sources.recordings.cameras import Cameras, ConstantCameras, RecordedCameras, file_cameras
+from harness.sources.recordings.containers import open_container
+from harness.sources.recordings.depth_camera import DepthCamera
+from harness.sources.recordings.depth_images import read_depth
+from harness.sources.recordings.index import Index, window_of
+from harness.sources.recordings.joining import FramePlaces, join_streams
+from harness.sources.recordings.losses import lost_by_cuts, lost_by_metadata
+from harness.sources.recordings.pixels import read_image
+from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.streams import find_streams, unused_depth
+from harness.sources.recordings.topics import Place, Topic, are_rectified, find_camera
+from harness.sources.recordings.video_decoder import VideoDecoder
+from harness.sources.rectification import optics
+from vfoa.errors import VfoaError
+from vfoa.types import Image, Map, StereoFrame
+
+_SHOWN = 3
+"""Losses that an error lists."""
+
+
+class RecordingClip:
+    """A recorded camera; frames are numbered from 1 in the order of their stamps.
+
+    root/recording.mcap      or a .bag, a .db3, or the folder of a recording that was split
+      /stereo/left/image_raw                     images, raw, compressed, or packets of a video
+      /stereo/left/camera_info                   their calibration; P_right[0, 3] = -fx B
+      /stereo/right/...                          likewise; or instead
+      /camera/color/image_raw                    a colour image, and
+      /camera/aligned_depth_to_color/image_raw   measured depth
+
+    What is not readable (a cut file, a wrong checksum) is left out and told in :attr:`notes`.
+    """
+
+    Settings: ClassVar[type[RecordingSettings]] = RecordingSettings
+
+    def __init__(self, settings: RecordingSettings, root: Path | None) -> None:
+        self._settings = settings
+        self._folder = root if root is not None else Path.cwd()
+        self._where = str(self._folder / settings.recording)
+        self._container = open_container(self._folder / settings.recording)
+        is_part = settings.start_s is not None or settings.end_s is not None
+        span_ns = self._container.span_ns() if is_part else None
+        window = window_of(span_ns, settings.start_s, settings.end_s, self._where)
+        index = self._container.index(window, by_log_time=settings.stamps == "log")
+        self._losses = index.losses
+        topics = index.topics.values()
+        if not topics and self._losses:
+            raise VfoaError(f"{self._where}: no message can be read: {'; '.join(self._losses[:_SHOWN])}")
+        if window is not None and not any(topic.is_image and topic.places for topic in topics):
+            raise VfoaError(f"{self._where}: source.start_s, source.end_s: no images in that part of the recording")
+        self._streams = find_streams(topics, settings, self._where)
+        self._depth_camera = self._find_depth_camera(index)
+        self._videos = {
+            topic.name: VideoDecoder(topic, self._container.read, self._where)
+            for topic in self._streams.topics
+            if topic.type.kind == "video"
+        }
+        self._frames, paired = join_streams(self._streams, settings, self._where)
+        self._cameras = self._find_cameras(index)
+        self._lost = (
+            *lost_by_metadata(index, self._streams),
+            *lost_by_cuts(index, self.rate_hz),
+            *paired,
+            *unused_depth(topics, self._streams),
+            *(() if self._depth_camera is None else self._depth_camera.notes),
+            *(note for video in self._videos.values() for note in video.notes),
+        )
+
+    @property
+    def frames(self) -> range:
+        """From 1; a frame that was dropped has no number."""
+        return range(1, len(self._frames) + 1)
+
+    @cached_property
+    def rate_hz(self) -> float | None:
+        """From the median distance of the stamps, to 0.001 Hz."""
+        steps = np.diff([places.left.stamp_ns for places in self._frames])
+        return round(1e9 / float(np.median(steps)), 3) if steps.size else None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was lost, which images are in no frame, and what the stamps are if not the headers'."""
+        by_log = 'images are joined by the time of recording (stamps = "log"), not by when they were taken'
+        return (*self._losses, *self._lost, *([by_log] if self._settings.stamps == "log" else []))
+
+    def time_ns(self, number: int) -> int:
+        """The stamp of the left image."""
+        return self._places(number).left.stamp_ns
+
+    def frame(self, number: int) -> StereoFrame:
+        """Read one frame, rectified."""
+        places = self._places(number)
+        try:
+            return self._pair(number, places) if self._cameras is not None else self._colour(number, places)
+        except VfoaError as error:
+            text = str(error).removeprefix(f"{self._where}: ")
+            raise VfoaError(f"{self._where}: frame {number}: {text}") from None
+
+    def truth(self, number: int) -> Truth:
+        """Nothing is known."""
+        return Truth()
+
+    def digest(self) -> str:
+        """Of the files' bytes and the settings, not of the files' names."""
+        paths = [(f"recording {number}", path) for number, path in enumerate(self._container.files)]
+        if self._settings.calibration is not None:
+            paths.append(("calibration", self._folder / self._settings.calibration))
+        settings = self._settings.model_dump_json(exclude={"recording", "calibration"})
+        return hashlib.sha256(f"{digest_files(paths)} {settings}".encode()).hexdigest()
+
+    # Frames
+
+    def _places(self, number: int) -> FramePlaces:
+        if number not in self.frames:
+            raise VfoaError(f"{self._where}: no frame {number}; expected 1 to {len(self._frames)}")
+        return self._frames[number - 1]
+
+    def _pair(self, number: int, places: FramePlaces) -> StereoFrame:
+        streams = self._streams
+        assert self._cameras is not None
+        assert streams.right is not None
+        assert places.right is not None
+        left, right = self._image(streams.left, places.left), self._image(streams.right, places.right)
+        if left.shape != right.shape:
+            raise VfoaError(f"left is {left.shape[:2]}, right {right.shape[:2]} pixels")
+        found = self._cameras.at(places.left.stamp_ns, places.right.stamp_ns)
+        depth = None
+        if streams.depth is not None:
+            depth = self._depth(streams.depth, places.depth, left.shape[:2])
+            if found.rectifier is not None and not found.rectifier.keeps_left:
+                raise VfoaError(
+                    f"{streams.depth.name} is of {streams.left.name} as the camera saw it, which rectification turns; "
+                    "expected rectified images with depth"
+                )
+        left, right = found.rectify(left, right)
+        rig = found.calibration.rig(left.shape[1], left.shape[0])
+        return StereoFrame(index=number, time_ns=places.left.stamp_ns, left=left, right=right, depth_m=depth, rig=rig)
+
+    def _colour(self, number: int, places: FramePlaces) -> StereoFrame:
+        assert self._depth_camera is not None
+        assert self._streams.depth is not None
+        image = self._image(self._streams.left, places.left)
+        depth = self._depth(self._streams.depth, places.depth)
+        left, depth_m, rig = self._depth_camera.view(image, depth, places.left.stamp_ns)
+        return StereoFrame(index=number, time_ns=places.left.stamp_ns, left=left, depth_m=depth_m, rig=rig)
+
+    def _image(self, topic: Topic, place: Place) -> Image:
+        if topic.name in self._videos:
+            return self._videos[topic.name].image(place)
+        return read_image(topic.type, self._container.read(topic, place), self._of_topic(topic, place))
+
+    def _depth(self, topic: Topic, place: Place | None, shape: tuple[int, ...] | None = None) -> Map:
+        """The depth in a message; nowhere known, for a frame of a pair without one."""
+        if place is None:
+            assert shape is not None
+            return np.full(shape, np.nan, np.float32)
+        data = self._container.read(topic, place)
+        depth = read_depth(topic.type, data, self._settings.depth_scale, self._of_topic(topic, place))
+        if shape is not None and depth.shape != shape:
+            raise VfoaError(f"{topic.name}: depth of {depth.shape}; expected {shape} as {self._streams.left.name}")
+        return depth
+
+    def _of_topic(self, topic: Topic, place: Place) -> str:
+        return f"{self._container.files[min(place.file, len(self._container.files) - 1)]}: {topic.name}"
+
+    # Calibration
+
+    def _find_depth_camera(self, index: Index) -> DepthCamera | None:
+        if self._streams.right is not None:
+            return None
+        return DepthCamera(index.topics.values(), self._streams, self._container, self._settings, self._where)
+
+    def _find_cameras(self, index: Index) -> Cameras | None:
+        settings, left, right = self._settings, self._streams.left, self._streams.right
+        if right is None:
+            return None
+        rectified = are_rectified((left, right)) if settings.rectified is None else settings.rectified
+        if settings.camera is not None:
+            return ConstantCameras(optics(settings.camera.pair(self._where)))
+        if settings.calibration is not None:
+            return file_cameras(self._folder / settings.calibration, self._size_px, rectified)
+        topics = index.topics.values()
+        cameras = (
+            find_camera(topics, left, settings.left_info, self._where),
+            find_camera(topics, right, settings.right_info, self._where),
+        )
+        return RecordedCameras(self._container, cameras, rectified, self._where)
+
+    def _size_px(self) -> tuple[int, int]:
+        height, width = self._image(self._streams.left, self._frames[0].left).shape[:2]
+        return width, height
+
+
+class McapClip(RecordingClip):
+    """A recording in MCAP, of ROS 1, ROS 2 or Foxglove."""
+
+    @classmethod
+    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+        """A file in MCAP, whatever its name ends in, or a folder of ``.mcap``: one recording that was split."""
+        if path.is_file():
+            return _recognised(path, "an MCAP recording") if is_mcap(path) else ()
+        files = () if is_bag(path) else files_in(path)
+        return _recognised(path, f"an MCAP recording in {_files(files)}") if files else ()
+
+
+class BagClip(RecordingClip):
+    """A bag of ROS 1 or ROS 2."""
+
+    @classmethod
+    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+        """A ``.bag`` or ``.db3``, whatever its name ends in, or the folder that ``ros2 bag`` recorded."""
+        return _recognised(path, "a ROS bag") if is_bag(path) else ()
+
+
+def _recognised(path: Path, layout: str) -> tuple[Recognised, ...]:
+    calibration = "the recording's topics"
+    if path.is_file():
+        source = {"recording": path.name}
+        return (Recognised(root=path.parent, source=source, layout=layout, name=path.stem, calibration=calibration),)
+    return (Recognised(root=path, source={}, layout=layout, name=path.name, calibration=calibration),)
+
+
+def _files(files: Sequence[Path]) -> str:
+    return f"{len(files)} {'file' if len(files) == 1 else 'files'}"

@@ -1,0 +1,173 @@
+"""Colour and depth of a recording, brought into one image without distortion."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+
+import numpy as np
+
+from harness.sources.depth_optics import DepthOptics, without_distortion
+from harness.sources.depth_registration import DepthRegistration, Transform
+from harness.sources.recordings.cameras import camera_at
+from harness.sources.recordings.containers import Messages
+from harness.sources.recordings.depth_topics import has_no_frames, is_aligned
+from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.streams import Streams
+from harness.sources.recordings.topics import Topic, find_camera
+from harness.sources.recordings.transforms import find_extrinsics, find_transform
+from harness.sources.rectification import RawCamera
+from vfoa.errors import VfoaError
+from vfoa.types import Image, Map, StereoRig
+
+
+class DepthCamera:
+    """The calibration of a colour camera, and of its depth where that is of another camera.
+
+    Parameters
+    ----------
+    topics
+        All of the recording.
+    streams
+        The colour topic (left) and the depth topic.
+    container, settings, where
+        The recording, what its topics do not tell, and its name for error messages.
+
+    Raises
+    ------
+    VfoaError
+        If a calibration is missing, or depth is of another camera and the recording does not say where that stands.
+    """
+
+    def __init__(
+        self,
+        topics: Collection[Topic],
+        streams: Streams,
+        container: Messages,
+        settings: RecordingSettings,
+        where: str,
+    ) -> None:
+        assert streams.depth is not None
+        self._container, self._settings, self._where = container, settings, where
+        self._colour, self._depth = streams.left, streams.depth
+        if settings.calibration is not None:
+            raise VfoaError(
+                f"{where}: source.calibration: is of a pair, the frames are colour with depth; expected camera = "
+                "{ fx_px = ..., cx_px = ..., cy_px = ... } in [source]"
+            )
+        self._infos = {topic.name: self._info(topics, topic) for topic in (self._colour, self._depth)}
+        self._is_aligned = is_aligned(self._depth, self._colour)
+        self._colour_from_depth = None if self._is_aligned else self._motion(topics)
+        self._optics: dict[bytes, DepthOptics] = {}
+        self._registration: tuple[bytes, DepthRegistration] | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """How depth came into the colour image, where the recording has it in another one."""
+        if self._is_aligned:
+            return ()
+        return (
+            f"{self._depth.name} is not aligned with {self._colour.name}: it is registered by the recording's "
+            "calibrations and extrinsics, and unknown where the depth camera does not see what the colour camera does",
+        )
+
+    def view(self, colour: Image, depth_m: Map, stamp_ns: int) -> tuple[Image, Map, StereoRig]:
+        """The colour image and the depth (H, W) in it, both without distortion, and their rig."""
+        optics = self._optics_of(self._camera(self._colour, stamp_ns, (colour.shape[1], colour.shape[0])))
+        if self._colour_from_depth is not None:
+            depth = self._registered(depth_m, stamp_ns, optics.rig)
+        elif depth_m.shape != colour.shape[:2]:
+            sizes = " and ".join(f"{each.shape[1]} x {each.shape[0]}" for each in (colour, depth_m))
+            raise VfoaError(
+                f"{self._where}: {self._colour.name} and {self._depth.name} are {sizes} pixels; expected depth in the "
+                "colour image (aligned), or a topic of unaligned depth with the recording's extrinsics"
+            )
+        else:
+            depth = self._aligned(depth_m, stamp_ns, optics.rig)
+        return optics.image(colour), depth, optics.rig
+
+    def _info(self, topics: Collection[Topic], image: Topic) -> Topic | None:
+        """The calibration topic of an image; None where the numbers are given, or the other image's will do."""
+        named = self._settings.left_info if image is self._colour else self._settings.depth_info
+        if self._settings.camera is not None and named is None and is_aligned(self._depth, self._colour):
+            return None
+        try:
+            return find_camera(topics, image, named, self._where)
+        except VfoaError:
+            # An aligned depth's calibration is the colour camera's, and the other way round.
+            others = (topic for topic in (self._colour, self._depth) if topic is not image)
+            if named is not None or not is_aligned(self._depth, self._colour):
+                raise self._no_info(image) from None
+            for other in others:
+                try:
+                    return find_camera(topics, other, None, self._where)
+                except VfoaError:
+                    continue
+            raise self._no_info(image) from None
+
+    def _no_info(self, image: Topic) -> VfoaError:
+        which = "left_info" if image is self._colour else "depth_info"
+        return VfoaError(
+            f"{self._where}: no calibration topic belongs to {image.name}; say {which} = (a topic), or of the colour "
+            "camera camera = { fx_px = ..., cx_px = ..., cy_px = ... }, in [source]"
+        )
+
+    def _motion(self, topics: Collection[Topic]) -> Transform:
+        """colour_from_depth as the recording has it."""
+        colour, depth = self._colour, self._depth
+        found = find_extrinsics(topics, self._container, self._where)
+        if found is None and colour.frame_id and depth.frame_id and not has_no_frames(depth):
+            found = find_transform(topics, self._container, colour.frame_id, depth.frame_id, self._where)
+        if found is None:
+            raise VfoaError(
+                f"{self._where}: {depth.name} (frame {depth.frame_id!r}) is not aligned with {colour.name} (frame "
+                f"{colour.frame_id!r}), and the recording has no transform between the two frames; expected /tf_static "
+                "or extrinsics in it, or a topic of aligned depth (RealSense: align_depth.enable; Azure Kinect: "
+                "depth_to_rgb)"
+            )
+        return found
+
+    def _camera(self, topic: Topic, stamp_ns: int, size_px: tuple[int, int]) -> RawCamera:
+        info = self._infos[topic.name]
+        if info is None:
+            assert self._settings.camera is not None
+            return self._settings.camera.camera(size_px)
+        camera = camera_at(info, stamp_ns, self._container, self._where)
+        return without_distortion(camera) if self._is_rectified(topic) else camera
+
+    def _is_rectified(self, topic: Topic) -> bool:
+        if self._settings.rectified is not None:
+            return self._settings.rectified
+        # depth_registered, of ZED and image_proc, is of rectified colour
+        return "image_rect" in topic.name or topic.name.endswith("depth_registered")
+
+    def _optics_of(self, camera: RawCamera) -> DepthOptics:
+        """The maps of a camera; computed anew only where its calibration changed."""
+        if camera.key not in self._optics:
+            if len(self._optics) > 1:
+                self._optics.clear()
+            self._optics[camera.key] = DepthOptics(camera, f"{self._where}: {self._colour.name}")
+        return self._optics[camera.key]
+
+    def _aligned(self, depth_m: Map, stamp_ns: int, colour: StereoRig) -> Map:
+        """Aligned depth without the distortion that its own calibration says it has."""
+        optics = self._optics_of(self._camera(self._depth, stamp_ns, (depth_m.shape[1], depth_m.shape[0])))
+        if not np.allclose(optics.rig.camera_matrix, colour.camera_matrix, rtol=0.01, atol=1.0):
+            raise VfoaError(
+                f"{self._where}: {self._depth.name} is aligned by its name or frame, but its calibration (fx "
+                f"{optics.rig.fx_px:g}) is not that of {self._colour.name} (fx {colour.fx_px:g}); expected the same, "
+                "or depth_info = (the colour camera's topic) in [source]"
+            )
+        return optics.depth(depth_m)
+
+    def _registered(self, depth_m: Map, stamp_ns: int, target: StereoRig) -> Map:
+        assert self._colour_from_depth is not None
+        source = self._camera(self._depth, stamp_ns, (depth_m.shape[1], depth_m.shape[0]))
+        if source.size_px != (depth_m.shape[1], depth_m.shape[0]):
+            raise VfoaError(
+                f"{self._where}: {self._depth.name}: the calibration is for {source.size_px} pixels, the depth has "
+                f"({depth_m.shape[1]}, {depth_m.shape[0]})"
+            )
+        key = source.key + str(target).encode()
+        if self._registration is None or self._registration[0] != key:
+            self._registration = key, DepthRegistration(source, target, self._colour_from_depth)
+        return np.ascontiguousarray(self._registration[1].register(depth_m))

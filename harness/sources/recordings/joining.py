@@ -1,0 +1,83 @@
+"""Messages of several cameras become frames: joined by their stamps, and what is in no frame is counted."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from harness.sources.recordings.pairing import join, of_distinct_stamps
+from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.streams import Streams
+from harness.sources.recordings.topics import Place, Topic
+from vfoa.errors import VfoaError
+
+_TOLD_NS = 1e6
+"""Offset of colour and depth from which on it is told."""
+
+
+class FramePlaces(NamedTuple):
+    """Where the messages of one frame stand."""
+
+    left: Place
+    right: Place | None
+    depth: Place | None
+
+
+def join_streams(
+    streams: Streams, settings: RecordingSettings, where: str
+) -> tuple[tuple[FramePlaces, ...], tuple[str, ...]]:
+    """The frames in the order of their stamps, and one sentence per kind of image that is in none.
+
+    Raises
+    ------
+    VfoaError
+        If no two stamps are near enough; the message says how far apart they are.
+    """
+    if streams.right is None:
+        assert streams.depth is not None
+        pairs, lost = _join_two(streams.left, streams.depth, settings.tolerance_ns(of_depth=True), where)
+        return tuple(FramePlaces(left, None, depth) for left, depth in pairs), (*lost, *_offset(pairs))
+    pairs, lost = _join_two(streams.left, streams.right, settings.tolerance_ns(of_depth=False), where)
+    if streams.depth is None:
+        return tuple(FramePlaces(left, right, None) for left, right in pairs), tuple(lost)
+    tolerance_ns = settings.tolerance_ns(of_depth=True)
+    depths = dict(join([left for left, _ in pairs], streams.depth.places, tolerance_ns))
+    if without := len(pairs) - len(depths):
+        lost.append(f"{streams.depth.name}: {without} of {len(pairs)} frames have no depth within {_ms(tolerance_ns)}")
+    return tuple(FramePlaces(left, right, depths.get(left)) for left, right in pairs), tuple(lost)
+
+
+def _join_two(left: Topic, other: Topic, tolerance_ns: int, where: str) -> tuple[list[tuple[Place, Place]], list[str]]:
+    joined = join(left.places, other.places, tolerance_ns)
+    if not joined:
+        nearest = _nearest(left, other)
+        raise VfoaError(f"{where}: no two stamps of {left} and {other} are within {_ms(tolerance_ns)}{nearest}")
+    lost = [
+        f"{topic.name}: {count} of {len(topic.places)} images have no partner within {_ms(tolerance_ns)}"
+        for topic in (left, other)
+        if (count := len(topic.places) - len(joined))
+    ]
+    pairs = of_distinct_stamps(joined)
+    if twice := len(joined) - len(pairs):
+        why = "left out (a copy, or a clock that stood)"
+        lost.append(f"{twice} of {len(joined)} pairs have the stamp of the one before, {why}")
+    return pairs, lost
+
+
+def _offset(pairs: list[tuple[Place, Place]]) -> list[str]:
+    offset_ns = float(np.median([abs(colour.stamp_ns - depth.stamp_ns) for colour, depth in pairs]))
+    return [f"colour and depth of a frame were taken {_ms(offset_ns)} apart (median)"] if offset_ns >= _TOLD_NS else []
+
+
+def _nearest(left: Topic, other: Topic) -> str:
+    """How far apart the two are, and what allows it, where both have images."""
+    if not left.places or not other.places:
+        return ""
+    stamps = np.array([place.stamp_ns for place in other.places])
+    apart_ns = float(np.median([np.abs(stamps - place.stamp_ns).min() for place in left.places[:100]]))
+    return f"; the nearest ones are {_ms(apart_ns)} apart (median): tolerance_ms = in [source] allows it"
+
+
+def _ms(nanoseconds: float) -> str:
+    return f"{nanoseconds / 1e6:g} ms"

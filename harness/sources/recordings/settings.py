@@ -1,0 +1,60 @@
+"""Settings of recordings: which of them, which part, and what topics and types do not tell."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from harness.sources.depth_optics import Intrinsics
+from vfoa.settings import Settings
+
+PAIR_TOLERANCE_MS = 2.0
+"""Two cameras of a pair are triggered together."""
+
+DEPTH_TOLERANCE_MS = 20.0
+"""Colour and depth are often taken by two sensors that run freely, at 30 Hz up to 17 ms apart."""
+
+
+class RecordingSettings(Settings):
+    """Which recording under the manifest's root, and what its topics and types do not tell.
+
+    ``left`` and ``right`` are image topics, ``depth`` is a topic of measured depth, ``left_info``, ``right_info``
+    and ``depth_info`` those of their calibrations. With depth and without ``right``, ``left`` is the colour camera.
+    Instead of calibration topics, ``calibration`` is a file of a pair under the root, ``camera`` the numbers of a
+    camera without distortion, with a baseline for a pair. ``depth_scale`` is how many of the sensor's counts are a
+    metre (if not given, integers are millimetres). Stamps of a frame are at most ``tolerance_ms`` apart (2 for a
+    pair, 20 for depth). ``rectified`` says whether the images are rectified already; if not given, those whose
+    topics are called ``image_rect`` are. ``start_s`` and ``end_s`` cut out a part, in seconds after the recording's
+    first message. ``stamps`` are those of the headers (when an image was taken), or of the log (when it was
+    recorded), for headers that were not set.
+    """
+
+    recording: str = "."
+    left: str | None = None
+    right: str | None = None
+    depth: str | None = None
+    left_info: str | None = None
+    right_info: str | None = None
+    depth_info: str | None = None
+    calibration: str | None = None
+    camera: Intrinsics | None = None
+    depth_scale: float | None = Field(default=None, gt=0)
+    rectified: bool | None = None
+    tolerance_ms: float | None = Field(default=None, ge=0)
+    start_s: float | None = Field(default=None, ge=0)
+    end_s: float | None = Field(default=None, gt=0)
+    stamps: Literal["header", "log"] = "header"
+
+    @model_validator(mode="after")
+    def _a_part(self) -> Self:
+        if self.end_s is not None and self.end_s <= (self.start_s or 0):
+            raise ValueError(f"found end_s {self.end_s:g}; expected more than start_s, {self.start_s or 0:g}")
+        if self.calibration is not None and self.camera is not None:
+            raise ValueError("found calibration and camera; expected one of them")
+        return self
+
+    def tolerance_ns(self, *, of_depth: bool) -> int:
+        """How far apart stamps of one frame may be."""
+        default = DEPTH_TOLERANCE_MS if of_depth else PAIR_TOLERANCE_MS
+        return round((default if self.tolerance_ms is None else self.tolerance_ms) * 1e6)

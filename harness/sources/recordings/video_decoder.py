@@ -1,0 +1,177 @@
+"""Frames of a video whose packets are messages, in any order, decoded from the key frame before them."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Callable
+from threading import Lock
+from typing import Any
+
+import av
+import numpy as np
+
+from harness.sources.recordings.messages import CompressedPicture, picture
+from harness.sources.recordings.topics import Place, Topic
+from harness.sources.recordings.video_packets import codec_of
+from vfoa.errors import VfoaError
+from vfoa.types import Image
+
+_WAITING = 16
+"""Decoded frames that are kept until they are asked for: more than any codec holds back to reorder."""
+
+
+_LATEST = 64
+"""Packets after its own by which a frame has come, if it comes at all."""
+
+
+class VideoDecoder:
+    """Decodes the packets of one topic. What it holds does not grow with the video.
+
+    A packet's place in the order of writing is its time stamp for the codec, which hands it on to the frame that it
+    makes of the packet: so frames are told apart even where they come out in another order than their packets.
+
+    Parameters
+    ----------
+    topic
+        With all its packets.
+    read
+        Reads the message at a place.
+    where
+        The recording, for error messages.
+    """
+
+    def __init__(self, topic: Topic, read: Callable[[Topic, Place], bytes], where: str) -> None:
+        self._topic, self._read, self._where = topic, read, f"{where}: {topic.name}"
+        self._number = {place: number for number, (place, _) in enumerate(topic.packets)}
+        self._keys = [number for number, (_, is_key) in enumerate(topic.packets) if is_key]
+        self._reset()
+        self._lock = Lock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {
+            "topic": self._topic,
+            "read": self._read,
+            "where": self._where,
+            "number": self._number,
+            "keys": self._keys,
+        }
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._topic, self._read, self._where = state["topic"], state["read"], state["where"]
+        self._number, self._keys, self._lock = state["number"], state["keys"], Lock()
+        self._reset()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One sentence where packets may be missing: codecs but H.265 decode on without them, and say nothing.
+
+        A step of more than 1.5 times the median may be a lost packet, or an image that the camera dropped before it
+        was coded, which costs nothing: the stream alone does not tell.
+        """
+        order = sorted((place.stamp_ns, number) for number, (place, _) in enumerate(self._topic.packets))
+        steps = np.diff([stamp for stamp, _ in order])
+        if steps.size == 0:
+            return ()
+        late = [order[at + 1][1] for at in np.flatnonzero(steps > 1.5 * np.median(steps))]
+        gaps = [number for number in late if not self._topic.packets[number][1]]
+        if not gaps:
+            return ()
+        doubtful = {each for number in gaps for each in range(number, self._next_key(number))}
+        count = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
+        return (
+            f"{self._topic.name}: {count} in time before packets that need the ones before them; if packets were lost "
+            f"there, the {len(doubtful)} images up to the next key frames are damaged",
+        )
+
+    def image(self, place: Place) -> Image:
+        """The frame (H, W, 3) uint8 RGB of the packet at this place.
+
+        Raises
+        ------
+        VfoaError
+            If no key frame comes before it, or a packet between that and this one is damaged.
+        """
+        with self._lock:
+            number = self._number[place]
+            if number not in self._frames:
+                self._move_to(number)
+            while number not in self._frames:
+                self._step()
+                if number not in self._frames and self._is_lost(number):
+                    self._reset()
+                    raise VfoaError(
+                        f"{self._where}: packet {number + 1} gives no frame: it is damaged, or one before it is lost"
+                    )
+            return self._frames[number]
+
+    def _reset(self) -> None:
+        self._codec: Any = None
+        self._fed = -1
+        self._pending: set[int] = set()
+        self._frames: dict[int, Image] = {}
+
+    def _move_to(self, number: int) -> None:
+        """Make the decoder one that will come to this frame: go on, or begin anew at the last key frame before it."""
+        at = bisect.bisect_right(self._keys, number) - 1
+        if at < 0:
+            raise VfoaError(
+                f"{self._where}: the video begins without a key frame: packet {number + 1} cannot be decoded; expected "
+                + (f"start_s in [source] after packet {self._keys[0] + 1}" if self._keys else "a key frame")
+            )
+        key = self._keys[at]
+        comes = number in self._pending or number > self._fed
+        if self._codec is None or not comes or key > self._fed + 1:
+            self._reset()
+            self._fed = key - 1
+
+    def _next_key(self, number: int) -> int:
+        """The first packet after this one with which a decoder can begin; the end where there is none."""
+        at = bisect.bisect_right(self._keys, number)
+        return self._keys[at] if at < len(self._keys) else len(self._topic.packets)
+
+    def _is_lost(self, number: int) -> bool:
+        """Whether the decoder has this packet behind it and will not give its frame any more."""
+        return (
+            self._codec is None or (number <= self._fed and number not in self._pending) or self._fed > number + _LATEST
+        )
+
+    def _step(self) -> None:
+        """Feed one packet, or after the last one ask for what the codec still holds back."""
+        number = self._fed + 1
+        is_end = number >= len(self._topic.packets)
+        try:
+            frames = self._codec.decode(None) if is_end else self._feed(number)
+        except av.FFmpegError as error:
+            self._reset()
+            raise VfoaError(f"{self._where}: packet {number + 1} is damaged: {error.strerror}") from None
+        for frame in frames:
+            self._keep(frame)
+        if is_end:
+            self._codec, self._fed = None, -1
+            self._pending.clear()
+
+    def _feed(self, number: int) -> list[Any]:
+        place, _ = self._topic.packets[number]
+        content = picture(self._topic.type, self._read(self._topic, place), self._where)
+        assert isinstance(content, CompressedPicture)
+        if not content.data:  # which the codec would take for the end
+            self._reset()
+            raise VfoaError(f"{self._where}: packet {number + 1} is empty")
+        if self._codec is None:
+            codec = codec_of(content.form, self._where)
+            # FFmpeg's own av1 needs a graphics card
+            self._codec = av.CodecContext.create("libdav1d" if codec == "av1" else codec, "r")
+            self._codec.thread_count = 1  # threads would each hold a frame back
+        packet = av.Packet(content.data)
+        packet.pts = packet.dts = number
+        self._fed = number
+        self._pending.add(number)
+        return list(self._codec.decode(packet))
+
+    def _keep(self, frame: Any) -> None:
+        self._pending.discard(frame.pts)
+        if frame.is_corrupt:
+            return
+        self._frames[frame.pts] = np.asarray(frame.to_ndarray(format="rgb24"), dtype=np.uint8)
+        while len(self._frames) > _WAITING:
+            self._frames.pop(next(iter(self._frames)))

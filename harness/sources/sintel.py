@@ -1,0 +1,229 @@
+"""MPI Sintel: one scene and one pass of the stereo set, with what the depth and segmentation sets add."""
+
+from __future__ import annotations
+
+import re
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from harness.files import digest_files
+from harness.sources import Recognised, Truth
+from harness.sources.media.disparity_files import read_depth, read_sintel_disparity
+from harness.sources.media.images import png_size_px
+from harness.sources.media.segment_ids import relabel, small_ids
+from harness.sources.sintel_files import read_camera, read_mask, read_segments
+from harness.sources.stereo_views import read_pair
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.settings import Settings
+from vfoa.types import Disparity, Instance, Instances, Map, Mask, StereoFrame, StereoRig
+
+BASELINE_M = 0.10
+"""Of the parallel stereo cameras (the stereo set's README)."""
+
+RATE_HZ = 24.0
+"""Of the film."""
+
+PASSES = ("clean", "final")
+
+LICENCE = "CC-BY 3.0, (c) Blender Foundation"
+
+_NAME = re.compile(r"frame_([0-9]{4}|[1-9][0-9]{4,})\.png")
+_TRUTHS = (
+    ("disparity", "disparities", "the stereo set"),
+    ("instances", "segmentation", "the segmentation set"),
+)
+_HOLDERS = {"png": "the stereo set", "cam": "the depth set, which holds the cameras,"}
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+class SintelSettings(Settings):
+    """Which scene and which render pass: ``clean`` (no fog, no blur) or ``final``."""
+
+    scene: str
+    render_pass: Literal["clean", "final"] = Field(default="clean", alias="pass")
+
+
+class SintelClip:
+    """One scene, in the folders of the official archives, unpacked into one place.
+
+    root/training/
+      clean_left/SCENE/frame_0001.png       clean_right/SCENE/...     or final_left, final_right
+      camdata_left/SCENE/frame_0001.cam     intrinsics, read for every frame: fx changes within some scenes
+      disparities/SCENE/frame_0001.png      optional: true disparity
+      occlusions/SCENE/frame_0001.png       optional: with outofframe/, what the right view does not see
+      depth/SCENE/frame_0001.dpt            optional: true depth
+      segmentation/SCENE/frame_0001.png     optional: true instances, without names: label "segment"
+    """
+
+    Settings = SintelSettings
+
+    def __init__(self, settings: SintelSettings, root: Path | None) -> None:
+        self._scene, self._pass = settings.scene, settings.render_pass
+        self._training = (root if root is not None else Path.cwd()) / "training"
+        if not self._training.is_dir():
+            raise VfoaError(f"{self._training}: no such folder; expected MPI Sintel's stereo set, unpacked")
+        self._check_scene()
+        folder = self._path(f"{self._pass}_left", 1).parent
+        matches = (_NAME.fullmatch(path.name) for path in folder.iterdir())
+        self._frames = tuple(sorted(int(match[1]) for match in matches if match))
+        if not self._frames:
+            raise VfoaError(f"{folder}: no images; expected frame_0001.png and so on")
+        for kind, suffix in ((f"{self._pass}_right", "png"), ("camdata_left", "cam")):
+            self._check_complete(kind, suffix)
+
+    @classmethod
+    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+        """Each scene and pass at or below a path inside the set; a scene's folder is that scene and pass alone."""
+        training = next((each for each in (path / "training", path, *path.parents) if _is_training(each)), None)
+        if training is None:
+            return ()
+        kind, scene = (*path.relative_to(training).parts[:2], "", "")[:2] if path.is_relative_to(training) else ("", "")
+        return tuple(
+            Recognised(
+                root=training.parent,
+                source={"scene": folder.name, "pass": render_pass},
+                layout=f"MPI Sintel, scene {folder.name}, {render_pass} pass",
+                name=f"sintel_{folder.name}" + ("" if render_pass == "clean" else f"_{render_pass}"),
+                calibration="camdata_left, read for every frame",
+                licence=LICENCE,
+            )
+            for render_pass in ([kind.partition("_")[0]] if kind.partition("_")[0] in PASSES else PASSES)
+            for folder in sorted((training / f"{render_pass}_left").glob("*"))
+            if folder.is_dir() and scene in ("", folder.name)
+        )
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The film's numbers, from 1."""
+        return self._frames
+
+    @property
+    def rate_hz(self) -> float:
+        """The film's rate."""
+        return RATE_HZ
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """None: the official data has no peculiarity that a table must tell."""
+        return ()
+
+    def time_ns(self, number: int) -> int:
+        """In the film: its number over its rate."""
+        self._check_number(number)
+        return round(number * 1e9 / RATE_HZ)
+
+    def frame(self, number: int) -> StereoFrame:
+        """Read one pair and its camera."""
+        self._check_number(number)
+        left, right = read_pair(self._path(f"{self._pass}_left", number), self._path(f"{self._pass}_right", number))
+        camera = read_camera(self._path("camdata_left", number, "cam"))
+        fx, fy, cx, cy = (float(camera[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
+        rig = StereoRig(
+            width_px=left.shape[1],
+            height_px=left.shape[0],
+            fx_px=fx,
+            fy_px=fy,
+            cx_px=cx,
+            cy_px=cy,
+            baseline_m=BASELINE_M,
+            cx_right_px=cx,
+        )
+        return StereoFrame(index=number, time_ns=self.time_ns(number), left=left, right=right, rig=rig)
+
+    def truth(self, number: int) -> Truth:
+        """Disparity and instances, each where its file is there."""
+        self._check_number(number)
+        path = self._path("disparities", number)
+        disparity = self._fitting(read_sintel_disparity(path), path, number) if path.is_file() else None
+        return Truth(
+            disparity=None if disparity is None else Disparity(disparity_px=disparity),
+            instances=self._instances(number),
+            missing={
+                name: f"{path}: no such file; expected {part} of MPI Sintel (vfoa clips fetch sintel)"
+                for name, kind, part in _TRUTHS
+                if not (path := self._path(kind, number)).is_file()
+            },
+        )
+
+    def depth_m(self, number: int) -> Map | None:
+        """True depth (H, W) in metres; None where the depth set is not there."""
+        path = self._path("depth", number, "dpt")
+        return self._fitting(read_depth(path), path, number) if path.is_file() else None
+
+    def hidden(self, number: int) -> Mask | None:
+        """Pixels (H, W) of the left view that the right one does not see: occluded or out of its frame.
+
+        None where neither mask is there.
+        """
+        paths = [path for kind in ("occlusions", "outofframe") if (path := self._path(kind, number)).is_file()]
+        masks = [self._fitting(read_mask(path), path, number) for path in paths]
+        return np.logical_or.reduce(masks) if masks else None
+
+    def digest(self) -> str:
+        """Of the images' and cameras' bytes and the frames' numbers."""
+        kinds = ((f"{self._pass}_left", "png"), (f"{self._pass}_right", "png"), ("camdata_left", "cam"))
+        return digest_files(
+            (f"{number} {kind}", self._path(kind, number, suffix)) for number in self._frames for kind, suffix in kinds
+        )
+
+    def _path(self, kind: str, number: int, suffix: str = "png") -> Path:
+        return self._training / kind / self._scene / f"frame_{number:04d}.{suffix}"
+
+    def _check_scene(self) -> None:
+        views = self._training / f"{self._pass}_left"
+        if not views.is_dir():
+            raise VfoaError(f"{views}: no such folder; expected the {self._pass} pass of MPI Sintel's stereo set")
+        if not (views / self._scene).is_dir():
+            scenes = [path.name for path in views.iterdir() if path.is_dir()]
+            raise VfoaError(f"{views}: no scene {self._scene!r}; {did_you_mean(self._scene, scenes)}")
+
+    def _check_complete(self, kind: str, suffix: str) -> None:
+        missing = [path for number in self._frames if not (path := self._path(kind, number, suffix)).is_file()]
+        if missing:
+            raise VfoaError(
+                f"{missing[0]}: no such file, but {self._pass}_left has its frame "
+                f"({len(missing)} of {len(self._frames)} are missing); expected {_HOLDERS[suffix]} of MPI Sintel "
+                "(vfoa clips fetch sintel)"
+            )
+
+    def _check_number(self, number: int) -> None:
+        if number not in self._frames:
+            raise VfoaError(f"{self._scene}: no frame {number}; expected {self._frames[0]} to {self._frames[-1]}")
+
+    def _fitting(self, found: NDArray[Scalar], path: Path, number: int) -> NDArray[Scalar]:
+        """What is said of each pixel, if it is of the left image's size."""
+        left = self._path(f"{self._pass}_left", number)
+        width, height = png_size_px(left)
+        if found.shape != (height, width):
+            raise VfoaError(f"{path}: found {found.shape[1]} x {found.shape[0]} pixels, {left} has {width} x {height}")
+        return found
+
+    def _instances(self, number: int) -> Instances | None:
+        path = self._path("segmentation", number)
+        if not path.is_file():
+            return None
+        ids = self._fitting(relabel(read_segments(path), self._small_ids), path, number)
+        drawn = [int(each) for each in np.unique(ids) if each]
+        return Instances(
+            ids=ids,
+            instances=tuple(
+                Instance(id=each, label="segment", category_id=0, is_thing=True, score=1.0) for each in drawn
+            ),
+        )
+
+    @cached_property
+    def _small_ids(self) -> dict[int, int]:
+        """16-bit ids for the whole scene's segments, so that one thing has one id in every frame."""
+        paths = [path for number in self._frames if (path := self._path("segmentation", number)).is_file()]
+        every_id = (int(each) for path in paths for each in np.unique(read_segments(path)))
+        return small_ids(every_id, f"{self._training / 'segmentation' / self._scene}")
+
+
+def _is_training(folder: Path) -> bool:
+    return folder.name == "training" and any((folder / f"{each}_left").is_dir() for each in PASSES)

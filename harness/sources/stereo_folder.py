@@ -1,0 +1,194 @@
+"""Pairs of images or videos in files, and one calibration; unrectified pairs are rectified."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self
+
+from pydantic import Field, model_validator
+
+from harness.sources import Recognised, Truth
+from harness.sources.calibration import Calibration
+from harness.sources.calibration_files.options import Cameras, Options, Unit
+from harness.sources.calibration_files.read import read_cameras
+from harness.sources.calibration_files.scaling import scaled_to, scaling_note
+from harness.sources.rectification import Optics, optics
+from harness.sources.view_files import ViewFiles
+from vfoa.errors import VfoaError
+from vfoa.settings import Settings
+from vfoa.types import StereoFrame
+
+
+class CameraNumbers(Settings):
+    """A rectified pair in four numbers; fy is fx and both views share cx where nothing else is said."""
+
+    fx_px: float = Field(gt=0)
+    cx_px: float
+    cy_px: float
+    baseline_m: float = Field(gt=0)
+    fy_px: float | None = Field(default=None, gt=0)
+    cx_right_px: float | None = None
+
+    def calibration(self) -> Calibration:
+        """The same as a :class:`Calibration`."""
+        return Calibration(
+            fx_px=self.fx_px,
+            fy_px=self.fx_px if self.fy_px is None else self.fy_px,
+            cx_px=self.cx_px,
+            cy_px=self.cy_px,
+            cx_right_px=self.cx_px if self.cx_right_px is None else self.cx_right_px,
+            baseline_m=self.baseline_m,
+        )
+
+
+class StereoFolderSettings(ViewFiles):
+    """Where the views are, under the manifest's root, and how they were calibrated: a file or four numbers.
+
+    ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV). What such
+    files do not tell: which two of their ``calibration_cameras`` (KITTI (2, 3), Kalibr (0, 1) if unsaid), the
+    ``calibration_unit`` of their translation, the ``baseline_m`` (in place of the file's), that they are for
+    ``fisheye`` lenses, that the images are ``rectified`` already. Without ``rate_hz`` times are the video's, or those
+    in the names; images without either are a second apart.
+    """
+
+    calibration: str | tuple[str, str] | None = None
+    calibration_cameras: tuple[int, int] | None = None
+    calibration_unit: Unit = "m"
+    baseline_m: float | None = Field(default=None, gt=0)
+    fisheye: bool = False
+    rectified: bool = False
+    camera: CameraNumbers | None = None
+    rate_hz: float | None = Field(default=None, ge=1e-3, le=1e6)
+
+    @model_validator(mode="after")
+    def _one_calibration(self) -> Self:
+        if (self.calibration is None) == (self.camera is None):
+            found = "neither" if self.camera is None else "both"
+            raise ValueError(f"found {found}; expected either calibration (a file) or camera (four numbers)")
+        if self.camera is not None and self.baseline_m is not None:
+            raise ValueError("baseline_m: found it beside camera; expected camera.baseline_m alone")
+        if self.camera is not None and self.calibration_unit != "m":
+            raise ValueError(
+                f"calibration_unit: found {self.calibration_unit!r}; expected 'm', as camera.baseline_m has"
+            )
+        return self
+
+    def options(self) -> Options:
+        """What is said of the calibration's files."""
+        return Options(
+            cameras=self.calibration_cameras,
+            unit=self.calibration_unit,
+            fisheye=self.fisheye,
+            rectified=self.rectified,
+            baseline_m=self.baseline_m,
+        )
+
+
+class StereoFolderClip:
+    """A clip from numbered images (a frame's number is the digits in its name; gaps stay gaps) or from videos.
+
+    root/
+      left/000007.png     any image OpenCV reads; left and right are joined by number
+      right/000007.png    the same size
+      stereo.yml          what vfoa calibrate writes, or another file of calibration_files: pairs as the cameras
+                          saw them are rectified by it
+    """
+
+    Settings = StereoFolderSettings
+
+    def __init__(self, settings: StereoFolderSettings, root: Path | None) -> None:
+        self._settings = settings
+        self._folder = folder = root if root is not None else Path.cwd()
+        if not folder.is_dir():
+            raise VfoaError(f"{folder}: no such folder; expected the clip's root")
+        self._views = settings.views(folder)
+        self._cameras = self._read_cameras(folder)
+        self._fitted: Optics | None = None
+
+    @classmethod
+    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+        """Every layout of images or videos at a path, with the calibration files beside them."""
+        return cls.recognise_as(path, {})
+
+    @classmethod
+    def recognise_as(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
+        """The same, where the user has named files or said what a calibration does not tell."""
+        from harness.sources.stereo_recognition import recognise_stereo
+
+        return recognise_stereo(path, given)
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The numbers in the files' names, or places in the video from 0; ascending."""
+        return self._views.frames
+
+    @property
+    def rate_hz(self) -> float | None:
+        """As the manifest says, else as the files do."""
+        return self._settings.rate_hz or self._views.rate_hz
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was left out, and that a calibration of another resolution is scaled."""
+        try:
+            return (*self._views.notes, *scaling_note(self._cameras, self._size_px()))
+        except VfoaError:  # the first frame cannot be read, which whoever reads it is told
+            return self._views.notes
+
+    def time_ns(self, number: int) -> int:
+        """As the files say, else (or if the manifest says a rate) its number over the rate."""
+        if number not in self._numbers:
+            expected = f"{self.frames[0]} to {self.frames[-1]}"
+            raise VfoaError(f"{self._folder}: no frame {number}; expected {expected}")
+        stamp_ns = None if self._settings.rate_hz else self._views.time_ns(number)
+        return round(number * 1e9 / (self.rate_hz or 1.0)) if stamp_ns is None else stamp_ns
+
+    def frame(self, number: int) -> StereoFrame:
+        """Read one pair."""
+        time_ns = self.time_ns(number)
+        left, right = self._views.read(number)
+        try:
+            optics = self._optics((left.shape[1], left.shape[0]))
+            left, right = optics.rectify(left, right)
+            rig = optics.calibration.rig(left.shape[1], left.shape[0])
+        except VfoaError as error:
+            raise VfoaError(f"{self._views.where(number)}: {error}") from None
+        return StereoFrame(index=number, time_ns=time_ns, left=left, right=right, rig=rig)
+
+    def truth(self, number: int) -> Truth:
+        """Nothing is known."""
+        return Truth()
+
+    def digest(self) -> str:
+        """Of the files' bytes, the frames' numbers, the calibration, the rate and the unit of stamps."""
+        digest = hashlib.sha256(f"{self._views.digest()} {self.rate_hz} {self._settings.stamps} ".encode())
+        cameras = self._cameras
+        digest.update(
+            str(cameras).encode() if isinstance(cameras, Calibration) else cameras.left.key + cameras.right.key
+        )
+        return digest.hexdigest()
+
+    @cached_property
+    def _numbers(self) -> frozenset[int]:
+        return frozenset(self.frames)
+
+    def _optics(self, size_px: tuple[int, int]) -> Optics:
+        """For images of this size, computed for the first one that is read: a clip has one size."""
+        if self._fitted is None:
+            self._fitted = optics(scaled_to(self._cameras, size_px))
+        return self._fitted
+
+    def _read_cameras(self, folder: Path) -> Cameras:
+        settings = self._settings
+        if settings.camera is not None:
+            return settings.camera.calibration()
+        files = (settings.calibration,) if isinstance(settings.calibration, str) else settings.calibration
+        paths = [folder / file for file in files or ()]
+        return read_cameras(paths, self._size_px, settings.options())
+
+    def _size_px(self) -> tuple[int, int]:
+        left, _ = self._views.read(self.frames[0])
+        return left.shape[1], left.shape[0]

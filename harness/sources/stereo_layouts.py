@@ -1,0 +1,231 @@
+"""Which layouts of ``stereo_folder`` a path could have. For proposals: a manifest then says which one it is."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames
+from harness.sources.media.images import read_rgb
+from harness.sources.media.video import VIDEO_SUFFIXES, Video
+from harness.sources.side_names import numbered_views, pair_names
+from harness.sources.stereo_videos import PackedVideo, VideoPair
+from harness.sources.stereo_views import ImagePairs, PackedImages, Packing, Views
+from harness.sources.view_files import TICKS_NS, Layout, StampUnit, ViewFiles, find_sides
+from vfoa.errors import VfoaError
+from vfoa.types import Float, Image
+
+DEPTH = 3
+"""Folders below the path that are looked into: ``mav0/cam0/data``."""
+
+ALIKE = 0.25
+"""Least correlation of two halves that are taken for two views of one scene.
+
+Over nine real pairs (KITTI, chessboards close by, Sintel) the two views reach 0.28 to 0.89, halves of single views at
+most 0.21.
+"""
+
+_WIDTH = 96
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FoundLayout:
+    """One way to read a path as a stereo clip.
+
+    ``root`` and ``source`` (layout, left, right or both) are a manifest's. ``frames`` counts pairs, ``left_only`` and
+    ``right_only`` images without a partner; ``size_px`` (width, height) is of one view, ``rate_hz`` as the video says.
+    ``first_frame`` and ``last_frame`` are numbers.
+    """
+
+    root: Path
+    source: dict[str, str]
+    frames: int
+    first_frame: int
+    last_frame: int
+    left_only: int
+    right_only: int
+    size_px: tuple[int, int]
+    rate_hz: float | None
+
+    def __str__(self) -> str:
+        names = ", ".join(f"{key} {value!r}" for key, value in self.source.items() if key != "layout")
+        width, height = self.size_px
+        rate = "" if self.rate_hz is None else f", {self.rate_hz:g} Hz"
+        alone = [f"{n} only {side}" for side, n in (("left", self.left_only), ("right", self.right_only)) if n]
+        pairs = f"{self.frames} {'pair' if self.frames == 1 else 'pairs'}"
+        return f"{self.source['layout']}: {pairs} of {width} x {height}{rate} ({', '.join([names, *alone])})"
+
+
+def find_layouts(path: Path) -> tuple[FoundLayout, ...]:
+    """Every layout that the files at ``path`` (a folder, or one video or image) can be read by, most frames first.
+
+    Sides are told by names (:func:`harness.sources.side_names.pair_names`), two views in one file by halves that
+    look alike. Empty where nothing is found: a folder of single images is no stereo clip.
+
+    Raises
+    ------
+    VfoaError
+        If there is nothing at the path, it is a file that cannot be read, or the first pair of a layout cannot; of
+        videos, only where no images are a pair.
+    """
+    if not path.exists():
+        raise VfoaError(f"{path}: no such file or folder")
+    if path.is_file():
+        _check_readable(path)
+        return tuple(_packed(path.parent, path.name, path))
+    images, videos = _files_by_folder(path, IMAGE_SUFFIXES), _files_by_folder(path, VIDEO_SUFFIXES)
+    pairs = [*_pairs_of_folders(path, images), *_pairs_in_folders(path, images)]
+    try:
+        pairs += _video_pairs(path, videos)
+    except VfoaError:
+        if not pairs:
+            raise
+    found = pairs or [each for name, files in images.items() for each in _packed(path, name, path / files[0])]
+    lonely = [] if pairs else [file for files in videos.values() for file in files]
+    found += [each for file in lonely for each in _packed(path, file, path / file)]
+    return tuple(sorted(found, key=lambda each: (-each.frames, len(each.source.get("left", "")))))
+
+
+def _check_readable(path: Path) -> None:
+    if path.suffix.lower() in VIDEO_SUFFIXES:
+        Video(path).read(0)
+    else:
+        read_rgb(path)
+
+
+def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str]]:
+    """Files' paths under ``root``, sorted, by the folder that holds them; both as written in a manifest."""
+    found = {}
+    for folder, subfolders, files in os.walk(root):
+        relative = Path(folder).relative_to(root)
+        subfolders[:] = sorted(n for n in subfolders if not n.startswith(".") and len(relative.parts) < DEPTH)
+        # What vfoa calibrate shows beside its stereo.yml is a picture of a rectified pair, but no frame.
+        previews = {Path(name).stem + ".png" for name in files if Path(name).suffix == ".yml"}
+        names = sorted(
+            n for n in files if Path(n).suffix.lower() in suffixes and not n.startswith(".") and n not in previews
+        )
+        if names:
+            found[relative.as_posix()] = [(relative / name).as_posix() for name in names]
+    return found
+
+
+def _pairs_of_folders(root: Path, images: dict[str, list[str]]) -> Iterator[FoundLayout]:
+    for sides in pair_names(images, numbered=False):
+        yield from _pair_of_images(root, sides.left, sides.right)
+
+
+def _pairs_in_folders(root: Path, images: dict[str, list[str]]) -> Iterator[FoundLayout]:
+    for folder, files in images.items():
+        prefix = "" if folder == "." else f"{glob.escape(folder)}/"
+        for sides in pair_names([Path(file).name for file in files], numbered=True):
+            yield from _pair_of_images(root, sides.left, sides.right, prefix)
+        for left, right in numbered_views(Path(file).name for file in files):
+            yield from _pair_of_images(root, left, right, prefix)
+
+
+def _pair_of_images(root: Path, left: str, right: str, prefix: str = "") -> Iterator[FoundLayout]:
+    left, right = prefix + left, prefix + right
+    stamps: StampUnit | None = None
+    try:
+        lefts, rights = find_sides(root, left, right)
+        stamps = _stamps((*lefts, *rights))
+        views = ImagePairs(lefts, rights, TICKS_NS[stamps] if stamps else None)
+    except VfoaError as error:
+        if stamps is None:
+            return  # names that say a side but share no numbering are no pair
+        told = f"--set left={left} --set right={right} --set stamps={stamps} --set tolerance_ms=MS"
+        raise VfoaError(f"{root}: {error} ({told})") from None
+    alone = len(lefts.keys() - rights.keys()), len(rights.keys() - lefts.keys())
+    source = {"layout": "images", "left": left, "right": right} | ({"stamps": stamps} if stamps else {})
+    yield _found(root, source, views, alone)
+
+
+def images_below(root: Path) -> list[str]:
+    """Every image in a folder and the folders in it, by its path under the folder, sorted by folder."""
+    return [file for files in _files_by_folder(root, IMAGE_SUFFIXES).values() for file in files]
+
+
+def read_layout(root: Path, files: ViewFiles) -> FoundLayout:
+    """The layout of files that the user names; raises as their :meth:`ViewFiles.views` does."""
+    source = files.model_dump(mode="json", exclude_defaults=True, exclude={"stamps", "swap"})
+    views = files.views(root)
+    stamps = files.stamps
+    if files.layout == "images" and stamps is None and (stamps := _stamps(views.frames)):
+        source["stamps"] = stamps
+        views = files.model_copy(update={"stamps": stamps}).views(root)
+    return _found(root, {"layout": files.layout, **source}, views)
+
+
+def _stamps(frames: Iterable[int]) -> StampUnit | None:
+    """The unit of numbers that are times since 1970: today's have 13 digits in ms, 16 in us, 19 in ns."""
+    units: dict[int, StampUnit] = {13: "ms", 16: "us", 19: "ns"}
+    lengths = {len(str(number)) for number in frames}
+    return units.get(lengths.pop()) if len(lengths) == 1 else None
+
+
+def _video_pairs(root: Path, videos: dict[str, list[str]]) -> Iterator[FoundLayout]:
+    for sides in pair_names([file for files in videos.values() for file in files], numbered=False):
+        views = VideoPair(root / sides.left, root / sides.right)
+        yield _found(root, {"layout": "videos", "left": sides.left, "right": sides.right}, views)
+
+
+def _packed(root: Path, name: str, first: Path) -> Iterator[FoundLayout]:
+    """``name`` (a file, or a folder of images) as both views in one picture, the likelier packing first."""
+    packings: tuple[tuple[Packing, Layout, Layout], ...] = (
+        ("side_by_side", "images_side_by_side", "video_side_by_side"),
+        ("top_bottom", "images_top_bottom", "video_top_bottom"),
+    )
+    is_video = first.suffix.lower() in VIDEO_SUFFIXES
+    found = []
+    for packing, of_images, of_video in packings:
+        try:
+            views = PackedVideo(first, packing) if is_video else PackedImages(find_frames(root, name, name), packing)
+            likeness = _likeness(*views.read(views.frames[0]))
+        except VfoaError:
+            continue  # an odd width, or names without a number
+        if likeness >= ALIKE:
+            found.append((likeness, _found(root, {"layout": of_video if is_video else of_images, "both": name}, views)))
+    yield from (layout for _, layout in sorted(found, key=lambda each: -each[0]))
+
+
+def _found(root: Path, source: dict[str, str], views: Views, alone: tuple[int, int] = (0, 0)) -> FoundLayout:
+    left, _ = views.read(views.frames[0])
+    return FoundLayout(
+        root=root,
+        source=source,
+        frames=len(views.frames),
+        first_frame=views.frames[0],
+        last_frame=views.frames[-1],
+        left_only=alone[0],
+        right_only=alone[1],
+        size_px=(left.shape[1], left.shape[0]),
+        rate_hz=views.rate_hz,
+    )
+
+
+def _likeness(left: Image, right: Image) -> float:
+    """Greatest correlation of the two over horizontal shifts up to a quarter of the width; 0 where nothing is seen."""
+    views = [_small(view) for view in (left, right)]
+    width = views[0].shape[1]
+    shifts = range(width // 4 + 1)
+    return max(_correlation(views[0][:, shift:], views[1][:, : width - shift]) for shift in shifts)
+
+
+def _small(view: Image) -> Float:
+    height = max(1, round(view.shape[0] * _WIDTH / view.shape[1]))
+    gray = cv2.resize(cv2.cvtColor(view, cv2.COLOR_RGB2GRAY), (_WIDTH, height), interpolation=cv2.INTER_AREA)
+    small = gray.astype(np.float64)
+    # A bright sky over dark ground makes any two halves alike: what is the same along rows and columns is no sign.
+    return small - small.mean(axis=1, keepdims=True) - small.mean(axis=0, keepdims=True)
+
+
+def _correlation(first: Float, second: Float) -> float:
+    first, second = first - first.mean(), second - second.mean()
+    scale = float(np.sqrt((first**2).sum() * (second**2).sum()))
+    return float((first * second).sum()) / scale if scale > 0 else 0.0

@@ -1,0 +1,322 @@
+"""Recordings of a depth camera, written by other libraries: rosbags (.bag, .db3, MCAP) and Foxglove's SDK."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Literal
+
+import av
+import cv2
+import foxglove
+import numpy as np
+from foxglove.channels import CameraCalibrationChannel, CompressedVideoChannel, RawImageChannel
+from foxglove.messages import CameraCalibration, CompressedVideo, RawImage, Timestamp
+from numpy.typing import NDArray
+from rosbags.rosbag1 import Writer as BagWriter
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Bag2Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+Format = Literal["bag", "db3", "mcap", "db3 zstd file", "db3 zstd message"]
+FORMATS: tuple[Format, ...] = ("bag", "db3", "mcap")
+DepthForm = Literal["raw", "png", "rvl", "32FC1", "32FC1 png"]
+
+COLOUR, DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
+PACKET = """std_msgs/Header header
+int32 width
+int32 height
+string encoding
+uint64 pts
+uint8 flags
+bool is_bigendian
+uint8[] data"""
+EXTRINSICS = "std_msgs/Header header\nfloat64[9] rotation\nfloat64[3] translation"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lens:
+    """A camera's calibration message."""
+
+    width: int
+    height: int
+    fx: float
+    cx: float
+    cy: float
+    d: Sequence[float] = ()
+
+
+class Messages:
+    """Writes messages of cameras into one bag or recording of rosbags, whatever its format."""
+
+    def __init__(self, writer: Any, *, is_ros1: bool) -> None:
+        self._writer, self._is_ros1 = writer, is_ros1
+        self._store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+        self._store.register(get_types_from_msg(PACKET, "ffmpeg_image_transport_msgs/msg/FFMPEGPacket"))
+        self._store.register(get_types_from_msg(EXTRINSICS, "realsense2_camera_msgs/msg/Extrinsics"))
+        self._connections: dict[str, Any] = {}
+
+    def image(
+        self, topic: str, stamp_ns: int, pixels: NDArray[Any], encoding: str, frame: str = "optical", log_ns: int = 0
+    ) -> None:
+        self.write(
+            topic,
+            "sensor_msgs/msg/Image",
+            log_ns or stamp_ns,
+            header=self.header(stamp_ns, frame),
+            height=pixels.shape[0],
+            width=pixels.shape[1],
+            encoding=encoding,
+            is_bigendian=0,
+            step=pixels.nbytes // pixels.shape[0],
+            data=np.frombuffer(pixels.tobytes(), np.uint8),
+        )
+
+    def compressed(self, topic: str, stamp_ns: int, form: str, data: bytes, frame: str = "optical") -> None:
+        header = self.header(stamp_ns, frame)
+        content = np.frombuffer(data, np.uint8)
+        self.write(topic, "sensor_msgs/msg/CompressedImage", stamp_ns, header=header, format=form, data=content)
+
+    def packet(self, topic: str, stamp_ns: int, encoding: str, data: bytes, *, is_key: bool, log_ns: int) -> None:
+        self.write(
+            topic,
+            "ffmpeg_image_transport_msgs/msg/FFMPEGPacket",
+            log_ns,
+            header=self.header(stamp_ns, "optical"),
+            width=0,
+            height=0,
+            encoding=encoding,
+            pts=0,
+            flags=int(is_key),
+            is_bigendian=False,
+            data=np.frombuffer(data, np.uint8),
+        )
+
+    def camera(self, topic: str, stamp_ns: int, lens: Lens, frame: str = "optical") -> None:
+        k = np.array([lens.fx, 0, lens.cx, 0, lens.fx, lens.cy, 0, 0, 1.0])
+        p = np.insert(k.reshape(3, 3), 3, 0.0, axis=1).ravel()
+        matrices = {"d": np.array(lens.d, np.float64), "k": k, "r": np.eye(3).ravel(), "p": p}
+        roi = self._store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+        self.write(
+            topic,
+            "sensor_msgs/msg/CameraInfo",
+            stamp_ns,
+            header=self.header(stamp_ns, frame),
+            height=lens.height,
+            width=lens.width,
+            distortion_model="plumb_bob",
+            **{name.upper() if self._is_ros1 else name: value for name, value in matrices.items()},
+            binning_x=0,
+            binning_y=0,
+            roi=roi,
+        )
+
+    def transform(
+        self,
+        topic: str,
+        stamp_ns: int,
+        parent: str,
+        child: str,
+        translation: Sequence[float],
+        quaternion: Sequence[float],
+    ) -> None:
+        types = self._store.types
+        moved = types["geometry_msgs/msg/Transform"](
+            translation=types["geometry_msgs/msg/Vector3"](*map(float, translation)),
+            rotation=types["geometry_msgs/msg/Quaternion"](*map(float, quaternion)),
+        )
+        stamped = types["geometry_msgs/msg/TransformStamped"](
+            header=self.header(stamp_ns, parent), child_frame_id=child, transform=moved
+        )
+        self.write(topic, "tf2_msgs/msg/TFMessage", stamp_ns, transforms=[stamped])
+
+    def extrinsics(
+        self, topic: str, stamp_ns: int, rotation: NDArray[np.float64], translation: Sequence[float]
+    ) -> None:
+        self.write(
+            topic,
+            "realsense2_camera_msgs/msg/Extrinsics",
+            stamp_ns,
+            header=self.header(stamp_ns, ""),
+            rotation=rotation.T.ravel().copy(),
+            translation=np.array(translation, np.float64),
+        )
+
+    def header(self, stamp_ns: int, frame: str) -> Any:
+        stamp = self._store.types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
+        sequence = {"seq": 0} if self._is_ros1 else {}
+        return self._store.types["std_msgs/msg/Header"](**sequence, stamp=stamp, frame_id=frame)
+
+    def write(self, topic: str, kind: str, log_ns: int, **fields: Any) -> None:
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self._store)
+        message = self._store.types[kind](**fields)
+        serialize = self._store.serialize_ros1 if self._is_ros1 else self._store.serialize_cdr
+        self._writer.write(self._connections[topic], log_ns, serialize(message, kind))
+
+
+@contextmanager
+def messages(folder: Path, kind: Format, name: str = "take") -> Iterator[tuple[Path, Messages]]:
+    """A new recording in a folder: its path, and what writes into it."""
+    if kind == "bag":
+        path = folder / f"{name}.bag"
+        with BagWriter(path) as writer:
+            yield path, Messages(writer, is_ros1=True)
+        return
+    path = folder / f"{name}_{kind.replace(' ', '_')}"
+    plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+    bag = Bag2Writer(path, version=9, storage_plugin=plugin)
+    if "zstd" in kind:
+        mode = CompressionMode.FILE if kind.endswith("file") else CompressionMode.MESSAGE
+        bag.set_compression(mode, CompressionFormat.ZSTD)
+    with bag as writer:
+        yield path, Messages(writer, is_ros1=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shot:
+    """One frame of a depth camera: colour (H, W, 3) RGB, depth (H, W) uint16 millimetres."""
+
+    stamp_ns: int
+    colour: NDArray[np.uint8]
+    depth_mm: NDArray[np.uint16]
+    lens: Lens
+
+
+def write_take(folder: Path, kind: Format, shots: Iterable[Shot], depth: DepthForm = "raw", name: str = "take") -> Path:
+    """Colour and aligned depth under RealSense's names, calibrations with each image."""
+    with messages(folder, kind, name) as (path, write):
+        for shot in shots:
+            write.camera("/camera/color/camera_info", shot.stamp_ns, shot.lens)
+            write.image(COLOUR, shot.stamp_ns, shot.colour, "rgb8")
+            write_depth(write, shot, depth)
+    return path
+
+
+def write_depth(write: Messages, shot: Shot, form: DepthForm) -> None:
+    metres = shot.depth_mm.astype(np.float32) / 1000
+    if form == "raw":
+        write.image(DEPTH, shot.stamp_ns, shot.depth_mm, "16UC1")
+    elif form == "32FC1":
+        write.image(DEPTH, shot.stamp_ns, np.where(metres > 0, metres, np.float32(np.nan)), "32FC1")
+    else:
+        form_text, data = compressed_depth(shot.depth_mm, form)
+        write.compressed(f"{DEPTH}/compressedDepth", shot.stamp_ns, form_text, data)
+
+
+def compressed_depth(depth_mm: NDArray[np.uint16], form: DepthForm) -> tuple[str, bytes]:
+    """What ROS's compressed_depth_image_transport writes: the message's format and data."""
+    if form == "rvl":
+        head = struct.pack("<iff", 0, 0, 0) + struct.pack("<II", depth_mm.shape[1], depth_mm.shape[0])
+        return "16UC1; compressedDepth rvl", head + encode_rvl(depth_mm)
+    if form == "png":
+        return "16UC1; compressedDepth png", struct.pack("<iff", 0, 0, 0) + _png(depth_mm)
+    # 32FC1: inverse depth in 16 bits, as the transport quantises it up to 10 m
+    a = 100.0 * (100.0 + 1)
+    b = 1 - a / 10.0
+    metres = depth_mm.astype(np.float64) / 1000
+    with np.errstate(divide="ignore"):
+        counts = np.where((metres > 0) & (metres < 10.0), np.floor(a / metres + b), 0)
+    return "32FC1; compressedDepth png", struct.pack("<iff", 0, a, b) + _png(
+        np.clip(counts, 0, 65535).astype(np.uint16)
+    )
+
+
+def _png(counts: NDArray[np.uint16]) -> bytes:
+    done, coded = cv2.imencode(".png", counts)
+    assert done
+    return coded.tobytes()
+
+
+def encode_rvl(depth: NDArray[np.uint16]) -> bytes:
+    """RVL as its paper's listing writes it, number by number."""
+    values = depth.ravel().tolist()
+    nibbles: list[int] = []
+
+    def put(number: int) -> None:
+        while True:
+            nibble, number = number & 7, number >> 3
+            nibbles.append(nibble | 8 if number else nibble)
+            if not number:
+                return
+
+    at = previous = 0
+    while at < len(values):
+        first = at
+        while at < len(values) and values[at] == 0:
+            at += 1
+        put(at - first)
+        first = at
+        while at < len(values) and values[at] != 0:
+            at += 1
+        put(at - first)
+        for value in values[first:at]:
+            difference = value - previous
+            put((difference << 1) ^ (difference >> 31))
+            previous = value
+    nibbles += [0] * (-len(nibbles) % 8)
+    packed = np.array(nibbles, np.uint32).reshape(-1, 8) << np.arange(28, -4, -4, dtype=np.uint32)
+    return packed.sum(axis=1, dtype=np.uint32).astype("<u4").tobytes()
+
+
+Coder = Literal["libx264", "libx265", "libvpx-vp9", "libsvtav1"]
+
+
+@dataclass
+class Encoder:
+    """Encodes images into packets, one per image, in the order of their numbers."""
+
+    coder: Coder
+    width: int
+    height: int
+    options: dict[str, str] = field(default_factory=dict)
+    gop: int = 10
+
+    def packets(self, images: Sequence[NDArray[np.uint8]]) -> list[tuple[int, bytes, bool]]:
+        """(number of the image, data, whether it is a key frame) in the order of decoding."""
+        context: Any = av.CodecContext.create(self.coder, "w")
+        context.width, context.height, context.pix_fmt = self.width, self.height, "yuv420p"
+        context.time_base, context.framerate, context.gop_size = Fraction(1, 25), Fraction(25), self.gop
+        context.options = self.options
+        found: list[Any] = []
+        for number, image in enumerate(images):
+            frame = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame.pts = number
+            found += context.encode(frame)
+        found += context.encode(None)
+        return [(packet.pts, bytes(packet), packet.is_keyframe) for packet in found]
+
+
+CODERS: dict[str, tuple[Coder, dict[str, str]]] = {
+    "h264": ("libx264", {"preset": "ultrafast", "tune": "zerolatency", "crf": "12"}),
+    "h265": ("libx265", {"preset": "ultrafast", "x265-params": "log-level=error:bframes=0:crf=12", "crf": "12"}),
+    "vp9": ("libvpx-vp9", {"deadline": "realtime", "lag-in-frames": "0", "crf": "15", "b": "0", "cpu-used": "8"}),
+    "av1": ("libsvtav1", {"preset": "12", "crf": "15", "svtav1-params": "pred-struct=1:lookahead=0"}),
+}
+"""Coders by Foxglove's names, with options for no delay and high quality."""
+
+
+def write_video_take(path: Path, codec: str, packets: Sequence[tuple[int, bytes, bool]], shots: Sequence[Shot]) -> Path:
+    """Colour as packets of a video and aligned depth, by Foxglove's SDK (protobuf), under Azure Kinect's names."""
+    context = foxglove.Context()
+    with foxglove.open_mcap(path, context=context):
+        video = CompressedVideoChannel("/rgb/video", context=context)
+        raw = RawImageChannel("/depth_to_rgb/image", context=context)
+        info = CameraCalibrationChannel("/rgb/calibration", context=context)
+        for number, data, _ in packets:
+            shot = shots[number]
+            lens, stamp_ns = shot.lens, shot.stamp_ns
+            seconds, nanoseconds = divmod(stamp_ns, 10**9)
+            head: dict[str, Any] = {"timestamp": Timestamp(sec=seconds, nsec=nanoseconds), "frame_id": "rgb"}
+            size = {"width": lens.width, "height": lens.height}
+            k = [lens.fx, 0, lens.cx, 0, lens.fx, lens.cy, 0, 0, 1]
+            r, p = [1.0, 0, 0, 0, 1, 0, 0, 0, 1], [0.0] * 12
+            info.log(CameraCalibration(**head, **size, K=k, R=r, P=p), log_time=stamp_ns)
+            video.log(CompressedVideo(**head, data=data, format=codec), log_time=stamp_ns)
+            pixels = {"encoding": "16UC1", "step": 2 * lens.width, "data": shot.depth_mm.tobytes()}
+            raw.log(RawImage(**head, **size, **pixels), log_time=stamp_ns)
+    return path

@@ -1,0 +1,131 @@
+"""Measurements from tables: what is read, from CSV and Parquet, and what is refused with its place."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pyarrow import csv, parquet
+from scipy.spatial.transform import Rotation
+
+from harness.sources.contract import check_contract
+from tests.measured import ANNA, BEN, OBJECTS_HEADER, PEOPLE_HEADER, measured_tables, open_measured
+from vfoa.errors import VfoaError
+from vfoa.geometry import unit
+from vfoa.types import Scene
+
+
+def _boxes(scene: Scene, clip: object) -> dict[str, tuple[list[float], list[float]]]:
+    names = {number: name for name, number in {**clip.people, **clip.objects}.items()}  # type: ignore[attr-defined]
+    return {
+        names[each.instance.id]: (each.box.center_m.tolist(), (2 * each.box.half_size_m).tolist())
+        for each in scene.targets
+        if each.box is not None
+    }
+
+
+def test_people_objects_and_cues_stand_where_the_tables_say(tmp_path: Path) -> None:
+    clip = open_measured("measured", measured_tables(tmp_path), objects_file="objects.csv")
+    assert (clip.people, clip.objects) == ({"anna": 1, "ben": 2}, {"robot": 3, "cup": 4})
+    assert clip.rate_hz == pytest.approx(25)
+    scene = clip.scene(12)
+    assert _boxes(scene, clip) == {
+        "anna": (ANNA.tolist(), [0.18, 0.25, 0.2]),
+        "ben": (BEN.tolist(), [0.18, 0.25, 0.2]),
+        "robot": ([0.0, 0.0, 0.0], [0.3, 0.3, 0.3]),
+        "cup": ([0.05 * 11, 0.4, 0.9], [0.1, 0.1, 0.1]),
+    }
+    anna, ben = scene.people
+    assert anna.view.gaze is not None
+    assert anna.view.head_pose is not None
+    np.testing.assert_array_equal(anna.view.gaze.direction, unit(-ANNA))
+    assert (anna.view.head_pose.sigma_rad, anna.view.gaze.sigma_rad) == (math.radians(5), math.radians(8))
+    assert ben.view.gaze is None
+
+
+def test_parquet_holds_the_same_clip(tmp_path: Path) -> None:
+    folder = measured_tables(tmp_path)
+    for name in ("people", "objects"):
+        parquet.write_table(csv.read_csv(folder / f"{name}.csv"), folder / f"{name}.parquet")
+    ours = open_measured("measured", folder, objects_file="objects.csv")
+    theirs = open_measured("measured", folder, people_file="people.parquet", objects_file="objects.parquet")
+    assert theirs.frames == ours.frames
+    assert all(repr(theirs.scene(number)) == repr(ours.scene(number)) for number in ours.frames)
+
+
+def test_a_blank_person_is_a_frame_in_which_nobody_was_seen(tmp_path: Path) -> None:
+    (tmp_path / "people.csv").write_text("frame,time_s,person,x_m,y_m,z_m\n1,0.5,anna,0,0,1\n2,0.75,,,,\n")
+    clip = open_measured("measured", tmp_path, objects={"lamp": {"center_m": [0, -1, 2]}})
+    assert [len(clip.scene(number).people) for number in clip.frames] == [1, 0]
+    assert (clip.time_ns(1), clip.time_ns(2)) == (500_000_000, 750_000_000)
+    assert _boxes(clip.scene(2), clip) == {"lamp": ([0, -1, 2], [0.1, 0.1, 0.1])}
+    check_contract(clip)
+
+
+def test_an_object_with_a_person_s_name_is_that_person_s_box(tmp_path: Path) -> None:
+    (tmp_path / "people.csv").write_text("frame,time_ns,person,x_m,y_m,z_m\n1,0,anna,0,0,1\n")
+    (tmp_path / "objects.csv").write_text(f"{OBJECTS_HEADER}\n1,anna,,0,0.5,1,0.5,1.6,0.3\n")
+    clip = open_measured("measured", tmp_path, objects_file="objects.csv")
+    assert clip.objects == {}
+    assert _boxes(clip.scene(1), clip) == {"anna": ([0, 0.5, 1], [0.5, 1.6, 0.3])}
+    (target,) = clip.scene(1).targets
+    assert target.instance.label == "person"
+
+
+@given(turn=st.tuples(*[st.floats(-3, 3)] * 3).filter(any))
+def test_a_quaternion_turns_the_box_s_axes_into_the_camera_s(tmp_path: Path, turn: tuple[float, float, float]) -> None:
+    rotation = Rotation.from_rotvec(turn)
+    quaternion = ",".join(map(repr, map(float, rotation.as_quat())))
+    (tmp_path / "people.csv").write_text("frame,time_ns,person,x_m,y_m,z_m\n1,0,anna,0,0,1\n")
+    header = "frame,object,x_m,y_m,z_m,size_x_m,size_y_m,size_z_m,qx,qy,qz,qw"
+    (tmp_path / "objects.csv").write_text(f"{header}\n,door,0,0,2,1,2,0.1,{quaternion}\n")
+    clip = open_measured("measured", tmp_path, objects_file="objects.csv")
+    door = clip.scene(1).targets[1].box
+    assert door is not None
+    np.testing.assert_allclose(door.left_from_box @ [0, 0, 1], rotation.apply([0, 0, 1]), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("people", "objects", "place"),
+    [
+        ("1,0,anna,0,0,1,0,0,2,,,,,", "", r"people.csv:2: head_x, head_y, head_z: .* length 2"),
+        ("1,0,anna,0,0,1,0,0,1,-3,,,,", "", r"people.csv:2: head_sigma: .* at least 0"),
+        ("1,0,anna,0,,1,,,,,,,,", "", r"people.csv:2: y_m: found nothing"),
+        ("1,,anna,0,0,1,,,,,,,,", "", r"people.csv:2: found no time"),
+        ("1,0,anna,0,0,1,,,,,,,,\n1,0,anna,0,0,2,,,,,,,,", "", r"people.csv:3: .* twice"),
+        ("1,0,anna,0,0,1,,,,,,,,\n1,9,ben,0,0,2,,,,,,,,", "", r"people.csv:3: frame 1: found two times"),
+        ("1,9,anna,0,0,1,,,,,,,,\n2,9,ben,0,0,2,,,,,,,,", "", r"frame 2: its time is not after"),
+        ("", "", r"people.csv: no frames"),
+        ("1,0,anna,0,0,1,,,,,,,,", "2,cup,cup,0,0,1,,,", r"objects.csv:2: frame 2: not in the table of people"),
+        ("1,0,anna,0,0,1,,,,,,,,", "1,cup,cup,0,0,1,0,1,1", r"objects.csv:2: .*positive half sizes"),
+        ("1,0,anna,0,0,1,,,,,,,,", "1,cup,cup,,,,,,", r"objects.csv:2: x_m: found nothing"),
+        ("1,0,anna,0,0,1,,,,,,,,", ",cup,cup,0,0,1,,,\n,cup,cup,0,0,2,,,", r"objects.csv:3: .* twice"),
+    ],
+)
+def test_a_mistake_is_named_with_its_place(tmp_path: Path, people: str, objects: str, place: str) -> None:
+    (tmp_path / "people.csv").write_text(f"{PEOPLE_HEADER}\n{people}\n")
+    (tmp_path / "objects.csv").write_text(f"{OBJECTS_HEADER}\n{objects}\n")
+    with pytest.raises(VfoaError, match=place):
+        open_measured("measured", tmp_path, objects_file="objects.csv")
+
+
+def test_an_object_has_one_category(tmp_path: Path) -> None:
+    (tmp_path / "people.csv").write_text("frame,time_ns,person,x_m,y_m,z_m\n1,0,anna,0,0,1\n2,1,anna,0,0,1\n")
+    (tmp_path / "objects.csv").write_text(f"{OBJECTS_HEADER}\n1,it,cup,0,0,1,,,\n2,it,mug,0,0,1,,,\n")
+    clip = open_measured("measured", tmp_path, objects_file="objects.csv")
+    with pytest.raises(VfoaError, match="'it': found the categories 'cup' and 'mug'"):
+        clip.scene(1)
+
+
+def test_a_file_that_is_no_parquet_is_named(tmp_path: Path) -> None:
+    (tmp_path / "people.parquet").write_bytes(b"PAR1 or not")
+    with pytest.raises(VfoaError, match=r"people.parquet: not Parquet"):
+        open_measured("measured", tmp_path, people_file="people.parquet")
+    parquet.write_table(pa.table({"frame": [1], "mood": ["fine"]}), tmp_path / "people.parquet")
+    with pytest.raises(VfoaError, match=r"no column 'mood'"):
+        open_measured("measured", tmp_path, people_file="people.parquet")

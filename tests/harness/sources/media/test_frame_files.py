@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from harness.sources.media.frame_files import find_frames, number_names, printf_name
+from tests.disk import write_text
+from vfoa.errors import VfoaError
+
+
+def _touch(root: Path, *names: str) -> Path:
+    for name in names:
+        write_text(root / name, "")
+    return root
+
+
+def test_numbers_sort_as_numbers_and_keep_their_gaps(tmp_path: Path) -> None:
+    _touch(tmp_path, "left/f10.png", "left/f9.png", "left/f2.png", "left/readme.txt")
+    assert list(find_frames(tmp_path, "left", "left")) == [2, 9, 10]
+
+
+@pytest.mark.parametrize("pattern", ["left_*.png", "left_%04d.png", "left_%d.png"])
+def test_globs_and_patterns_pick_their_files(tmp_path: Path, pattern: str) -> None:
+    _touch(tmp_path, "left_0007.png", "left_0012.png", "right_0007.png")
+    found = find_frames(tmp_path, pattern, "left")
+    assert {number: path.name for number, path in found.items()} == {7: "left_0007.png", 12: "left_0012.png"}
+
+
+def test_the_number_is_the_one_that_differs() -> None:
+    names = ["cam2_000005_10.png", "cam2_000006_10.png"]
+    assert number_names(names, "left") == {5: names[0], 6: names[1]}
+
+
+def test_a_single_file_without_a_number_is_frame_0(tmp_path: Path) -> None:
+    assert list(find_frames(_touch(tmp_path, "left.png"), "left.png", "left")) == [0]
+
+
+def test_two_numbers_that_differ_are_ambiguous() -> None:
+    with pytest.raises(VfoaError, match="left: 2 numbers differ"):
+        number_names(["000005_10.png", "000006_11.png"], "left")
+
+
+@pytest.mark.parametrize("names", [["a.png", "b.png"], ["f1.png", "f.png"], ["f1.png", "f1_2.png"]])
+def test_names_without_a_shared_numbering_are_refused(names: list[str]) -> None:
+    with pytest.raises(VfoaError, match="do not share one numbering"):
+        number_names(names, "left")
+
+
+@pytest.mark.parametrize("names", [["f1.png", "f01.png"], ["f1.png", "f1.jpg"]])
+def test_one_frame_in_two_files_is_refused(tmp_path: Path, names: list[str]) -> None:
+    _touch(tmp_path, *names, "f2.png")
+    with pytest.raises(VfoaError, match="frame 1 is there twice"):
+        find_frames(tmp_path, "f*", "left")
+
+
+@pytest.mark.parametrize("pattern", ["nothing", "*.jpg", "x_%04d.png", "", "%d_%d.png"])
+def test_a_pattern_without_a_frame_is_named(tmp_path: Path, pattern: str) -> None:
+    with pytest.raises(VfoaError, match=r"^clip\.toml: source\.left: "):
+        find_frames(tmp_path, pattern, "clip.toml: source.left")
+
+
+def test_a_pattern_gives_back_the_name_it_read() -> None:
+    assert printf_name("left/%06d_a.png", 42) == "left/000042_a.png"
+    assert printf_name("%d.npy", 7) == "7.npy"
+
+
+def test_what_macos_leaves_beside_each_file_is_no_frame(tmp_path: Path) -> None:
+    _touch(tmp_path, *(f"left/{hidden}{n}.png" for hidden in ("", "._") for n in (1, 2)))
+    for pattern in ("left", "left/*.png"):
+        assert [path.name for path in find_frames(tmp_path, pattern, "left").values()] == ["1.png", "2.png"]
+
+
+@pytest.mark.parametrize("name", ["pair[1].png", "pair%d.png", "p*r.png", "ü\n1.png"])
+def test_a_file_s_own_name_is_that_file(tmp_path: Path, name: str) -> None:
+    (found,) = find_frames(_touch(tmp_path, name, "pair1.png"), name, "both").values()
+    assert found.name == name
+
+
+def test_a_number_that_nothing_can_count_to_is_refused(tmp_path: Path) -> None:
+    _touch(tmp_path, "f1.png", f"f{2**63}.png")
+    with pytest.raises(VfoaError, match=rf"left: .*the frame number {2**63} is too large; expected at most"):
+        find_frames(tmp_path, "f*.png", "left")

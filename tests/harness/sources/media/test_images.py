@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from PIL import Image
+
+from harness.sources.media.images import read_raw, read_rgb
+from tests.disk import picture, write_bytes, write_image
+from vfoa.errors import VfoaError
+
+
+def test_colours_come_as_rgb(tmp_path: Path) -> None:
+    image = picture(0)
+    assert np.array_equal(read_rgb(write_image(tmp_path / "a.png", image)), image)
+    assert np.array_equal(read_raw(tmp_path / "a.png"), image)
+
+
+def test_gray_and_16_bit_images_become_8_bit_rgb(tmp_path: Path) -> None:
+    gray = picture(1)[..., 0]
+    expected = np.repeat(gray[..., None], 3, axis=2)
+    assert np.array_equal(read_rgb(write_image(tmp_path / "gray.png", gray)), expected)
+    assert np.array_equal(read_rgb(write_image(tmp_path / "deep.png", gray.astype(np.uint16) << 8)), expected)
+
+
+def test_raw_values_keep_their_16_bits(tmp_path: Path) -> None:
+    deep = np.arange(12, dtype=np.uint16).reshape(3, 4) * 5000
+    assert np.array_equal(read_raw(write_image(tmp_path / "deep.png", deep)), deep)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_raw_colours_come_as_rgb_without_their_alpha(tmp_path: Path, dtype: type[np.unsignedinteger]) -> None:
+    rgb = picture(0).astype(dtype)
+    assert cv2.imwrite(str(tmp_path / "a.png"), np.dstack([rgb[..., ::-1], np.full(rgb.shape[:2], 7, dtype)]))
+    found = read_raw(tmp_path / "a.png")
+    assert found.dtype == dtype
+    assert np.array_equal(found, rgb)
+
+
+def test_colours_of_other_depths_are_one_clear_error(tmp_path: Path) -> None:
+    assert cv2.imwrite(str(tmp_path / "deep.tiff"), np.zeros((3, 4, 3), np.float64))
+    with pytest.raises(VfoaError, match=r"deep\.tiff: found 3 channels of float64; expected .* 8 or 16 bits"):
+        read_raw(tmp_path / "deep.tiff")
+
+
+@given(share=st.floats(0, 1, exclude_max=True))
+def test_a_png_cut_anywhere_is_one_clear_error(tmp_path: Path, share: float) -> None:
+    whole = write_image(tmp_path / "whole.png", picture(2)).read_bytes()
+    cut = write_bytes(tmp_path / "cut.png", whole[: int(share * len(whole))])
+    with pytest.raises(VfoaError, match=r"cut\.png: ") as error:
+        read_rgb(cut)
+    assert "\n" not in str(error.value)
+
+
+@given(share=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+def test_a_flipped_bit_of_a_png_is_found(tmp_path: Path, share: float, bit: int) -> None:
+    data = bytearray(write_image(tmp_path / "whole.png", picture(3)).read_bytes())
+    data[int(share * len(data))] ^= 1 << bit
+    with pytest.raises(VfoaError, match=r"flip\.png: "):
+        read_rgb(write_bytes(tmp_path / "flip.png", bytes(data)))
+
+
+def test_a_cut_jpeg_is_found(tmp_path: Path) -> None:
+    data = write_image(tmp_path / "whole.jpg", picture(4, 200, 150)).read_bytes()
+    assert read_rgb(tmp_path / "whole.jpg").shape == (150, 200, 3)
+    with pytest.raises(VfoaError, match="truncated JPEG"):
+        read_rgb(write_bytes(tmp_path / "cut.jpg", data[: len(data) // 2]))
+
+
+def test_what_a_camera_s_buffer_has_behind_a_jpeg_is_no_cut(tmp_path: Path) -> None:
+    data = write_image(tmp_path / "whole.jpg", picture(4)).read_bytes()
+    assert np.array_equal(
+        read_rgb(write_bytes(tmp_path / "more.jpg", data + bytes(5000))), read_rgb(tmp_path / "whole.jpg")
+    )
+    with pytest.raises(VfoaError, match="truncated JPEG"):
+        read_rgb(write_bytes(tmp_path / "cut.jpg", data[: len(data) // 2] + bytes(5000)))
+
+
+@pytest.mark.parametrize(("content", "message"), [(b"", "empty"), (b"no image at all", "not a readable image")])
+def test_what_is_no_image_is_named(tmp_path: Path, content: bytes, message: str) -> None:
+    with pytest.raises(VfoaError, match=rf"x\.png: .*{message}"):
+        read_rgb(write_bytes(tmp_path / "x.png", content))
+
+
+def test_a_missing_file_and_a_folder_are_named(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"gone\.png: no such file"):
+        read_rgb(tmp_path / "gone.png")
+    with pytest.raises(VfoaError, match="cannot be read"):
+        read_rgb(tmp_path)
+
+
+def _jpeg(**how: object) -> bytes:
+    noise = np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(cv2.GaussianBlur(noise, (0, 0), 2)).save(file, "jpeg", quality=90, **how)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("how", [{}, {"optimize": True}])
+def test_zeros_inside_a_jpeg_are_found(tmp_path: Path, how: dict[str, object]) -> None:
+    whole = _jpeg(**how)
+    middle = len(whole) // 2
+    damaged = whole[:middle] + bytes(500) + whole[middle + 500 :]
+    assert read_rgb(write_bytes(tmp_path / "whole.jpg", whole)).shape == (240, 320, 3)
+    with pytest.raises(VfoaError, match=r"damaged\.jpg: damaged JPEG: zeros in its compressed data from byte \d+ of"):
+        read_rgb(write_bytes(tmp_path / "damaged.jpg", damaged))
+
+
+@pytest.mark.parametrize("optimize", [False, True])
+def test_a_flat_jpeg_is_not_damaged(tmp_path: Path, optimize: bool) -> None:
+    file = io.BytesIO()
+    Image.fromarray(np.zeros((480, 640, 3), np.uint8)).save(file, "jpeg", optimize=optimize)
+    assert not read_rgb(write_bytes(tmp_path / "flat.jpg", file.getvalue())).any()
+
+
+@pytest.mark.parametrize("suffix", ["tiff", "jpg", "png"])
+def test_the_rotation_that_a_camera_notes_is_ignored(tmp_path: Path, suffix: str) -> None:
+    picture = Image.fromarray(np.zeros((4, 8, 3), np.uint8))
+    exif = picture.getexif()
+    exif[0x0112] = 6
+    picture.save(tmp_path / f"a.{suffix}", exif=exif)
+    assert read_rgb(tmp_path / f"a.{suffix}").shape == (4, 8, 3)
+    assert read_raw(tmp_path / f"a.{suffix}").shape == (4, 8, 3)

@@ -1,0 +1,523 @@
+"""One rig, written as different programs would; every file must give the same rectified pair."""
+
+from __future__ import annotations
+
+import codecs
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from harness.sources.calibration import Calibration
+from harness.sources.calibration_files.find import find_calibrations
+from harness.sources.calibration_files.options import Options
+from harness.sources.calibration_files.pose import Lens, rectify_pose
+from harness.sources.calibration_files.read import read_cameras
+from harness.sources.rectification import RawCalibration, RawCamera, Rectifier
+from tests import calibrations
+from tests.calibrations import RIG, SIZE, Rig, opencv_nodes, rectification, write_opencv, write_yaml
+from tests.disk import write_text
+from vfoa.errors import VfoaError
+from vfoa.types import Float
+
+SPELLED = {"K1": "cameraMatrix1", "D1": "distCoeffs1", "K2": "cameraMatrix2", "D2": "distCoeffs2", "R": "R", "T": "T"}
+SIDED = {"K1": "camera_matrix_left", "D1": "dist_left", "K2": "camera_matrix_right", "D2": "dist_right"}
+FISHEYE = replace(
+    RIG, model="equidistant", d=(np.array([0.02, -0.01, 0.004, -0.001]), np.array([0.025, -0.008, 0.003, -0.002]))
+)
+
+
+def _size() -> tuple[int, int]:
+    return SIZE
+
+
+def _renamed(nodes: dict[str, Float], names: dict[str, str]) -> dict[str, Float]:
+    return {names.get(name, name): value for name, value in nodes.items()}
+
+
+def _sample(root: Path) -> list[Path]:
+    """The two files of OpenCV's own stereo calibration sample; neither tells the size."""
+    nodes = _renamed(opencv_nodes(RIG), {"K1": "M1", "K2": "M2"})
+    inner = {name: value for name, value in nodes.items() if name[-1] in "12"}
+    outer = {"R": nodes["R"], "T": nodes["T"], **rectification(RIG), "Q": np.eye(4)}
+    return [write_opencv(root / "intrinsics.yml", inner), write_opencv(root / "extrinsics.yml", outer)]
+
+
+def _lists(root: Path) -> list[Path]:
+    nodes = {name: value.tolist() for name, value in opencv_nodes(RIG).items()}
+    return [write_yaml(root / "c.yaml", {**nodes, "image_size": list(SIZE), "rms": 0.3})]
+
+
+FORMATS: dict[str, Callable[[Path], list[Path]]] = {
+    "opencv yaml": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG), SIZE)],
+    "opencv xml": lambda root: [write_opencv(root / "c.xml", _renamed(opencv_nodes(RIG), SPELLED))],
+    "opencv by sides": lambda root: [write_opencv(root / "c.yml", _renamed(opencv_nodes(RIG), SIDED), SIZE)],
+    "opencv rectified": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | rectification(RIG), SIZE)],
+    "opencv's sample": _sample,
+    "rotation vector": lambda root: [write_opencv(root / "c.yml", opencv_nodes(RIG) | {"R": RIG.rotation_vector})],
+    "plain lists": _lists,
+    "ros": lambda root: calibrations.write_ros(root, RIG),
+    "kalibr": lambda root: [calibrations.write_kalibr(root / "camchain.yaml", RIG)],
+    "zed": lambda root: [calibrations.write_zed(root / "SN1.conf", RIG)],
+}
+
+
+def _raw(paths: list[Path], options: Options = Options()) -> RawCalibration:  # noqa: B008
+    cameras = read_cameras(paths, _size, options)
+    assert isinstance(cameras, RawCalibration)
+    return cameras
+
+
+def _rectified_points(camera: RawCamera, pixels: Float) -> Float:
+    """Where pixels (N, 2) lie after rectification."""
+    undistort = cv2.fisheye.undistortPoints if camera.model == "equidistant" else cv2.undistortPoints
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-12)
+    found = undistort(pixels[:, None], camera.k, camera.d, R=camera.r, P=camera.p, criteria=stop)
+    return np.asarray(found[:, 0], dtype=np.float64)
+
+
+def _assert_rows_match_and_depths_come_back(cameras: RawCalibration, rig: Rig, points: Float) -> None:
+    left, right = (
+        _rectified_points(camera, pixels)
+        for camera, pixels in zip((cameras.left, cameras.right), rig.project(points), strict=True)
+    )
+    calibration = cameras.rectified()
+    depth = (points @ cameras.left.r.T)[:, 2]
+    disparity = left[:, 0] - right[:, 0] + calibration.cx_right_px - calibration.cx_px
+    assert np.abs(left[:, 1] - right[:, 1]).max() < 1e-3
+    assert np.abs(disparity - calibration.fx_px * calibration.baseline_m / depth).max() < 1e-3
+
+
+def _points(seed: int, count: int = 40) -> Float:
+    """Points within half a metre of the axis, one to five metres away."""
+    random = np.random.default_rng(seed)
+    depth = random.uniform(1, 5, (count, 1))
+    return np.hstack([random.uniform(-0.4, 0.4, (count, 2)) * depth, depth])
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_gives_the_same_rectified_pair(tmp_path: Path, name: str) -> None:
+    found = _raw(FORMATS[name](tmp_path)).rectified()
+    expected = rectification(RIG)
+    assert found.baseline_m == pytest.approx(np.linalg.norm(RIG.translation_m), rel=1e-6)
+    assert (found.fx_px, found.cx_px, found.cy_px) == pytest.approx(expected["P1"][[0, 0, 1], [0, 2, 2]], rel=1e-6)
+    assert (found.cx_right_px, found.size_px) == (pytest.approx(found.cx_px), SIZE)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_gives_the_same_lenses(tmp_path: Path, name: str) -> None:
+    """Later coefficients are 0."""
+    cameras = _raw(FORMATS[name](tmp_path))
+    for camera, k, d in zip((cameras.left, cameras.right), RIG.k, RIG.d, strict=True):
+        np.testing.assert_allclose(camera.k, k)
+        np.testing.assert_allclose(camera.d, [*d, 0][: len(camera.d)])
+        assert camera.model == "plumb_bob"
+
+
+@pytest.mark.parametrize("name", ["opencv yaml", "opencv xml", "zed"])
+def test_a_suffix_may_be_in_capitals(tmp_path: Path, name: str) -> None:
+    (path,) = FORMATS[name](tmp_path)
+    expected = _raw([path]).rectified()
+    loud = path.rename(path.with_suffix(path.suffix.upper()))
+    assert _raw([loud]).rectified() == expected
+    assert [each.source for each in find_calibrations(tmp_path, _size)] == [{"calibration": loud.name}]
+
+
+@pytest.mark.parametrize("suffix", ["yml", "xml"])
+def test_a_size_that_the_file_tells_is_not_asked_of_the_images(tmp_path: Path, suffix: str) -> None:
+    path = write_opencv(tmp_path / f"c.{suffix}", opencv_nodes(RIG), SIZE)
+    cameras = read_cameras([path], lambda: pytest.fail("asked"), Options())
+    assert isinstance(cameras, RawCalibration)
+    assert cameras.left.size_px == SIZE
+
+
+@pytest.mark.parametrize("suffix", ["yml", "xml"])
+def test_numbers_that_are_none_do_no_harm_where_nobody_reads_them(tmp_path: Path, suffix: str) -> None:
+    errors = np.array([[np.nan, np.inf, -np.inf]])
+    path = write_opencv(tmp_path / f"c.{suffix}", opencv_nodes(RIG) | {"errors": errors}, SIZE)
+    assert _raw([path]).rectified().size_px == SIZE
+    path = write_opencv(tmp_path / f"c.{suffix}", opencv_nodes(RIG) | {"T": errors.T}, SIZE)
+    with pytest.raises(VfoaError, match=r"T: found 3 numbers; expected 3 finite numbers|T: .* finite"):
+        read_cameras([path], _size)
+
+
+@pytest.mark.parametrize("rig", [RIG, FISHEYE], ids=["plumb bob", "fisheye"])
+def test_a_rectified_pair_shows_only_what_both_cameras_saw(rig: Rig) -> None:
+    """A white world leaves no black border."""
+    bent = tuple(np.array([-0.15, 0.02, 0, 0]) for _ in range(2))
+    lenses = (Lens(k=k, d=d, model=rig.model) for k, d in zip(rig.k, bent, strict=True))  # type: ignore[arg-type]
+    cameras = rectify_pose(*lenses, rig.rotation, rig.translation_m, SIZE, "rig")
+    white = np.full((SIZE[1], SIZE[0], 3), 255, np.uint8)
+    for view in Rectifier(cameras).rectify(white, white):
+        assert (view[2:-2, 2:-2] == 255).mean() > 0.995
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"left": Lens(k=np.zeros((3, 3)), d=RIG.d[0])}, "rig: left: K: found focal lengths"),
+        ({"right": Lens(k=np.eye(2), d=RIG.d[0])}, "rig: right: K: found shape"),
+        ({"right": Lens(k=RIG.k[1], d=np.zeros(3))}, "rig: right: D: found 3 coefficients"),
+        ({"right": Lens(k=RIG.k[1], d=RIG.d[1], model="equidistant")}, "left is plumb_bob, right equidistant"),
+        ({"rotation": np.ones((3, 3))}, "rig: R: not a rotation"),
+        ({"translation": np.zeros(3)}, r"rig: T: found \[0.0, 0.0, 0.0\]; expected three finite numbers"),
+        ({"translation": np.array([-0.1, np.nan, 0])}, "rig: T: found .* expected three finite numbers"),
+        ({"translation": np.array([-0.1, 0])}, "rig: T: found .* expected three finite numbers"),
+        ({"translation": np.array([0.01, -0.1, 0])}, "rig: T: .* above each other"),
+        ({"translation": np.array([0.01, 0.1, 0])}, "rig: T: .* above each other"),
+        ({"translation": np.array([0.1, 0.01, 0])}, "left and right swapped"),
+    ],
+)
+def test_cameras_that_are_no_pair_side_by_side_are_refused(changes: dict[str, Any], message: str) -> None:
+    left, right = (Lens(k=k, d=d) for k, d in zip(RIG.k, RIG.d, strict=True))
+    given = {"left": left, "right": right, "rotation": np.eye(3), "translation": RIG.translation_m, **changes}
+    with pytest.raises(VfoaError, match=message):
+        rectify_pose(**given, size_px=SIZE, where="rig")
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_every_format_brings_points_onto_common_rows(tmp_path: Path, name: str) -> None:
+    _assert_rows_match_and_depths_come_back(_raw(FORMATS[name](tmp_path)), RIG, _points(0))
+
+
+def test_fisheye_lenses_of_kalibr_opencv_and_the_zed(tmp_path: Path) -> None:
+    kalibr = _raw([calibrations.write_kalibr(tmp_path / "camchain.yaml", FISHEYE)])
+    opencv = _raw([write_opencv(tmp_path / "c.yml", opencv_nodes(FISHEYE), SIZE)], Options(fisheye=True))
+    zed = _raw([calibrations.write_zed(tmp_path / "SN1.conf", FISHEYE)])
+    assert kalibr.rectified() == opencv.rectified()
+    for found in (kalibr, zed):
+        _assert_rows_match_and_depths_come_back(found, FISHEYE, _points(1))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_a_byte_order_mark_and_line_ends_of_windows_change_nothing(tmp_path: Path, name: str) -> None:
+    paths = FORMATS[name](tmp_path)
+    expected = _raw(paths).rectified()
+    for path in paths:
+        path.write_bytes(codecs.BOM_UTF8 + path.read_bytes().replace(b"\n", b"\r\n"))
+    assert _raw(paths).rectified() == expected
+
+
+def test_kitti_with_a_byte_order_mark(tmp_path: Path) -> None:
+    rows = "P0: 100 0 31 0 0 1e2 23 0 0 0 1 0\r\nP1: 100 0 31 -2.5e+01 0 100 23 0 0 0 1 0\r\n"
+    path = write_text(tmp_path / "calib.txt", f"\ufeff{rows}")
+    found = read_cameras([path], _size, Options(cameras=(0, 1)))
+    assert isinstance(found, Calibration)
+    assert found.baseline_m == 0.25
+
+
+def test_a_zed_s_coefficient_that_is_missing_is_named(tmp_path: Path) -> None:
+    path = calibrations.write_zed(tmp_path / "SN1.conf", RIG)
+    write_text(path, path.read_text().replace("k2=", "k_2="))
+    with pytest.raises(VfoaError, match=r"SN1\.conf: no K2; expected the ZED's"):
+        read_cameras([path], _size)
+
+
+ZED_SIZES = {
+    "4K": (3840, 2160),
+    "QHDPLUS": (3200, 1800),
+    "2K": (2208, 1242),
+    "FHD1200": (1920, 1200),
+    "FHD": (1920, 1080),
+    "HD": (1280, 720),
+    "SVGA": (960, 600),
+    "VGA": (672, 376),
+}
+"""Stereolabs' names of the resolutions of all their cameras."""
+
+
+@pytest.mark.parametrize("name", ZED_SIZES)
+def test_a_zed_s_resolutions_have_the_maker_s_names(tmp_path: Path, name: str) -> None:
+    """In lower case, as the first models' files have them."""
+    text = calibrations.write_zed(tmp_path / "SN1.conf", RIG).read_text().replace("_HD", f"_{name}").lower()
+    found = read_cameras([write_text(tmp_path / "SN1.conf", text)], lambda: ZED_SIZES[name])
+    assert isinstance(found, RawCalibration)
+    assert found.left.size_px == ZED_SIZES[name]
+    np.testing.assert_allclose(found.left.k, RIG.k[0])
+
+
+@pytest.mark.parametrize(
+    ("coefficients", "expected"),
+    [
+        ({"k1": 0.1, "k2": 0.02}, [0.1, 0.02, 0, 0, 0]),
+        (
+            {"k1": 0.1, "k2": 0.02, "k3": 0.03, "k4": 0.04, "k5": 0.05, "k6": 0.06, "p1": 0.001, "p2": 0.002},
+            [0.1, 0.02, 0.001, 0.002, 0.03, 0.04, 0.05, 0.06],
+        ),
+    ],
+    ids=["the first ZED", "rational"],
+)
+def test_a_zed_has_as_many_coefficients_as_its_file(
+    tmp_path: Path, coefficients: dict[str, float], expected: list[float]
+) -> None:
+    lines = [f"{key}={value}" for key, value in coefficients.items()]
+    cameras = [line for side in ("LEFT", "RIGHT") for line in (f"[{side}_CAM_HD]", *ZED_LENS, *lines)]
+    pose = ["[STEREO]", "Baseline=120", "TY=0", "TZ=0", "CV_HD=0", "RX_HD=0", "RZ_HD=0"]
+    path = write_text(tmp_path / "SN1.conf", "\n".join([*cameras, *pose]))
+    assert _raw([path]).left.d.tolist() == expected
+
+
+ZED_LENS = ("fx=700", "fy=700", "cx=640", "cy=360")
+
+
+def test_kalibr_s_chain_is_followed_and_turned_round(tmp_path: Path) -> None:
+    """cam0 stands right of cam1, which stands right of cam2, 0.1 m each, so that cam2 and cam0 are 0.2 m apart."""
+    step = np.eye(4)
+    step[0, 3] = 0.1  # x_cam1 = x_cam0 + 0.1: cam1 is to the left
+    camera = {
+        "camera_model": "pinhole",
+        "intrinsics": [500, 500, 320, 240],
+        "distortion_model": "none",
+        "distortion_coeffs": [],
+        "resolution": [640, 480],
+    }
+    chain = {"cam0": camera, "cam1": {**camera, "T_cn_cnm1": step.tolist()}}
+    path = write_yaml(tmp_path / "chain.yaml", {**chain, "cam2": {**camera, "T_cn_cnm1": step.tolist()}})
+    assert _raw([path], Options(cameras=(1, 0))).rectified().baseline_m == pytest.approx(0.1)
+    assert _raw([path], Options(cameras=(2, 0))).rectified().baseline_m == pytest.approx(0.2)
+    with pytest.raises(VfoaError, match=r"chain\.yaml: the baseline is -0\.1 m; .*left and right swapped"):
+        read_cameras([path], _size)
+    with pytest.raises(VfoaError, match="no cam3; expected one of cam0, cam1, cam2"):
+        read_cameras([path], _size, Options(cameras=(3, 0)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"resolution": [640, 400]}, r"cam0 is \(1280, 720\) pixels, cam1 \(640, 400\); expected the same"),
+        ({"intrinsics": [1, 2, 3]}, "cam1: intrinsics: found 3 numbers; expected 4 finite numbers"),
+        ({"distortion_coeffs": [0, 0, 0, float("inf")]}, "cam1: distortion_coeffs: found 4 numbers; expected 4 finite"),
+        ({"intrinsics": None}, "cam1: no intrinsics; expected Kalibr's camera chain"),
+        ({"distortion_model": "fov"}, "cam1: model pinhole-fov; expected pinhole with one of"),
+    ],
+)
+def test_a_kalibr_camera_that_is_wrong_is_named(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    path = calibrations.write_kalibr(tmp_path / "camchain.yaml", RIG)
+    chain = yaml.safe_load(path.read_text())
+    chain["cam1"] = {key: value for key, value in {**chain["cam1"], **changes}.items() if value is not None}
+    with pytest.raises(VfoaError, match=message):
+        read_cameras([write_yaml(path, chain)], _size)
+
+
+def test_a_second_file_is_refused_where_one_says_all(tmp_path: Path) -> None:
+    paths = [calibrations.write_zed(tmp_path / f"SN{number}.conf", RIG) for number in (1, 2)]
+    with pytest.raises(VfoaError, match=r"SN2\.conf: a second calibration file; expected one, or two in YAML or XML"):
+        read_cameras(paths, _size)
+
+
+def test_the_unit_of_the_translation_is_said(tmp_path: Path) -> None:
+    nodes = opencv_nodes(RIG)
+    path = write_opencv(tmp_path / "c.yml", nodes | {"T": nodes["T"] * 1000}, SIZE)
+    found = _raw([path], Options(unit="mm"))
+    assert found.rectified().baseline_m == pytest.approx(np.linalg.norm(RIG.translation_m))
+    _assert_rows_match_and_depths_come_back(found, RIG, _points(2))
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_what_lies_beside_the_images_is_found(tmp_path: Path, name: str) -> None:
+    paths = FORMATS[name](tmp_path / "calibration")
+    write_text(tmp_path / "notes.txt", "P2 is at the door")
+    write_yaml(tmp_path / "other.yaml", {"K1": 3})
+    found = find_calibrations(tmp_path, _size)
+    files = [path.relative_to(tmp_path).as_posix() for path in paths]
+    assert [each.source for each in found] == [{"calibration": files[0] if len(files) == 1 else files}]
+    assert "B 0.1199 m, rectifies the images" in str(found[0])
+
+
+def test_numbers_of_cameras_hold_for_kitti_s_files_alone(tmp_path: Path) -> None:
+    rows = _kitti(*(_projection(50, 30, -50 * b) for b in (0, 0.1, 0, 0.3)), names=("P0", "P1", "P2", "P3"))
+    write_text(tmp_path / "calib.txt", rows)
+    write_opencv(tmp_path / "c.yml", {"P1": _projection(50, 30), "P2": _projection(50, 30, -10)})
+    found = find_calibrations(tmp_path, _size, Options(cameras=(0, 1)))
+    assert [str(each) for each in found] == [
+        "c.yml (B 0.2 m, of rectified images)",
+        "calib.txt (B 0.1 m, of rectified images)",
+    ]
+    (only,) = find_calibrations(tmp_path, _size, candidates=[("calib.txt",)])
+    assert only.calibration.baseline_m == pytest.approx(0.3)
+
+
+def test_of_two_files_both_are_named(tmp_path: Path) -> None:
+    _sample(tmp_path)
+    (found,) = find_calibrations(tmp_path, _size)
+    assert str(found).startswith("intrinsics.yml and extrinsics.yml (B 0.1199 m")
+
+
+@pytest.mark.parametrize("name", ["opencv yaml", "ros", "kalibr", "zed"])
+def test_a_calibration_for_another_size_is_not_found(tmp_path: Path, name: str) -> None:
+    FORMATS[name](tmp_path)
+    assert find_calibrations(tmp_path, lambda: (64, 48)) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        (
+            "opencv yaml",
+            Options(cameras=(0, 1)),
+            r"c\.yml: calibration_cameras: found \(0, 1\); expected none for Op",
+        ),
+        ("zed", Options(cameras=(0, 1)), r"SN1\.conf: calibration_cameras: .* expected none for the ZED's"),
+        ("ros", Options(fisheye=True), r"right\.yaml: fisheye: found true; .* this is ROS's"),
+        ("kalibr", Options(fisheye=True), r"camchain\.yaml: fisheye: found true; .* this is Kalibr's"),
+    ],
+)
+def test_what_means_nothing_for_a_file_is_refused(tmp_path: Path, name: str, options: Options, message: str) -> None:
+    with pytest.raises(VfoaError, match=message):
+        read_cameras(FORMATS[name](tmp_path), _size, options)
+
+
+small = st.floats(-0.03, 0.03)
+
+
+@given(
+    rotation=st.tuples(small, small, small),
+    shift=st.tuples(st.floats(-0.6, -0.05), small.map(lambda x: x / 3), small.map(lambda x: x / 3)),
+    radial=st.tuples(st.floats(-0.2, 0.05), st.floats(-0.02, 0.05)),
+    focal=st.floats(600, 900),
+    seed=st.integers(0, 1000),
+    is_fisheye=st.booleans(),
+)
+def test_any_rig_is_rectified(
+    rotation: tuple[float, ...],
+    shift: tuple[float, ...],
+    radial: tuple[float, float],
+    focal: float,
+    seed: int,
+    is_fisheye: bool,
+) -> None:
+    model: Any = "equidistant" if is_fisheye else "plumb_bob"
+    k = calibrations.matrix(focal, focal * 1.01, 650, 350), calibrations.matrix(focal * 0.99, focal, 630, 365)
+    d = np.array([*radial, 0.0003, -0.0002]), np.array([radial[0] * 0.9, radial[1], -0.0004, 0.0001])
+    rig = Rig(k=k, d=d, rotation_vector=np.array(rotation), translation_m=np.array(shift), model=model)
+    lenses = (Lens(k=k_, d=d_, model=model) for k_, d_ in zip(k, d, strict=True))
+    cameras = rectify_pose(*lenses, rig.rotation, rig.translation_m, SIZE, "rig")
+    _assert_rows_match_and_depths_come_back(cameras, rig, _points(seed))
+
+
+def _projection(fx: float, cx: float, tx: float = 0.0) -> Float:
+    return np.array([[fx, 0, cx, tx], [0, fx, 23.5, 0], [0, 0, 1, 0]], dtype=np.float64)
+
+
+def _read(path: Path, options: Options = Options()) -> Calibration:  # noqa: B008
+    cameras = read_cameras([path], lambda: (64, 48), options)
+    assert isinstance(cameras, Calibration)
+    return cameras
+
+
+def _kitti(*matrices: Float, names: tuple[str, ...] = ("P2", "P3")) -> str:
+    lines = [
+        f"{name}: {' '.join(f'{value:e}' for value in matrix.ravel())}\n"
+        for name, matrix in zip(names, matrices, strict=True)
+    ]
+    return "".join(lines)
+
+
+def test_kitti_s_baseline_is_the_difference_of_the_fourth_columns(shared_data: Path) -> None:
+    calibration = _read(shared_data / "kitti_pair" / "calib.txt")
+    assert calibration.baseline_m == pytest.approx(0.532, abs=0.002)
+    assert calibration.fx_px == 721.5377
+    assert calibration.cx_px == calibration.cx_right_px == 609.5593
+    gray = _read(shared_data / "kitti_pair" / "calib.txt", Options(cameras=(0, 1)))
+    assert gray.baseline_m == pytest.approx(0.537, abs=0.001)
+
+
+def test_kitti_s_raw_recordings_name_and_size_theirs(tmp_path: Path) -> None:
+    text = _kitti(_projection(50, 30), _projection(50, 32, -10), names=("P_rect_02", "P_rect_03"))
+    path = write_text(tmp_path / "c.txt", f"calib_time: 09-Jan-2012 13:57:47\nS_rect_02: 6.4e1 4.8e1\n{text}")
+    calibration = _read(path)
+    assert (calibration.baseline_m, calibration.cx_px, calibration.cx_right_px) == (0.2, 30.0, 32.0)
+    assert calibration.size_px == (64, 48)
+
+
+def test_opencv_s_projections_are_read(tmp_path: Path) -> None:
+    path = write_opencv(
+        tmp_path / "c.yml", {"P1": _projection(50, 30), "P2": _projection(50, 33, -5.0), "D1": np.zeros((1, 5))}
+    )
+    calibration = _read(path)
+    assert (calibration.baseline_m, calibration.cx_px, calibration.cx_right_px) == (0.1, 30.0, 33.0)
+    assert _read(path, Options(unit="mm")).baseline_m == pytest.approx(1e-4)
+
+
+def test_what_stereo_rectify_returns_is_read_back(tmp_path: Path) -> None:
+    K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    rotation, _ = cv2.Rodrigues(np.array([0.01, 0.02, -0.01]))
+    translation = np.array([[-0.12], [0.001], [0.002]])
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(K, np.zeros(5), K, np.zeros(5), (640, 480), rotation, translation)
+    path = write_opencv(
+        tmp_path / "extrinsics.yml", {"R": rotation, "T": translation, "R1": R1, "R2": R2, "P1": P1, "P2": P2}
+    )
+    with pytest.raises(
+        VfoaError, match=r"extrinsics\.yml: holds R and T and R1 and R2 of an unrectified pair.*rectified = true"
+    ):
+        _read(path)
+    calibration = _read(path, Options(rectified=True))
+    assert calibration.baseline_m == pytest.approx(np.linalg.norm(translation))
+
+
+@pytest.mark.parametrize(
+    ("matrices", "message"),
+    [
+        ((_projection(50, 30), _projection(50, 30, 5)), r"baseline is -0\.1 m; expected a positive one"),
+        ((_projection(50, 30), _projection(50, 30)), "baseline is 0 m"),
+        ((_projection(50, 30), _projection(51, 30, -5)), "fx is 50 left and 51 right"),
+        ((_projection(-50, 30), _projection(-50, 30, -5)), "positive focal lengths"),
+    ],
+)
+def test_matrices_of_no_rectified_pair_are_refused(tmp_path: Path, matrices: tuple[Float, Float], message: str) -> None:
+    with pytest.raises(VfoaError, match=message):
+        _read(write_text(tmp_path / "c.txt", _kitti(*matrices)))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("c.txt", "P2: 1 2 3\n", r"c\.txt:1: found 3 numbers; expected 12"),
+        ("c.txt", "P0: 1\nP2: 1 x\n", r"c\.txt:2: could not convert string to float"),
+        ("c.txt", "nothing\n", r"no line P2: or P_rect_02:"),
+        (
+            "c.yml",
+            "%YAML:1.0\n---\na: 1\n",
+            r"c\.yml: found none of them; expected K1 D1 K2 D2 with R T",
+        ),
+        ("c.yml", "%YAML:1.0\n---\na: [1,\n", r"c\.yml:4: not YAML: "),
+        ("c.yml", "K1: {rows: 3}", r"c\.yml: K1: found \{'rows': 3\}; expected numbers"),
+        ("c.yml", "K1: !!opencv-matrix [1, 2]", r"c\.yml:1: not YAML: an opencv-matrix that is no table"),
+        (
+            "c.xml",
+            '<s><K1 type_id="opencv-matrix"><rows>3</rows><cols>3</cols><data>1 2</data></K1></s>',
+            r"c\.xml: an opencv-matrix whose data are not as many numbers as its size says",
+        ),
+        ("c.yml", "K1: [1, x]", r"c\.yml: K1: found \[1, 'x'\]; expected numbers"),
+        ("c.yml", "K1: [1]\nM1: [1]", r"c\.yml: K1 and M1 both are K1; expected one of them"),
+        ("c.yml", "a: [1,\n", r"c\.yml:2: not YAML"),
+        ("c.yml", "", r"c\.yml: holds no names"),
+        ("c.yml", "[" * 5000, r"c\.yml: not YAML: "),
+        ("c.xml", "<a>", r"c\.xml:1: not XML: "),
+        ("c.xml", '<?xml version="1.0" encoding="klingon"?><a/>', r"c\.xml:1: not XML: unknown encoding: klingon"),
+        (
+            "c.xml",
+            '<!DOCTYPE a [<!ENTITY b SYSTEM "file:///etc/hostname">]><a>&b;</a>',
+            r"c\.xml:1: not XML: undefined",
+        ),
+        ("c.conf", "fx=1", r"c\.conf: cannot be parsed; expected the ZED's"),
+        ("c.conf", "[STEREO]\nBaseline=120\n", r"c\.conf: the images have 64 x 48 pixels; expected one of the ZED's: "),
+        (
+            "c.yaml",
+            "cam0: {camera_model: omni, distortion_model: radtan}",
+            r"cam0: model omni-radtan; expected pinhole",
+        ),
+        ("c.yaml", "camera_matrix: 1\nprojection_matrix: 2", r"c\.yaml: one camera of ROS; expected the pair"),
+    ],
+)
+def test_files_that_are_no_calibration_are_one_line(tmp_path: Path, name: str, content: str, message: str) -> None:
+    with pytest.raises(VfoaError, match=message) as error:
+        _read(write_text(tmp_path / name, content))
+    assert "\n" not in str(error.value)

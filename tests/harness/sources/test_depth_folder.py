@@ -1,0 +1,205 @@
+"""Colour and depth in files, in the layouts of data sets, against the arrays that were written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenEXR
+import pytest
+from typer.testing import CliRunner
+
+from harness.cli.clips import app
+from harness.clips.add import add_clip
+from harness.clips.manifest import load_manifest
+from harness.sources.contract import check_contract
+from harness.sources.depth_folder import DepthFolderClip, DepthFolderSettings
+from tests.disk import HEIGHT, WIDTH, picture, write_image, write_text
+from vfoa.errors import VfoaError
+
+NUMBERS = (3, 4, 7)
+CAMERA = {"fx_px": 100.0, "cx_px": 31.5, "cy_px": 23.5}
+OPTIONS = ("--fx", "100", "--cx", "31.5", "--cy", "23.5")
+
+
+def metres(number: int) -> np.ndarray:
+    """Depth in whole millimetres, with a corner without any."""
+    depth = np.random.default_rng(number).integers(500, 4000, (HEIGHT, WIDTH)) / 1000
+    depth[:5, :7] = np.nan
+    return depth.astype(np.float32)
+
+
+def counts(number: int, per_m: float) -> np.ndarray:
+    return np.rint(np.nan_to_num(metres(number)) * per_m).astype(np.uint16)
+
+
+def write_counts(path: Path, number: int, per_m: float = 1000.0) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), counts(number, per_m))
+
+
+def write_npy(path: Path, number: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.save(path, metres(number))
+
+
+def write_exr(path: Path, number: int) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    depth = np.where(np.isfinite(metres(number)), metres(number), np.float32(1e10))  # Blender's background
+    with OpenEXR.File(header, {"Z": depth}) as file:
+        file.write(str(path))
+
+
+def png(root: Path) -> Path:
+    for n in NUMBERS:
+        write_image(root / "rgb" / f"{n:06d}.png", picture(n))
+        write_counts(root / "depth" / f"{n:06d}.png", n)
+    return root
+
+
+def npy(root: Path) -> Path:
+    for n in NUMBERS:
+        write_image(root / "color" / f"{n}.png", picture(n))
+        write_npy(root / "depth" / f"{n}.npy", n)
+    return root
+
+
+def exr(root: Path) -> Path:
+    for n in NUMBERS:
+        write_image(root / "images" / f"Image{n:04d}.png", picture(n))
+        write_exr(root / "depth" / f"Depth{n:04d}.exr", n)
+    return root
+
+
+def seven_scenes(root: Path) -> Path:
+    for n in NUMBERS:
+        write_image(root / f"frame-{n:06d}.color.png", picture(n))
+        write_counts(root / f"frame-{n:06d}.depth.png", n)
+    return root
+
+
+def open3d(root: Path) -> Path:
+    png(root)
+    matrix = [100.0, 0, 0, 0, 100.0, 0, 31.5, 23.5, 1]
+    text = json.dumps({"width": WIDTH, "height": HEIGHT, "intrinsic_matrix": matrix})
+    write_text(root / "camera_intrinsic.json", text)
+    return root
+
+
+def k_text(root: Path) -> Path:
+    png(root)
+    write_text(root / "K.txt", "100 0 31.5\n0 100 23.5\n0 0 1\n")
+    return root
+
+
+def tum(root: Path) -> Path:
+    """Two images without a partner; the lists' times differ by 12 ms."""
+    for kind, offset, left_out in (("rgb", 0.0, 4), ("depth", 0.012, 2)):
+        lines = ["# timestamp filename"]
+        for place, n in enumerate((3, 4, 7, 9, 11)):
+            name = f"{kind}/{1305031102.175304 + 0.0333 * place + offset:.6f}.png"
+            write_image(root / name, picture(n)) if kind == "rgb" else write_counts(root / name, n, 5000.0)
+            if place != left_out:
+                lines.append(f"{1305031102.175304 + 0.0333 * place + offset:.6f} {name}")
+        write_text(root / f"{kind}.txt", "\n".join(lines) + "\n")
+    return root
+
+
+def gfie(root: Path) -> Path:
+    for n in NUMBERS:
+        write_image(root / "rgb" / "test" / "scene7" / f"{n:04d}.jpg", picture(n))
+        write_npy(root / "depth" / "test" / "scene7" / f"{n:04d}.npy", n)
+    np.save(root / "CameraKinect.npy", np.array([100.0, 100.0, 31.5, 23.5]))
+    return root / "rgb" / "test" / "scene7"
+
+
+LAYOUTS: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
+    "rgb and depth in PNG": (png, OPTIONS),
+    "color and depth in npy": (npy, OPTIONS),
+    "images and depth in EXR": (exr, OPTIONS),
+    "7-Scenes names": (seven_scenes, OPTIONS),
+    "with Open3D's intrinsics": (open3d, ()),
+    "with K.txt": (k_text, ()),
+    "GFIE": (gfie, ()),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_one_command_adds_a_layout(layout: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make, options = LAYOUTS[layout]
+    path = make(tmp_path / "take")
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["add", str(path), "--name", "mine", *options], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    manifest = load_manifest("mine")
+    assert manifest.adapter == "depth_folder"
+    clip = manifest.open()
+    assert tuple(clip.frames) == NUMBERS
+    for n in NUMBERS:
+        frame = clip.frame(n)
+        assert frame.right is None
+        np.testing.assert_allclose(frame.depth_m, metres(n), rtol=1e-6)
+        assert (frame.rig.fx_px, frame.rig.cx_px, frame.rig.cy_px) == (100.0, 31.5, 23.5)
+        if layout != "GFIE":  # which is JPEG
+            assert np.array_equal(frame.left, picture(n))
+    check_contract(clip)
+    assert CliRunner().invoke(app, ["check", "mine"], catch_exceptions=False).exit_code == 0
+
+
+def test_tum_is_joined_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tum(tmp_path / "rgbd_dataset_freiburg1_xyz")
+    monkeypatch.chdir(tmp_path)
+    add_clip(path, name="tum")
+    clip = load_manifest("tum").open()
+    assert tuple(clip.frames) == (1, 2, 3)
+    assert clip.time_ns(2) == 1305031102208604000
+    for number, n in ((1, 3), (2, 4), (3, 9)):
+        frame = clip.frame(number)
+        assert np.array_equal(frame.left, picture(n))
+        np.testing.assert_allclose(frame.depth_m, metres(n), atol=1.1e-4)
+        assert (frame.rig.fx_px, frame.rig.cy_px) == (517.3, 255.3)
+    assert clip.notes == (
+        "rgb.txt: 1 of 4 images have no partner within 20 ms",
+        "depth.txt: 1 of 4 images have no partner within 20 ms",
+    )
+    check_contract(clip)
+
+
+def test_without_a_calibration_it_says_what_to_give(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"^[^\n]*--fx --cx --cy[^\n]*$"):
+        add_clip(png(tmp_path / "take"))
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind", "says"),
+    [
+        ((20, 30), np.uint16, "30 x 20"),
+        ((HEIGHT, WIDTH), np.uint8, "16 bits"),
+        ((HEIGHT, WIDTH, 3), np.uint16, "channel"),
+    ],
+)
+def test_what_is_no_aligned_depth_is_refused(tmp_path: Path, shape: tuple[int, ...], kind: type, says: str) -> None:
+    root = png(tmp_path / "take")
+    assert cv2.imwrite(str(root / "depth" / "000003.png"), np.full(shape, 99, kind))
+    settings = DepthFolderSettings.model_validate({"colour": "rgb", "depth": "depth", "camera": CAMERA})
+    with pytest.raises(VfoaError, match=says):
+        DepthFolderClip(settings, root).frame(3)
+
+
+def test_depth_in_another_unit_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = png(tmp_path / "take")
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["add", str(path), "--name", "mine", *OPTIONS, "--set", "depth_scale=500"])
+    assert done.exit_code == 0, done.output
+    np.testing.assert_allclose(load_manifest("mine").open_images().frame(3).depth_m, 2 * metres(3), rtol=1e-6)
+
+
+def test_an_azure_kinect_recording_names_what_converts_it(tmp_path: Path) -> None:
+    path = tmp_path / "take.mkv"
+    path.write_bytes(b"\x1a\x45\xdf\xa3" + b"matroska" + bytes(500) + b"V_MS/VFW/FOURCC" + b"b16g" + b"K4A_DEPTH_MODE")
+    with pytest.raises(VfoaError, match=r"^[^\n]*take\.mkv[^\n]*azure_kinect_mkv_reader[^\n]*$"):
+        add_clip(path)

@@ -1,0 +1,272 @@
+"""Colour and measured depth in every container and form, against the pixels that were recorded."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from harness.sources.contract import check_contract
+from harness.sources.recordings.clip import BagClip, McapClip, RecordingClip
+from harness.sources.recordings.settings import RecordingSettings
+from tests.depth_recordings import COLOUR, DEPTH, FORMATS, DepthForm, Format, Lens, Shot, messages, write_take
+from tests.disk import moving_picture
+from vfoa.errors import VfoaError
+from vfoa.stereo import MATCHERS
+
+START_NS, STEP_NS = 1_700_000_000_000_000_007, 33_333_333
+WIDTH, HEIGHT = 64, 48
+LENS = Lens(width=WIDTH, height=HEIGHT, fx=60.0, cx=31.5, cy=23.5)
+ALL: tuple[Format, ...] = (*FORMATS, "db3 zstd file", "db3 zstd message")
+
+
+def depth_mm(number: int) -> np.ndarray:
+    """A slanted wall with a box before it and a border without depth; it moves with the number."""
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    depth = 2000 + 9 * columns + 3 * rows + 50 * number
+    depth[10:30, 20:40] = 900 + 10 * number
+    depth[:, :3] = 0
+    return depth.astype(np.uint16)
+
+
+def shot(number: int) -> Shot:
+    stamp_ns = START_NS + (number - 1) * STEP_NS
+    return Shot(stamp_ns=stamp_ns, colour=moving_picture(number), depth_mm=depth_mm(number), lens=LENS)
+
+
+def open_clip(path: Path, **settings: object) -> RecordingClip:
+    data = {"recording": path.name, **settings}
+    return RecordingClip(RecordingSettings.model_validate(data), path.parent)
+
+
+def in_metres(counts: np.ndarray) -> np.ndarray:
+    return np.where(counts > 0, counts / 1000, np.nan)
+
+
+@pytest.mark.parametrize("kind", ALL)
+def test_colour_and_depth_are_those_recorded(tmp_path: Path, kind: Format) -> None:
+    clip = open_clip(write_take(tmp_path, kind, map(shot, range(1, 7))))
+    assert list(clip.frames) == [1, 2, 3, 4, 5, 6]
+    assert clip.rate_hz == pytest.approx(30, abs=0.001)
+    assert clip.notes == ()
+    for number in (4, 1, 6):
+        frame = clip.frame(number)
+        assert frame.time_ns == shot(number).stamp_ns
+        assert frame.right is None
+        assert np.array_equal(frame.left, moving_picture(number))
+        np.testing.assert_allclose(frame.depth_m, in_metres(depth_mm(number)), rtol=1e-6)
+        assert (frame.rig.fx_px, frame.rig.cx_px, frame.rig.cy_px) == (60.0, 31.5, 23.5)
+    check_contract(clip)
+
+
+@pytest.mark.parametrize("form", ["png", "rvl", "32FC1", "32FC1 png"])
+@pytest.mark.parametrize("kind", FORMATS)
+def test_every_form_of_depth_gives_the_same_metres(tmp_path: Path, kind: Format, form: DepthForm) -> None:
+    frame = open_clip(write_take(tmp_path, kind, map(shot, (1, 2)), form)).frame(2)
+    # the quantised form steps by z^2 / A, here at most 0.1 %
+    np.testing.assert_allclose(frame.depth_m, in_metres(depth_mm(2)), rtol=1e-3 if form == "32FC1 png" else 1e-6)
+
+
+def test_containers_are_recognised_by_their_content(tmp_path: Path) -> None:
+    found = {}
+    for kind in ALL:
+        path = write_take(tmp_path, kind, [shot(1)])
+        found[kind] = [name for name, cls in (("mcap", McapClip), ("rosbag", BagClip)) if cls.recognise(path)]
+    assert found == {kind: ["mcap" if kind == "mcap" else "rosbag"] for kind in ALL}
+
+
+def test_a_database_without_its_metadata_is_read(tmp_path: Path) -> None:
+    path = write_take(tmp_path, "db3", map(shot, (1, 2)))
+    (path / "metadata.yaml").unlink()
+    assert BagClip.recognise(path)
+    assert len(open_clip(path).frames) == 2
+    (file,) = path.glob("*.db3")
+    assert len(open_clip(file).frames) == 2
+
+
+def test_counts_and_offsets_differ_as_a_rule_and_are_told(tmp_path: Path) -> None:
+    with messages(tmp_path, "mcap") as (path, write):
+        write.camera("/camera/color/camera_info", START_NS, LENS)
+        for number in range(1, 8):
+            stamp_ns = START_NS + number * STEP_NS
+            if number != 3:
+                write.image(COLOUR, stamp_ns, moving_picture(number), "rgb8")
+            if number not in (5, 6):
+                write.image(DEPTH, stamp_ns + 4_000_000, depth_mm(number), "16UC1")
+    clip = open_clip(path)
+    assert len(clip.frames) == 4
+    assert [clip.frame(n).time_ns for n in clip.frames] == [START_NS + n * STEP_NS for n in (1, 2, 4, 7)]
+    text = "\n".join(clip.notes)
+    assert f"{COLOUR}: 2 of 6 images" in text
+    assert f"{DEPTH}: 1 of 5 images" in text
+    assert "4 ms apart" in text
+    with pytest.raises(VfoaError, match="tolerance_ms"):
+        open_clip(path, tolerance_ms=1)
+
+
+FAMILIES = {
+    "RealSense": ("/camera/camera/color/image_raw", "/camera/camera/aligned_depth_to_color/image_raw"),
+    "Azure Kinect": ("/rgb/image_raw", "/depth_to_rgb/image_raw"),
+    "OAK-D": ("/oak/rgb/image_raw", "/oak/stereo/image_raw"),
+    "ZED": ("/zed/zed_node/rgb/image_rect_color", "/zed/zed_node/depth/depth_registered"),
+    "OpenNI": ("/camera/rgb/image_raw", "/camera/depth_registered/image_raw"),
+}
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_topics_of_cameras_are_found(tmp_path: Path, family: str) -> None:
+    colour, depth = FAMILIES[family]
+    other = shot(9)
+    with messages(tmp_path, "mcap") as (path, write):
+        for number in (1, 2):
+            taken = shot(number)
+            for topic in (colour, depth):
+                write.camera(f"{topic.rpartition('/')[0]}/camera_info", taken.stamp_ns, LENS)
+            write.image(colour, taken.stamp_ns, taken.colour, "rgb8")
+            encoding = "32FC1" if family == "ZED" else "16UC1"
+            pixels = in_metres(taken.depth_mm).astype(np.float32) if family == "ZED" else taken.depth_mm
+            write.image(depth, taken.stamp_ns, pixels, encoding)
+            # what the same drivers publish besides
+            write.image("/camera/infra1/image_rect_raw", taken.stamp_ns, other.colour[..., 0].copy(), "mono8", "infra")
+            write.image("/ir/image_raw", taken.stamp_ns, other.depth_mm, "mono16", "ir")
+            write.image("/camera/camera/depth/image_rect_raw", taken.stamp_ns, other.depth_mm, "16UC1", "depth")
+            write.image("/zed/confidence/confidence_map", taken.stamp_ns, np.ones((4, 4), np.float32), "32FC1")
+    frame = open_clip(path).frame(2)
+    assert np.array_equal(frame.left, moving_picture(2))
+    np.testing.assert_allclose(frame.depth_m, in_metres(depth_mm(2)), rtol=1e-6)
+
+
+# Depth of another camera
+
+TURN = Rotation.from_euler("xyz", [2, -3, 5], degrees=True)
+SHIFT = (0.05, -0.01, 0.02)
+WIDE = Lens(width=100, height=80, fx=55.0, cx=49.5, cy=39.5)
+
+
+def plane_depth(lens: Lens, normal: np.ndarray, distance_m: float) -> np.ndarray:
+    """z (H, W) of the plane n . x = distance as a camera sees it."""
+    v, u = np.mgrid[: lens.height, : lens.width]
+    rays = np.stack([(u - lens.cx) / lens.fx, (v - lens.cy) / lens.fx, np.ones(u.shape)], axis=-1)
+    return distance_m / (rays @ normal)
+
+
+@pytest.mark.parametrize("how", ["tf", "reversed chain", "extrinsics"])
+def test_depth_of_another_camera_is_registered(tmp_path: Path, how: str) -> None:
+    """A plane in the depth camera's frame is the same plane, moved, in the colour camera's."""
+    normal, distance = np.array([0.1, 0.05, 1.0]), 2.0
+    millimetres = np.rint(1000 * plane_depth(WIDE, normal, distance)).astype(np.uint16)
+    with messages(tmp_path, "db3") as (path, write):
+        if how == "tf":
+            write.transform("/tf_static", START_NS, "colour", "depth", SHIFT, TURN.as_quat())
+        elif how == "reversed chain":
+            write.transform("/tf_static", START_NS, "depth", "middle", (0, 0, 0), (0, 0, 0, 1))
+            back = TURN.inv()
+            write.transform("/tf_static", START_NS, "middle", "colour", -back.apply(SHIFT), back.as_quat())
+        else:
+            write.extrinsics("/camera/extrinsics/depth_to_color", START_NS, TURN.as_matrix(), SHIFT)
+        write.camera("/camera/color/camera_info", START_NS, LENS, "colour")
+        write.camera("/camera/depth/camera_info", START_NS, WIDE, "depth")
+        write.image(COLOUR, START_NS, moving_picture(1), "rgb8", "colour")
+        write.image("/camera/depth/image_rect_raw", START_NS, millimetres, "16UC1", "depth")
+    clip = open_clip(path)
+    assert any("not aligned" in note for note in clip.notes)
+    found = clip.frame(1).depth_m
+    assert found is not None
+    turned = TURN.as_matrix() @ normal
+    expected = plane_depth(LENS, turned, distance + turned @ SHIFT)
+    known = np.isfinite(found)
+    assert known.mean() > 0.95
+    np.testing.assert_allclose(found[known], expected[known], rtol=0.01)
+
+
+def test_unaligned_depth_without_extrinsics_says_what_is_missing(tmp_path: Path) -> None:
+    with messages(tmp_path, "bag") as (path, write):
+        write.camera("/camera/color/camera_info", START_NS, LENS, "colour")
+        write.camera("/camera/depth/camera_info", START_NS, WIDE, "depth")
+        write.image(COLOUR, START_NS, moving_picture(1), "rgb8", "colour")
+        write.image("/camera/depth/image_rect_raw", START_NS, depth_mm(1), "16UC1", "depth")
+    with pytest.raises(VfoaError, match=r"^[^\n]*depth/image_rect_raw.*not aligned.*tf_static[^\n]*$"):
+        open_clip(path)
+
+
+def test_a_distorted_camera_is_straightened_with_its_depth(tmp_path: Path) -> None:
+    bent = Lens(width=WIDTH, height=HEIGHT, fx=60.0, cx=31.5, cy=23.5, d=(-0.2, 0.05, 0.001, 0.001, 0.0))
+    taken = Shot(stamp_ns=START_NS, colour=moving_picture(1), depth_mm=np.full((48, 64), 1500, np.uint16), lens=bent)
+    frame = open_clip(write_take(tmp_path, "bag", [taken])).frame(1)
+    assert frame.depth_m is not None
+    assert frame.depth_m[24, 32] == pytest.approx(1.5)
+    assert not np.array_equal(frame.left, moving_picture(1))
+    known = np.isfinite(frame.depth_m)
+    assert np.array_equal(known, frame.left.any(axis=-1)) or known.mean() > 0.9
+
+
+def test_numbers_stand_in_for_a_missing_calibration(tmp_path: Path) -> None:
+    with messages(tmp_path, "bag") as (path, write):
+        write.image(COLOUR, START_NS, moving_picture(1), "rgb8")
+        write.image(DEPTH, START_NS, depth_mm(1), "16UC1")
+    with pytest.raises(VfoaError, match="left_info"):
+        open_clip(path)
+    clip = open_clip(path, camera={"fx_px": 70.0, "cx_px": 30.0, "cy_px": 20.0}, depth_scale=500)
+    frame = clip.frame(1)
+    assert (frame.rig.fx_px, frame.rig.cx_px) == (70.0, 30.0)
+    np.testing.assert_allclose(frame.depth_m, 2 * in_metres(depth_mm(1)), rtol=1e-6)
+
+
+def test_a_pair_may_have_the_depth_of_its_left_camera(tmp_path: Path) -> None:
+    with messages(tmp_path, "mcap") as (path, write):
+        for number in (1, 2, 3):
+            stamp_ns = START_NS + number * STEP_NS
+            for side in ("left", "right"):
+                image, frame = moving_picture(number), f"{side}_optical"
+                write.image(f"/zed/{side}/image_rect_color", stamp_ns, image, "rgb8", frame)
+            if number != 2:
+                write.image("/zed/depth/depth_registered", stamp_ns, depth_mm(number), "16UC1", "left_optical")
+    clip = open_clip(path, camera={"fx_px": 60.0, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.12})
+    assert any("1 of 3 frames have no depth" in note for note in clip.notes)
+    for number in (1, 2, 3):
+        frame = clip.frame(number)
+        assert frame.right is not None
+        expected = in_metres(depth_mm(number)) if number != 2 else np.full((HEIGHT, WIDTH), np.nan)
+        np.testing.assert_allclose(frame.depth_m, expected, rtol=1e-6)
+        found = MATCHERS.load("sensor")(MATCHERS.load("sensor").Settings()).match(frame).disparity_px
+        np.testing.assert_allclose(found, 60.0 * 0.12 / expected, rtol=1e-5)
+
+
+def test_a_bag_whose_recorder_was_killed_says_what_mends_it(tmp_path: Path) -> None:
+    path = write_take(tmp_path, "bag", map(shot, (1, 2)))
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * 0.8)])
+    with pytest.raises(VfoaError, match=r"^[^\n]*take\.bag[^\n]*reindex[^\n]*$"):
+        open_clip(path)
+
+
+def test_the_sdk_of_realsense_never_aligns(tmp_path: Path) -> None:
+    """Its topics are found with their calibrations; what is missing is said."""
+    colour, depth = "/device_0/sensor_1/Color_0", "/device_0/sensor_0/Depth_0"
+    with messages(tmp_path, "bag") as (path, write):
+        for stream in (colour, depth):
+            write.camera(f"{stream}/info/camera_info", START_NS, LENS, "0")
+        write.image(f"{colour}/image/data", START_NS, moving_picture(1), "rgb8", "0")
+        write.image(f"{depth}/image/data", START_NS, depth_mm(1), "mono16", "0")
+    with pytest.raises(VfoaError, match=r"^[^\n]*Depth_0/image/data.*not aligned.*align_depth[^\n]*$"):
+        open_clip(path)
+
+
+def test_depth_of_another_camera_than_the_pairs_is_left_out_and_said(tmp_path: Path) -> None:
+    with messages(tmp_path, "mcap") as (path, write):
+        for number in (1, 2):
+            taken = shot(number)
+            for side in ("left", "right"):
+                write.image(f"/cam/{side}/image_rect", taken.stamp_ns, taken.colour, "rgb8", f"{side}_optical")
+            write.image("/cam/color/image_raw", taken.stamp_ns, taken.colour, "rgb8", "color")
+            write.image("/cam/aligned_depth_to_color/image_raw", taken.stamp_ns, taken.depth_mm, "16UC1", "color")
+    numbers = {"fx_px": 60.0, "cx_px": 31.5, "cy_px": 23.5}
+    pair = open_clip(path, camera=numbers | {"baseline_m": 0.1})
+    assert pair.frame(1).depth_m is None
+    assert pair.frame(1).rig.baseline_m == 0.1
+    assert any("aligned_depth_to_color" in note and "depth =" in note for note in pair.notes)
+    clip = open_clip(path, depth="/cam/aligned_depth_to_color/image_raw", camera=numbers)
+    assert clip.frame(1).right is None
+    np.testing.assert_allclose(clip.frame(1).depth_m, in_metres(depth_mm(1)), rtol=1e-6)

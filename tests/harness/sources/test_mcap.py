@@ -1,0 +1,350 @@
+"""MCAP recordings: every family of messages, cameras, calibrations and stamps."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, IndexType
+from numpy.typing import NDArray
+
+from harness.labels.files import VERSION_LINE, read_annotations, write_annotations
+from harness.labels.timeline import format_seconds, timeline_of
+from harness.sources.recordings.clip import McapClip
+from harness.sources.recordings.settings import RecordingSettings
+from tests.calibrations import write_opencv
+from tests.disk import HEIGHT, WIDTH, picture, write_text
+from tests.harness.sources.numbered_recording import LEFT, RIGHT, open_clip, pairs, stamp
+from tests.recordings import Camera, Family, Pixels, recorder, rectified_camera, write_pairs
+from vfoa.errors import VfoaError
+
+
+@pytest.mark.parametrize("pixels", ["raw", "png"])
+@pytest.mark.parametrize("family", ["ros2", "protobuf", "json"])
+def test_every_family_gives_back_what_was_recorded(tmp_path: Path, family: Family, pixels: Pixels) -> None:
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs(), family, pixels))
+    assert list(clip.frames) == [1, 2, 3, 4, 5]
+    assert clip.rate_hz == 25.0
+    assert clip.notes == ()
+    for n in (4, 1, 5):
+        frame = clip.frame(n)
+        assert frame.time_ns == stamp(n)
+        assert np.array_equal(frame.left, picture(n))
+        assert np.array_equal(frame.right, picture(1000 + n))
+        rig = frame.rig
+        assert (rig.fx_px, rig.cx_px, rig.cx_right_px, rig.cy_px) == (100.0, 31.5, 30.0, 23.5)
+        assert rig.baseline_m == pytest.approx(0.12)
+
+
+def test_labels_may_be_written_by_stamp(tmp_path: Path) -> None:
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs()))
+    change = format_seconds(stamp(3))
+    rows = f"1700000000.0,{change},girl,bird,\n{change},1700000009,girl,none,\n"
+    path = write_text(tmp_path / "a.csv", f"{VERSION_LINE}\nstart_s,end_s,subject,target,note\n{rows}")
+    labels = read_annotations(path, timeline=timeline_of(clip), subjects=["girl"], targets=["bird"])
+    assert [label.target for _, _, label in labels.labelled(clip.frames)] == ["bird"] * 2 + ["none"] * 3
+    write_annotations(tmp_path / "b.csv", labels)
+    assert (tmp_path / "b.csv").read_text() == path.read_text().replace("1700000000.0,", "1700000000,")
+
+
+def test_jpeg_is_close(tmp_path: Path) -> None:
+    smooth = cv2.GaussianBlur(picture(3), (0, 0), 6)
+    clip = open_clip(
+        write_pairs(tmp_path / "a.mcap", [(stamp(1), smooth, smooth, LEFT, RIGHT)], pixels="jpeg"),
+    )
+    assert np.abs(clip.frame(1).left.astype(int) - smooth).mean() < 2
+
+
+@pytest.mark.parametrize("compression", [CompressionType.NONE, CompressionType.LZ4, CompressionType.ZSTD])
+def test_every_compression_is_read(tmp_path: Path, compression: CompressionType) -> None:
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs(), compression=compression))
+    assert np.array_equal(clip.frame(5).right, picture(1005))
+
+
+@pytest.mark.parametrize("options", [{"index_types": IndexType.NONE, "use_statistics": False}, {"use_chunking": False}])
+def test_neither_index_nor_chunks_are_needed(tmp_path: Path, options: dict[str, object]) -> None:
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs(), "json", **options))
+    assert (len(clip.frames), clip.notes) == (5, ())
+    assert np.array_equal(clip.frame(2).left, picture(2))
+
+
+def write_unset(path: Path, header_ns: int = 0) -> Path:
+    """A recording whose headers all hold one time, logged at 25 Hz."""
+    with recorder(path) as record:
+        for n in range(1, 6):
+            for side, camera, seed in (("left", LEFT, n), ("right", RIGHT, 1000 + n)):
+                record.camera(f"/{side}/camera_info", header_ns, camera, log_ns=stamp(n))
+                record.picture(f"/{side}/image", header_ns, picture(seed), log_ns=stamp(n))
+    return path
+
+
+@pytest.mark.parametrize("header_ns", [0, 5])
+def test_stamps_of_the_log_join_what_headers_cannot(tmp_path: Path, header_ns: int) -> None:
+    path = write_unset(tmp_path / "a.mcap", header_ns)
+    clip = open_clip(path, stamps="log")
+    assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in range(1, 6)]
+    assert np.array_equal(clip.frame(4).right, picture(1004))
+    assert clip.rate_hz == 25.0
+    assert clip.notes == ('images are joined by the time of recording (stamps = "log"), not by when they were taken',)
+
+
+def test_unset_headers_are_said_with_the_way_out(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r'without time stamp; expected one, .* \(stamps = "log" in \[source\] joins'):
+        open_clip(write_unset(tmp_path / "a.mcap"))
+
+
+def test_an_attachment_and_metadata_change_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        for n in (1, 2):
+            record.writer.add_attachment(stamp(n), stamp(n), "log.txt", "text/plain", b"x" * 100_000)
+            record.writer.add_metadata("weather", {"sun": "yes"})
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{side}/camera_info", stamp(n), camera)
+                record.picture(f"/{side}/image", stamp(n), picture(n))
+    clip = open_clip(path)
+    assert (list(clip.frames), clip.notes) == ([1, 2], ())
+
+
+def test_a_folder_of_files_is_one_recording(tmp_path: Path) -> None:
+    for part, numbers in ((0, range(1, 4)), (2, range(4, 6)), (10, range(6, 9))):
+        write_pairs(tmp_path / "split" / f"day_{part}.mcap", pairs(numbers))
+    clip = McapClip(RecordingSettings(), tmp_path / "split")
+    assert list(clip.frames) == list(range(1, 9))
+    assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in range(1, 9)]
+    assert np.array_equal(clip.frame(7).left, picture(7))
+
+
+def test_what_macos_leaves_beside_a_recording_is_none(tmp_path: Path) -> None:
+    write_pairs(tmp_path / "day.mcap", pairs())
+    (tmp_path / "._day.mcap").write_bytes(b"\0\5\26\7")
+    (found,) = McapClip.recognise(tmp_path)
+    assert found.layout == "an MCAP recording in 1 file"
+    assert len(McapClip(RecordingSettings(), tmp_path).frames) == 5
+
+
+def test_images_without_a_partner_are_counted(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        record.camera("/left/camera_info", stamp(1), LEFT)
+        record.camera("/right/camera_info", stamp(1), RIGHT)
+        for n in range(1, 11):
+            record.picture("/left/image", stamp(n), picture(n))
+            if n not in (3, 7):
+                late_ns = 30_000_000 if n == 9 else 500_000
+                record.picture("/right/image", stamp(n) + late_ns, picture(1000 + n))
+    clip = open_clip(path, tolerance_ms=1)
+    assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in (1, 2, 4, 5, 6, 8, 10)]
+    assert np.array_equal(clip.frame(7).right, picture(1010))
+    assert clip.notes == (
+        "/left/image: 3 of 10 images have no partner within 1 ms",
+        "/right/image: 1 of 8 images have no partner within 1 ms",
+    )
+    with pytest.raises(VfoaError, match=r"no two stamps of /left/image .* are within 0\.1 ms"):
+        open_clip(path, tolerance_ms=0.1)
+
+
+def test_a_clip_travels_to_another_process(tmp_path: Path) -> None:
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", pairs()))
+    clip.frame(1)
+    again = pickle.loads(pickle.dumps(clip))
+    assert np.array_equal(again.frame(3).left, picture(3))
+    assert again.digest() == clip.digest()
+
+
+def test_the_digest_is_of_content_not_of_place(tmp_path: Path) -> None:
+    one, other = (write_pairs(tmp_path / name, pairs()) for name in ("x/a.mcap", "y/b.mcap"))
+    assert open_clip(one).digest() == open_clip(other).digest()
+    assert open_clip(one).digest() != open_clip(one, tolerance_ms=1).digest()
+    changed = write_pairs(tmp_path / "z" / "a.mcap", pairs(range(2, 7)))
+    assert open_clip(one).digest() != open_clip(changed).digest()
+
+
+def test_a_camera_that_changes_is_followed(tmp_path: Path) -> None:
+    def zooming() -> Iterator[tuple[int, NDArray[np.uint8], NDArray[np.uint8], Camera, Camera]]:
+        for n in range(1, 4):
+            left, right = (rectified_camera(WIDTH, HEIGHT, 100.0 + n, 31.5, 23.5, b) for b in (0.0, 0.1))
+            yield stamp(n), picture(n), picture(n), left, right
+
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", zooming()))
+    assert [clip.frame(n).rig.fx_px for n in (3, 1, 2)] == [103.0, 101.0, 102.0]
+    assert clip.frame(2).rig.baseline_m == pytest.approx(0.1)
+
+
+def test_images_with_distortion_are_rectified_unless_they_are_already(tmp_path: Path) -> None:
+    bent = {"d": (-0.2, 0.05, 0.001, 0.001, 0.0)}
+    left, right = (Camera(width=WIDTH, height=HEIGHT, k=c.k, p=c.p, **bent) for c in (LEFT, RIGHT))
+    path = write_pairs(tmp_path / "a.mcap", [(stamp(1), picture(1), picture(2), left, right)])
+    k = np.array(left.k).reshape(3, 3)
+    expected = cv2.undistort(picture(1), k, np.array(bent["d"]))
+    found = open_clip(path).frame(1).left
+    assert np.abs(found.astype(int) - expected).mean() < 1
+    assert not np.array_equal(found, picture(1))
+    assert np.array_equal(open_clip(path, rectified=True).frame(1).left, picture(1))
+
+
+def test_the_calibration_may_be_a_file(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        record.picture("/left/image", stamp(1), picture(1))
+        record.picture("/right/image", stamp(1), picture(2))
+    rows = {"P2": "100 0 31.5 0 0 100 23.5 0 0 0 1 0", "P3": "100 0 31.5 -25 0 100 23.5 0 0 0 1 0"}
+    (tmp_path / "calib.txt").write_text("".join(f"{key}: {row}\n" for key, row in rows.items()))
+    assert open_clip(path, calibration="calib.txt").frame(1).rig.baseline_m == pytest.approx(0.25)
+    with pytest.raises(VfoaError, match="no single calibration topic belongs to /left/image"):
+        open_clip(path)
+
+
+def test_a_file_may_say_what_rectified_the_images(tmp_path: Path) -> None:
+    """All that stereoRectify was given and gave; with ``rectified`` it is not done again."""
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        record.picture("/left/image", stamp(1), picture(1))
+        record.picture("/right/image", stamp(1), picture(2))
+    k, d, size = np.array(LEFT.k).reshape(3, 3), np.array([-0.2, 0.05, 0, 0]), (WIDTH, HEIGHT)
+    turn, shift = cv2.Rodrigues(np.array([0.01, 0.02, 0]))[0], np.array([[-0.25], [0.0], [0.0]])
+    found = dict(zip(("R1", "R2", "P1", "P2"), cv2.stereoRectify(k, d, k, d, size, turn, shift), strict=False))
+    write_opencv(tmp_path / "c.yml", {"K1": k, "D1": d, "K2": k, "D2": d, "R": turn, "T": shift, **found}, size)
+    frame = open_clip(path, calibration="c.yml", rectified=True).frame(1)
+    assert np.array_equal(frame.left, picture(1))
+    assert frame.rig.baseline_m == pytest.approx(0.25)
+    assert not np.array_equal(open_clip(path, calibration="c.yml").frame(1).left, picture(1))
+
+
+def test_calibrations_that_were_exchanged_are_named(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", [(stamp(1), picture(1), picture(2), RIGHT, LEFT)])
+    said = r"/stereo/left/camera_info and /stereo/right/camera_info: the baseline is -0\.12 m; .*left and right swapped"
+    with pytest.raises(VfoaError, match=said):
+        open_clip(path).frame(1)
+
+
+def test_a_file_that_changed_since_it_was_opened_is_one_line(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs())
+    clip = open_clip(path)
+    path.write_bytes(path.read_bytes()[:100])
+    with pytest.raises(VfoaError, match=r"a\.mcap: frame 5: the record at byte \d+ is not readable any more"):
+        clip.frame(5)
+
+
+def test_many_cameras_are_listed_with_type_count_and_rate(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        for n in range(1, 4):
+            for camera in ("front", "rear"):
+                for side, calibration in (("left", LEFT), ("right", RIGHT)):
+                    record.picture(f"/{camera}/{side}/image", stamp(n), picture(n))
+                    record.camera(f"/{camera}/{side}/camera_info", stamp(n), calibration)
+    with pytest.raises(VfoaError, match=r"2 pairs.*/rear/left/image \(sensor_msgs/msg/Image, 3 messages, 25\.0 Hz\)"):
+        open_clip(path)
+    assert len(open_clip(path, left="/rear/left/image").frames) == 3
+    with pytest.raises(VfoaError, match="no right topic '/rear/image'; found /front/left/image"):
+        open_clip(path, left="/rear/left/image", right="/rear/image")
+
+
+def test_a_recording_without_cameras_names_what_it_has(shared_data: Path) -> None:
+    with pytest.raises(VfoaError) as caught:
+        open_clip(shared_data / "mcap" / "no_image_topics.mcap")
+    message = str(caught.value)
+    assert "no image topics" in message
+    assert "\n" not in message
+    for topic, count in (("/odom", 2639), ("/tf", 5422), ("/tf_static", 1), ("/amcl_pose", 135)):
+        assert f"{topic} (" in message
+        assert f"{count} message" in message
+
+
+@pytest.mark.parametrize(("content", "said"), [(b"", "not MCAP"), (b"PK\x03\x04 and so on", "not MCAP")])
+def test_another_file_is_refused(tmp_path: Path, content: bytes, said: str) -> None:
+    (tmp_path / "a.mcap").write_bytes(content)
+    with pytest.raises(VfoaError, match=said):
+        open_clip(tmp_path / "a.mcap")
+    with pytest.raises(VfoaError, match="no such file or folder"):
+        open_clip(tmp_path / "b.mcap")
+
+
+def test_a_folder_without_a_recording_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "day").mkdir()
+    with pytest.raises(VfoaError, match=r"day: no \.mcap, \.bag or \.db3 in this folder; expected a recording"):
+        McapClip(RecordingSettings(), tmp_path / "day")
+
+
+def test_a_channel_without_a_schema_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path, "json") as record:
+        log = record.writer.register_channel("/log", "json", 0)
+        for n in (1, 2):
+            record.writer.add_message(log, stamp(n), b"{}", stamp(n))
+            for side, camera in (("left", LEFT), ("right", RIGHT)):
+                record.camera(f"/{side}/camera_info", stamp(n), camera)
+                record.picture(f"/{side}/image", stamp(n), picture(n))
+    assert list(open_clip(path).frames) == [1, 2]
+
+
+def test_a_calibration_may_have_no_stamp(tmp_path: Path) -> None:
+    """One that is sent once, by a node that does not know when."""
+    path = tmp_path / "a.mcap"
+    with recorder(path) as record:
+        for side, camera in (("left", LEFT), ("right", RIGHT)):
+            record.camera(f"/{side}/camera_info", 0, camera, log_ns=stamp(1))
+            record.picture(f"/{side}/image", stamp(1), picture(1))
+    assert open_clip(path).frame(1).rig.fx_px == 100.0
+
+
+def test_a_calibration_with_other_numbers_of_entries_is_refused(tmp_path: Path) -> None:
+    short = replace(LEFT, k=LEFT.k[:8], p=LEFT.p[:11])
+    path = write_pairs(tmp_path / "a.mcap", [(stamp(1), picture(1), picture(2), short, RIGHT)], "json")
+    with pytest.raises(VfoaError, match="found 8, 9, 11 numbers in K, R, P; expected 9, 9, 12"):
+        open_clip(path).frame(1)
+
+
+def test_a_message_that_is_not_what_its_channel_says_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with recorder(path, "json") as record:
+        for side, camera in (("left", LEFT), ("right", RIGHT)):
+            record.camera(f"/{side}/camera_info", stamp(1), camera)
+            record.picture(f"/{side}/image", stamp(1), picture(1))
+        record.writer.add_message(1, stamp(2), b"[no json", stamp(2))
+    with pytest.raises(
+        VfoaError, match=r"/left/camera_info: not a foxglove\.CameraCalibration in json: Expecting value"
+    ):
+        open_clip(path)
+
+
+def test_an_image_without_a_stamp_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match="without time stamp"):
+        open_clip(write_pairs(tmp_path / "a.mcap", [(0, picture(1), picture(2), LEFT, RIGHT)]))
+
+
+def test_a_frame_that_was_recorded_twice_is_one_frame(tmp_path: Path) -> None:
+    recorded = write_pairs(tmp_path / "take" / "day.mcap", pairs(range(1, 4)))
+    (tmp_path / "take" / "day (copy).mcap").write_bytes(recorded.read_bytes())
+    clip = McapClip(RecordingSettings(), tmp_path / "take")
+    assert [clip.time_ns(n) for n in clip.frames] == [stamp(n) for n in range(1, 4)]
+    assert np.array_equal(clip.frame(3).right, picture(1003))
+    assert clip.notes == ("3 of 6 pairs have the stamp of the one before, left out (a copy, or a clock that stood)",)
+
+
+def test_stamps_that_jump_back_are_put_in_order(tmp_path: Path) -> None:
+    clip = open_clip(write_pairs(tmp_path / "a.mcap", [*pairs(range(4, 6)), *pairs(range(1, 4))]))
+    assert [clip.time_ns(n) for n in clip.frames] == [stamp(n) for n in range(1, 6)]
+    assert np.array_equal(clip.frame(2).left, picture(2))
+
+
+def test_files_of_any_name_are_put_in_natural_order(tmp_path: Path) -> None:
+    for name, numbers in (("we[i]rd ü\n10.mcap", range(3, 5)), ("we[i]rd ü\n9²2.mcap", range(1, 3))):
+        write_pairs(tmp_path / "split" / name, pairs(numbers))
+    clip = McapClip(RecordingSettings(), tmp_path / "split")
+    assert np.array_equal(clip.frame(4).left, picture(4))
+
+
+def test_a_binned_calibration_is_refused(tmp_path: Path) -> None:
+    with recorder(tmp_path / "a.mcap") as record:
+        for side, camera in (("left", LEFT), ("right", RIGHT)):
+            record.camera(f"/{side}/camera_info", stamp(1), camera, binning=2)
+            record.picture(f"/{side}/image", stamp(1), picture(1))
+    with pytest.raises(VfoaError, match=r"/left/camera_info: binning \(2, 2\)"):
+        open_clip(tmp_path / "a.mcap").frame(1)

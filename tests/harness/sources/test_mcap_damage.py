@@ -1,0 +1,155 @@
+"""Recordings that were cut or damaged: what is left is read, and what is lost is said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap.records import Chunk, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import CompressionType
+
+from tests.disk import HEIGHT, WIDTH, picture, write_bytes
+from tests.harness.sources.numbered_recording import open_clip, pairs, stamp
+from tests.recordings import Family, write_pairs
+from vfoa.errors import VfoaError
+
+
+@pytest.mark.parametrize("family", ["ros2", "protobuf", "json"])
+def test_a_cut_file_gives_the_frames_before_the_cut_and_says_so(tmp_path: Path, family: Family) -> None:
+    whole = write_pairs(tmp_path / "a.mcap", pairs(range(1, 31)), family, chunk_size=4 * WIDTH * HEIGHT)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: int(whole.stat().st_size * 0.6)])
+    clip = open_clip(cut)
+    assert 15 <= len(clip.frames) <= 18
+    for n in clip.frames:
+        assert np.array_equal(clip.frame(n).left, picture(n))
+    assert f"cut at byte {cut.stat().st_size}" in clip.notes[0]
+    assert "lost" in clip.notes[0]
+    assert f"({stamp(len(clip.frames) + 1) / 1e9:.3f} to" in clip.notes[1]
+
+
+def rosbag2_metadata(folder: Path, files: list[str], counts: dict[str, int]) -> None:
+    """The file that ``ros2 bag record`` writes beside its recordings, as version 5 of it is laid out."""
+    topics = [
+        {"topic_metadata": {"name": name, "type": "sensor_msgs/msg/Image", "serialization_format": "cdr"}}
+        | {"message_count": count}
+        for name, count in counts.items()
+    ]
+    noted = {"version": 5, "storage_identifier": "mcap", "relative_file_paths": files}
+    noted |= {"message_count": sum(counts.values()), "topics_with_message_count": topics}
+    (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": noted}))
+
+
+def cut_at_60_percent(folder: Path, family: Family = "ros2", **options: object) -> Path:
+    whole = write_pairs(folder / "a.mcap", pairs(range(1, 31)), family, **{"chunk_size": 4 * WIDTH * HEIGHT, **options})
+    return write_bytes(folder / "cut.mcap", whole.read_bytes()[: int(whole.stat().st_size * 0.6)])
+
+
+def test_a_cut_file_says_how_many_frames_are_lost_where_it_was_noted_beside_it(tmp_path: Path) -> None:
+    cut = cut_at_60_percent(tmp_path)
+    topics = {f"/stereo/{side}/image_raw": 30 for side in ("left", "right")}
+    rosbag2_metadata(tmp_path, ["cut.mcap"], {**topics, "/stereo/left/camera_info": 30})
+    clip = open_clip(cut)
+    lost = 30 - len(clip.frames)
+    assert 12 <= lost <= 15
+    expected = {f"{topic}: {lost} of 30 images are lost (by metadata.yaml)" for topic in topics}
+    assert expected <= set(clip.notes)
+    assert not any("does not say" in note for note in clip.notes)
+
+
+@pytest.mark.parametrize("content", ["", "a: [", "rosbag2_bagfile_information: 3", "\0"])
+def test_notes_of_another_recording_or_none_are_not_believed(tmp_path: Path, content: str) -> None:
+    cut = cut_at_60_percent(tmp_path)
+    rosbag2_metadata(tmp_path, ["cut.mcap", "cut_1.mcap"], {"/stereo/left/image_raw": 90})
+    assert any("how many followed is unknown" in note for note in open_clip(cut).notes)
+    (tmp_path / "metadata.yaml").write_text(content)
+    assert any("how many followed is unknown" in note for note in open_clip(cut).notes)
+
+
+def test_a_cut_outside_chunks_cannot_tell_either(tmp_path: Path) -> None:
+    clip = open_clip(cut_at_60_percent(tmp_path, "json", use_chunking=False))
+    assert 16 <= len(clip.frames) <= 18
+    assert clip.notes[1] == "how many frames were lost is unknown (file truncated)"
+
+
+def test_what_a_lost_first_chunk_declared_is_found_in_the_summary(tmp_path: Path) -> None:
+    path = write_pairs(
+        tmp_path / "a.mcap", pairs(range(1, 11)), chunk_size=4 * WIDTH * HEIGHT, compression=CompressionType.NONE
+    )
+    data = bytearray(path.read_bytes())
+    data[data.index(picture(1).tobytes()) + 1000] ^= 1
+    path.write_bytes(data)
+    clip = open_clip(path)
+    assert 7 <= len(clip.frames) <= 9
+    assert np.array_equal(clip.frame(len(clip.frames)).left, picture(10))
+
+
+def test_zeros_after_a_crash_are_a_cut(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs(range(1, 11)), chunk_size=4 * WIDTH * HEIGHT)
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2] + bytes(len(whole)))
+    clip = open_clip(path)
+    assert 1 <= len(clip.frames) < 10
+    assert [word for note in clip.notes for word in ("chunk at byte", "what follows is lost") if word in note] == [
+        "chunk at byte",
+        "what follows is lost",
+    ]
+
+
+def test_a_flipped_bit_is_found_by_checksum_and_costs_its_chunk_alone(tmp_path: Path) -> None:
+    path = write_pairs(
+        tmp_path / "a.mcap", pairs(range(1, 11)), chunk_size=4 * WIDTH * HEIGHT, compression=CompressionType.NONE
+    )
+    data = bytearray(path.read_bytes())
+    place = data.index(picture(4).tobytes()) + 1000
+    data[place] ^= 1
+    with path.open("rb") as file:
+        chunks = [each for each in StreamReader(file, emit_chunks=True).records if isinstance(each, Chunk)]
+    (lost,) = (
+        sum(isinstance(record, Message) for record in breakup_chunk(chunk))
+        for chunk in chunks
+        if picture(4).tobytes() in chunk.data
+    )
+    path.write_bytes(data)
+    clip = open_clip(path)
+    assert 7 <= len(clip.frames) <= 9
+    kept = {clip.frame(n).time_ns for n in clip.frames}
+    assert stamp(4) not in kept
+    assert {stamp(1), stamp(10)} < kept
+    assert "damaged (crc validation failed" in clip.notes[0]
+    assert f"; {lost} of 40 messages of the file are lost in all" in clip.notes[0]
+
+
+def test_a_damaged_compressed_chunk_is_told(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs(range(1, 11)), chunk_size=4 * WIDTH * HEIGHT)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 255
+    path.write_bytes(data)
+    clip = open_clip(path)
+    assert 7 <= len(clip.frames) <= 9
+    assert "damaged" in clip.notes[0]
+
+
+@pytest.mark.parametrize(("has_checksum", "said"), [(True, 1), (False, 0)])
+def test_a_flipped_bit_outside_chunks_is_found_by_the_checksum_of_all(
+    tmp_path: Path, has_checksum: bool, said: int
+) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs(), "json", use_chunking=False, enable_data_crcs=has_checksum)
+    assert open_clip(path).notes == ()
+    data = bytearray(path.read_bytes())
+    data[data.index(b'"data": "') + 1000] ^= 1
+    path.write_bytes(data)
+    notes = open_clip(path).notes
+    assert len(notes) == said
+    assert all("the checksum of all data is wrong" in note for note in notes)
+
+
+@pytest.mark.parametrize("has_checksum", [True, False])
+def test_a_compression_that_nobody_reads_is_named(tmp_path: Path, has_checksum: bool) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs(), "json", enable_crcs=has_checksum)
+    path.write_bytes(path.read_bytes().replace(b"zstd", b"zst2"))
+    with pytest.raises(VfoaError, match=r"a\.mcap: no message can be read: .*compression 'zst2'; expected lz4, zstd"):
+        open_clip(path)

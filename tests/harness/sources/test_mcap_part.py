@@ -1,0 +1,104 @@
+"""A part of a recording, by time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.writer import CompressionType, IndexType
+
+from harness.sources.mcap.container import McapContainer
+from harness.sources.recordings.clip import McapClip
+from harness.sources.recordings.index import Window, window_of
+from harness.sources.recordings.settings import RecordingSettings
+from tests.disk import HEIGHT, WIDTH, picture
+from tests.harness.sources.numbered_recording import LEFT, RIGHT, open_clip, pairs, stamp
+from tests.recordings import recorder, rectified_camera, write_pairs
+from vfoa.errors import VfoaError
+
+INDEXES = {
+    "indexed": {"chunk_size": 4 * WIDTH * HEIGHT},
+    "statistics alone": {"chunk_size": 4 * WIDTH * HEIGHT, "index_types": IndexType.NONE},
+    "index of chunks alone": {"chunk_size": 4 * WIDTH * HEIGHT, "index_types": IndexType.CHUNK},
+    "nothing": {"chunk_size": 4 * WIDTH * HEIGHT, "index_types": IndexType.NONE, "use_statistics": False},
+    "no chunks": {"use_chunking": False, "use_statistics": False},
+}
+
+
+@pytest.mark.parametrize("options", INDEXES.values(), ids=INDEXES)
+def test_a_part_is_cut_out_by_time(tmp_path: Path, options: dict[str, object]) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs(range(1, 31)), "json", **options)
+    clip = open_clip(path, start_s=0.4, end_s=0.8)  # 40 ms a frame: from 11 to before 21
+    assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in range(11, 21)]
+    assert list(clip.frames) == list(range(1, 11))
+    assert np.array_equal(clip.frame(1).left, picture(11))
+    assert clip.notes == ()
+    assert len(open_clip(path, start_s=1.0).frames) == 5
+    assert len(open_clip(path, end_s=0.2).frames) == 5
+    assert open_clip(path, start_s=1.0).digest() != open_clip(path).digest()
+
+
+def test_only_the_chunks_of_the_part_are_read(tmp_path: Path) -> None:
+    """What stands before and behind it is overwritten: whoever reads it, fails or tells a loss."""
+    path = write_pairs(
+        tmp_path / "a.mcap",
+        pairs(range(1, 31)),
+        chunk_size=4 * WIDTH * HEIGHT,
+        compression=CompressionType.NONE,
+    )
+    data = bytearray(path.read_bytes())
+    for n in (1, 5, 16, 29):
+        data[data.index(picture(n).tobytes()) + 1000] ^= 1
+    path.write_bytes(data)
+    assert len(open_clip(path).notes) > 0
+    clip = open_clip(path, start_s=0.32, end_s=0.48)
+    assert ([clip.frame(n).time_ns for n in clip.frames], clip.notes) == ([stamp(n) for n in range(9, 13)], ())
+
+
+@pytest.mark.parametrize("options", INDEXES.values(), ids=INDEXES)
+def test_a_calibration_that_was_sent_once_holds_for_a_later_part(tmp_path: Path, options: dict[str, object]) -> None:
+    path = tmp_path / "a.mcap"
+    later = rectified_camera(WIDTH, HEIGHT, fx=200.0, cx=31.5, cy=23.5)
+    later_right = rectified_camera(WIDTH, HEIGHT, fx=200.0, cx=31.5, cy=23.5, baseline_m=0.12)
+    with recorder(path, "json", **options) as record:
+        for n in range(1, 31):
+            for side, first, second in (("left", LEFT, later), ("right", RIGHT, later_right)):
+                if n in (1, 10, 28):
+                    record.camera(f"/{side}/camera_info", stamp(n), first if n == 1 else second)
+                record.picture(f"/{side}/image", stamp(n), picture(n))
+    assert open_clip(path, start_s=0.8, end_s=1.0).frame(1).rig.fx_px == 200.0
+    assert open_clip(path, start_s=0.2, end_s=0.3).frame(1).rig.fx_px == 100.0
+
+
+def test_a_part_of_a_split_recording_spans_files(tmp_path: Path) -> None:
+    for part in range(3):
+        write_pairs(tmp_path / "day" / f"{part}.mcap", pairs(range(1 + 10 * part, 11 + 10 * part)))
+    clip = McapClip(RecordingSettings(start_s=0.32, end_s=0.48), tmp_path / "day")
+    assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in (9, 10, 11, 12)]
+
+
+def test_a_window_is_exact_to_the_nanosecond_and_may_begin_with_the_last_message(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs())
+    span = McapContainer((path,)).span_ns()
+    assert window_of(span, None, 0.2, "a") == Window(start_ns=stamp(1), end_ns=stamp(6))
+    assert window_of(span, 0.16, None, "a") == Window(start_ns=stamp(5), end_ns=None)
+    assert window_of(span, None, None, "a") is None
+    assert [open_clip(path, start_s=0.16).frame(1).time_ns] == [stamp(5)]
+
+
+def test_a_part_of_nothing_is_one_line(tmp_path: Path) -> None:
+    with recorder(tmp_path / "a.mcap"):
+        pass
+    with pytest.raises(VfoaError, match=r"a\.mcap: no messages"):
+        open_clip(tmp_path / "a.mcap", start_s=1)
+
+
+def test_a_part_that_is_none_is_one_line(tmp_path: Path) -> None:
+    path = write_pairs(tmp_path / "a.mcap", pairs())
+    with pytest.raises(VfoaError, match=r"a\.mcap: source\.start_s: found 9; the recording lasts 0\.160 s"):
+        open_clip(path, start_s=9)
+    with pytest.raises(VfoaError, match=r"a\.mcap: source\.start_s, source\.end_s: no images in that part"):
+        open_clip(path, start_s=0.09, end_s=0.1)
+    with pytest.raises(ValueError, match=r"found end_s 1; expected more than start_s, 2"):
+        open_clip(path, start_s=2, end_s=1)

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from harness.sources.recordings.messages import RawPicture
+from harness.sources.recordings.pixels import rgb
+from tests.disk import HEIGHT, WIDTH, picture
+from vfoa.errors import VfoaError
+
+COLOURS = picture(5)
+GRAY = COLOURS[..., 0]
+OPAQUE = np.full((HEIGHT, WIDTH, 1), 77, np.uint8)
+REPEATED = np.repeat(GRAY[..., None], 3, axis=2)
+PLACES = {"r": 0, "g": 1, "b": 2}
+
+
+def raw(encoding: str, pixels: NDArray[np.generic], padding: int = 0, big: bool = False) -> RawPicture:
+    """The message that holds these pixels, with ``padding`` bytes after each row."""
+    height, width = pixels.shape[:2]
+    rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(height, -1)
+    padded = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
+    return RawPicture(
+        width_px=width,
+        height_px=height,
+        encoding=encoding,
+        step=padded.shape[1],
+        is_bigendian=big,
+        data=padded.tobytes(),
+    )
+
+
+@pytest.mark.parametrize("padding", [0, 5])
+@pytest.mark.parametrize(
+    ("encoding", "pixels", "expected"),
+    [
+        ("rgb8", COLOURS, COLOURS),
+        ("bgr8", COLOURS[..., ::-1], COLOURS),
+        ("8UC3", COLOURS[..., ::-1], COLOURS),
+        ("rgba8", np.concatenate([COLOURS, OPAQUE], axis=2), COLOURS),
+        ("bgra8", np.concatenate([COLOURS[..., ::-1], OPAQUE], axis=2), COLOURS),
+        ("mono8", GRAY, REPEATED),
+        ("8UC1", GRAY, REPEATED),
+    ],
+)
+def test_every_order_of_channels(
+    encoding: str, pixels: NDArray[np.uint8], expected: NDArray[np.uint8], padding: int
+) -> None:
+    assert np.array_equal(rgb(raw(encoding, pixels, padding), "x"), expected)
+
+
+@pytest.mark.parametrize(("encoding", "pixels"), [("rgb8", COLOURS), ("mono8", GRAY)])
+@pytest.mark.parametrize("size", [(1, 3), (3, 1), (1, 1)])
+def test_any_size_will_do(encoding: str, pixels: NDArray[np.uint8], size: tuple[int, int]) -> None:
+    part = pixels[: size[0], : size[1]]
+    expected = part if part.ndim == 3 else np.repeat(part[..., None], 3, axis=2)
+    assert np.array_equal(rgb(raw(encoding, part), "x"), expected)
+
+
+@pytest.mark.parametrize(("order", "big"), [("<u2", False), (">u2", True)])
+def test_of_sixteen_bits_the_upper_eight_are_kept(order: str, big: bool) -> None:
+    values = (GRAY.astype(np.uint16) << 8 | GRAY[::-1]).astype(order)
+    assert np.array_equal(rgb(raw("mono16", values, big=big), "x"), REPEATED)
+
+
+@given(colour=st.tuples(*[st.integers(0, 255)] * 3), pattern=st.sampled_from(["rggb", "bggr", "gbrg", "grbg"]))
+@pytest.mark.parametrize("bits", [8, 16])
+def test_a_bayer_mosaic_of_one_colour_is_that_colour(bits: int, colour: tuple[int, int, int], pattern: str) -> None:
+    tile = np.array([colour[PLACES[letter]] for letter in pattern], np.uint8).reshape(2, 2)
+    mosaic = np.tile(tile, (HEIGHT // 2, WIDTH // 2))
+    samples = mosaic if bits == 8 else mosaic.astype("<u2") << 8
+    found = rgb(raw(f"bayer_{pattern}{bits}", samples), "x")
+    assert (found == np.array(colour)).all()
+
+
+@given(y=st.integers(16, 235), u=st.integers(90, 166), v=st.integers(90, 166))
+@pytest.mark.parametrize(
+    ("encoding", "order"), [("yuv422", "uyvy"), ("uyvy", "uyvy"), ("yuv422_yuy2", "yuyv"), ("yuyv", "yuyv")]
+)
+def test_yuv_is_that_of_bt_601(encoding: str, order: str, y: int, u: int, v: int) -> None:
+    values = {"y": y, "u": u, "v": v}
+    pixels = np.tile(np.array([values[letter] for letter in order], np.uint8), (4, 2)).reshape(4, 4, 2)
+    luma, blue, red = 1.164 * (y - 16), u - 128, v - 128
+    expected = [luma + 1.596 * red, luma - 0.813 * red - 0.391 * blue, luma + 2.018 * blue]
+    found = rgb(raw(encoding, pixels), "x")
+    assert np.abs(found - np.clip(expected, 0, 255)).max() <= 1.5
+
+
+def test_an_unknown_encoding_names_its_neighbours() -> None:
+    with pytest.raises(VfoaError, match=r"x: encoding 'rgb16'; did you mean 'rgb8'"):
+        rgb(raw("rgb16", COLOURS), "x")
+
+
+@pytest.mark.parametrize("encoding", ["yuv422", "yuyv"])
+def test_yuv_of_an_odd_width_is_refused(encoding: str) -> None:
+    with pytest.raises(VfoaError, match=f"x: 3 x 2 pixels of {encoding}; expected an even width"):
+        rgb(raw(encoding, np.zeros((2, 3, 2), np.uint8)), "x")
+
+
+def test_data_that_are_too_short_are_refused() -> None:
+    whole = raw("rgb8", COLOURS)
+    cut = RawPicture(
+        width_px=whole.width_px,
+        height_px=whole.height_px,
+        encoding="rgb8",
+        step=whole.step,
+        is_bigendian=False,
+        data=whole.data[:-1],
+    )
+    with pytest.raises(VfoaError, match=f"{WIDTH} x {HEIGHT} pixels of rgb8 in {len(cut.data)} bytes"):
+        rgb(cut, "x")

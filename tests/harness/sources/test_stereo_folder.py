@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
+from tests.disk import HEIGHT, WIDTH, picture, stereo_pair_folder, write_image
+from vfoa.errors import VfoaError
+
+CAMERA = {"fx_px": 50.0, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.1}
+SETTINGS = StereoFolderSettings.model_validate({"left": "left", "right": "right", "camera": CAMERA})
+
+
+def _projection(fx: float, cx: float, tx: float = 0.0) -> np.ndarray:
+    return np.array([[fx, 0, cx, tx], [0, fx, 23.5, 0], [0, 0, 1, 0]], dtype=np.float64)
+
+
+def _opencv(path: Path, **nodes: object) -> Path:
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in nodes.items():
+        storage.write(name, value)
+    storage.release()
+    return path
+
+
+def test_pairs_are_joined_by_number_and_gaps_stay(tmp_path: Path) -> None:
+    clip = StereoFolderClip(SETTINGS, stereo_pair_folder(tmp_path, (2, 9, 10)))
+    assert list(clip.frames) == [2, 9, 10]
+    frame = clip.frame(9)
+    assert np.array_equal(frame.left, picture(9))
+    assert np.array_equal(frame.right, picture(1009))
+    assert (frame.index, frame.rig.fy_px, frame.rig.cx_right_px) == (9, 50.0, 31.5)
+
+
+def test_the_rate_gives_the_times(tmp_path: Path) -> None:
+    settings = SETTINGS.model_copy(update={"rate_hz": 25.0})
+    clip = StereoFolderClip(settings, stereo_pair_folder(tmp_path))
+    assert (clip.rate_hz, clip.frame(3).time_ns) == (25.0, 120_000_000)
+
+
+@pytest.mark.parametrize(("side", "other"), [("left", "right"), ("right", "left")])
+def test_images_without_a_partner_are_left_out_and_said(tmp_path: Path, side: str, other: str) -> None:
+    stereo_pair_folder(tmp_path)
+    (tmp_path / side / "000002.png").unlink()
+    clip = StereoFolderClip(SETTINGS, tmp_path)
+    assert clip.frames == (1, 3)
+    assert clip.notes == (f"1 {other} image has no {side} one, left out: frame 2",)
+    with pytest.raises(VfoaError, match="no frame 2; expected 1 to 3"):
+        clip.frame(2)
+
+
+def test_sides_without_a_common_number_are_one_line(tmp_path: Path) -> None:
+    write_image(tmp_path / "left" / "1.png", picture(1))
+    write_image(tmp_path / "right" / "2.png", picture(2))
+    with pytest.raises(VfoaError, match=r"no frame number is on both sides: left starts with .*1\.png, right with"):
+        StereoFolderClip(SETTINGS, tmp_path)
+
+
+def test_other_sizes_wrong_folders_and_numbers_are_one_line(tmp_path: Path) -> None:
+    stereo_pair_folder(tmp_path)
+    write_image(tmp_path / "right" / "000001.png", picture(0, WIDTH + 2, HEIGHT))
+    clip = StereoFolderClip(SETTINGS, tmp_path)
+    with pytest.raises(
+        VfoaError, match=r"right/000001\.png: the right image is 66 x 48 pixels, the left one .* 64 x 48"
+    ):
+        clip.frame(1)
+    with pytest.raises(VfoaError, match="no frame 7; expected 1 to 3"):
+        clip.frame(7)
+    with pytest.raises(VfoaError, match=r"source\.left: 'lef' matches no file"):
+        StereoFolderClip(SETTINGS.model_copy(update={"left": "lef"}), tmp_path)
+    with pytest.raises(VfoaError, match="gone: no such folder"):
+        StereoFolderClip(SETTINGS, tmp_path / "gone")
+
+
+def test_the_digest_depends_on_images_calibration_and_rate(tmp_path: Path) -> None:
+    stereo_pair_folder(tmp_path)
+    wider = SETTINGS.model_copy(update={"camera": SETTINGS.camera.model_copy(update={"baseline_m": 0.2})})  # type: ignore[union-attr]
+    faster = SETTINGS.model_copy(update={"rate_hz": 10.0})
+    digests = [StereoFolderClip(each, tmp_path).digest() for each in (SETTINGS, SETTINGS, wider, faster)]
+    write_image(tmp_path / "left" / "000003.png", picture(8))
+    digests.append(StereoFolderClip(SETTINGS, tmp_path).digest())
+    assert digests[0] == digests[1]
+    assert len(set(digests)) == 4
+
+
+@pytest.mark.parametrize("both", [{}, {"calibration": "c.txt", "camera": CAMERA}])
+def test_exactly_one_calibration_is_asked_for(both: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="expected either calibration"):
+        StereoFolderSettings.model_validate({"left": "l", "right": "r", **both})
+
+
+def test_a_missing_calibration_is_named(tmp_path: Path) -> None:
+    stereo_pair_folder(tmp_path)
+    settings = StereoFolderSettings(left="left", right="right", calibration="gone.yml")
+    with pytest.raises(VfoaError, match=r"gone\.yml: no such file"):
+        StereoFolderClip(settings, tmp_path)
+
+
+def test_a_calibration_without_a_name_is_one_line(tmp_path: Path) -> None:
+    stereo_pair_folder(tmp_path)
+    with pytest.raises(VfoaError, match=f"{tmp_path}: cannot be read: Is a directory"):
+        StereoFolderClip(StereoFolderSettings(left="left", right="right", calibration=""), tmp_path)
+
+
+def test_a_calibration_of_another_aspect_is_refused(tmp_path: Path) -> None:
+    stereo_pair_folder(tmp_path)
+    nodes = {"P1": _projection(50, 30), "P2": _projection(50, 30, -5.0)}
+    _opencv(tmp_path / "c.yml", image_width=128, image_height=90, **nodes)
+    clip = StereoFolderClip(StereoFolderSettings(left="left", right="right", calibration="c.yml"), tmp_path)
+    with pytest.raises(
+        VfoaError, match=r"000001\.png: the calibration is for \(128, 90\) pixels, the images .*\(64, 48\)"
+    ):
+        clip.frame(1)

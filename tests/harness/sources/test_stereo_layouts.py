@@ -1,0 +1,240 @@
+"""Every layout that a stereo clip can have on disk: written, found, and read back frame for frame."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from harness.sources.side_names import pair_names
+from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
+from harness.sources.stereo_layouts import FoundLayout, find_layouts
+from tests.disk import write_bytes, write_image, write_text, write_video
+from vfoa.errors import VfoaError
+from vfoa.types import Image
+
+CAMERA = {"fx_px": 50.0, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.1}
+WIDTH, HEIGHT = 128, 96
+FRAMES = (2, 9, 10)
+
+
+def _pair(number: int) -> tuple[Image, Image]:
+    """Two views of a wall of blobs, six pixels apart."""
+    noise = np.random.default_rng(number).integers(0, 256, (HEIGHT, WIDTH + 6, 3), dtype=np.uint8)
+    wall = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 3), None, 0, 255, cv2.NORM_MINMAX)
+    return wall[:, :WIDTH], wall[:, 6:]
+
+
+def _write_pairs(root: Path, left: str, right: str, frames: tuple[int, ...] = FRAMES) -> Path:
+    for number in frames:
+        for name, image in zip((left, right), _pair(number), strict=True):
+            write_image(root / name.format(number), image)
+    return root
+
+
+def _open(found: FoundLayout, **changes: Any) -> StereoFolderClip:
+    settings = {**found.source, "camera": CAMERA, **changes}
+    return StereoFolderClip(StereoFolderSettings.model_validate(settings), found.root)
+
+
+def _assert_same_frames(clip: StereoFolderClip, frames: tuple[int, ...], numbers: tuple[int, ...] = FRAMES) -> None:
+    assert clip.frames == frames
+    for frame, number in zip(frames, numbers, strict=True):
+        read = clip.frame(frame)
+        for seen, written in zip((read.left, read.right), _pair(number), strict=True):
+            assert np.array_equal(seen, written)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "source"),
+    [
+        ("left/{:04d}.png", "right/{:04d}.png", ("left", "right")),
+        ("a/Left/f{}.png", "a/Right/f{}.png", ("a/Left", "a/Right")),
+        ("image_2/{:06d}.png", "image_3/{:06d}.png", ("image_2", "image_3")),
+        ("mav0/cam0/data/{}.png", "mav0/cam1/data/{}.png", ("mav0/cam0/data", "mav0/cam1/data")),
+        ("left_{}.png", "right_{}.png", ("left_*.png", "right_*.png")),
+        ("x/{:05d}L.png", "x/{:05d}R.png", ("x/*L.png", "x/*R.png")),
+        ("f{}_l.png", "f{}_r.png", ("f*_l.png", "f*_r.png")),
+        ("cam0_{}.png", "cam1_{}.png", ("cam0_*.png", "cam1_*.png")),
+        ("{}_image_0.png", "{}_image_1.png", ("*_image_0.png", "*_image_1.png")),
+        ("cam1-{}.png", "cam2-{}.png", ("cam1-*.png", "cam2-*.png")),
+        ("take[1] ü/left{}.png", "take[1] ü/right{}.png", ("take[[]1] ü/left*.png", "take[[]1] ü/right*.png")),
+    ],
+)
+def test_sides_in_names_are_found_and_read(tmp_path: Path, left: str, right: str, source: tuple[str, str]) -> None:
+    (found,) = find_layouts(_write_pairs(tmp_path, left, right))
+    assert found.source == {"layout": "images", "left": source[0], "right": source[1]}
+    assert (found.frames, found.first_frame, found.last_frame, found.size_px) == (3, 2, 10, (WIDTH, HEIGHT))
+    _assert_same_frames(_open(found), FRAMES)
+
+
+@pytest.mark.parametrize(("unit", "second"), [("ns", 10**9), ("us", 10**6), ("ms", 10**3)])
+def test_stamps_in_names_are_times(tmp_path: Path, unit: str, second: int) -> None:
+    frames = tuple(1_700_000_000 * second + number * second // 20 for number in (0, 1, 2, 4))
+    (found,) = find_layouts(_write_pairs(tmp_path, "left/{}.png", "right/{}.png", frames))
+    assert (found.source["stamps"], found.rate_hz, found.first_frame) == (unit, 20.0, frames[0])
+    clip = _open(found)
+    assert clip.rate_hz == 20.0
+    assert [clip.time_ns(frame) - clip.time_ns(frames[0]) for frame in frames] == [0, 50_000_000, 10**8, 2 * 10**8]
+    assert clip.frame(frames[1]).time_ns == 1_700_000_000_050_000_000
+
+
+def test_images_without_a_partner_are_counted(tmp_path: Path) -> None:
+    _write_pairs(tmp_path, "l_{}.png", "r_{}.png", (1, 2, 3, 4))
+    for name in ("l_1.png", "r_2.png", "r_3.png"):
+        (tmp_path / name).unlink()
+    (found,) = find_layouts(tmp_path)
+    assert (found.frames, found.left_only, found.right_only) == (1, 2, 1)
+    assert "1 pair of 128 x 96" in str(found)
+    assert "2 only left, 1 only right" in str(found)
+
+
+def test_several_pairs_of_cameras_are_all_named(tmp_path: Path) -> None:
+    _write_pairs(tmp_path, "image_0/{}.png", "image_1/{}.png")
+    _write_pairs(tmp_path, "image_2/{}.png", "image_3/{}.png", (1, 2, 3, 4))
+    assert [(each.source["left"], each.frames) for each in find_layouts(tmp_path)] == [("image_2", 4), ("image_0", 3)]
+
+
+PACKED = [("side_by_side", np.hstack), ("top_bottom", np.vstack)]
+
+
+@pytest.mark.parametrize(("packing", "stack"), PACKED)
+def test_images_that_hold_both_views(tmp_path: Path, packing: str, stack: Any) -> None:
+    for number in FRAMES:
+        write_image(tmp_path / "both" / f"{number}.png", stack(_pair(number)))
+    (found,) = find_layouts(tmp_path)
+    assert found.source == {"layout": f"images_{packing}", "both": "both"}
+    assert (found.frames, found.size_px) == (3, (WIDTH, HEIGHT))
+    _assert_same_frames(_open(found), FRAMES)
+
+
+@pytest.mark.parametrize(("packing", "stack"), PACKED)
+def test_a_video_that_holds_both_views(tmp_path: Path, packing: str, stack: Any) -> None:
+    path = write_video(tmp_path / "talk.mkv", [stack(_pair(number)) for number in FRAMES], rate_hz=10.0)
+    for where in (tmp_path, path):
+        (found,) = find_layouts(where)
+        assert found.source == {"layout": f"video_{packing}", "both": "talk.mkv"}
+        assert (found.frames, found.size_px, found.rate_hz) == (3, (WIDTH, HEIGHT), 10.0)
+    clip = _open(found)
+    assert (clip.rate_hz, clip.frame(2).time_ns) == (10.0, 200_000_000)
+    assert _open(found, rate_hz=5.0).frame(2).time_ns == 400_000_000
+    _assert_like(clip)
+
+
+def test_the_preview_of_a_calibration_is_no_frame(tmp_path: Path) -> None:
+    write_image(tmp_path / "stereo.png", np.hstack(_pair(1)))
+    assert [each.source["both"] for each in find_layouts(tmp_path)] == ["."]
+    write_text(tmp_path / "stereo.yml", "")
+    assert find_layouts(tmp_path) == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [("a.mp4", b"", "not a readable video"), ("a.png", b"\x89PNG\r\n\x1a\n", "truncated PNG")],
+)
+def test_a_file_that_cannot_be_read_is_said_to_be_so(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+    with pytest.raises(VfoaError, match=rf"{name}: {said}"):
+        find_layouts(write_bytes(tmp_path / name, content))
+
+
+def test_videos_that_cannot_be_read_hide_no_images(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        write_bytes(tmp_path / f"{side}.mp4", b"")
+    with pytest.raises(VfoaError, match=r"left\.mp4: not a readable video"):
+        find_layouts(tmp_path)
+    (found,) = find_layouts(_write_pairs(tmp_path, "left/{}.png", "right/{}.png"))
+    assert found.source["left"] == "left"
+
+
+def test_two_videos(tmp_path: Path) -> None:
+    for side in (0, 1):
+        images = [_pair(number)[side] for number in (*FRAMES, 11, 12)]
+        write_video(tmp_path / f"{('left', 'right')[side]}.mkv", images[: 5 - 2 * side])
+    (found,) = find_layouts(tmp_path)
+    assert found.source == {"layout": "videos", "left": "left.mkv", "right": "right.mkv"}
+    clip = _open(found)
+    assert clip.notes == ("left.mkv: 2 frames after the other video's end are left out",)
+    _assert_like(clip)
+
+
+def test_two_videos_of_which_one_lost_a_frame(tmp_path: Path) -> None:
+    """What the mean rate does not show: one frame of 200."""
+    images = [np.full((16, 16, 3), number, np.uint8) for number in range(200)]
+    for side in ("left", "right"):
+        write_video(tmp_path / f"{side}.mkv", images, "MJPG")
+    (whole,) = find_layouts(tmp_path)
+    assert _open(whole).notes == ()
+    _drop_frame(tmp_path / "right.mkv", 120)
+    (found,) = find_layouts(tmp_path)
+    assert (
+        "right.mkv: from frame 120 on not in step with left.mkv, by up to 40 ms; frames are paired by their places"
+        in (_open(found).notes)
+    )
+
+
+def _drop_frame(video: Path, number: int) -> None:
+    """Make a frame of a Matroska file a void element of the same length."""
+    data = bytearray(video.read_bytes())
+    blocks = [match.start() for match in re.finditer(rb"\xa3[\x40-\xff].{0,7}?\x81..\x80", data, re.DOTALL)]
+    assert len(blocks) == 200
+    data[blocks[number]] = 0xEC
+    video.write_bytes(data)
+
+
+def _assert_like(clip: StereoFolderClip) -> None:
+    """FFV1 keeps colours to a few levels: it stores them as luma and chroma."""
+    assert clip.frames == (0, 1, 2)
+    for frame, number in enumerate(FRAMES):
+        read = clip.frame(frame)
+        for seen, written in zip((read.left, read.right), _pair(number), strict=True):
+            assert np.abs(seen.astype(int) - written).mean() < 8
+
+
+def test_single_images_and_text_are_no_stereo_clip(tmp_path: Path, shared_data: Path) -> None:
+    write_text(tmp_path / "notes_left.txt", "")
+    assert find_layouts(tmp_path) == ()
+    assert find_layouts(shared_data / "sintel" / "training" / "clean_left" / "bandage_2") == ()
+    with pytest.raises(VfoaError, match="gone: no such file or folder"):
+        find_layouts(tmp_path / "gone")
+
+
+def test_real_pictures_are_found(shared_data: Path) -> None:
+    boards, street = find_layouts(shared_data / "chessboard"), find_layouts(shared_data / "kitti_pair")
+    assert [str(each) for each in boards] == ["images: 13 pairs of 640 x 480 (left 'left*.jpg', right 'right*.jpg')"]
+    assert [each.source["right"] for each in street] == ["right.png"]
+
+
+def test_a_sequence_is_no_pair_of_cameras() -> None:
+    assert pair_names([f"image_{n}.png" for n in range(20)], numbered=True) == ()
+    assert pair_names(["cam1_view2.png", "bright.png", "upright_1.png"], numbered=True) == ()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"layout": "images", "both": "x"}, "found both; expected left and right for the layout 'images'"),
+        ({"layout": "video_side_by_side", "left": "x"}, "found left; expected both for the layout"),
+        ({"left": "x"}, "found left; expected left and right"),
+        ({"layout": "sbs", "both": "x"}, "video_top_bottom"),
+        ({"layout": "video_top_bottom", "both": "x", "stamps": "ms"}, "stamps: found 'ms'; expected none"),
+    ],
+)
+def test_the_keys_fit_the_layout(settings: dict[str, str], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        StereoFolderSettings.model_validate({**settings, "camera": CAMERA})
+
+
+def test_what_cannot_be_halved_or_joined_is_one_line(tmp_path: Path) -> None:
+    write_image(tmp_path / "1.png", np.zeros((9, 7, 3), np.uint8))
+    settings = {"layout": "images_side_by_side", "both": "1.png", "camera": CAMERA}
+    with pytest.raises(VfoaError, match=r"1\.png: the width is 7 pixels; expected an even number"):
+        StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path).frame(1)
+    write_video(tmp_path / "l.mkv", [_pair(1)[0]], rate_hz=30)
+    write_video(tmp_path / "r.mkv", [_pair(1)[1]], rate_hz=25)
+    settings = {"layout": "videos", "left": "l.mkv", "right": "r.mkv", "camera": CAMERA}
+    with pytest.raises(VfoaError, match=r"r\.mkv: 25 frames per second, .*l\.mkv has 30; expected the same rate"):
+        StereoFolderClip(StereoFolderSettings.model_validate(settings), tmp_path)

@@ -1,0 +1,130 @@
+"""Videos whose packets are messages, against the images they were coded from."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.sources.contract import check_contract
+from harness.sources.recordings.clip import RecordingClip
+from harness.sources.recordings.settings import RecordingSettings
+from tests.depth_recordings import CODERS, Encoder, Lens, Shot, messages, write_video_take
+from tests.disk import moving_picture
+from vfoa.errors import VfoaError
+
+START_NS, STEP_NS = 1_700_000_000_000_000_007, 40_000_000
+WIDTH, HEIGHT, COUNT = 128, 96, 25
+IMAGES = [moving_picture(number, WIDTH, HEIGHT) for number in range(1, COUNT + 1)]
+DEPTH_MM = np.full((HEIGHT, WIDTH), 1500, np.uint16)
+LENS = Lens(width=WIDTH, height=HEIGHT, fx=100.0, cx=63.5, cy=47.5)
+Packets = list[tuple[int, bytes, bool]]
+
+
+def stamp(number: int) -> int:
+    return START_NS + number * STEP_NS
+
+
+def coded(name: str) -> Packets:
+    coder, options = CODERS[name]
+    return Encoder(coder, WIDTH, HEIGHT, options).packets(IMAGES)
+
+
+def write_sdk(path: Path, name: str, packets: Packets) -> Path:
+    """Colour as a video and depth, by Foxglove's SDK in protobuf."""
+    shots = [
+        Shot(stamp_ns=stamp(number), colour=IMAGES[number], depth_mm=DEPTH_MM, lens=LENS) for number in range(COUNT)
+    ]
+    return write_video_take(path, name, packets, shots)
+
+
+def open_clip(path: Path, **settings: object) -> RecordingClip:
+    data = {"recording": path.name, **settings}
+    return RecordingClip(RecordingSettings.model_validate(data), path.parent)
+
+
+def assert_is(found: np.ndarray, number: int) -> None:
+    """The image of this number, and of no other one."""
+    errors = [float(np.abs(found.astype(int) - image.astype(int)).mean()) for image in IMAGES]
+    assert int(np.argmin(errors)) == number
+    assert errors[number] < 3
+
+
+@pytest.mark.parametrize("name", CODERS)
+def test_every_codec_gives_each_frame_in_any_order(tmp_path: Path, name: str) -> None:
+    clip = open_clip(write_sdk(tmp_path / "a.mcap", name, coded(name)))
+    assert list(clip.frames) == list(range(1, COUNT + 1))
+    assert clip.notes == ()
+    for number in [*clip.frames, 25, 3, 14, 13, 1, 24, 11, 12]:
+        frame = clip.frame(number)
+        assert frame.time_ns == stamp(number - 1)
+        assert_is(frame.left, number - 1)
+        assert frame.depth_m is not None
+        assert frame.depth_m[5, 5] == pytest.approx(1.5)
+        assert frame.rig.fx_px == LENS.fx
+
+
+def test_a_seek_gives_the_very_pixels_of_reading_in_turn(tmp_path: Path) -> None:
+    path = write_sdk(tmp_path / "a.mcap", "h264", coded("h264"))
+    in_turn = [open_clip(path).frame(number).left for number in range(1, COUNT + 1)]
+    clip = open_clip(path)
+    for number in np.random.default_rng(0).permutation(COUNT).tolist():
+        assert np.array_equal(clip.frame(number + 1).left, in_turn[number])
+    check_contract(pickle.loads(pickle.dumps(clip)))
+
+
+@pytest.mark.parametrize("encoding", ["libx264", "h264;yuv420p;bgr8"])
+def test_packets_of_ffmpeg_transport_with_reordered_frames(tmp_path: Path, encoding: str) -> None:
+    """B frames come after the frames they lie between: stamps, not the order of packets, number the frames."""
+    packets = Encoder("libx264", WIDTH, HEIGHT, {"preset": "medium", "crf": "12", "bf": "3"}).packets(IMAGES)
+    assert [number for number, _, _ in packets] != sorted(number for number, _, _ in packets)
+    with messages(tmp_path, "db3") as (path, write):
+        write.camera("/rgb/camera_info", START_NS, LENS)
+        for order, (number, data, is_key) in enumerate(packets):
+            write.image("/depth_to_rgb/image_raw", stamp(order), DEPTH_MM, "16UC1")
+            taken_ns, sent_ns = stamp(number), stamp(order + 5)
+            write.packet("/rgb/image_raw/ffmpeg", taken_ns, encoding, data, is_key=is_key, log_ns=sent_ns)
+    clip = open_clip(path, stamps="header")
+    for number in [*clip.frames, 20, 2, 9]:
+        assert_is(clip.frame(number).left, number - 1)
+
+
+def test_a_window_begins_between_key_frames(tmp_path: Path) -> None:
+    path = write_sdk(tmp_path / "a.mcap", "h264", coded("h264"))
+    clip = open_clip(path, start_s=0.56)
+    assert len(clip.frames) == COUNT - 14
+    assert_is(clip.frame(1).left, 14)
+
+
+def test_a_video_that_begins_without_a_key_frame_says_from_where_it_can_be_read(tmp_path: Path) -> None:
+    path = write_sdk(tmp_path / "a.mcap", "h264", coded("h264")[4:])
+    clip = open_clip(path)
+    with pytest.raises(VfoaError, match=r"^[^\n]*/rgb/video[^\n]*key frame[^\n]*start_s[^\n]*$"):
+        clip.frame(1)
+    assert_is(clip.frame(8).left, 11)
+
+
+@pytest.mark.parametrize("damage", [lambda data: b"", lambda data: bytes(len(data)), lambda data: data[:7]])
+def test_a_damaged_packet_costs_its_frames_and_no_others(tmp_path: Path, damage: Callable[[bytes], bytes]) -> None:
+    packets = coded("h264")
+    number, data, is_key = packets[12]
+    packets[12] = number, damage(data), is_key
+    clip = open_clip(write_sdk(tmp_path / "a.mcap", "h264", packets))
+    with pytest.raises(VfoaError, match=r"^[^\n]*frame 13: [^\n]*packet 13[^\n]*$"):
+        clip.frame(13)
+    assert_is(clip.frame(9).left, 8)
+    assert_is(clip.frame(22).left, 21)
+
+
+@pytest.mark.parametrize("name", ["h264", "vp9"])
+def test_a_lost_packet_is_told_with_what_it_may_cost(tmp_path: Path, name: str) -> None:
+    """Packets 11 to 20 hang together: without the 13th, those from the 14th on are not what was coded."""
+    packets = coded(name)
+    assert [is_key for _, _, is_key in packets].index(True, 1) == 10
+    clip = open_clip(write_sdk(tmp_path / "a.mcap", name, packets[:12] + packets[13:]))
+    assert any("1 gap in time" in note and "the 7 images" in note for note in clip.notes)
+    assert_is(clip.frame(12).left, 11)
+    assert_is(clip.frame(20).left, 20)
