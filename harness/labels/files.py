@@ -1,0 +1,159 @@
+"""Who looks at what: the CSV files under ``annotations/``, read strictly and written canonically.
+
+    # vfoa annotations 1
+    first_frame,last_frame,subject,target,note[,u_px,v_px][,state]
+
+Ranges of frames are inclusive, in the source's own numbers; with ``start_s,end_s`` in their place a row holds for the
+frames whose time lies in [start, end). ``annotations/README.md`` tells it to those who label.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from harness.files import atomic_write, read_text
+from harness.labels.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels
+from harness.labels.rows import (
+    FRAME_COLUMNS,
+    POINT_COLUMNS,
+    STATE_COLUMN,
+    SUGGESTED,
+    TIME_COLUMNS,
+    WORD_COLUMNS,
+    RowReader,
+    check_sequence,
+    check_text,
+)
+from harness.labels.timeline import Timeline, format_seconds
+from vfoa.errors import VfoaError
+
+__all__ = [
+    "IGNORED",
+    "NOWHERE",
+    "RESERVED",
+    "VERSION_LINE",
+    "Label",
+    "LabelRange",
+    "Labels",
+    "format_annotations",
+    "read_annotations",
+    "write_annotations",
+]
+
+VERSION_LINE = "# vfoa annotations 1"
+
+
+def read_annotations(
+    path: Path,
+    *,
+    timeline: Timeline | None,
+    subjects: Iterable[str],
+    targets: Iterable[str],
+    allow_gaps: bool = False,
+) -> Labels:
+    """Read a clip's annotations.
+
+    Parameters
+    ----------
+    path
+        The file. A byte-order mark and CRLF line ends are read rightly; blank lines are skipped.
+    timeline
+        The clip's frames and times; None where the clip cannot be opened: then frame numbers are not checked, and a
+        file whose ranges are times cannot be read.
+    subjects, targets
+        The manifest's names. A subject may be looked at, too, but not by itself.
+    allow_gaps
+        Take a file whose labelling is not finished: frames without a label between two labels of a subject.
+
+    Raises
+    ------
+    VfoaError
+        For the first mistake, with file and line: another version or header, a wrong number, an unknown name, a
+        frame outside the clip, a range that ends before it begins or holds no frame, an overlap, or a gap between
+        the first and the last label of a subject.
+    """
+    rows = list(_rows(path, timeline, set(subjects), targets))
+    check_sequence(path, rows, timeline, allow_gaps=allow_gaps)
+    return Labels(row for _, row in rows)
+
+
+def write_annotations(path: Path, labels: Labels) -> None:
+    """Write a clip's annotations, whole or not at all, as :func:`format_annotations` has them. Raises as it does."""
+    atomic_write(path, format_annotations(labels, str(path)))
+
+
+def format_annotations(labels: Labels, where: str = "annotations") -> str:
+    """The text of an annotation file.
+
+    The form is canonical: rows by first frame and subject, LF; times where every range was given by time; the
+    columns for points and for states only where a label has one. Reading and writing such a file again gives the same
+    bytes.
+
+    Raises
+    ------
+    VfoaError
+        If a name or note holds a line break or another control character; ``where`` starts the message.
+    """
+    in_time = bool(labels.ranges) and all(row.span_ns is not None for row in labels.ranges)
+    with_points = any(row.label.point_px is not None for row in labels.ranges)
+    with_states = any(row.label.is_suggested for row in labels.ranges)
+    text = io.StringIO()
+    text.write(f"{VERSION_LINE}\n")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(_columns(in_time=in_time, with_points=with_points, with_states=with_states))
+    for row in labels.ranges:
+        cells = [row.subject, row.label.target, row.label.note]
+        check_text(cells, where)
+        if with_points:
+            cells += [_number(each) for each in row.label.point_px or ()] or ["", ""]
+        if with_states:
+            cells.append(SUGGESTED if row.label.is_suggested else "")
+        ends = [format_seconds(each) for each in row.span_ns or ()] if in_time else [row.first_frame, row.last_frame]
+        writer.writerow([*ends, *cells])
+    return text.getvalue()
+
+
+def _rows(
+    path: Path, timeline: Timeline | None, subjects: set[str], targets: Iterable[str]
+) -> Iterator[tuple[int, LabelRange]]:
+    """Line number and content of every row below the header, blank lines left out."""
+    version, _, rest = read_text(path).partition("\n")
+    if version.rstrip("\r") != VERSION_LINE:
+        raise VfoaError(f"{path}:1: found {version.rstrip()[:80]!r}; expected {VERSION_LINE!r}")
+    lines = csv.reader(io.StringIO(rest, newline=""), strict=True)
+    reader: RowReader | None = None
+    try:
+        for cells in lines:
+            line = lines.line_num + 1
+            if reader is None:
+                _check_header(cells, f"{path}:{line}")
+                reader = RowReader(cells, timeline, subjects, targets)
+                if reader.in_time and not (timeline and timeline.times_ns):
+                    raise VfoaError(f"{path}:{line}: ranges of time need the clip's frame times, which are not known")
+            elif cells and (row := reader.read(cells, path, line)) is not None:
+                yield line, row
+    except csv.Error as error:
+        raise VfoaError(f"{path}:{lines.line_num + 1}: not CSV: {error}") from None
+    if reader is None:
+        raise VfoaError(f"{path}:2: no header; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)}")
+
+
+def _columns(*, in_time: bool, with_points: bool, with_states: bool) -> tuple[str, ...]:
+    ends = TIME_COLUMNS if in_time else FRAME_COLUMNS
+    return (*ends, *WORD_COLUMNS, *(POINT_COLUMNS if with_points else ()), *((STATE_COLUMN,) if with_states else ()))
+
+
+def _check_header(found: list[str], where: str) -> None:
+    in_time, with_points, with_states = (name in found for name in (TIME_COLUMNS[0], POINT_COLUMNS[0], STATE_COLUMN))
+    if tuple(found) != _columns(in_time=in_time, with_points=with_points, with_states=with_states):
+        raise VfoaError(
+            f"{where}: header {','.join(found)[:120]!r}; expected {','.join(FRAME_COLUMNS + WORD_COLUMNS)} "
+            f"(or {','.join(TIME_COLUMNS)} for the frames; then {','.join(POINT_COLUMNS)}, {STATE_COLUMN} or both)"
+        )
+
+
+def _number(value: float) -> str:
+    return repr(float(value)).removesuffix(".0")

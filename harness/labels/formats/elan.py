@@ -1,0 +1,164 @@
+"""ELAN (.eaf): a tier per subject, an annotation per range, its value the target.
+
+Notes, image points and suggestions stand in tiers of their own beside a subject's (``girl:note``, ``girl:point_px``,
+``girl:state``), in annotations of the same times. Through pympi (Lubbers and Torreira, pympi-ling).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from harness.files import atomic_write, read_bytes
+from harness.labels.formats.exchange import Exchange, Imported, one_line
+from harness.labels.formats.spans import Span, from_spans, to_spans
+from harness.labels.labels import Label, Labels
+from harness.labels.rows import SUGGESTED, parse_point
+from harness.xml_text import parse_xml
+from vfoa.errors import VfoaError
+
+_NOTE, _POINT, _STATE = ":note", ":point_px", ":state"
+_DATE = "1970-01-01T00:00:00+00:00"
+"""The format wants a date; the same labels are to give the same bytes."""
+
+
+class Elan:
+    """Reads tiers named after subjects; others are left out, and said. Writes format 2.8."""
+
+    def read(self, path: Path, exchange: Exchange) -> Imported:
+        """Read a file's annotations; those that refer to others have the times of the ones they refer to."""
+        document = _parse(path)
+        names = {each: exchange.names.translate(each) for each in document.tiers}
+        tiers = {tier: name for tier, name in names.items() if name in exchange.subjects}
+        beside = {f"{tier}{suffix}" for tier in tiers for suffix in (_NOTE, _POINT, _STATE)}
+        filled = [each for each, (aligned, referring, *_) in document.tiers.items() if aligned or referring]
+        others = [each for each in filled if each not in tiers and each not in beside]
+        if not tiers:
+            found = ", ".join(map(repr, document.tiers)) or "none"
+            raise VfoaError(
+                f"{path}: no tier is named after a subject; found {found}; "
+                f"expected {', '.join(map(repr, exchange.subjects))} (--rename TIER=OURS)"
+            )
+        origin_ms, said = _media_offset(document, exchange, path)
+        spans = [span for tier, name in tiers.items() for span in _spans(document, tier, name, exchange, path)]
+        moved = [replace(span, start_ms=span.start_ms + origin_ms, end_ms=span.end_ms + origin_ms) for span in spans]
+        imported = from_spans(moved, exchange, path)
+        said += [f"{path}: tier {each!r} is no subject's and is left out." for each in others]
+        return Imported(labels=imported.labels, notes=(*imported.notes, *said))
+
+    def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
+        """Write a document without media; nothing is lost."""
+        from pympi.Elan import Eaf, to_string
+
+        document = Eaf(author="vfoa")
+        document.adocument["DATE"] = _DATE
+        for subject in labels.subjects:
+            document.add_tier(subject)
+        document.remove_tier("default")
+        for start, end, row in to_spans(labels, exchange):
+            label = row.label
+            point = "" if label.point_px is None else ",".join(repr(each) for each in label.point_px)
+            beside = {_NOTE: label.note, _POINT: point, _STATE: SUGGESTED if label.is_suggested else ""}
+            document.add_annotation(row.subject, start, end, label.target)
+            for tier, value in ((f"{row.subject}{suffix}", value) for suffix, value in beside.items() if value):
+                if tier not in document.tiers:
+                    document.add_tier(tier)
+                document.add_annotation(tier, start, end, value)
+        atomic_write(path, b"<?xml version='1.0' encoding='UTF-8'?>\n" + to_string(document, encoding="UTF-8"))
+        return ()
+
+
+def _parse(path: Path) -> Any:
+    from pympi.Elan import Eaf
+
+    root = parse_xml(read_bytes(path), path)
+    if root.tag != "ANNOTATION_DOCUMENT":
+        raise VfoaError(f"{path}: found <{root.tag}>; expected ELAN's <ANNOTATION_DOCUMENT>")
+    try:
+        return Eaf(str(path), suppress_version_warning=True)
+    except (KeyError, ValueError, IndexError) as error:
+        raise VfoaError(f"{path}: not an ELAN document that can be read: {type(error).__name__}: {error}") from None
+
+
+def _spans(document: Any, tier: str, subject: str, exchange: Exchange, path: Path) -> Iterator[Span]:
+    notes, points, states = (_beside(document, tier + suffix, path) for suffix in (_NOTE, _POINT, _STATE))
+    for start, end, value in _aligned(document, tier, path):
+        where = f"{path}: tier {tier!r}, {start / 1000:.3f} to {end / 1000:.3f} s"
+        label = Label(
+            target=exchange.target(value.strip(), subject, where),
+            note=one_line(notes.get((start, end))),
+            point_px=parse_point(points.get((start, end), "").split(","), where),
+            is_suggested=states.get((start, end)) == SUGGESTED,
+        )
+        yield Span(start_ms=start, end_ms=end, subject=subject, label=label, where=where)
+
+
+def _media_offset(document: Any, exchange: Exchange, path: Path) -> tuple[int, list[str]]:
+    """How far the first medium's own time is ahead of the document's, ms, and what to say of that.
+
+    ELAN keeps it as ``TIME_ORIGIN``. An ``--offset`` of the user says where the clip begins by itself.
+    """
+    origins = {str(each.get("MEDIA_URL")): each.get("TIME_ORIGIN") for each in document.media_descriptors}
+    try:
+        found_ms = [(url, int(origin)) for url, origin in origins.items() if origin is not None]
+    except ValueError:
+        raise VfoaError(f"{path}: TIME_ORIGIN: found {origins}; expected milliseconds") from None
+    first = next(iter(origins), None)
+    if not found_ms or all(origin == 0 for _, origin in found_ms):
+        return 0, []
+    listed = ", ".join(f"{Path(url).name} {origin / 1000:g} s" for url, origin in found_ms)
+    if exchange.offset != 0:
+        return 0, [f"{path}: the media offsets ({listed}) are not used: --offset says where the clip begins."]
+    origin_ms = next((origin for url, origin in found_ms if url == first), 0)
+    if origin_ms == 0:
+        return 0, [f"{path}: media offsets: {listed}; the clip is taken for the first medium, which has none."]
+    return origin_ms, [f"{path}: the media offset of {Path(str(first)).name}, {origin_ms / 1000:g} s, is added."]
+
+
+def _aligned(document: Any, tier: str, path: Path) -> list[tuple[int, int, str]]:
+    found = _annotations(document, tier, path)
+    if any(start is None or end is None for start, end, _ in found):
+        raise VfoaError(f"{path}: tier {tier!r} has an annotation without times; expected time-aligned annotations")
+    return found
+
+
+def _beside(document: Any, tier: str, path: Path) -> dict[tuple[int, int], str]:
+    if tier not in document.tiers:
+        return {}
+    return {(start, end): value for start, end, value in _annotations(document, tier, path)}
+
+
+def _annotations(document: Any, tier: str, path: Path) -> list[tuple[int, int, str]]:
+    """Start, end (ms) and value of a tier's annotations."""
+    try:
+        aligned, referring = document.tiers[tier][:2]
+        times = document.timeslots
+        found = [(times[first], times[last], value) for first, last, value, _ in aligned.values()]
+        return found + [_referring(document, tier, each) for each in referring]
+    except (KeyError, RecursionError) as error:
+        raise VfoaError(
+            f"{path}: tier {tier!r} refers to the time slot or annotation {error}, which the file does not have"
+        ) from None
+
+
+def _referring(document: Any, tier: str, name: str) -> tuple[Any, Any, str]:
+    """An annotation that refers to another one: it has its times, or an equal share where several refer to it."""
+    parent, value, *_ = document.tiers[tier][1][name]
+    start, end = _times_of(document, parent)
+    if start is None or end is None:
+        return start, end, value
+    siblings = [each for each, (other, *_) in document.tiers[tier][1].items() if other == parent]
+    place, count = siblings.index(name), len(siblings)
+    return start + (end - start) * place // count, start + (end - start) * (place + 1) // count, value
+
+
+def _times_of(document: Any, name: str) -> tuple[Any, Any]:
+    tier = document.annotations[name]
+    aligned, referring = document.tiers[tier][:2]
+    if name in referring:
+        start, end, _ = _referring(document, tier, name)
+        return start, end
+    first, last, *_ = aligned[name]
+    return document.timeslots[first], document.timeslots[last]

@@ -1,0 +1,194 @@
+"""What stands between our labels and those of another program: names, frame numbers, times, gaps."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from harness.labels.bodies import Bodies, Box
+from harness.labels.formats.names import NameLog
+from harness.labels.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, gaps
+from harness.labels.timeline import timeline_of
+from harness.sources import Clip, MeasuredClip
+from vfoa.errors import VfoaError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Imported:
+    """Labels that were read, and a sentence for all that they do not hold of the file."""
+
+    labels: Labels
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exchange:
+    """How the other program's names, frames and times are ours.
+
+    Parameters
+    ----------
+    clip, subjects, targets
+        The clip and the manifest's names.
+    fps
+        The rate at which the other program shows the clip's frames; None: at the clip's own times.
+    offset
+        Where the clip's first frame is in the other program: seconds in formats of times, frames in formats of
+        frames.
+    renamed
+        The other program's name -> ours.
+    gaps
+        What the frames mean that have no label between two labels of a subject.
+    bodies
+        Where heads and targets are, for formats of boxes and points.
+    unnamed
+        The target of a point on nothing that has a name; None: ``ignore``.
+    attribute
+        In CVAT: the attribute that holds the target.
+    observation
+        In BORIS: which observation of a file of several.
+    """
+
+    clip: Clip | MeasuredClip
+    subjects: Collection[str]
+    targets: Collection[str]
+    fps: float | None = None
+    offset: float = 0.0
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    gaps: Literal["ignore", "none"] = "ignore"
+    bodies: Bodies | None = None
+    unnamed: str | None = None
+    attribute: str = "target"
+    observation: str | None = None
+
+    def __post_init__(self) -> None:
+        for option, value in (("--fps", self.fps), ("--offset", self.offset)):
+            if value is not None and not math.isfinite(value):
+                raise VfoaError(f"{option}: found {value}; expected a number")
+
+    @cached_property
+    def names(self) -> NameLog:
+        """The names that were met while a file is read."""
+        return NameLog(renamed=self.renamed)
+
+    @cached_property
+    def frames(self) -> Sequence[int]:
+        """The clip's frame numbers; what stands at position 0 is its first frame."""
+        return tuple(self.clip.frames)
+
+    @cached_property
+    def times_ms(self) -> list[int]:
+        """When each frame is shown in the other program, to the millisecond that its formats have.
+
+        Raises
+        ------
+        VfoaError
+            If neither the clip nor ``fps`` says how fast the frames follow each other.
+        """
+        if self.fps is None and self.clip.rate_hz is None:
+            raise VfoaError("--fps: the clip does not know its rate, and this format holds times; expected --fps RATE")
+        offset_ns = round(self.offset * 1e9)
+        if self.fps is not None:
+            times_ns = [round(position * 1e9 / self.fps) for position in range(len(self.frames))]
+        else:
+            own = timeline_of(self.clip).times_ns
+            times_ns = [time - own[0] for time in own]
+        return [(time + offset_ns + 500_000) // 1_000_000 for time in times_ns]
+
+    @property
+    def step_ms(self) -> int:
+        """How long the last frame is shown."""
+        steps = np.diff(self.times_ms)
+        return max(1, round(float(np.median(steps)))) if len(steps) else 1000
+
+    @cached_property
+    def first_number(self) -> int:
+        """The number of the clip's first frame in a format of frames that counts from 0.
+
+        Raises
+        ------
+        VfoaError
+            If ``fps`` is given, which says nothing here, or the offset is no whole number.
+        """
+        if self.fps is not None:
+            raise VfoaError("--fps: this format holds frame numbers, not times; expected --offset in frames alone")
+        if self.offset != int(self.offset):
+            raise VfoaError(f"--offset: found {self.offset:g}; expected whole frames: this format holds frame numbers")
+        return int(self.offset)
+
+    @cached_property
+    def image_box(self) -> Box:
+        """The whole left image, pixels.
+
+        Raises
+        ------
+        VfoaError
+            If the clip has no images.
+        """
+        if isinstance(self.clip, MeasuredClip):
+            raise VfoaError("this format holds points in images, and the clip has none; expected another --format")
+        rig = self.clip.frame(self.frames[0]).rig
+        return 0.0, 0.0, float(rig.width_px), float(rig.height_px)
+
+    def head_box(self, frame: int, subject: str) -> Box | None:
+        """The box of a subject's head, pixels; None where it is not known."""
+        return self.bodies.head_box(frame, subject) if self.bodies else None
+
+    def positions(self, row: LabelRange) -> range:
+        """The positions of a range's frames in the clip."""
+        return range(bisect_left(self.frames, row.first_frame), bisect_right(self.frames, row.last_frame))
+
+    def subject(self, name: str, where: str) -> str:
+        """Our name of a subject; :meth:`labels` raises for all unknown names, and ``where`` each was first."""
+        return self.names.expect(name, self.subjects, "subject", where)
+
+    def target(self, name: str, subject: str, where: str) -> str:
+        """Our name of what the subject looks at, as :meth:`subject`; :class:`VfoaError` if it is the subject itself."""
+        found = self.names.expect(name, {*self.targets, *self.subjects, *RESERVED}, "target", where)
+        if found == subject:
+            raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target, or none")
+        return found
+
+    def labels(self, rows: Iterable[LabelRange], path: object) -> Imported:
+        """Labels of which the gaps are filled, and a note that says how many frames that were.
+
+        Raises
+        ------
+        VfoaError
+            For the names that are unknown, and for a rename that was of no use.
+        """
+        rows = list(rows)  # which may be read from the file only now
+        self.names.check(path)
+        labels, notes, filled = Labels(rows), [], []
+        label = Label(target=self.gaps, note=UNLABELLED if self.gaps == IGNORED else "")
+        for subject in labels.subjects:
+            rows = [
+                LabelRange(first_frame=first, last_frame=last, subject=subject, label=label)
+                for first, last in gaps(labels, subject, self.frames)
+            ]
+            if rows:
+                frames = sum(len(self.positions(row)) for row in rows)
+                notes.append(f"{path}: {subject}: {frames} frames between labels have none: {self.gaps!r}.")
+            filled += rows
+        return Imported(labels=Labels([*labels.ranges, *filled]), notes=tuple(notes))
+
+
+def one_line(text: str | None) -> str:
+    """Text as it can stand in a note: white space and line breaks become one space."""
+    return " ".join((text or "").split())
+
+
+def left_out(labels: Labels, what: str, *, notes: bool = False, points: bool = False) -> list[str]:
+    """A sentence for each kind of content that a format cannot hold and these labels have."""
+    found = [row.label for row in labels.ranges]
+    counts = {
+        "suggested labels stand in it as if a person had confirmed them": sum(each.is_suggested for each in found),
+        "notes are left out": 0 if notes else sum(bool(each.note) for each in found),
+        "image points are left out": 0 if points else sum(each.point_px is not None for each in found),
+    }
+    return [f"{what} has no place for it: {count} {words}." for words, count in counts.items() if count]

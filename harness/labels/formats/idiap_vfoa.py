@@ -1,0 +1,92 @@
+"""Ground truth of idiap/vfoa (github.com/idiap/vfoa, ``tests/test_runVfoaModule.py``; read, not used).
+
+``*_gt.npz``: an array for each person (``Person 1``, ...), a code for each frame: 0 unfocused, 1 robot, 2 the other
+person. Or a CSV with the header ``time_ns,person,looks_at``, where ``looks_at`` is that in words.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from harness.files import read_bytes
+from harness.labels.formats.exchange import Exchange, Imported
+from harness.labels.formats.tables import read_table
+from harness.labels.labels import NOWHERE, Label, Labels, ranges_of
+from harness.labels.timeline import timeline_of
+from vfoa.errors import VfoaError, did_you_mean
+
+MEANINGS = ("unfocused", "robot", "other person")
+"""What the codes mean, in their order."""
+
+_Found = tuple[int, str, str]
+"""A frame, the upstream name of a person, and what that person looks at."""
+
+
+class IdiapGroundTruth:
+    """Reads upstream's arrays, or the table; it cannot be written."""
+
+    def read(self, path: Path, exchange: Exchange) -> Imported:
+        """Read labels; the manifest has to know the people, and the robot by this name."""
+        found = _of_arrays(path, exchange) if path.suffix == ".npz" else _of_table(path, exchange)
+        tracks: dict[str, list[tuple[int, Label]]] = {}
+        for frame, person, meaning in found:
+            subject = exchange.subject(person, str(path))
+            target = exchange.target(_target(meaning, subject, exchange, path), subject, str(path))
+            tracks.setdefault(subject, []).append((frame, Label(target=target)))
+        rows = [row for subject, labels in tracks.items() for row in ranges_of(subject, labels)]
+        return exchange.labels(rows, path)
+
+    def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
+        """Refuse."""
+        raise VfoaError(f"{path}: this format is only read; expected another --format")
+
+
+def _target(meaning: str, subject: str, exchange: Exchange, path: Path) -> str:
+    if meaning == "unfocused":
+        return NOWHERE
+    if meaning == "robot":
+        return "robot"
+    others = [each for each in exchange.subjects if each != subject]
+    if len(others) != 1:
+        raise VfoaError(f"{path}: {meaning!r} of {subject!r}: found {len(others)} other people; expected one")
+    return others[0]
+
+
+def _of_arrays(path: Path, exchange: Exchange) -> Iterator[_Found]:
+    frames = exchange.frames
+    for name, codes in _arrays(path).items():
+        if len(codes) != len(frames):
+            raise VfoaError(f"{path}: {name}: found {len(codes)} labels; expected {len(frames)}, one for each frame")
+        for frame, code in zip(frames, codes, strict=True):
+            if code not in range(len(MEANINGS)):
+                raise VfoaError(f"{path}: {name}: frame {frame}: found the code {code}; expected 0, 1 or 2")
+            yield frame, name.removeprefix("Person "), MEANINGS[code]
+
+
+def _arrays(path: Path) -> dict[str, Sequence[int]]:
+    try:
+        with np.load(io.BytesIO(read_bytes(path)), allow_pickle=False) as file:
+            found = {name: np.asarray(file[name]) for name in file.files}
+    except (ValueError, OSError, EOFError, zipfile.BadZipFile, AttributeError) as error:
+        raise VfoaError(f"{path}: not a file of arrays: {error}") from None
+    for name, array in found.items():
+        if array.ndim != 1 or array.dtype.kind not in "iuf" or not np.array_equal(array, array.astype(int)):
+            raise VfoaError(f"{path}: {name}: found {array.dtype} of {array.shape}; expected one code for each frame")
+    return {name: [int(code) for code in array] for name, array in found.items()}
+
+
+def _of_table(path: Path, exchange: Exchange) -> Iterator[_Found]:
+    timeline = timeline_of(exchange.clip)
+    frame_at = dict(zip(timeline.times_ns, timeline.frames, strict=True))
+    for line, cells in read_table(path, ("time_ns", "person", "looks_at")):
+        where, stamp, meaning = f"{path}:{line}", cells["time_ns"], cells["looks_at"]
+        if not stamp.isdigit() or int(stamp) not in frame_at:
+            raise VfoaError(f"{where}: time_ns: found {stamp!r}; expected the time of a frame of the clip")
+        if meaning not in MEANINGS:
+            raise VfoaError(f"{where}: looks_at: no {meaning!r}; {did_you_mean(meaning, MEANINGS)}")
+        yield frame_at[int(stamp)], cells["person"], meaning

@@ -1,0 +1,100 @@
+"""Tables that other programs write as CSV, TSV or XLSX: rows by column name, with their line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from itertools import zip_longest
+from pathlib import Path
+
+from harness.files import read_text
+from harness.labels.timeline import parse_seconds
+from vfoa.errors import VfoaError
+
+_ZIP = b"PK\x03\x04"
+"""A workbook is a ZIP archive."""
+
+
+def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line and cells of every row that is not empty: commas, or tabs where the first line has one.
+
+    Raises
+    ------
+    VfoaError
+        If the file is not such text.
+    """
+    text = read_text(path)
+    delimiter = "\t" if "\t" in text.lstrip().partition("\n")[0] else ","
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
+    try:
+        for row in reader:
+            if any(row):
+                yield reader.line_num, row
+    except csv.Error as error:
+        raise VfoaError(f"{path}:{reader.line_num}: not CSV: {error}") from None
+
+
+def rows_of(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line and cells of every row of a text table, or of the first sheet of a workbook (``.xlsx``); as `csv_rows`."""
+    with path.open("rb") if path.is_file() else io.BytesIO() as file:
+        is_workbook = file.read(4) == _ZIP
+    yield from _workbook_rows(path) if is_workbook else csv_rows(path)
+
+
+def _workbook_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    from openpyxl import load_workbook
+
+    try:
+        book = load_workbook(path, read_only=True, data_only=True)
+        sheet = book.worksheets[0]
+        for line, row in enumerate(sheet.iter_rows(values_only=True), start=1):
+            cells = [_cell(each) for each in row]
+            if any(cells):
+                yield line, cells
+        book.close()
+    except (zipfile.BadZipFile, KeyError, ValueError, IndexError, OSError, SyntaxError, zlib.error) as error:
+        raise VfoaError(f"{path}: not a workbook that can be read: {error}") from None
+
+
+def _cell(value: object) -> str:
+    """A cell as text; numbers as decimals without an exponent, to the microsecond if they are seconds."""
+    if isinstance(value, float):
+        return f"{value:.6f}".rstrip("0").rstrip(".")
+    return "" if value is None else str(value)
+
+
+def read_table(path: Path, required: Sequence[str]) -> Iterator[tuple[int, dict[str, str]]]:
+    """Line and cells by column of every row below the header: the first row that holds all ``required`` columns.
+
+    What stands above the header is passed over. A short row has empty cells at its end.
+
+    Raises
+    ------
+    VfoaError
+        If the file is not text, or has no such header.
+    """
+    header: list[str] | None = None
+    for line, row in rows_of(path):
+        if header is not None:
+            yield line, dict(zip_longest(header, row[: len(header)], fillvalue=""))
+        elif set(required) <= set(row):
+            header = row
+    if header is None:
+        raise VfoaError(f"{path}: no header with the columns {', '.join(required)}")
+
+
+def milliseconds(row: dict[str, str], column: str, where: str) -> int:
+    """A cell of decimal seconds in ms.
+
+    Raises
+    ------
+    VfoaError
+        If it is none.
+    """
+    time_ns = parse_seconds(row.get(column, ""))
+    if time_ns is None:
+        raise VfoaError(f"{where}: {column}: found {row.get(column, '')!r}; expected seconds, such as 12.500")
+    return (time_ns + 500_000) // 1_000_000

@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from pympi.Elan import Eaf
+
+from harness.labels.formats.elan import Elan
+from tests.disk import write_text
+from tests.exchanges import PlainClip, exchange, row
+from vfoa.errors import VfoaError
+
+
+def _document(path: Path, *annotations: tuple[str, int, int, str]) -> Path:
+    """A document as ELAN's users make it through pympi, with the tier that every new one has."""
+    document = Eaf(author="somebody")
+    for tier, start, end, value in annotations:
+        if tier not in document.tiers:
+            document.add_tier(tier)
+        document.add_annotation(tier, start, end, value)
+    document.to_file(str(path))
+    return path
+
+
+def test_times_become_the_frames_that_are_shown_then(tmp_path: Path) -> None:
+    # 25 frames a second from frame 1: frame n is shown from (n - 1) * 40 ms on
+    path = _document(
+        tmp_path / "a.eaf", ("girl", 30, 130, "bird"), ("girl", 130, 200, " none "), ("boy", 0, 40, "girl")
+    )
+    imported = Elan().read(path, exchange())
+    assert imported.labels.ranges == (row(1, 1, "girl", "boy"), row(2, 4, "bird"), row(5, 5, "none"))
+    assert imported.notes == ()
+
+
+def test_rate_offset_and_names_are_stated(tmp_path: Path) -> None:
+    path = _document(tmp_path / "a.eaf", ("Person 1", 2000, 2100, "Vogel"), ("camera", 0, 9000, "pan"))
+    renamed = {"Person 1": "girl", "Vogel": "bird"}
+    imported = Elan().read(path, exchange(fps=50, offset=2.0, renamed=renamed))
+    assert imported.labels.ranges == (row(1, 5, "bird"),)
+    assert imported.notes == (f"{path}: tier 'camera' is no subject's and is left out.",)
+
+
+@pytest.mark.parametrize(
+    ("gaps", "filled"), [("ignore", row(3, 5, "ignore", note="not labelled yet")), ("none", row(3, 5, "none"))]
+)
+def test_frames_without_a_label_are_filled_and_counted(tmp_path: Path, gaps: str, filled: object) -> None:
+    path = _document(
+        tmp_path / "a.eaf", ("girl", 0, 80, "bird"), ("girl", 200, 240, "cup"), ("girl", 9000, 9100, "cup")
+    )
+    imported = Elan().read(path, exchange(gaps=gaps))
+    assert imported.labels.ranges == (row(1, 2, "bird"), filled, row(6, 6, "cup"))
+    assert imported.notes[0] == f"{path}: girl: 3 frames between labels have none: {gaps!r}."
+    assert "1 labels hold no frame of the clip and are left out, the first at" in imported.notes[1]
+    assert "9.000 to 9.100 s" in imported.notes[1]
+
+
+@pytest.mark.parametrize(
+    ("annotations", "message"),
+    [
+        ([("gril", 0, 40, "bird")], r"a\.eaf: no tier is named after a subject; found 'default', 'gril'"),
+        (
+            [("girl", 0, 40, "brid")],
+            r"a\.eaf: tier 'girl', 0.000 to 0.040 s: unknown target 'brid'; did you mean 'bird'",
+        ),
+        ([("girl", 0, 40, "girl")], r"'girl' looks at 'girl'"),
+        (
+            [("girl", 0, 80, "bird"), ("girl", 40, 90, "cup")],
+            r"two labels in frame 2: overlaps with .*0.000 to 0.080 s",
+        ),
+        ([("girl", 0, 80, "bird"), ("girl:point_px", 0, 80, "here")], r"u_px,v_px: found 'here'; expected two numbers"),
+    ],
+)
+def test_a_mistake_is_one_line_with_its_place(
+    tmp_path: Path, annotations: list[tuple[str, int, int, str]], message: str
+) -> None:
+    with pytest.raises(VfoaError, match=message) as error:
+        Elan().read(_document(tmp_path / "a.eaf", *annotations), exchange())
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("<ANNOTATION_DOCUMENT>\n<TIER", r"a\.eaf:2: not XML"),
+        ("<annotations/>", r"a\.eaf: found <annotations>; expected ELAN's"),
+        ("<ANNOTATION_DOCUMENT/>", r"a\.eaf: not an ELAN document that can be read"),
+    ],
+)
+def test_another_file_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(VfoaError, match=message):
+        Elan().read(write_text(tmp_path / "a.eaf", text), exchange())
+
+
+def test_a_clip_without_a_rate_needs_one(tmp_path: Path) -> None:
+    path = _document(tmp_path / "a.eaf", ("girl", 0, 80, "bird"))
+    with pytest.raises(VfoaError, match="--fps: the clip does not know its rate"):
+        Elan().read(path, exchange(PlainClip(rate_hz=None)))
+    assert Elan().read(path, exchange(PlainClip(rate_hz=None), fps=25)).labels.ranges == (row(1, 2, "bird"),)
+
+
+@pytest.mark.parametrize(("name", "option"), [("fps", "--fps"), ("offset", "--offset")])
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_rate_or_an_offset_that_is_no_number_is_refused(name: str, option: str, value: float) -> None:
+    with pytest.raises(VfoaError, match=f"{option}: found {value}; expected a number"):
+        exchange(**{name: value})
+
+
+def test_what_we_write_is_read_by_the_library(tmp_path: Path) -> None:
+    from harness.labels.labels import Labels
+
+    path = tmp_path / "a.eaf"
+    Elan().write(path, Labels([row(1, 2, "bird"), row(3, 50, "cup", note="both hands")]), exchange())
+    document = Eaf(str(path))
+    assert document.get_annotation_data_for_tier("girl") == [(0, 80, "bird"), (80, 2000, "cup")]
+    assert document.get_annotation_data_for_tier("girl:note") == [(80, 2000, "both hands")]
+
+
+def test_the_offset_of_the_medium_is_added_and_said(tmp_path: Path) -> None:
+    document = Eaf(author="somebody")
+    document.add_linked_file("file:///talk.mp4", mimetype="video/mp4", time_origin=2000)
+    document.add_tier("girl")
+    document.add_annotation("girl", 0, 80, "bird")
+    document.to_file(str(tmp_path / "a.eaf"))
+    clip = PlainClip(frames=range(1, 101))
+    imported = Elan().read(tmp_path / "a.eaf", exchange(clip))
+    assert imported.labels.ranges == (row(51, 52, "bird"),)
+    assert imported.notes == (f"{tmp_path / 'a.eaf'}: the media offset of talk.mp4, 2 s, is added.",)
+    told = Elan().read(tmp_path / "a.eaf", exchange(clip, offset=-1.0))
+    assert told.labels.ranges == (row(26, 27, "bird"),)
+    assert "are not used: --offset says where the clip begins" in told.notes[0]
+
+
+def test_referring_tiers_have_the_times_of_what_they_refer_to(tmp_path: Path) -> None:
+    document = Eaf(author="somebody")
+    document.add_linguistic_type("symbolic", constraints="Symbolic_Association", timealignable=False)
+    document.add_tier("looks")
+    document.add_tier("girl", ling="symbolic", parent="looks")
+    for start, end, value in ((0, 80, "bird"), (80, 200, "none")):
+        document.add_annotation("looks", start, end, "a look")
+        document.add_ref_annotation("girl", "looks", start + 10, value)
+    document.to_file(str(tmp_path / "a.eaf"))
+    imported = Elan().read(tmp_path / "a.eaf", exchange())
+    assert imported.labels.ranges == (row(1, 2, "bird"), row(3, 5, "none"))

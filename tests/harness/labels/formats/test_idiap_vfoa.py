@@ -1,0 +1,75 @@
+"""Ground truth of idiap/vfoa: arrays and the table say the same, and what does not fit is named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.labels.formats.exchange import Exchange
+from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
+from harness.labels.labels import Labels
+from harness.sources import MeasuredClip
+from tests.disk import write_text
+from tests.exchanges import row
+from tests.measured import START_NS, STEP_NS, idiap_file, open_measured
+from vfoa.errors import VfoaError
+
+CODES = {"Person 1": [0, 0, 1, 1, 2, 2], "Person 2": [1] * 6}
+EXPECTED = Labels(
+    [
+        row(0, 1, "none", "1"),
+        row(2, 3, "robot", "1"),
+        row(4, 5, "2", "1"),
+        row(0, 5, "robot", "2"),
+    ]
+)
+
+
+def _exchange(folder: Path, subjects: tuple[str, ...] = ("1", "2")) -> Exchange:
+    clip: MeasuredClip = open_measured("idiap_vfoa", folder, file=idiap_file(folder).name)
+    return Exchange(clip=clip, subjects=subjects, targets=("robot",))
+
+
+def test_the_arrays_hold_a_code_for_each_frame(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a_gt.npz", **CODES)
+    assert IdiapGroundTruth().read(tmp_path / "a_gt.npz", _exchange(tmp_path)).labels == EXPECTED
+
+
+def test_the_table_says_it_in_words(tmp_path: Path) -> None:
+    words = ("unfocused", "robot", "other person")
+    lines = [
+        f"{START_NS + frame * STEP_NS},{name.removeprefix('Person ')},{words[code]}"
+        for name, codes in CODES.items()
+        for frame, code in enumerate(codes)
+    ]
+    path = write_text(tmp_path / "labels.csv", "time_ns,person,looks_at\n" + "\n".join(lines) + "\n")
+    assert IdiapGroundTruth().read(path, _exchange(tmp_path)).labels == EXPECTED
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"Person 1": [0, 1]}, r"Person 1: found 2 labels; expected 6"),
+        ({"Person 1": [0, 1, 2, 3, 0, 0]}, r"Person 1: frame 3: found the code 3"),
+        ({"Person 9": [0] * 6}, r"unknown subject '9'"),
+        ({"Person 1": [[0] * 6]}, r"Person 1: found int64 of \(1, 6\)"),
+    ],
+)
+def test_what_does_not_fit_is_named(tmp_path: Path, arrays: dict[str, object], message: str) -> None:
+    np.savez(tmp_path / "a_gt.npz", **arrays)  # type: ignore[arg-type]
+    with pytest.raises(VfoaError, match=message):
+        IdiapGroundTruth().read(tmp_path / "a_gt.npz", _exchange(tmp_path))
+
+
+def test_the_other_person_has_to_be_one(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a_gt.npz", **CODES)
+    with pytest.raises(VfoaError, match="'other person' of '1': found 2 other people"):
+        IdiapGroundTruth().read(tmp_path / "a_gt.npz", _exchange(tmp_path, ("1", "2", "3")))
+
+
+def test_a_damaged_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / "a_gt.npz").write_bytes(b"PK\x03\x04 cut")
+    with pytest.raises(VfoaError, match=r"a_gt.npz: not a file of arrays"):
+        IdiapGroundTruth().read(tmp_path / "a_gt.npz", _exchange(tmp_path))

@@ -1,0 +1,74 @@
+"""What is exported is imported again as the same ranges, in every format, at any rate and offset."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from harness.labels.formats import FORMATS, SUFFIXES
+from harness.labels.labels import Labels, ranges_of
+from tests.exchanges import FRAMES, PlainClip, exchange, labels_of
+
+HELD = {
+    "csv": {"notes": True, "points": True, "suggested": True},
+    "elan": {"notes": True, "points": True, "suggested": True},
+    "boris": {"notes": True, "points": False, "suggested": False},
+    "boris-aggregated": {"notes": True, "points": False, "suggested": False},
+}
+"""What the formats of times hold."""
+
+
+def _again(name: str, path: Path, labels: Labels, **how: object) -> Labels:
+    chosen = FORMATS.load(name)()
+    assert chosen.write(path, labels, exchange(**how)) == ()  # type: ignore[arg-type]
+    first = path.read_bytes()
+    imported = chosen.read(path, exchange(**how))  # type: ignore[arg-type]
+    assert imported.notes == ()
+    chosen.write(path, imported.labels, exchange(**how))  # type: ignore[arg-type]
+    assert path.read_bytes() == first
+    return imported.labels
+
+
+@pytest.mark.parametrize("name", [*HELD, "boris-tabular"])
+@given(
+    frames=FRAMES,
+    rate=st.sampled_from([10.0, 24.0, 25.0, 29.97, 60.0, 120.0]),
+    start_ns=st.sampled_from([0, 1_763_680_000_123_456_789]),
+    fps=st.none() | st.sampled_from([24.0, 30.0]),
+    offset=st.sampled_from([0.0, 0.0417, 12.5, 3600.0]),
+    data=st.data(),
+)
+def test_formats_of_times(
+    name: str,
+    tmp_path: Path,
+    frames: list[int],
+    rate: float,
+    start_ns: int,
+    fps: float | None,
+    offset: float,
+    data: st.DataObject,
+) -> None:
+    clip = PlainClip(frames=frames, rate_hz=rate, start_ns=start_ns)
+    labels = data.draw(labels_of(frames, **HELD.get(name, HELD["boris"])))
+    file = f"labels{SUFFIXES.get(name, '.csv')}"
+    name = "boris" if name == "boris-tabular" else name
+    assert _again(name, tmp_path / file, labels, clip=clip, fps=fps, offset=offset) == labels
+
+
+@given(frames=FRAMES, offset=st.integers(0, 1000), data=st.data())
+def test_cvat(tmp_path: Path, frames: list[int], offset: int, data: st.DataObject) -> None:
+    labels = data.draw(labels_of(frames, notes=True, points=True, suggested=True))
+    clip, path, chosen = PlainClip(frames=frames), tmp_path / "labels.xml", FORMATS.load("cvat")()
+    (said,) = chosen.write(path, labels, exchange(clip, offset=offset))
+    assert "boxes are the whole image" in said
+    imported = chosen.read(path, exchange(clip, offset=offset))
+    assert (imported.labels, imported.notes) == (_joined(labels, frames), ())
+
+
+def _joined(labels: Labels, frames: list[int]) -> Labels:
+    """Equal ranges that follow each other are one: a format of frames cannot tell them apart."""
+    subjects = labels.subjects
+    return Labels(row for who in subjects for row in ranges_of(who, ((n, labels.at(n, who)) for n in frames)))
