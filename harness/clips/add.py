@@ -9,16 +9,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.adapters import Clip, Recognised
-from harness.annotations.files import IGNORED, Label, LabelRange, Labels, write_annotations
-from harness.annotations.labels import UNLABELLED
-from harness.clips.locate import find
 from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest
 from harness.clips.recognition import recognise
+from harness.data_folders import find
 from harness.files import atomic_write
+from harness.labels.files import IGNORED, Label, LabelRange, Labels, write_annotations
+from harness.labels.labels import UNLABELLED
+from harness.sources import Clip, MeasuredClip, Recognised
 from harness.toml_text import toml_key, toml_value
 from vfoa.errors import VfoaError
-from vfoa.types import StereoRig
+from vfoa.types import Scene, StereoFrame, StereoRig
 
 _WHO = """
 # Who is there and what is looked at, in the segmentation's words (datasets/README.md):
@@ -31,10 +31,13 @@ _WHO = """
 Names = Mapping[str, str]
 """What the annotations call somebody or something -> its category."""
 
+Rules = Mapping[str, Mapping[str, Any]]
+"""What the annotations call somebody or something -> its rule in the manifest."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Added:
-    """What was found at a path, and the two files that were written."""
+    """What was found at a path, and the two files that were written. ``rig`` is None for a clip without images."""
 
     name: str
     adapter: str
@@ -44,9 +47,12 @@ class Added:
     first_frame: int
     last_frame: int
     rate_hz: float | None
-    rig: StereoRig
+    rig: StereoRig | None
+    has_right: bool
+    has_depth: bool
     notes: tuple[str, ...]
     subjects: tuple[str, ...]
+    targets: tuple[str, ...]
     manifest: Path
     annotations: Path
 
@@ -73,7 +79,8 @@ def add_clip(
     source
         Settings of the adapter: they choose where the path can be read in several ways, and add to what was seen.
     subjects, targets
-        Who and what is in the clip. Each subject starts with one label, ``ignore``, for all frames.
+        Who and what is in the clip; a clip of measurements names them itself. Each subject starts with one label,
+        ``ignore``, for all frames.
 
     Raises
     ------
@@ -86,9 +93,14 @@ def add_clip(
     chosen, found = recognise(path, adapter, source or {})
     name = name or as_clip_name(found.name, default="clip")
     manifest_path, annotations_path = _free_paths(name)
-    text = _manifest_text(name, chosen, found, subjects or {}, targets or {})
+    text = _manifest_text(name, chosen, found, _from_left(subjects or {}), _from_left(targets or {}))
     manifest = make_manifest(tomllib.loads(text), manifest_path)
-    clip, rig = _open(path, manifest)
+    clip, first = _open(path, manifest)
+    if isinstance(clip, MeasuredClip):
+        if subjects or targets:
+            raise VfoaError(f"{path}: --subject, --target: the measurements name everyone and everything themselves")
+        text = _manifest_text(name, chosen, found, *_of_source(clip))
+        manifest = make_manifest(tomllib.loads(text), manifest_path)
     added = Added(
         name=name,
         adapter=chosen,
@@ -98,9 +110,12 @@ def add_clip(
         first_frame=clip.frames[0],
         last_frame=clip.frames[-1],
         rate_hz=clip.rate_hz,
-        rig=rig,
+        rig=None if isinstance(first, Scene) else first.rig,
+        has_right=not isinstance(first, Scene) and first.right is not None,
+        has_depth=not isinstance(first, Scene) and first.depth_m is not None,
         notes=clip.notes,
         subjects=tuple(manifest.subjects),
+        targets=tuple(manifest.targets),
         manifest=manifest_path,
         annotations=annotations_path,
     )
@@ -129,17 +144,34 @@ def _free_paths(name: str) -> tuple[Path, Path]:
     return Path.cwd() / "datasets" / f"{name}.toml", Path.cwd() / "annotations" / f"{name}.csv"
 
 
-def _manifest_text(name: str, adapter: str, found: Recognised, subjects: Names, targets: Names) -> str:
-    """The manifest; several of one category are told apart by their order from the left."""
+def _from_left(names: Names) -> Rules:
+    """A rule for each name; several of one category are told apart by their order from the left."""
+    categories = list(names.values())
+    rules: dict[str, dict[str, Any]] = {}
+    for position, (name, category) in enumerate(names.items()):
+        rules[name] = {"category": category}
+        if categories.count(category) > 1:
+            rules[name]["from_left"] = 1 + categories[:position].count(category)
+    return rules
+
+
+def _of_source(clip: MeasuredClip) -> tuple[Rules, Rules]:
+    """The rules of the people and of the objects whom a measured clip names itself."""
+    subjects, targets = (
+        {name: {"category": clip.categories[name], "instance": number} for name, number in ids.items()}
+        for ids in (clip.people, clip.objects)
+    )
+    return subjects, targets
+
+
+def _manifest_text(name: str, adapter: str, found: Recognised, subjects: Rules, targets: Rules) -> str:
     head = {"name": name, "adapter": adapter, "root": _portable(found.root), "licence": found.licence}
     lines = [f"{key} = {toml_value(value)}" for key, value in head.items() if value is not None]
     lines += ["", "[source]", *(f"{toml_key(key)} = {toml_value(value)}" for key, value in found.source.items())]
-    for table, names in (("subjects", subjects), ("targets", targets)):
-        categories = list(names.values())
-        for position, (each, category) in enumerate(names.items()):
-            lines += ["", f"[{table}.{toml_key(each)}]", f"category = {toml_value(category)}"]
-            if categories.count(category) > 1:
-                lines.append(f"from_left = {1 + categories[:position].count(category)}")
+    for table, rules in (("subjects", subjects), ("targets", targets)):
+        for each, rule in rules.items():
+            lines += ["", f"[{table}.{toml_key(each)}]"]
+            lines += [f"{key} = {toml_value(value)}" for key, value in rule.items()]
     return "\n".join(lines) + "\n" + ("" if subjects or targets else _WHO)
 
 
@@ -151,13 +183,14 @@ def _portable(root: Path) -> str:
     return "/".join(["${VFOA_DATA}", *root.relative_to(base).parts])
 
 
-def _open(path: Path, manifest: ClipManifest) -> tuple[Clip, StereoRig]:
-    """The clip, and the calibration of its first pair, which shows that it can be read."""
+def _open(path: Path, manifest: ClipManifest) -> tuple[Clip | MeasuredClip, StereoFrame | Scene]:
+    """The clip, and its first frame, which shows that it can be read."""
     try:
         clip = manifest.open()
         if not clip.frames:
             raise VfoaError("no frames")
-        return clip, clip.frame(clip.frames[0]).rig
+        first = clip.frames[0]
+        return clip, clip.scene(first) if isinstance(clip, MeasuredClip) else clip.frame(first)
     except VfoaError as error:
         text = str(error).removeprefix(f"{manifest.path}: ")
         where = "" if text.startswith(str(path)) else f"{path}: "
@@ -165,7 +198,7 @@ def _open(path: Path, manifest: ClipManifest) -> tuple[Clip, StereoRig]:
         raise VfoaError(f"{where}{text}{hint}") from None
 
 
-def _first_labels(manifest: ClipManifest, clip: Clip) -> Labels:
+def _first_labels(manifest: ClipManifest, clip: Clip | MeasuredClip) -> Labels:
     """Every subject unscored in all frames: a row to split, and nothing that looks like a judgement."""
     todo = Label(target=IGNORED, note=UNLABELLED)
     first, last = clip.frames[0], clip.frames[-1]

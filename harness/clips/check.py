@@ -2,29 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from harness.adapters import Clip
-from harness.annotations.files import IGNORED
-from harness.annotations.timeline import timeline_of
-from harness.clips.locate import names, unset_variables
+from harness.clips import frame_checks
 from harness.clips.manifest import ClipManifest, load_manifest
+from harness.clips.manifest_checks import manifest_notes, manifest_problems
 from harness.clips.matching import matched_offsets_px
+from harness.clips.measured import measurement_problems
+from harness.clips.near_limit import first_middle_last, near_notes
+from harness.data_folders import folders, names, unset_variables
+from harness.labels.files import IGNORED
+from harness.labels.timeline import timeline_of
+from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
-from vfoa.types import Float, StereoFrame
-
-MAX_VERTICAL_ERROR_PX = 1.5
-"""Median row difference of matched points above which block matching along rows stops working."""
-
-MIN_MATCHES = 30
-"""Fewer matches say nothing about rectification."""
-
-MAX_BASELINE_M = 10.0
-"""A baseline above this is most likely in millimetres."""
+from vfoa.types import StereoFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,8 +40,9 @@ class ClipCheck:
     """What was found in one clip; it can be used if there are no ``problems``.
 
     ``labels`` counts (frame, subject) pairs whose label is scored, None without an annotation file.
-    ``vertical_error_px`` is the median row difference of matched points, None where too few were found. ``notes`` are
-    what is to be known: what the source lost, what could not be measured.
+    ``vertical_error_px`` is the median row difference of matched points, None where too few were found. Without right
+    images there are no ``baseline_m`` and no ``matches``. ``notes`` are what a user must know: what the source lost,
+    what could not be measured, how much depth a sensor measured.
     """
 
     name: str
@@ -67,14 +62,26 @@ def list_clips() -> list[ClipRow]:
     return [_row(name, path) for name, path in names("datasets").items()]
 
 
-def clips_at_hand() -> tuple[list[str], dict[str, list[str]]]:
-    """The clips that can be looked for, and, by environment variable, those whose root needs one that is not set.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AtHand:
+    """The clips of the working directory, or of the package where there are none, whose data can be looked for.
 
-    Those that came with the package are at hand only where their data is; a manifest that cannot be read is.
+    ``elsewhere``: by environment variable, those whose root needs one that is not set. ``packaged``: those that came
+    with the package and are left out, because the working directory has clips of its own.
     """
+
+    clips: tuple[str, ...]
+    elsewhere: dict[str, list[str]]
+    packaged: tuple[str, ...]
+
+
+def clips_at_hand() -> AtHand:
+    """What ``vfoa clips check`` is about where no clip is named; a manifest that cannot be read is at hand."""
+    found = names("datasets")
+    own = {name: path for name, path in found.items() if path.parent == folders("datasets")[0]}
     here: list[str] = []
     elsewhere: dict[str, list[str]] = {}
-    for name, path in names("datasets").items():
+    for name, path in (own or found).items():
         try:
             root = load_manifest(path).root or ""
         except VfoaError:
@@ -83,37 +90,61 @@ def clips_at_hand() -> tuple[list[str], dict[str, list[str]]]:
             elsewhere.setdefault(unset[0], []).append(name)
         else:
             here.append(name)
-    return here, elsewhere
+    packaged = tuple(name for name in found if own and name not in own)
+    return AtHand(clips=tuple(here), elsewhere=elsewhere, packaged=packaged)
 
 
 def check_clip(name_or_path: str) -> ClipCheck:
-    """Open a clip, decode its first, middle and last frame, and check calibration, rectification and labels."""
+    """Open a clip, decode its first, middle and last frame, and check calibration, rectification and labels.
+
+    Of a clip of measurements, every frame, that its names are there and that its places are in metres.
+    """
     name = Path(name_or_path).stem if name_or_path.endswith(".toml") else name_or_path
     try:
         manifest = load_manifest(name_or_path)
         clip = manifest.open()
-        frames = _sample(clip)
+        frames = [] if isinstance(clip, MeasuredClip) else _sample(clip)
     except VfoaError as error:
         return ClipCheck(name=name, problems=(str(error),))
     labels, label_problems = _labels(manifest, clip)
-    offsets = [matched_offsets_px(frame.left, frame.right) for frame in frames]
-    matches = sum(map(len, offsets))
-    error_px = float(np.median(np.abs(np.concatenate(offsets)[:, 1]))) if matches >= MIN_MATCHES else None
+    if isinstance(clip, MeasuredClip):
+        return ClipCheck(
+            name=manifest.name,
+            frames=len(clip.frames),
+            labels=labels,
+            notes=clip.notes,
+            problems=(*measurement_problems(manifest, clip), *manifest_problems(manifest), *label_problems),
+        )
+    pairs = [(frame, frame.right) for frame in frames if frame.right is not None]
+    offsets = [matched_offsets_px(frame.left, right) for frame, right in pairs]
+    matches = sum(map(len, offsets)) if pairs else None
+    error_px = None
+    if matches is not None and matches >= frame_checks.MIN_MATCHES:
+        error_px = float(np.median(np.abs(np.concatenate(offsets)[:, 1])))
     rig = frames[0].rig
     return ClipCheck(
         name=manifest.name,
         frames=len(clip.frames),
         size_px=(rig.width_px, rig.height_px),
         fx_px=rig.fx_px,
-        baseline_m=rig.baseline_m,
+        baseline_m=rig.baseline_m if pairs else None,
         vertical_error_px=error_px,
         matches=matches,
         labels=labels,
-        notes=(*clip.notes, *_unmeasured(matches)),
+        notes=(
+            *clip.notes,
+            *frame_checks.unmeasured(matches),
+            *frame_checks.depth_notes(frames),
+            *near_notes(frames),
+            *manifest_notes(manifest, clip),
+        ),
         problems=(
-            *_calibration_problems(frames),
-            *_rectification_problems(error_px),
-            *(_order_problems(frames, offsets) if error_px is not None else ()),
+            *frame_checks.calibration_problems(frames, says_unit="calibration_unit" in manifest.source),
+            *frame_checks.image_problems(frames),
+            *frame_checks.rectification_problems(error_px),
+            *frame_checks.depth_problems(frames),
+            *(frame_checks.order_problems([frame for frame, _ in pairs], offsets) if error_px is not None else ()),
+            *manifest_problems(manifest),
             *label_problems,
         ),
     )
@@ -138,14 +169,14 @@ def _row(name: str, path: Path) -> ClipRow:
     )
 
 
-def _open(manifest: ClipManifest) -> tuple[Clip | None, str | None]:
+def _open(manifest: ClipManifest) -> tuple[Clip | MeasuredClip | None, str | None]:
     try:
         return manifest.open(), None
     except VfoaError as error:
         return None, str(error)
 
 
-def _labels(manifest: ClipManifest, clip: Clip | None) -> tuple[int | None, tuple[str, ...]]:
+def _labels(manifest: ClipManifest, clip: Clip | MeasuredClip | None) -> tuple[int | None, tuple[str, ...]]:
     """Number of (frame, subject) pairs with a label that is scored, and problems.
 
     Where the clip cannot be opened, the rows' own lengths count.
@@ -166,54 +197,7 @@ def _sample(clip: Clip) -> list[StereoFrame]:
     """The first, middle and last frame, each once; reading the truth shows that it can be read."""
     if not clip.frames:
         raise VfoaError("the clip has no frames")
-    numbers = sorted({clip.frames[0], clip.frames[len(clip.frames) // 2], clip.frames[-1]})
+    numbers = first_middle_last(clip.frames)
     for number in numbers:
         clip.truth(number)
     return [clip.frame(number) for number in numbers]
-
-
-def _calibration_problems(frames: Sequence[StereoFrame]) -> list[str]:
-    """Each once, with the frames that have it."""
-    problems: dict[str, list[int]] = {}
-    for frame in frames:
-        rig = frame.rig
-        if rig.baseline_m > MAX_BASELINE_M:
-            problem = f"the baseline is {rig.baseline_m:g} m; expected metres (millimetres?)"
-            problems.setdefault(problem, []).append(frame.index)
-        if not (0 < rig.cx_px < rig.width_px and 0 < rig.cy_px < rig.height_px):
-            problem = (
-                f"the principal point ({rig.cx_px:g}, {rig.cy_px:g}) lies outside the image of "
-                f"{rig.width_px} x {rig.height_px}; expected the calibration of this size"
-            )
-            problems.setdefault(problem, []).append(frame.index)
-    return [f"frame {', '.join(map(str, numbers))}: {problem}" for problem, numbers in problems.items()]
-
-
-def _rectification_problems(error_px: float | None) -> list[str]:
-    if error_px is None or error_px <= MAX_VERTICAL_ERROR_PX:
-        return []
-    return [
-        f"matched points lie {error_px:.1f} rows apart (median); "
-        f"expected at most {MAX_VERTICAL_ERROR_PX} in a rectified pair"
-    ]
-
-
-def _order_problems(frames: Sequence[StereoFrame], offsets: Sequence[Float]) -> list[str]:
-    """Points before the cameras lie further right in the left image, but for the principal points' own distance."""
-    shifts = [
-        columns + frame.rig.cx_right_px - frame.rig.cx_px
-        for frame, (columns, _) in zip(frames, (each.T for each in offsets), strict=True)
-    ]
-    disparity_px = float(np.median(np.concatenate(shifts)))
-    if disparity_px >= 0:
-        return []
-    return [
-        f"matched points have a disparity of {disparity_px:.1f} px (median); expected a positive one "
-        "(left and right swapped?)"
-    ]
-
-
-def _unmeasured(matches: int) -> list[str]:
-    if matches >= MIN_MATCHES:
-        return []
-    return [f"{matches} points were matched between left and right; rectification is measured from {MIN_MATCHES} on"]

@@ -9,13 +9,13 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from harness.adapters import ADAPTERS, Clip
-from harness.annotations.annotators import AnnotationFiles
-from harness.annotations.files import RESERVED, Labels, read_annotations
-from harness.annotations.timeline import Timeline
-from harness.clips.locate import expand, find, folders, names
 from harness.clips.naming import NameRule
 from harness.config_errors import parse, read_toml
+from harness.data_folders import expand, find, folders, names
+from harness.labels.annotators import AnnotationFiles
+from harness.labels.files import RESERVED, Labels, read_annotations
+from harness.labels.timeline import Timeline
+from harness.sources import ADAPTERS, Clip, MeasuredClip
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 
@@ -77,7 +77,26 @@ class ClipManifest(Settings):
         """The root with its variables filled in, relative to the manifest; it need not exist."""
         return None if self.root is None else expand(self.root, self._path.parent, f"{self._path}: root")
 
-    def open(self) -> Clip:
+    def with_root(self, root: Path) -> ClipManifest:
+        """The same clip, whose files lie elsewhere."""
+        moved = self.model_copy(update={"root": str(root.absolute())})
+        moved._path = self._path
+        return moved
+
+    def open_images(self) -> Clip:
+        """Open a clip that has images.
+
+        Raises
+        ------
+        VfoaError
+            As :meth:`open`, or if the clip holds measurements instead.
+        """
+        clip = self.open()
+        if isinstance(clip, MeasuredClip):
+            raise VfoaError(f"{self._path}: the clip holds measurements; expected one with images")
+        return clip
+
+    def open(self) -> Clip | MeasuredClip:
         """Open the clip.
 
         Raises
@@ -92,9 +111,10 @@ class ClipManifest(Settings):
         settings = parse(adapter.Settings, self.source, str(self._path), "source")
         root = self.resolve_root()
         try:
-            return adapter(settings, root)
+            clip: Clip | MeasuredClip = adapter(settings, root)
         except VfoaError as error:
             raise VfoaError(f"{self._path}: {error}") from None
+        return clip
 
     def labels(self, timeline: Timeline | None, annotator: str | None = None) -> Labels | None:
         """The labels that count, checked against the clip's names and, where they are known, its frames.

@@ -92,7 +92,7 @@ def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> Su
     new = {name: rule for name, rule in free.items() if name not in found.values()}
     found |= _assign({name: rule for name, rule in new.items() if name not in memory.last_seen_px}, unnamed, people)
     by_track = {track: name for track, name in by_track.items() if name not in found.values()} | found
-    seen = {by_track[person.key]: person.center_px for person in people if person.key in by_track}
+    seen = {by_track[each.key]: place for each in people if each.key in by_track and (place := each.center_px)}
     return SubjectNames(by_track=by_track, last_seen_px={**memory.last_seen_px, **seen})
 
 
@@ -119,15 +119,20 @@ def name_targets(result: FrameResult, subjects: Rules, targets: Rules, memory: S
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Candidate:
-    """Something that may get a name: ``key`` is its track or instance id, ``label`` None where it is not known."""
+    """Something that may get a name: ``key`` is its track or instance id, ``label`` None where it is not known.
+
+    ``box_px`` is None without an image: then only the category and the source's own id can tell candidates apart.
+    """
 
     key: int
     instance_id: int | None
     label: str | None
-    box_px: Float
+    box_px: Float | None
 
     @property
-    def center_px(self) -> PointPx:
+    def center_px(self) -> PointPx | None:
+        if self.box_px is None:
+            return None
         u0, v0, u1, v1 = self.box_px.tolist()
         return (u0 + u1) / 2, (v0 + v1) / 2
 
@@ -140,7 +145,7 @@ def _people(result: FrameResult) -> list[_Candidate]:
             key=subject.track_id,
             instance_id=subject.person.instance_id,
             label=labels.get(subject.person.instance_id) if subject.person.instance_id is not None else None,
-            box_px=subject.person.view.head.box_px,
+            box_px=None if subject.person.head is None else subject.person.head.box_px,
         )
         for subject in subjects
     ]
@@ -182,7 +187,7 @@ def _places_from_left(candidates: Iterable[_Candidate]) -> dict[int, int]:
     """The place of each candidate among those of its category, 1 = leftmost, by the middle of its box."""
     places: dict[int, int] = {}
     count: dict[str | None, int] = {}
-    for candidate in sorted(candidates, key=lambda each: (each.center_px, each.key)):
+    for candidate in sorted(candidates, key=lambda each: (each.center_px or (0.0, 0.0), each.key)):
         count[candidate.label] = places[candidate.key] = count.get(candidate.label, 0) + 1
     return places
 
@@ -193,18 +198,20 @@ def _match(rule: NameRule, candidate: _Candidate, place: int) -> tuple[float, ..
         return None
     if rule.instance is not None:
         return (0,) if candidate.instance_id == rule.instance else None
+    if candidate.box_px is None:
+        return (3,) if rule.is_shared else None
     if rule.from_left is not None:
         return (1,) if place == rule.from_left else None
     if rule.at_px is not None:
-        return (2, *_distances_px(candidate, rule.at_px))
+        return (2, *_distances_px(candidate.box_px, rule.at_px))
     if rule.box_px is not None:
         overlap = box_iou(candidate.box_px, np.array(rule.box_px))
         return (2, 1 - overlap) if overlap > 0 else None
     return (3,)
 
 
-def _distances_px(candidate: _Candidate, point_px: PointPx) -> tuple[float, float]:
-    """Distance of a point to a candidate's box (0 inside) and to the box's middle."""
-    point, low, high = np.array(point_px), candidate.box_px[:2], candidate.box_px[2:]
+def _distances_px(box_px: Float, point_px: PointPx) -> tuple[float, float]:
+    """Distance of a point to a box (0 inside) and to its middle."""
+    point, low, high = np.array(point_px), box_px[:2], box_px[2:]
     to_box = np.maximum(np.maximum(low - point, point - high), 0)
-    return float(np.linalg.norm(to_box)), float(np.linalg.norm(point - candidate.center_px))
+    return float(np.linalg.norm(to_box)), float(np.linalg.norm(point - (low + high) / 2))

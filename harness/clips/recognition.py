@@ -7,10 +7,33 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from harness.adapters import ADAPTERS, Recognised, Recogniser
+from harness.sources import ADAPTERS, GuidedRecogniser, Recognised, Recogniser
 from vfoa.errors import VfoaError
 
 _CALIBRATIONS = ("calibration", "camera")
+
+_ZED = "expected a video or images: the ZED SDK's ZED_SVO_Editor (or its sample svo export) writes them"
+_RAW = "expected PNG or JPEG: darktable-cli or dcraw convert camera raw files"
+CONVERTED_BY = {
+    ".svo": _ZED,
+    ".svo2": _ZED,
+    ".oni": "expected images: OpenNI 2's Python binding (openni2) or OpenCV built with OpenNI write them as PNG",
+    ".heic": "expected PNG or JPEG: ImageMagick (magick in.heic out.png) converts it",
+    ".heif": "expected PNG or JPEG: ImageMagick (magick in.heif out.png) converts it",
+    ".dng": _RAW,
+    ".cr2": _RAW,
+    ".nef": _RAW,
+    ".arw": _RAW,
+    ".insv": "expected a video: ffmpeg -i in.insv -c copy out.mp4 rewraps it",
+    ".npz": "expected images: write the arrays as PNG (cv2.imwrite)",
+    ".h5": "expected images: export the data set as PNG (h5py and cv2.imwrite)",
+    ".hdf5": "expected images: export the data set as PNG (h5py and cv2.imwrite)",
+    ".zip": "expected a folder: unpack it first",
+    ".tar": "expected a folder: unpack it first",
+    ".gz": "expected a folder: unpack it first",
+    ".7z": "expected a folder: unpack it first",
+}
+"""What to do with a file that no adapter reads, by its suffix."""
 
 
 class Reading(NamedTuple):
@@ -30,7 +53,7 @@ def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Read
     VfoaError
         If no way or several remain, or the calibration is missing.
     """
-    readings = _readings(path, adapter)
+    readings = _readings(path, adapter, given)
     complete = [each for each in readings if each.found.calibration] or readings
     fitting = [each for each in complete if len(complete) == 1 or _agrees(each.found, given)]
     filled = [Reading(each.adapter, _filled(each.found, given)) for each in fitting]
@@ -38,14 +61,21 @@ def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Read
     if len(distinct) != 1:
         raise VfoaError(f"{path}: {_alternatives(fitting or complete)}")
     if distinct[0].found.calibration is None:
-        raise VfoaError(
-            f"{path}: {distinct[0].found.layout}; no calibration was found; expected --calibration FILE (formats: "
-            "datasets/README.md), or --fx --cx --cy --baseline of a rectified pair, in pixels and metres"
-        )
+        raise VfoaError(f"{path}: {_without_calibration(distinct[0].found)}")
     return distinct[0]
 
 
-def _readings(path: Path, adapter: str | None) -> list[Reading]:
+def _without_calibration(found: Recognised) -> str:
+    if found.incomplete:
+        return f"{found.layout}; {'; '.join(found.incomplete)}"
+    return (
+        f"{found.layout}; no calibration was found; expected --calibration FILE (formats: datasets/README.md; in the "
+        "manifest: calibration = in [source]), or --fx --cx --cy, and --baseline of a rectified pair, in pixels and "
+        "metres (the table [source.camera])"
+    )
+
+
+def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list[Reading]:
     """Every way in which an adapter can read the path."""
     if not path.exists():
         raise VfoaError(f"{path}: no such file or folder")
@@ -55,7 +85,8 @@ def _readings(path: Path, adapter: str | None) -> list[Reading]:
     failures: list[VfoaError] = []
     for name, cls in asked.items():
         try:
-            found += [Reading(name, each) for each in cls.recognise(path)]
+            seen = cls.recognise_as(path, given) if isinstance(cls, GuidedRecogniser) else cls.recognise(path)
+            found += [Reading(name, each) for each in seen]
         except VfoaError as error:
             failures.append(error)
     if found:
@@ -63,7 +94,8 @@ def _readings(path: Path, adapter: str | None) -> list[Reading]:
     if failures:
         raise failures[0]
     who = ", ".join(asked or names)
-    raise VfoaError(f"{path}: not recognised by {who}; expected one of the sources in datasets/README.md")
+    expected = CONVERTED_BY.get(path.suffix.lower(), "expected one of the sources in datasets/README.md")
+    raise VfoaError(f"{path}: not recognised by {who}; {expected}")
 
 
 def _agrees(found: Recognised, given: Mapping[str, Any]) -> bool:

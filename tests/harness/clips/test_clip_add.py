@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
+from harness.sources import ADAPTERS, Recogniser
 from tests.disk import HEIGHT, WIDTH, write_text
 from tests.harness.clips.adding import (
     KINDS,
@@ -82,7 +83,7 @@ def test_labels_without_a_manifest_are_not_overwritten_either(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--fx", "100"), "--cx: missing; expected all of --fx --cx --cy --baseline"),
+        (("--fx", "100"), "--cx: missing; expected all of --fx --cx --cy, and --baseline"),
         ((*NUMBERS, "--calibration", "c.yml"), "found both; expected one of them"),
         (NUMBERS, "unknown key 'source.camera'"),
         (("--set", "pass"), "--set pass: expected KEY=VALUE, such as pass=final"),
@@ -101,7 +102,8 @@ def test_a_wrong_option_is_one_line(tmp_path: Path, options: tuple[str, ...], me
 def test_what_is_not_a_clip_is_refused(tmp_path: Path) -> None:
     assert refused(tmp_path / "nowhere").endswith("nowhere: no such file or folder")
     write_text(tmp_path / "notes" / "a.txt", "hello")
-    assert "not recognised by mcap, sintel, stereo_folder; expected" in refused(tmp_path / "notes")
+    names = [name for name in ADAPTERS.names() if isinstance(ADAPTERS.load(name), Recogniser)]
+    assert f"not recognised by {', '.join(names)}; expected" in refused(tmp_path / "notes")
 
 
 def test_an_unreadable_first_frame_writes_nothing(tmp_path: Path) -> None:
@@ -145,7 +147,7 @@ def test_odd_names_survive(tmp_path: Path) -> None:
 PLUGIN = """
 from pathlib import Path
 import numpy as np
-from harness.adapters import Recognised, Truth
+from harness.sources import Recognised, Truth
 from vfoa.settings import Settings
 from vfoa.types import StereoFrame, StereoRig
 

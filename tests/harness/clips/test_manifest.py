@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from harness.annotations.timeline import timeline_of
-from harness.clips.locate import expand, names
 from harness.clips.manifest import load_manifest
+from harness.data_folders import expand, names
+from harness.labels.timeline import timeline_of
 from tests.disk import sintel_scene, write_text
 from vfoa.errors import VfoaError
 

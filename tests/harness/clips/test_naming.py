@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from harness.clips.naming import NameRule, SubjectNames, name_frame
+from tests.scenes import make_measured_person
 from vfoa.types import (
     Attention,
     FrameResult,
@@ -196,3 +198,28 @@ def test_names_do_not_depend_on_the_order_of_instances(things: list[tuple[int, s
 def test_a_rule_says_one_thing_beside_the_category() -> None:
     with pytest.raises(ValidationError, match="found from_left and at_px"):
         NameRule(category="cup", from_left=1, at_px=(1, 2))
+
+
+# Without images
+
+
+def measured(things: Sequence[tuple[int, str]], tracked: Sequence[tuple[int, int]]) -> FrameResult:
+    """A result of a clip without images: things (instance id, label), and tracks (track id, instance id)."""
+    seen = frame([(number, label, (0, 0)) for number, label in things])
+    people = [(track, make_measured_person(number)) for track, number in tracked]
+    subjects = [Subject(track_id=track, person=person, gaze=None, head_pose=None) for track, person in people]
+    return FrameResult(
+        scene=replace(seen.scene, targets=tuple(replace(each, box_px=None) for each in seen.scene.targets)),
+        attentions=tuple(Attention(subject=subject) for subject in subjects),
+    )
+
+
+def test_without_an_image_the_source_s_ids_and_categories_name() -> None:
+    subjects = {"anna": NameRule(category="person", instance=1), "ben": NameRule(category="person", instance=2)}
+    targets = {"robot": NameRule(category="robot"), "left": NameRule(category="cup", from_left=1)}
+    found = measured([(1, "person"), (2, "person"), (3, "robot"), (4, "cup")], [(7, 2), (8, 1)])
+    names, memory = name_frame(found, subjects, targets, SubjectNames())
+    assert names.subjects == {7: "ben", 8: "anna"}
+    assert names.targets == {1: "anna", 2: "ben", 3: "robot", 4: "cup#4"}, "no place from the left without an image"
+    later, _ = name_frame(measured([(1, "person"), (2, "person")], [(9, 1)]), subjects, targets, memory)
+    assert later.subjects == {9: "anna"}, "a name comes back with the source's id"

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from harness.adapters.sintel import SintelClip, SintelSettings
 from harness.cli.clips import fetch_clips
 from harness.clips import sintel_archives
 from harness.clips.sintel_archives import ARCHIVES, fetch_sintel, unpack
+from harness.sources.sintel import SintelClip, SintelSettings
 from tests.disk import picture, sintel_scene
 from tests.web import Site, serve
 from vfoa.errors import VfoaError

@@ -9,9 +9,9 @@ import fsspec
 import numpy as np
 import pytest
 
-from harness.clips.locate import expand
 from harness.clips.manifest import load_manifest
-from harness.clips.remote import is_address, local_copy
+from harness.data_folders import expand
+from harness.remote import is_address, local_copy
 from tests.disk import stereo_pair_folder, write_text
 from vfoa.errors import VfoaError
 

@@ -7,12 +7,12 @@ import re
 from pathlib import Path
 from typing import Literal
 
-from harness.clips.remote import is_address, local_copy
+from harness.remote import is_address, local_copy
 from vfoa.errors import VfoaError
 
 Kind = Literal["datasets", "annotations", "experiments"]
 
-_PACKAGE = Path(__file__).parent.parent
+_PACKAGE = Path(__file__).parent
 _SUFFIX: dict[Kind, str] = {"datasets": ".toml", "annotations": ".csv", "experiments": ".toml"}
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
@@ -58,7 +58,7 @@ def expand(text: str, base: Path, where: str) -> Path:
     Raises
     ------
     VfoaError
-        If an environment variable is not set, or an address (:mod:`harness.clips.remote`) cannot be read;
+        If an environment variable is not set, or an address (:mod:`harness.remote`) cannot be read;
         ``where`` (file and key) starts the message.
     """
 

@@ -10,17 +10,24 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from harness.cache.store import cache_root
+import platformdirs
+
 from harness.files import atomic_write, replacing
 from vfoa.errors import VfoaError
 
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(::[A-Za-z0-9+.-]+)*://")
 _INDEX = "index.json"
+
+
+def cache_root() -> Path:
+    """``$VFOA_CACHE``, or the cache folder of the platform."""
+    return Path(os.environ.get("VFOA_CACHE") or platformdirs.user_cache_dir("vfoa"))
 
 
 def is_address(text: str) -> bool:

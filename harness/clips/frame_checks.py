@@ -1,0 +1,123 @@
+"""What is wrong with a clip's frames, and what must be known of them: calibration, rectification, images, depth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from vfoa.types import Float, StereoFrame
+
+MAX_VERTICAL_ERROR_PX = 1.5
+"""Median row difference of matched points above which block matching along rows stops working."""
+
+MIN_MATCHES = 30
+"""Fewer matches say nothing about rectification."""
+
+MIN_DEPTH_M, MAX_DEPTH_M = 0.05, 200.0
+"""A median measured depth outside of this is most likely in another unit."""
+
+MIN_BASELINE_M, MAX_BASELINE_M = 0.02, 1.0
+"""Cameras that watch people stand so far apart; other baselines mostly have another unit."""
+
+DARK = 16
+"""The brightest value of 12 bits of which the upper 8 of 16 are read is 15."""
+
+
+def calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> list[str]:
+    """Each once, with the frames that have it. ``says_unit``: the manifest says the unit of the baseline itself."""
+    problems: dict[str, list[int]] = {}
+    for frame in frames:
+        rig = frame.rig
+        if frame.right is not None and not says_unit and not MIN_BASELINE_M <= rig.baseline_m <= MAX_BASELINE_M:
+            problems.setdefault(baseline_question(rig.baseline_m), []).append(frame.index)
+        if not (0 < rig.cx_px < rig.width_px and 0 < rig.cy_px < rig.height_px):
+            problem = (
+                f"the principal point ({rig.cx_px:g}, {rig.cy_px:g}) lies outside the image of "
+                f"{rig.width_px} x {rig.height_px}; expected the calibration of this size"
+            )
+            problems.setdefault(problem, []).append(frame.index)
+    return [f"frame {', '.join(map(str, numbers))}: {problem}" for problem, numbers in problems.items()]
+
+
+def baseline_question(baseline_m: float) -> str:
+    """What to ask of a baseline that people's cameras do not have."""
+    guess = "" if baseline_m < MIN_BASELINE_M else " (millimetres? squares of the calibration board?)"
+    return (
+        f"the baseline is {baseline_m:.4g} m; expected {MIN_BASELINE_M:g} to {MAX_BASELINE_M:g} m{guess}: say "
+        'calibration_unit = "mm" (or "cm"; "m" if it is right) or baseline_m = in [source], or rescale the file: '
+        "vfoa calibrate FILE --square-mm SIDE"
+    )
+
+
+def image_problems(frames: Sequence[StereoFrame]) -> list[str]:
+    """Images that decode and cannot be right: the same on both sides, or nearly black."""
+    same = [str(frame.index) for frame in frames if frame.right is not None and np.array_equal(frame.left, frame.right)]
+    problems = [f"frame {', '.join(same)}: left and right are the same image; expected two views"] if same else []
+    brightest = max(int(image.max()) for frame in frames for image in (frame.left, frame.right) if image is not None)
+    if brightest <= DARK:
+        problems.append(
+            f"the brightest value of {len(frames)} frames is {brightest} of 255; expected brighter images "
+            "(10 or 12 bits in 16-bit files? scale them to 8 bits)"
+        )
+    return problems
+
+
+def rectification_problems(error_px: float | None) -> list[str]:
+    """Rows that do not fit; ``error_px`` is the median row difference of matched points."""
+    if error_px is None or error_px <= MAX_VERTICAL_ERROR_PX:
+        return []
+    return [
+        f"matched points lie {error_px:.1f} rows apart (median); "
+        f"expected at most {MAX_VERTICAL_ERROR_PX} in a rectified pair"
+    ]
+
+
+def order_problems(frames: Sequence[StereoFrame], offsets: Sequence[Float]) -> list[str]:
+    """Points before the cameras lie further right in the left image, but for the principal points' own distance."""
+    shifts = [
+        columns + frame.rig.cx_right_px - frame.rig.cx_px
+        for frame, (columns, _) in zip(frames, (each.T for each in offsets), strict=True)
+    ]
+    disparity_px = float(np.median(np.concatenate(shifts)))
+    if disparity_px >= 0:
+        return []
+    return [
+        f"matched points have a disparity of {disparity_px:.1f} px (median); expected a positive one "
+        "(left and right swapped?)"
+    ]
+
+
+def depth_notes(frames: Sequence[StereoFrame]) -> list[str]:
+    """How much of the image has measured depth, and how far it reaches."""
+    depths = [frame.depth_m for frame in frames if frame.depth_m is not None]
+    known = np.concatenate([depth[np.isfinite(depth)] for depth in depths]) if depths else np.zeros(0)
+    if known.size == 0:
+        return []
+    near, middle, far = np.percentile(known, (1, 50, 99))
+    share = known.size / sum(depth.size for depth in depths)
+    return [
+        f"measured depth on {share:.0%} of the pixels: {near:.2f} to {far:.2f} m (1st to 99th percentile), "
+        f'median {middle:.2f} m; stereo.matcher = "sensor" takes it'
+    ]
+
+
+def depth_problems(frames: Sequence[StereoFrame]) -> list[str]:
+    """Measured maps without a value, or with values that mean another unit."""
+    measured = [(frame.index, frame.depth_m) for frame in frames if frame.depth_m is not None]
+    empty = [str(index) for index, depth in measured if not np.isfinite(depth).any()]
+    medians = [float(np.nanmedian(depth)) for _, depth in measured if np.isfinite(depth).any()]
+    problems = [f"frame {', '.join(empty)}: no pixel has a measured depth"] if empty else []
+    if medians and not MIN_DEPTH_M <= np.median(medians) <= MAX_DEPTH_M:
+        problems.append(
+            f"the median measured depth is {np.median(medians):.3g} m; expected {MIN_DEPTH_M:g} to {MAX_DEPTH_M:g} m "
+            "(another unit? depth_scale in [source] says how many counts are a metre)"
+        )
+    return problems
+
+
+def unmeasured(matches: int | None) -> list[str]:
+    """Where too few points were matched to measure rectification."""
+    if matches is None or matches >= MIN_MATCHES:
+        return []
+    return [f"{matches} points were matched between left and right; rectification is measured from {MIN_MATCHES} on"]

@@ -1,0 +1,44 @@
+"""Likely slips in a manifest: categories that no model has, names that the program gives to unnamed objects."""
+
+from __future__ import annotations
+
+import difflib
+import re
+
+from harness.clips.manifest import ClipManifest
+from harness.sources import Clip
+from vfoa.coco import STUFF, THINGS
+
+_AUTOMATIC = re.compile(r".+#\d+")
+_COCO = frozenset({*THINGS.values(), *STUFF.values()})
+
+
+def manifest_problems(manifest: ClipManifest) -> list[str]:
+    """Names that the program gives to unnamed objects, and an annotation file that is a link to nothing."""
+    automatic = [name for name in (*manifest.subjects, *manifest.targets) if _AUTOMATIC.fullmatch(name)]
+    problems = [
+        f"{name!r} is what an object without a name is called (label#id); expected another name" for name in automatic
+    ]
+    place = manifest.annotations.place()
+    if place.is_symlink() and not place.exists():
+        problems.append(f"{place}: a link to {place.readlink()}, which is not there")
+    return problems
+
+
+def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:
+    """Categories that are near to a word of COCO and of nothing in the clip's ground truth."""
+    known = _COCO | _true_categories(clip)
+    notes = []
+    for table, rules in (("subjects", manifest.subjects), ("targets", manifest.targets)):
+        for name, rule in rules.items():
+            near = difflib.get_close_matches(rule.category, known, n=1, cutoff=0.75)
+            if rule.category not in known and near:
+                notes.append(
+                    f"{table}.{name}: no model of COCO's categories knows {rule.category!r}; did you mean {near[0]!r}?"
+                )
+    return notes
+
+
+def _true_categories(clip: Clip) -> frozenset[str]:
+    instances = clip.truth(clip.frames[0]).instances
+    return frozenset(each.label for each in instances.instances) if instances else frozenset()

@@ -1,0 +1,102 @@
+"""Files over HTTP: resumed where they were cut, checked, and in place whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from http import HTTPStatus
+from pathlib import Path
+
+import httpx
+
+from harness.files import file_digest
+from vfoa.errors import VfoaError
+from vfoa.weights import is_lfs_pointer
+
+_TIMEOUT_S = 30.0
+"""How long a server may be silent."""
+
+
+def download(
+    url: str,
+    target: Path,
+    *,
+    sha256: str | None,
+    resume: bool = False,
+    progress: Callable[[int, int | None], None] | None = None,
+) -> None:
+    """Download a file to ``target``. What arrives is kept beside it as ``<name>.partial`` until it is whole.
+
+    A download that was cut goes on where it stopped, if the checksum is known: without one, nothing would show that
+    the two parts belong together. ``resume``: go on without one, as the caller checks the content. ``progress`` is
+    told the bytes that are there, and those of the whole file.
+
+    Raises
+    ------
+    VfoaError
+        If the server does not answer or not with the file, the connection is cut, or the checksum is wrong.
+    """
+    partial = target.with_name(f"{target.name}.partial")
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        if sha256 is None and not resume:
+            partial.unlink(missing_ok=True)
+        _receive(url, partial, progress or (lambda done, total: None))
+        _verify(url, partial, sha256)
+        partial.replace(target)
+    except OSError as error:
+        raise VfoaError(f"{partial}: cannot be written: {error.strerror or error}") from None
+
+
+def _receive(url: str, partial: Path, progress: Callable[[int, int | None], None]) -> None:
+    start = partial.stat().st_size if partial.exists() else 0
+    # A compressed answer would have other bytes, and another length, than the file.
+    headers = {"Accept-Encoding": "identity"} | ({"Range": f"bytes={start}-"} if start else {})
+    try:
+        with httpx.stream("GET", url, headers=headers, follow_redirects=True, timeout=_TIMEOUT_S) as response:
+            if start and response.status_code == HTTPStatus.REQUESTED_RANGE_NOT_SATISFIABLE:
+                return  # nothing is missing: it was cut after the last byte
+            _append(response, partial, _first_byte(response, url, start), progress)
+    except httpx.HTTPError as error:
+        kept = partial.stat().st_size if partial.exists() else 0
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise VfoaError(f"{url}: cut after {kept} bytes: {reason}; expected the whole file (try again)") from None
+
+
+def _first_byte(response: httpx.Response, url: str, start: int) -> int:
+    """Where the answer begins in the file."""
+    if response.status_code == HTTPStatus.OK:
+        return 0
+    if start and response.status_code == HTTPStatus.PARTIAL_CONTENT:
+        found = response.headers.get("Content-Range", "nothing")
+        if not found.startswith(f"bytes {start}-"):
+            raise VfoaError(f"{url}: answered with {found}; expected bytes {start}- of the file")
+        return start
+    raise VfoaError(f"{url}: HTTP {response.status_code} {response.reason_phrase}; expected the file")
+
+
+def _append(response: httpx.Response, partial: Path, first: int, progress: Callable[[int, int | None], None]) -> None:
+    length = response.headers.get("Content-Length", "")
+    done, total = first, first + int(length) if length.isdigit() else None
+    with partial.open("r+b" if first else "wb") as file:
+        file.seek(first)
+        progress(done, total)
+        for chunk in response.iter_raw():
+            file.write(chunk)
+            done += len(chunk)
+            progress(done, total)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _verify(url: str, partial: Path, sha256: str | None) -> None:
+    """Throw away what is not the file, so that the next attempt begins anew."""
+    if is_lfs_pointer(partial):
+        partial.unlink()
+        raise VfoaError(f"{url}: answered with a Git LFS pointer; expected the file it stands for")
+    if sha256 is None:
+        return
+    found = file_digest(partial)
+    if found != sha256:
+        partial.unlink()
+        raise VfoaError(f"{url}: wrong checksum, thrown away: found sha256 {found}, expected {sha256}")

@@ -1,0 +1,246 @@
+"""Layouts of public stereo sets and of people's folders: one command adds each, and the check passes.
+
+The rows are those of the table in docs/sources.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.clips.manifest import load_manifest
+from tests.calibrations import write_opencv, write_yaml
+from tests.disk import HEIGHT, WIDTH, write_image, write_text
+from tests.harness.clips.adding import NUMBERS, images, refused, vfoa, views
+from tests.recordings import recorder
+
+pytestmark = pytest.mark.usefixtures("work_here")
+
+K_ROWS = "[[100, 0, 31.5],\n[0, 100, 23.5],\n[0, 0, 1]]\n"
+K_LINE = "100 0 31.5 0 100 23.5 0 0 1\n"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Layout:
+    """How a folder is made, what has to be said to add it, and what is found there."""
+
+    make: Callable[[Path], object]
+    said: tuple[str, ...] = ()
+    frames: int = 1
+    cx_right_px: float = 31.5
+
+
+def pair(root: Path, left: str, right: str, number: int = 1) -> None:
+    for name, image in zip((left, right), views(number), strict=True):
+        write_image(root / name, image)
+
+
+def middlebury(root: Path) -> None:
+    pair(root, "im0.png", "im1.png")
+    write_text(
+        root / "calib.txt",
+        "cam0=[100 0 31.5; 0 100 23.5; 0 0 1]\ncam1=[100 0 33.5; 0 100 23.5; 0 0 1]\ndoffs=2\nbaseline=120\n"
+        f"width={WIDTH}\nheight={HEIGHT}\nndisp=60\nisint=0\n",
+    )
+
+
+def middlebury_2006(root: Path) -> None:
+    for number in range(7):
+        write_image(root / f"view{number}.png", views(1)[number == 5])
+    write_image(root / "disp1.png", views(1)[0])
+
+
+def numbered(root: Path) -> None:
+    images(root, "I1_{:06d}.png", "I2_{:06d}.png")
+
+
+def euroc(root: Path) -> None:
+    for number in (1, 2, 3):
+        stamp = 1_403_636_579_763_555_584 + number * 50_000_000
+        pair(root / "mav0", f"cam0/data/{stamp}.png", f"cam1/data/{stamp}.png", number)
+    turned = np.array([[0.0, -1, 0, 0.02], [1, 0, 0, -0.06], [0, 0, 1, 0.01], [0, 0, 0, 1]])
+    for side, column_m in enumerate((0.0, 0.12)):
+        shifted = np.eye(4)
+        shifted[0, 3] = column_m
+        sensor = {
+            "sensor_type": "camera",
+            "T_BS": {"rows": 4, "cols": 4, "data": (turned @ shifted).ravel().tolist()},
+            "rate_hz": 20,
+            "resolution": [WIDTH, HEIGHT],
+            "camera_model": "pinhole",
+            "intrinsics": [100.0, 100.0, 31.5, 23.5],
+            "distortion_model": "radial-tangential",
+            "distortion_coefficients": [0.0, 0.0, 0.0, 0.0],
+        }
+        write_yaml(root / "mav0" / f"cam{side}" / "sensor.yaml", sensor)
+
+
+def with_matrix(text: str) -> Callable[[Path], None]:
+    def make(root: Path) -> None:
+        images(root, "left/{}.png", "right/{}.png")
+        write_text(root / "K.txt", text)
+
+    return make
+
+
+def unnamed(root: Path) -> None:
+    images(root, "a/{}.png", "b/{}.png")
+
+
+LAYOUTS = {
+    "Middlebury 2014, 2021": Layout(make=middlebury, cx_right_px=33.5),
+    "Middlebury 2005, 2006": Layout(make=middlebury_2006, said=NUMBERS),
+    "Middlebury 2003": Layout(make=lambda root: pair(root, "im2.ppm", "im6.ppm"), said=NUMBERS),
+    "aloeL aloeR": Layout(make=lambda root: pair(root, "aloeL.png", "aloeR.png"), said=NUMBERS),
+    "I1_ I2_": Layout(make=numbered, said=NUMBERS, frames=3),
+    "EuRoC": Layout(make=euroc, frames=3),
+    "K.txt with a baseline": Layout(make=with_matrix(K_LINE + "0.12\n"), frames=3),
+    "K.txt in three lines": Layout(make=with_matrix(K_ROWS + "baseline: 0.12\n"), frames=3),
+    "K.txt without a baseline": Layout(make=with_matrix(K_LINE), said=("--baseline", "0.12"), frames=3),
+    "any names": Layout(make=unnamed, said=("--set", "left=a", "--set", "right=b", *NUMBERS), frames=3),
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS)
+def test_one_command_adds_it(tmp_path: Path, layout: Layout) -> None:
+    layout.make(tmp_path / "data")
+    added = vfoa("add", tmp_path / "data", *layout.said, "--name", "mine")
+    assert (added["adapter"], added["frames"]) == ("stereo_folder", layout.frames)
+    (checked,) = vfoa("check", "mine")
+    assert checked["problems"] == []
+    frame = load_manifest("mine").open().frame(added["first_frame"])
+    assert (frame.rig.baseline_m, frame.rig.fx_px) == pytest.approx((0.12, 100.0))
+    assert frame.rig.cx_right_px == pytest.approx(layout.cx_right_px)
+    for seen, written in zip((frame.left, frame.right), views(1), strict=True):
+        np.testing.assert_array_equal(seen, written)
+
+
+def test_euroc_keeps_its_nanoseconds(tmp_path: Path) -> None:
+    euroc(tmp_path / "data")
+    vfoa("add", tmp_path / "data", "--name", "mine", "--subject", "ann")
+    clip = load_manifest("mine").open()
+    assert clip.rate_hz == 20.0
+    assert clip.time_ns(clip.frames[0]) == 1_403_636_579_813_555_584
+    assert vfoa("check", "mine")[0]["problems"] == []
+
+
+def test_names_that_are_given_win_over_those_that_are_seen(tmp_path: Path) -> None:
+    pair(tmp_path / "data", "aloeL.png", "aloeR.png")
+    vfoa("add", tmp_path / "data", *NUMBERS, "--set", "left=aloeR.png", "--set", "right=aloeL.png", "--name", "turned")
+    vfoa("add", tmp_path / "data", *NUMBERS, "--set", "swap=true", "--name", "swapped")
+    for name in ("turned", "swapped"):
+        frame = load_manifest(name).open().frame(0)
+        np.testing.assert_array_equal(frame.left, views(1)[1])
+        np.testing.assert_array_equal(frame.right, views(1)[0])
+    told = ("--adapter", "stereo_folder", "--set", "left=aloeL.png", "--set", "right=aloeR.png")
+    assert vfoa("add", tmp_path / "data", *NUMBERS, *told, "--name", "told")["frames"] == 1
+
+
+def test_a_sequence_is_no_pair_of_middlebury(tmp_path: Path) -> None:
+    for number in range(12):
+        write_image(tmp_path / "data" / f"view{number}.png", views(number)[0])
+    said = refused(tmp_path / "data", *NUMBERS)
+    assert "12 images (view0.png, view1.png" in said
+    assert "--set left=FILES --set right=FILES" in said
+    assert "left = and right = in [source]" in said
+
+
+def test_a_matrix_without_a_baseline_says_how_to_give_it(tmp_path: Path) -> None:
+    with_matrix(K_LINE)(tmp_path / "data")
+    said = refused(tmp_path / "data")
+    assert "K.txt: a camera matrix without a baseline" in said
+    assert "--baseline METRES (baseline_m in [source])" in said
+
+
+def test_a_baseline_stands_in_place_of_the_file_s(tmp_path: Path) -> None:
+    middlebury(tmp_path / "data")
+    vfoa("add", tmp_path / "data", "--baseline", "0.2", "--name", "mine")
+    assert vfoa("check", "mine")[0]["baseline_m"] == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        {"model_type": "MEI", "camera_name": "left", "image_width": WIDTH, "image_height": HEIGHT},
+        {"transform": {"q_x": 0, "q_y": 0, "q_z": 0, "q_w": 1, "t_x": 0.1, "t_y": 0, "t_z": 0}},
+    ],
+)
+def test_camodocal_is_named(tmp_path: Path, document: dict[str, object]) -> None:
+    images(tmp_path / "data", "left/{}.png", "right/{}.png")
+    write_yaml(tmp_path / "data" / "camera.yaml", document)
+    for said in (
+        refused(tmp_path / "data"),
+        refused(tmp_path / "data", "--calibration", tmp_path / "data/camera.yaml"),
+    ):
+        assert "camera.yaml: a calibration of camodocal" in said
+        assert "Kalibr" in said
+
+
+@pytest.mark.parametrize(("name", "program"), [("a.svo", "ZED"), ("a.heic", "ImageMagick"), ("a.zip", "unpack")])
+def test_what_cannot_be_read_names_what_converts_it(tmp_path: Path, name: str, program: str) -> None:
+    assert program in refused(write_text(tmp_path / name, "x"))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("cam0=[1 0 0; 0 1 0; 0 0 1]\n", "calib.txt: no cam1"),
+        ("cam0=[1 0; 0 0 1]\ncam1=[1 0 0; 0 1 0; 0 0 1]\n", "cam0: found '[1 0; 0 0 1]'"),
+        ("1 2 3 4 5 6 7 8 9\n0.1\n", "expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1]"),
+        (K_LINE + "0.12\n3\n", "found 11 values"),
+        (K_LINE + "-0.12\n", "the baseline is -0.12"),
+        ("P2: 1 2 3\n", "found 3 numbers; expected 12"),
+        ("hello\n", "no line P2: or P_rect_02:"),
+    ],
+)
+def test_a_wrong_text_is_one_line(tmp_path: Path, text: str, said: str) -> None:
+    pair(tmp_path / "data", "left.png", "right.png")
+    write_text(tmp_path / "calib.txt", text)
+    assert said in refused(tmp_path / "data", "--calibration", tmp_path / "calib.txt")
+
+
+def test_a_clip_says_that_its_calibration_is_scaled(tmp_path: Path) -> None:
+    images(tmp_path, "left/{}.png", "right/{}.png")
+    nodes = {f"P{n}": np.array([[100, 0, 31.5, x], [0, 100, 23.5, 0], [0, 0, 1, 0]]) for n, x in ((1, 0.0), (2, -12.0))}
+    write_opencv(tmp_path / "stereo.yml", nodes, (2 * WIDTH, 2 * HEIGHT))
+    added = vfoa("add", tmp_path, "--name", "mine")
+    note = f"the calibration of {2 * WIDTH} x {2 * HEIGHT} pixels is scaled to the images' {WIDTH} x {HEIGHT}"
+    assert added["notes"] == [note]
+    clip = load_manifest("mine").open()
+    assert clip.frame(1).rig.fx_px == pytest.approx(50.0)
+    assert clip.frame(1).rig.cx_px == pytest.approx((31.5 + 0.5) / 2 - 0.5)
+
+
+@pytest.mark.parametrize(("left", "right"), [("/cam0/image", "/cam1/image"), ("/d455/infra1/raw", "/d455/infra2/raw")])
+def test_topics_whose_names_are_numbered_are_a_pair(tmp_path: Path, left: str, right: str) -> None:
+    with recorder(tmp_path / "a.mcap") as record:
+        for number in (1, 2, 3):
+            for topic, image in zip((left, right), views(number), strict=True):
+                record.picture(topic, number * 40_000_000, image, "raw")
+    added = vfoa("add", tmp_path / "a.mcap", *NUMBERS, "--name", "mine")
+    assert added["frames"] == 3
+    np.testing.assert_array_equal(load_manifest("mine").open().frame(1).left, views(1)[0])
+
+
+def test_an_offset_between_the_cameras_names_the_tolerance(tmp_path: Path) -> None:
+    for number in (1, 2, 3, 4):
+        stamp = 1_403_636_579_763_555_584 + number * 50_000_000
+        left, right = views(number)
+        write_image(tmp_path / "data" / "cam0" / f"{stamp}.png", left)
+        if number != 3:  # the right camera lost one
+            write_image(tmp_path / "data" / "cam1" / f"{stamp + 3_000_000}.png", right)
+    said = refused(tmp_path / "data", *NUMBERS)
+    assert "the nearest stamps are 3 ms apart (median): tolerance_ms = in [source] allows it" in said
+    told = said.partition("(--set ")[2].removesuffix(")").replace("MS", "5").split(" --set ")
+    added = vfoa(
+        "add", tmp_path / "data", *NUMBERS, *(word for each in told for word in ("--set", each)), "--name", "a"
+    )
+    assert added["frames"] == 3
+    clip = load_manifest("a").open()
+    assert [(frame - clip.frames[0]) // 50_000_000 for frame in clip.frames] == [0, 1, 3]
+    for frame, number in zip(clip.frames, (1, 2, 4), strict=True):
+        np.testing.assert_array_equal(clip.frame(frame).right, views(number)[1])
