@@ -1,0 +1,194 @@
+"""The outputs of stages that the cache holds of one clip, and the account of what a run took from it."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from harness.sources import Clip
+from harness.stages.cache.identity import Identity, Source, difference, identify
+from harness.stages.cache.store import Store
+from harness.stages.cache.values import content_digest, decode, encode
+from harness.stages.configuration import Configuration
+from harness.stages.slots import StageChoice
+from vfoa.types import StereoFrame
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """Which of one stage's results were found, computed, and found damaged, by the names of their files."""
+
+    found: set[str] = field(default_factory=set)
+    computed: set[str] = field(default_factory=set)
+    damaged: set[str] = field(default_factory=set)
+
+    def __or__(self, other: Tally) -> Tally:
+        return Tally(self.found | other.found, self.computed | other.computed, self.damaged | other.damaged)
+
+    def take(self) -> Tally:
+        """All that was counted so far; begin anew."""
+        taken = Tally() | self
+        for names in (self.found, self.computed, self.damaged):
+            names.clear()
+        return taken
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClipCache:
+    """The cache as a job on one clip has it: the store, and who is who. It travels to other processes by pickle."""
+
+    store: Store
+    identities: Mapping[str, Identity]
+
+    def outputs_of(self, choice: StageChoice, tallies: dict[str, Tally]) -> StoredOutputs | None:
+        """The stored outputs of a stage; None for a stage that takes no part. Counts go to ``tallies``."""
+        identity = self.identities.get(choice.key)
+        if identity is None:
+            return None
+        return StoredOutputs(store=self.store, identity=identity, tally=tallies.setdefault(choice.key, Tally()))
+
+    def lacks(self, frame: int) -> bool:
+        """Whether something of a frame is not stored, as far as that can be told before anything is read."""
+        alone = [
+            each
+            for each in self.identities.values()
+            if each.slot == "segmentation" or (each.slot == "stereo" and not each.is_in_region)
+        ]
+        return not alone or not all(_place(self.store, each, frame, ()).exists() for each in alone)
+
+
+def open_cache(store: Store, name: str, clip: Clip, configurations: Iterable[Configuration]) -> ClipCache:
+    """The cache for all stages of these configurations on the clip of this name."""
+    choices = {choice.key: choice for each in configurations for choice in each.choices.values() if choice}
+    source = Source.of(name, clip)
+    found = {key: identify(choice, source) for key, choice in choices.items()}
+    return ClipCache(store=store, identities={key: each for key, each in found.items() if each is not None})
+
+
+def _place(store: Store, identity: Identity, frame: int | None, inputs: tuple[object, ...]) -> Path:
+    name = "any" if frame is None else f"{frame:06d}"
+    return store.folder(identity.slot, identity.digest) / f"{name}-{content_digest(*inputs)}.bin"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredOutputs:
+    """The stored outputs of one stage on one clip. A frame counts by its number, all other inputs by their content."""
+
+    store: Store
+    identity: Identity
+    tally: Tally
+    unwritable: list[str] = field(default_factory=list)
+
+    def load(self, inputs: Sequence[object]) -> tuple[float, Any] | None:
+        """The seconds that the output for these inputs took, and the output; None if it is not stored, or damaged."""
+        path = self._path(inputs)
+        data, damaged = self.store.load(path)
+        if data is not None:
+            try:
+                place, seconds, value = decode(data)
+                damaged = place != self._label(path)
+            except Exception:  # a right checksum, but nothing that this program has stored
+                damaged = True
+        if damaged:
+            self.tally.damaged.add(path.name)
+            _log.warning("%s: damaged; its result is computed again", path)
+        if data is None or damaged:
+            return None
+        self.tally.found.add(path.name)
+        return seconds, value
+
+    def save(self, inputs: Sequence[object], seconds: float, value: object) -> None:
+        """Store an output. A cache that cannot be written to costs time, not the run: it is logged once."""
+        path = self._path(inputs)
+        self.tally.computed.add(path.name)
+        if self.unwritable:
+            return
+        try:
+            self.store.describe(self.identity.slot, self.identity.digest, dict(self.identity.parts))
+            self.store.save(path, encode((self._label(path), seconds, value)))
+        except (OSError, TypeError) as error:
+            self.unwritable.append(str(error))
+            _log.warning("%s: results of %s are not kept: %s", path.parent, self.identity.parts["stage"], error)
+
+    def _label(self, path: Path) -> str:
+        """What a file says of itself, so that one in the place of another is found out."""
+        return f"{self.identity.digest}/{path.name}"
+
+    def _path(self, inputs: Sequence[object]) -> Path:
+        if inputs and isinstance(inputs[0], StereoFrame):
+            return _place(self.store, self.identity, inputs[0].index, tuple(inputs[1:]))
+        return _place(self.store, self.identity, None, tuple(inputs))
+
+
+@dataclass(slots=True)
+class _Entry:
+    """A stage on a clip: why it had no results when the run began (None: it had some), and how the cache served."""
+
+    identity: Identity
+    absent: str | None
+    tally: Tally = field(default_factory=Tally)
+
+
+class Account:
+    """Counts by clip and stage. A stage must be opened before anything is computed: then it is known what there was."""
+
+    def __init__(self) -> None:
+        self._entries: dict[tuple[str, str], _Entry] = {}
+
+    def open(self, clip: str, key: str, identity: Identity, store: Store) -> None:
+        """Look what there is of a stage, by its key, on a clip."""
+        stored = store.folder(identity.slot, identity.digest).exists()
+        absent = None if stored else difference(identity.parts, store.described(identity.slot))
+        self._entries[clip, key] = _Entry(identity, absent)
+
+    def add(self, clip: str, tallies: Mapping[str, Tally]) -> None:
+        """Count what a job took and computed, by the keys of its stages."""
+        for key, tally in tallies.items():
+            self._entries[clip, key].tally |= tally
+
+    def forget(self, clip: str, store: Store) -> None:
+        """Remove from the cache what was computed on a clip."""
+        for (name, _), entry in self._entries.items():
+            folder = store.folder(entry.identity.slot, entry.identity.digest)
+            for stored in entry.tally.computed if name == clip else ():
+                (folder / stored).unlink(missing_ok=True)
+
+    def rows(self) -> list[dict[str, Any]]:
+        """A row a stage and clip, as it stands in the run's manifest; ``why`` something was computed, None: nothing."""
+        return [
+            {
+                "clip": clip,
+                "slot": entry.identity.slot,
+                "stage": entry.identity.parts["stage"],
+                "reused": len(entry.tally.found - entry.tally.computed),
+                "computed": len(entry.tally.computed),
+                "damaged": len(entry.tally.damaged),
+                "why": _why(entry),
+            }
+            for (clip, _key), entry in self._entries.items()
+        ]
+
+
+def _why(entry: _Entry) -> str | None:
+    if not entry.tally.computed:
+        return None
+    if entry.tally.computed == entry.tally.damaged:
+        return "damaged"
+    return entry.absent or "not stored so far, or removed"
+
+
+def cache_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """The rows in words: a line for each stage and reason, over all clips."""
+    sums: dict[tuple[str, str, str | None], tuple[int, int]] = {}
+    for row in rows:
+        key = row["slot"], row["stage"], row["why"]
+        reused, computed = sums.get(key, (0, 0))
+        sums[key] = reused + row["reused"], computed + row["computed"]
+    for (slot, stage, why), (reused, computed) in sums.items():
+        reason = f" ({why})" if why else ""
+        yield f"Cache: {slot} {stage}: {reused} reused, {computed} computed{reason}"

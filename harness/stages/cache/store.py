@@ -1,0 +1,189 @@
+"""Where results stand: one file each behind its checksum, the least recently used of them removed beyond a size.
+
+    <root>/stages/<stage>/<identity>/
+      identity.json            all that the results in this folder follow from
+      000012-6f1e....bin       frame 12, and the digest of what else the stage was given
+
+``root`` is ``$VFOA_CACHE`` or the cache folder of the platform. Files appear whole, or not at all; many processes may
+read and write at once.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.files import atomic_write
+from vfoa.errors import VfoaError
+
+GIGABYTE = 10**9
+DEFAULT_LIMIT_GB = 10.0
+DRAFT_SECONDS = 3600.0
+"""No draft takes that long."""
+
+_CHECKSUM_BYTES = 16
+
+
+def cache_limit() -> int:
+    """Bytes that stage results may take: ``$VFOA_CACHE_GB`` gigabytes, or 10.
+
+    Raises
+    ------
+    VfoaError
+        If the variable is not a number of 0 or more.
+    """
+    text = os.environ.get("VFOA_CACHE_GB") or str(DEFAULT_LIMIT_GB)
+    try:
+        limit = float(text)
+    except ValueError:
+        limit = -1.0
+    if not 0 <= limit < float("inf"):
+        raise VfoaError(f"VFOA_CACHE_GB: found {text!r}; expected a size in gigabytes")
+    return int(limit * GIGABYTE)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Usage:
+    """What the results of one stage (``slot`` and ``name``) on one clip take."""
+
+    slot: str
+    name: str
+    clip: str
+    files: int
+    bytes: int
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """The results under one root; it travels to other processes by pickle."""
+
+    root: Path
+    limit_bytes: int
+
+    @property
+    def stages(self) -> Path:
+        """The folder of all stages."""
+        return self.root / "stages"
+
+    def folder(self, slot: str, identity: str) -> Path:
+        """Where the results with one identity stand."""
+        return self.stages / slot / identity
+
+    def load(self, path: Path) -> tuple[bytes | None, bool]:
+        """A result's bytes, None where there are none; and whether a file was there, but damaged."""
+        try:
+            content = path.read_bytes()
+        except OSError:
+            return None, False
+        checksum, data = content[:_CHECKSUM_BYTES], content[_CHECKSUM_BYTES:]
+        if _checksum(data) != checksum:
+            return None, True
+        with suppress(OSError):  # another's cache that may only be read
+            os.utime(path)  # what is used last is removed last
+        return data, False
+
+    def save(self, path: Path, data: bytes) -> None:
+        """Keep a result. It is not forced to the disk: what a power cut spoils, its checksum tells.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(_checksum(data) + data)
+            Path(name).replace(path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+
+    def describe(self, slot: str, identity: str, parts: dict[str, Any]) -> None:
+        """Write what an identity stands for beside its results. Raises OSError if it cannot be written."""
+        path = self.folder(slot, identity) / "identity.json"
+        if not path.exists():
+            atomic_write(path, json.dumps(parts, indent=1, sort_keys=True))
+
+    def described(self, slot: str) -> Iterator[dict[str, Any]]:
+        """What every identity of a slot stands for; what cannot be read is left out."""
+        return (parts for _folder, parts in self._identities(slot))
+
+    def _identities(self, slot: str) -> Iterator[tuple[Path, dict[str, Any]]]:
+        for path in sorted((self.stages / slot).glob("*/identity.json")):
+            try:
+                parts = json.loads(path.read_bytes())
+            except (OSError, ValueError):
+                continue
+            if isinstance(parts, dict):
+                yield path.parent, parts
+
+    def usage(self) -> list[Usage]:
+        """What there is, by stage and clip, of all settings together; largest first."""
+        sizes: dict[tuple[str, str, str], list[int]] = {}
+        for slot in sorted(path.name for path in self.stages.glob("*")):
+            for folder, parts in self._identities(slot):
+                key = slot, str(parts.get("stage")), str(parts.get("clip"))
+                sizes.setdefault(key, []).extend(size for _, size, _ in _results(folder))
+        found = [
+            Usage(slot=slot, name=name, clip=clip, files=len(each), bytes=sum(each))
+            for (slot, name, clip), each in sizes.items()
+        ]
+        return sorted(found, key=lambda each: -each.bytes)
+
+    def trim(self) -> int:
+        """Remove what was used longest ago until the rest is within the limit; return the bytes removed.
+
+        Drafts that a killed process left are removed, too.
+        """
+        for draft in self.stages.rglob("*.tmp"):
+            with suppress(OSError):
+                if time.time() - draft.stat().st_mtime > DRAFT_SECONDS:
+                    draft.unlink()
+        results = sorted(_results(self.stages))
+        excess = sum(size for _, size, _ in results) - self.limit_bytes
+        removed = 0
+        for _, size, path in results:
+            if removed >= excess:
+                break
+            with suppress(OSError):
+                path.unlink(missing_ok=True)
+            removed += size
+        return removed
+
+    def clear(self) -> None:
+        """Remove every result.
+
+        Raises
+        ------
+        OSError
+            If something cannot be removed; what others remove meanwhile is gone as well.
+        """
+        with suppress(FileNotFoundError):
+            shutil.rmtree(self.stages)
+
+
+def _checksum(data: bytes) -> bytes:
+    return hashlib.blake2b(data, digest_size=_CHECKSUM_BYTES).digest()
+
+
+def _results(folder: Path) -> list[tuple[float, int, Path]]:
+    """(last use, bytes, path) of every result under a folder; those that vanish meanwhile are left out."""
+    found = []
+    for path in folder.rglob("*.bin"):
+        try:
+            status = path.stat()
+        except OSError:
+            continue
+        found.append((status.st_mtime, status.st_size, path))
+    return found

@@ -1,0 +1,163 @@
+"""A configuration: every setting of one way to run the pipeline, made of tables of settings.
+
+A table belongs to one stage (:data:`harness.stages.slots.SLOTS`) or one step. An experiment gives tables as defaults,
+presets, and differences, which stand over each other in this order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from harness.config_errors import parse
+from harness.stages.slots import SLOTS, StageChoice
+from vfoa.attention import AttentionSettings
+from vfoa.bayes import BayesSettings
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.gaze_filter import GazeFilterSettings
+from vfoa.nearest import NearestSettings
+from vfoa.pipeline import AttendSettings
+from vfoa.reconstruction import ReconstructionSettings
+from vfoa.settings import Settings
+from vfoa.tracking import TrackingSettings
+
+if TYPE_CHECKING:
+    from vfoa.onnx import Provider
+
+STEPS: Mapping[str, Mapping[str, type[Settings]]] = {
+    "reconstruction": {"": ReconstructionSettings},
+    "tracking": {"": TrackingSettings},
+    "gaze_filter": {"": GazeFilterSettings},
+    "attention": {"cones": AttentionSettings, "bayes": BayesSettings, "nearest": NearestSettings},
+}
+"""The steps after perception: the settings of each by its ``method``, which only attention has. The first is the
+default."""
+
+_TABLES = (*SLOTS, *STEPS)
+Tables = Mapping[str, Mapping[str, Any]]
+"""Settings by key, by the name of the table."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Configuration:
+    """Every setting of one way to run the pipeline. ``choices`` has one entry per slot, None for one switched off.
+
+    ``factors`` are the labels of its place in a grid by dotted key; empty where there was no grid.
+    """
+
+    name: str
+    choices: Mapping[str, StageChoice | None]
+    reconstruction: ReconstructionSettings
+    attend: AttendSettings
+    factors: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_in_region(self) -> bool:
+        """Whether disparities are asked for only where things and heads are."""
+        stereo = self.choices["stereo"]
+        return stereo is not None and getattr(stereo.settings, "region", None) == "needed"
+
+    def for_clip(self, clip: str) -> Configuration:
+        """The configuration with the clip's name filled in where a stage's ``root`` asks for it."""
+        choices = {slot: choice.for_clip(clip) if choice else None for slot, choice in self.choices.items()}
+        return replace(self, choices=choices)
+
+    def on(self, provider: Provider) -> Configuration:
+        """The configuration with all its networks on one provider of ONNX Runtime."""
+        choices = {slot: choice.on(provider) if choice else None for slot, choice in self.choices.items()}
+        return replace(self, choices=choices)
+
+    def without_stages(self) -> Configuration:
+        """The configuration for clips of measurements, which need no stage of perception."""
+        return replace(self, choices=dict.fromkeys(self.choices))
+
+    def plain(self) -> dict[str, Any]:
+        """The configuration as JSON values, every default written out: what a run's manifest records."""
+        stages = {name: choice.plain() if choice else None for name, choice in self.choices.items()}
+        attend = self.attend.model_dump(mode="json")
+        return {**stages, "reconstruction": self.reconstruction.model_dump(mode="json"), **attend}
+
+
+def dotted_tables(changes: Iterable[tuple[str, Any]], where: str) -> dict[str, dict[str, Any]]:
+    """Dotted keys as tables.
+
+    Raises
+    ------
+    VfoaError
+        If a key has no dot, or its table is not known; ``where`` opens the message, here and below.
+    """
+    tables: dict[str, dict[str, Any]] = {}
+    for dotted, value in changes:
+        table, dot, key = dotted.partition(".")
+        if not dot:
+            raise VfoaError(f"{where}: {dotted}: expected a dotted key, such as stereo.matcher")
+        if table not in _TABLES:
+            raise VfoaError(f"{where}: {dotted}: unknown table; {did_you_mean(table, _TABLES)}")
+        tables.setdefault(table, {})[key] = value
+    return tables
+
+
+def merged(tables: Tables, over: Tables) -> Tables:
+    """Tables with others over them, key by key."""
+    return {table: {**tables.get(table, {}), **over.get(table, {})} for table in {**tables, **over}}
+
+
+def inherited(defaults: Tables, own: Tables) -> Tables:
+    """The defaults that a configuration takes over: a stage takes those of its settings that it has."""
+    tables = {}
+    for table, settings in defaults.items():
+        slot = SLOTS.get(table)
+        name = {**settings, **own.get(table, {})}.get(slot.key) if slot else None
+        tables[table] = {key: value for key, value in settings.items() if slot is None or slot.takes(name, key)}
+    return tables
+
+
+def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> None:
+    """Refuse a default, as (table, key), that no configuration has ``used``: most likely it is misspelt.
+
+    Raises
+    ------
+    VfoaError
+        With its table and key.
+    """
+    for table, settings in defaults.items():
+        if table not in _TABLES:
+            raise VfoaError(f"{where}: defaults.{table}: unknown table; {did_you_mean(table, _TABLES)}")
+        for key in settings:
+            if (table, key) not in used:
+                raise VfoaError(f"{where}: defaults.{table}.{key}: no configuration's {table} has such a setting")
+
+
+def make_configuration(name: str, tables: Tables, factors: Mapping[str, str], where: str) -> Configuration:
+    """Check the tables of one configuration, and fill in what they leave out.
+
+    Raises
+    ------
+    VfoaError
+        If a stage, a key or a value is wrong, or two of them do not go together.
+    """
+    choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in SLOTS.values()}
+    steps: dict[str, Any] = {
+        step: parse(_settings_of(step, tables.get(step, {})), tables.get(step, {}), f"{where}: {step}")
+        for step in STEPS
+    }
+    configuration = Configuration(
+        name=name,
+        choices=choices,
+        reconstruction=steps.pop("reconstruction"),
+        attend=AttendSettings(**steps),
+        factors=factors,
+    )
+    if configuration.is_in_region and configuration.reconstruction.stuff:
+        raise VfoaError(
+            f'{where}: stereo.region: found "needed", which leaves out stuff, and reconstruction.stuff = '
+            f'{list(configuration.reconstruction.stuff)}; expected stereo.region = "frame"'
+        )
+    return configuration
+
+
+def _settings_of(step: str, table: Mapping[str, Any]) -> type[Settings]:
+    """The settings class of a step: that of its ``method``, else the default one, which refuses a wrong method."""
+    default, *_ = STEPS[step].values()
+    return STEPS[step].get(str(table.get("method")), default)

@@ -1,0 +1,168 @@
+"""Gaze360 (Kellnhofer et al. 2019), its temporal network: built in PyTorch, filled from the official checkpoint.
+
+Seven head crops, the middle one's gaze: ResNet-18 per crop, a bidirectional LSTM over the seven, and a linear layer on
+its fourth step. The ONNX file takes ``images`` [B, 7, 3, 224, 224], RGB by ImageNet's mean and deviation, and gives
+``gaze`` [B, 2] = (theta, phi) and ``sigma`` [B, 1], all in radians: theta > 0 to the image's left, phi > 0 up, sigma
+the distance to the 10 % and 90 % quantiles.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+import tempfile
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import nn
+
+from harness.files import atomic_write, read_bytes
+from harness.stages.export.resnet import ResNet18
+from vfoa.errors import VfoaError
+from vfoa.gaze.gaze360 import SIDE_PX, SIGNATURE
+from vfoa.onnx import Model, RuntimeSettings
+from vfoa.weights import is_lfs_pointer
+
+FRAMES = 7
+FEATURES = 256
+OPSET = 17
+TOLERANCE_RAD = 1e-4
+PROOF_BATCHES = (1, 2, 3, 4, 5, 5)
+"""Sizes of the batches on which ONNX and PyTorch are compared: 20 inputs, and the batch's length is really open."""
+
+_PREFIX = "module."  # from the DataParallel it was trained in
+_COUNTER = ".num_batches_tracked"  # counts training steps; PyTorch before 0.4.1 wrote none
+
+
+class Gaze360(nn.Module):
+    """The network; its attributes have the names of the tensors in the official checkpoint."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.base_model = ResNet18(FEATURES)
+        self.lstm = nn.LSTM(FEATURES, FEATURES, num_layers=2, bidirectional=True, batch_first=True)
+        self.last_layer = nn.Linear(2 * FEATURES, 3)
+
+    def forward(self, images: Any) -> tuple[Any, Any]:
+        """Images (B, 7, 3, 224, 224) to gaze (B, 2) and sigma (B, 1) in radians."""
+        features = self.base_model(images.flatten(0, 1)).unflatten(0, (-1, FRAMES))
+        steps, _ = self.lstm(features)
+        theta, phi, sigma = self.last_layer(steps[:, FRAMES // 2]).split(1, dim=1)
+        gaze = torch.cat([math.pi * theta.tanh(), math.pi / 2 * phi.tanh()], dim=1)
+        return gaze, math.pi * sigma.sigmoid()
+
+
+def export(checkpoint: Path, out: Path) -> float:
+    """Write the network of a checkpoint as ONNX, once ONNX Runtime gives what PyTorch gives.
+
+    Parameters
+    ----------
+    checkpoint
+        The official file, or one of the same tensors.
+    out
+        The ONNX file. It appears, or is replaced, as a whole and only after the proof.
+
+    Returns
+    -------
+    The greatest difference in radians between the two on 20 random inputs.
+
+    Raises
+    ------
+    VfoaError
+        If the checkpoint cannot be read, if one of its tensors is missing, too many or of a wrong shape, if the
+        two differ by more than 1e-4 rad, or if the file cannot be written.
+    """
+    network = load(checkpoint)
+    with tempfile.TemporaryDirectory() as folder:
+        draft = Path(folder) / "gaze360.onnx"
+        _write_onnx(network, draft)
+        difference_rad = _prove(network, draft, checkpoint)
+        try:
+            atomic_write(out, draft.read_bytes())
+        except OSError as error:
+            raise VfoaError(f"{out}: cannot be written: {error.strerror or error}") from None
+    return difference_rad
+
+
+def load(checkpoint: Path) -> Gaze360:
+    """Build the network with the tensors of a checkpoint, ready for inference.
+
+    Raises
+    ------
+    VfoaError
+        If the checkpoint cannot be read, or if one of its tensors is missing, too many or of a wrong shape.
+    """
+    found = _read_tensors(checkpoint)
+    network = Gaze360()
+    expected = {_PREFIX + name: tensor for name, tensor in network.state_dict().items()}
+    for name, tensor in expected.items():
+        if name not in found and not name.endswith(_COUNTER):
+            raise VfoaError(f"{checkpoint}: no tensor {name}; expected Gaze360's {_shape(tensor)}")
+    for name, tensor in found.items():
+        if name not in expected:
+            raise VfoaError(f"{checkpoint}: tensor {name} is too many; expected those of Gaze360 alone")
+        if _shape(tensor) != _shape(expected[name]):
+            raise VfoaError(f"{checkpoint}: tensor {name}: found {_shape(tensor)}, expected {_shape(expected[name])}")
+    network.load_state_dict({name.removeprefix(_PREFIX): tensor for name, tensor in (expected | found).items()})
+    return network.eval()
+
+
+def _read_tensors(checkpoint: Path) -> dict[str, Any]:
+    content = read_bytes(checkpoint)
+    if is_lfs_pointer(checkpoint):
+        raise VfoaError(f"{checkpoint}: a Git LFS pointer; expected the checkpoint it stands for")
+    try:
+        # A checkpoint is a pickle, and a pickle can run anything: PyTorch unpickles no more than tensors here
+        found = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
+    except Exception as error:  # the errors of a damaged pickle have no base of their own
+        raise VfoaError(f"{checkpoint}: not a whole PyTorch checkpoint of nothing but tensors") from error
+    tensors = found.get("state_dict") if isinstance(found, dict) else None
+    if not isinstance(tensors, dict):
+        what = f"the keys {', '.join(map(str, found))}" if isinstance(found, dict) else f"a {type(found).__name__}"
+        raise VfoaError(f"{checkpoint}: not Gaze360's checkpoint; expected the key state_dict, found {what}")
+    return tensors
+
+
+def _shape(tensor: Any) -> str:
+    return str(list(tensor.shape)) if isinstance(tensor, torch.Tensor) else type(tensor).__name__
+
+
+def _write_onnx(network: Gaze360, path: Path) -> None:
+    with warnings.catch_warnings():
+        # Tracing needs no package beside onnx; PyTorch would rather have its newer exporter used
+        warnings.filterwarnings("ignore", category=DeprecationWarning)
+        # What tracing takes for constant are the LSTM's checks of its input; that the batch is not, the proof shows
+        warnings.filterwarnings("ignore", category=torch.jit.TracerWarning)
+        warnings.filterwarnings("ignore", message="Exporting a model to ONNX with a batch_size other than 1")
+        torch.onnx.export(
+            network,
+            (torch.zeros(1, FRAMES, 3, SIDE_PX, SIDE_PX),),
+            str(path),
+            input_names=list(SIGNATURE.inputs),
+            output_names=list(SIGNATURE.outputs),
+            dynamic_axes={name: {0: "batch"} for name in [*SIGNATURE.inputs, *SIGNATURE.outputs]},
+            opset_version=OPSET,
+            dynamo=False,
+        )
+
+
+def _prove(network: Gaze360, path: Path, checkpoint: Path) -> float:
+    """The greatest difference in radians between ONNX Runtime and PyTorch, which must not pass the tolerance."""
+    model = Model(str(path), SIGNATURE, RuntimeSettings())
+    random = np.random.default_rng(0)
+    greatest_rad = 0.0
+    for size in PROOF_BATCHES:
+        images = random.standard_normal((size, FRAMES, 3, SIDE_PX, SIDE_PX), dtype=np.float32)
+        found = model.run(images=images)
+        with torch.no_grad():
+            expected = dict(zip(SIGNATURE.outputs, network(torch.from_numpy(images)), strict=True))
+        difference_rad = max(float(np.abs(found[name] - expected[name].numpy()).max()) for name in expected)
+        if not difference_rad <= TOLERANCE_RAD:  # NaN is a difference too
+            raise VfoaError(
+                f"{checkpoint}: ONNX and PyTorch differ by {difference_rad:.2g} rad; expected {TOLERANCE_RAD:g} at most"
+            )
+        greatest_rad = max(greatest_rad, difference_rad)
+    return greatest_rad

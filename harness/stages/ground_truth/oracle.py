@@ -1,0 +1,204 @@
+"""Stages that answer with the ground truth: each step of the oracle ablation replaces one measurement.
+
+They read the clip's truth, so they are built as ``Class(settings, clip)``. A clip that does not know what is asked
+is an error, never an empty answer.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from harness.labels.labels import BLOCKED, IGNORED, Label, LabelRange, Labels
+from harness.sources import Clip, PersonTruth, SightTruth, Truth
+from vfoa.errors import VfoaError
+from vfoa.geometry import box_iou
+from vfoa.settings import Settings
+from vfoa.types import Disparity, Float, Gaze, Head, HeadPose, Instances, StereoFrame
+
+T = TypeVar("T")
+
+LEAST_OVERLAP = 0.3
+"""Boxes that overlap less (intersection over union) are not of the same head."""
+
+
+class OracleSettings(Settings):
+    """The truth has nothing to set."""
+
+
+_last_truths: WeakKeyDictionary[Clip, tuple[int, Truth]] = WeakKeyDictionary()
+"""Each clip's last frame: several stages ask for it, some of them once for every head."""
+
+
+def truth_of(clip: Clip, frame: int) -> Truth:
+    """A clip's truth of one frame; that of the last frame asked for is kept, where clips of this class allow that."""
+    try:
+        last = _last_truths.get(clip)
+    except TypeError:  # no hash, as a dataclass that is not frozen, or no weak reference, as one with slots
+        return clip.truth(frame)
+    if last is None or last[0] != frame:
+        last = _last_truths[clip] = frame, clip.truth(frame)
+    return last[1]
+
+
+class KnownTruth:
+    """A clip's truth as one stage needs it."""
+
+    def __init__(self, clip: Clip, needed_by: str) -> None:
+        self._clip, self._needed_by = clip, needed_by
+
+    def disparity(self, frame: int) -> Disparity:
+        """The true disparity map."""
+        truth = self._truth(frame)
+        return self._known(frame, truth.disparity, "disparity", truth.missing.get("disparity"))
+
+    def instances(self, frame: int) -> Instances:
+        """The true instances."""
+        truth = self._truth(frame)
+        return self._known(frame, truth.instances, "instances", truth.missing.get("instances"))
+
+    def people(self, frame: int) -> tuple[PersonTruth, ...]:
+        """The true people."""
+        truth = self._truth(frame)
+        return self._known(frame, truth.people, "people", truth.missing.get("people"))
+
+    def person(self, frame: int, head: Head) -> PersonTruth | None:
+        """Whose head this is: the person's whose head overlaps it most; None: nobody's.
+
+        A head's instance has the number that the segmentation gave it, which need not be the source's: it only confirms
+        what overlaps too little.
+        """
+        people = self.people(frame)
+        matches = [(box_iou(each.head_box_px, head.box_px), each.instance_id == head.instance_id) for each in people]
+        overlap, is_confirmed = max(matches, default=(0.0, False))
+        if overlap < LEAST_OVERLAP and not (is_confirmed and overlap > 0):
+            return None
+        return people[matches.index((overlap, is_confirmed))]
+
+    def own_ids(self, frame: int, instances: Instances) -> set[int]:
+        """The ids of these instances, if they are the source's own; none of a segmentation that numbers things anew."""
+        true = self._truth(frame).instances
+        if true is None or not np.array_equal(true.ids, instances.ids):
+            return set()
+        return {each.id for each in instances.instances}
+
+    def head_direction(self, frame: int, person: PersonTruth) -> Float:
+        """Where the person's head truly points, a unit vector (3,) in the camera frame."""
+        return self._known(frame, person.head_direction, f"head direction of {person.name!r}")
+
+    def gaze_direction(self, frame: int, person: PersonTruth) -> Float:
+        """Where the person truly looks, a unit vector (3,) in the camera frame."""
+        return self._known(frame, person.gaze_direction, f"gaze direction of {person.name!r}")
+
+    def _truth(self, frame: int) -> Truth:
+        return truth_of(self._clip, frame)
+
+    def _known(self, frame: int, value: T | None, what: str, reason: str | None = None) -> T:
+        if value is not None:
+            return value
+        where = f"{type(self._clip).__name__}, frame {frame}"
+        why = f" ({reason})" if reason else ""
+        raise VfoaError(f"{where}: the clip has no true {what}; needed by {self._needed_by}{why}")
+
+
+class TruthMatcher:
+    """``stereo.matcher = "truth"``: the clip's disparity."""
+
+    Settings = OracleSettings
+
+    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
+        self._truth = KnownTruth(clip, 'stereo.matcher = "truth"')
+
+    def match(self, frame: StereoFrame) -> Disparity:
+        """The true disparity of the frame."""
+        return self._truth.disparity(frame.index)
+
+
+class TruthSegmenter:
+    """``segmentation.model = "truth"``: the clip's instances."""
+
+    Settings = OracleSettings
+
+    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
+        self._truth = KnownTruth(clip, 'segmentation.model = "truth"')
+
+    def segment(self, frame: StereoFrame) -> Instances:
+        """The true instances of the frame."""
+        return self._truth.instances(frame.index)
+
+
+class TruthHeads:
+    """``heads.detector = "truth"``: the clip's head boxes, each with its person's instance."""
+
+    Settings = OracleSettings
+
+    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
+        self._truth = KnownTruth(clip, 'heads.detector = "truth"')
+
+    def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
+        """The true heads of the frame. The instance is given where ``instances`` are the true ones."""
+        own_ids = self._truth.own_ids(frame.index, instances)
+        return tuple(
+            Head(
+                box_px=person.head_box_px,
+                score=1.0,
+                instance_id=person.instance_id if person.instance_id in own_ids else None,
+            )
+            for person in self._truth.people(frame.index)
+        )
+
+
+class TruthHeadPose:
+    """``head_pose.model = "truth"``: where the head truly points; None for a head that is nobody's."""
+
+    Settings = OracleSettings
+
+    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
+        self._truth = KnownTruth(clip, 'head_pose.model = "truth"')
+
+    def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
+        """The true direction of one head."""
+        person = self._truth.person(frame.index, head)
+        return None if person is None else HeadPose(direction=self._truth.head_direction(frame.index, person))
+
+
+class TruthGaze:
+    """``gaze.model = "truth"``: where the eyes truly look; None for a head that is nobody's."""
+
+    Settings = OracleSettings
+
+    def __init__(self, settings: OracleSettings, clip: Clip) -> None:
+        self._truth = KnownTruth(clip, 'gaze.model = "truth"')
+
+    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
+        """The true gaze of one head."""
+        person = self._truth.person(frame.index, head)
+        return None if person is None else Gaze(direction=self._truth.gaze_direction(frame.index, person))
+
+
+def true_labels(clip: Clip) -> Labels:
+    """The annotations that follow from a clip's truth: what everybody looks at, ``ignore`` during a saccade.
+
+    Where the clip knows that something blocks the line of sight, the note says so.
+
+    Raises
+    ------
+    VfoaError
+        If the clip does not know its people.
+    """
+    truth = KnownTruth(clip, "true labels")
+    rows: list[LabelRange] = []
+    current: dict[str, LabelRange] = {}
+    for frame in clip.frames:
+        blockers = clip.blockers(frame) if isinstance(clip, SightTruth) else {}
+        for person in truth.people(frame):
+            note = f"{BLOCKED} by {blockers[person.name]}" if person.name in blockers else ""
+            label = Label(target=person.target, note=note) if person.target else Label(target=IGNORED, note="saccade")
+            before = current.get(person.name)
+            first = before.first_frame if before and before.label == label else frame
+            if before and first == frame:
+                rows.append(before)
+            current[person.name] = LabelRange(first_frame=first, last_frame=frame, subject=person.name, label=label)
+    return Labels([*rows, *current.values()])

@@ -1,0 +1,22 @@
+"""A clip of measurements under many configurations: no stage of perception runs, every frame is a scene already."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable, Sequence
+
+from harness.sources import MeasuredClip
+from harness.stages.configuration import Configuration
+from harness.stages.memo import Timings, timed
+from harness.stages.sharing import SharedFrame
+
+
+def measured_frames(
+    configurations: Sequence[Configuration], clip: MeasuredClip, numbers: Iterable[int]
+) -> Generator[SharedFrame]:
+    """Read frames in ascending order; every configuration has the same scene, and no percepts."""
+    for number in numbers:
+        decoding: Timings = {}
+        with timed(decoding, "decode"):
+            scene = clip.scene(number)
+        found = {configuration.name: (None, scene, dict(decoding)) for configuration in configurations}
+        yield SharedFrame(index=number, frame=None, by_configuration=found)

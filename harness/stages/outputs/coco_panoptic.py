@@ -1,0 +1,187 @@
+"""Segmentation made elsewhere, in COCO's panoptic format (as detectron2 and its relatives write it)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import cv2
+import numpy as np
+from pydantic import BaseModel, Field
+
+from harness.config_errors import parse
+from harness.data_folders import expand
+from harness.files import digest_files, read_bytes
+from harness.sources import Clip
+from harness.sources.media.frame_files import number_names
+from harness.sources.media.images import read_raw
+from harness.sources.media.segment_ids import present_ids, relabel, small_ids
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.settings import Settings
+from vfoa.types import Instance, Instances, StereoFrame
+
+_Entry = TypeVar("_Entry", bound=BaseModel)
+
+
+class CocoPanopticSettings(Settings):
+    """Where the masks are: a JSON file and a folder of PNG under ``root``.
+
+    Stuff is kept only where it is named, or all of it. With ``partial``, a frame without masks is an error only when
+    it is read: enough for a run of the clip's first frames.
+    """
+
+    root: str
+    """Folder of the masks; ``${CLIP}`` stands for the clip's name."""
+    annotations: str = "panoptic.json"
+    """JSON file of COCO's panoptic format, below ``root``."""
+    masks: str = "png"
+    """Folder of the PNG files, below ``root``."""
+    stuff: Literal["all"] | tuple[str, ...] = ()
+    """Labels of the stuff to keep, or ``all``. Things are always kept."""
+    partial: bool = False
+    """Accept frames without masks until one is read: enough for a run of the first frames."""
+
+
+class CocoPanoptic:
+    """A segmenter that reads each frame's id map (id = R + 256 G + 65536 B) and what its ids are.
+
+        root/
+          panoptic.json       images, annotations[].{file_name, segments_info[].{id, category_id}}, categories
+          png/frame_0001.png  one a frame, of the left image's size; the digits are the clip's frame number
+
+    Ids that fit 16 bits stay as they are; larger ones get the smallest free number, the same in every frame.
+    Crowd regions and stuff that is not named are no instances.
+    """
+
+    Settings = CocoPanopticSettings
+
+    def __init__(self, settings: CocoPanopticSettings, clip: Clip) -> None:
+        root = expand(settings.root, Path.cwd(), "segmentation.root")
+        self._json, self._png = root / settings.annotations, root / settings.masks
+        file = _read(self._json)
+        self._categories = _by_key(file.categories, "id", f"{self._json}: categories")
+        self._stuff = _named_stuff(settings.stuff, file, self._json)
+        by_name = _by_key(file.annotations, "file_name", f"{self._json}: annotations")
+        for annotation in file.annotations:
+            _by_key(annotation.segments_info, "id", f"{self._json}: {annotation.file_name}: segments_info")
+        numbers = number_names(by_name, f"{self._json}: annotations") if by_name else {}
+        self._annotations = {number: by_name[name] for number, name in numbers.items()}
+        every_id = (segment.id for annotation in file.annotations for segment in annotation.segments_info)
+        self._small = small_ids(every_id, str(self._json))
+        missing = [number for number in clip.frames if number not in self._annotations]
+        if missing and not settings.partial:
+            raise VfoaError(f"{self._json}: no annotation for frame {missing[0]} ({len(missing)} frames are missing)")
+
+    def segment(self, frame: StereoFrame) -> Instances:
+        """Read one frame's masks.
+
+        Raises
+        ------
+        VfoaError
+            If the frame has none, its size is not the image's, or it holds ids that the JSON does not explain.
+        """
+        if frame.index not in self._annotations:
+            raise VfoaError(f"{self._json}: no annotation for frame {frame.index}")
+        annotation = self._annotations[frame.index]
+        path = self._png / annotation.file_name
+        ids = _read_ids(path)
+        if ids.shape != frame.left.shape[:2]:
+            raise VfoaError(
+                f"{path}: the masks are {_size(ids.shape)} pixels, the left image {_size(frame.left.shape)}"
+            )
+        drawn = set(present_ids(ids).tolist()) - {0}
+        if unknown := drawn - {segment.id for segment in annotation.segments_info}:
+            raise VfoaError(f"{path}: holds segment {min(unknown)}, which is not in {self._json.name}'s segments_info")
+        kept = [segment for segment in annotation.segments_info if segment.id in drawn and self._is_wanted(segment)]
+        small = {segment.id: self._small[segment.id] for segment in kept}
+        return Instances(ids=relabel(ids, small), instances=tuple(self._instance(segment) for segment in kept))
+
+    def digest(self) -> str:
+        """Hexadecimal sha256 of the JSON and every PNG it names."""
+        maps = [(str(n), self._png / each.file_name) for n, each in self._annotations.items()]
+        if missing := next((path for _, path in maps if not path.is_file()), None):
+            raise VfoaError(f"{missing}: no such file, but {self._json} names it")
+        return digest_files([("json", self._json), *maps])
+
+    def _is_wanted(self, segment: _Segment) -> bool:
+        if segment.category_id not in self._categories:
+            raise VfoaError(
+                f"{self._json}: segment {segment.id} has category_id {segment.category_id}; "
+                f"expected one of the categories' ids: {sorted(self._categories)}"
+            )
+        category = self._categories[segment.category_id]
+        return not segment.iscrowd and (bool(category.isthing) or category.name in self._stuff)
+
+    def _instance(self, segment: _Segment) -> Instance:
+        category = self._categories[segment.category_id]
+        return Instance(
+            id=self._small[segment.id],
+            label=category.name,
+            category_id=category.id,
+            is_thing=bool(category.isthing),
+            score=segment.score,
+        )
+
+
+class _Segment(BaseModel):
+    id: int = Field(ge=0, lt=1 << 24)
+    category_id: int
+    iscrowd: int = 0
+    score: float = Field(default=1.0, allow_inf_nan=False)
+
+
+class _Annotation(BaseModel):
+    file_name: str
+    segments_info: list[_Segment]
+
+
+class _Category(BaseModel):
+    id: int
+    name: str
+    isthing: int = 1
+
+
+class _PanopticFile(BaseModel):
+    """The part of COCO's panoptic JSON that is used; it may hold more."""
+
+    annotations: list[_Annotation]
+    categories: list[_Category]
+
+
+def _read(path: Path) -> _PanopticFile:
+    try:
+        data: Any = json.loads(read_bytes(path))
+    except (ValueError, RecursionError) as error:
+        raise VfoaError(f"{path}: not JSON: {error}") from None
+    return parse(_PanopticFile, data, str(path))
+
+
+def _by_key(entries: Iterable[_Entry], key: str, where: str) -> dict[Any, _Entry]:
+    found: dict[Any, _Entry] = {}
+    for entry in entries:
+        if found.setdefault(getattr(entry, key), entry) is not entry:
+            raise VfoaError(f"{where}: {key} {getattr(entry, key)!r} is there twice; expected it once")
+    return found
+
+
+def _named_stuff(stuff: Literal["all"] | tuple[str, ...], file: _PanopticFile, path: Path) -> frozenset[str]:
+    names = [category.name for category in file.categories if not category.isthing]
+    if stuff == "all":
+        return frozenset(names)
+    if unknown := next((name for name in stuff if name not in names), None):
+        raise VfoaError(f"{path}: no stuff category {unknown!r}; {did_you_mean(unknown, names)}")
+    return frozenset(stuff)
+
+
+def _read_ids(path: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.uint32]]:
+    image = read_raw(path)
+    if image.ndim != 3 or image.dtype != np.uint8:
+        raise VfoaError(f"{path}: found {image.ndim} dimensions of {image.dtype}; expected an 8-bit RGB PNG")
+    # red, green, blue and a fourth byte are the bytes of one number; a product of matrices takes longer
+    return cv2.cvtColor(image, cv2.COLOR_RGB2RGBA).view("<u4")[..., 0] & np.uint32(0xFFFFFF)
+
+
+def _size(shape: tuple[int, ...]) -> str:
+    return f"{shape[1]} x {shape[0]}"

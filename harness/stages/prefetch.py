@@ -1,0 +1,124 @@
+"""Working ahead in threads: the next frames are read and perceived while the last ones are attended to and written.
+
+The order stays, and so does every result: what is computed does not depend on when. NumPy, OpenCV and ONNX Runtime let
+other threads run while they compute.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from queue import Empty, Queue
+from threading import Event, Lock, Thread
+from typing import Generic, TypeVar
+
+from harness.sources import Clip, Truth
+from vfoa.types import StereoFrame
+
+T = TypeVar("T")
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class _Item(Generic[T]):
+    value: T
+
+
+@dataclass(frozen=True, slots=True)
+class _End:
+    error: BaseException | None
+
+
+def prefetch(items: Generator[T], depth: int) -> Generator[T]:
+    """Yield the items, of which a thread computes up to ``depth`` before they are asked for; 0: none, and no thread.
+
+    An error of theirs is raised where the item would have come. When nobody asks any more, the thread ends with the
+    item that it is at.
+    """
+    if depth == 0:
+        yield from items
+        return
+    ready: Queue[_Item[T] | _End] = Queue(depth)
+    unwanted = Event()
+    thread = Thread(target=_compute, args=(items, ready, unwanted), daemon=True)
+    thread.start()
+    try:
+        while isinstance(found := ready.get(), _Item):
+            yield found.value
+        if found.error is not None:
+            raise found.error
+    finally:
+        unwanted.set()
+        while thread.is_alive():  # it may wait for a place in the queue
+            _drain(ready)
+            thread.join(_POLL_S)
+
+
+def _compute(items: Generator[T], ready: Queue[_Item[T] | _End], unwanted: Event) -> None:
+    try:
+        for value in items:
+            ready.put(_Item(value))
+            if unwanted.is_set():
+                break
+        items.close()  # it may have a thread of its own
+    except BaseException as error:  # whatever it is, whoever waits for the item has to know
+        ready.put(_End(error))
+    else:
+        ready.put(_End(None))
+
+
+def _drain(ready: Queue[_Item[T] | _End]) -> None:
+    try:
+        while True:
+            ready.get_nowait()
+    except Empty:
+        return
+
+
+def one_at_a_time(clip: Clip, count: int) -> tuple[Clip, ...]:
+    """The clip for so many threads: one of them reads at a time, since a clip need not stand more.
+
+    Each is an object of its own, with its own last truth (:func:`harness.stages.ground_truth.oracle.truth_of`).
+    """
+    lock = Lock()
+    return tuple(_OneAtATime(clip, lock) for _ in range(count))
+
+
+class _OneAtATime:
+    def __init__(self, clip: Clip, lock: Lock) -> None:
+        self._clip, self._lock = clip, lock
+
+    @property
+    def frames(self) -> Sequence[int]:
+        """As :class:`harness.sources.Clip`, and so is all that follows."""
+        return self._clip.frames
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Frames per second."""
+        return self._clip.rate_hz
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the table must know."""
+        return self._clip.notes
+
+    def time_ns(self, number: int) -> int:
+        """When a frame was taken."""
+        with self._lock:
+            return self._clip.time_ns(number)
+
+    def frame(self, number: int) -> StereoFrame:
+        """Read one stereo pair."""
+        with self._lock:
+            return self._clip.frame(number)
+
+    def truth(self, number: int) -> Truth:
+        """What is known to be true."""
+        with self._lock:
+            return self._clip.truth(number)
+
+    def digest(self) -> str:
+        """Of all that a frame depends on."""
+        with self._lock:
+            return self._clip.digest()

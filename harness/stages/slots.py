@@ -1,0 +1,185 @@
+"""The five exchangeable stages: which names each takes, and how one is built for a clip.
+
+A stage of the library knows only frames and is built as ``Class(settings)``. A stage of the harness reads something
+that belongs to the clip (its truth, files made elsewhere) and is built as ``Class(settings, clip)``.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import vfoa.gaze
+import vfoa.head_pose
+import vfoa.heads
+import vfoa.segmentation
+import vfoa.stereo
+from harness.config_errors import parse
+from harness.sources import Clip
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.registry import Registry
+from vfoa.settings import Settings
+
+if TYPE_CHECKING:
+    from vfoa.onnx import Provider
+
+OFF = "none"
+"""The name that switches a stage off. Without matcher, segmentation or heads only clips of measurements can be run."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Slot:
+    """One place in the pipeline: its table in a configuration, the key that chooses, and what there is to choose."""
+
+    name: str
+    key: str
+    library: Registry
+    of_clip: Mapping[str, str]
+
+    def __contains__(self, name: object) -> bool:
+        """Whether this slot takes the name."""
+        return name == OFF or name in self.of_clip or name in self.library
+
+    def parse(self, table: Mapping[str, Any], where: str) -> StageChoice | None:
+        """Read ``{key: name, **settings}``; None for a stage that is switched off.
+
+        Raises
+        ------
+        VfoaError
+            If the name or a setting is not known; ``where`` opens the message.
+        """
+        name = table.get(self.key)
+        if name is None:
+            raise VfoaError(f"{where}: {self.name}.{self.key}: missing; expected one of: {', '.join(self.names())}")
+        settings = {key: value for key, value in table.items() if key != self.key}
+        if name == OFF:
+            return None
+        if name not in self:
+            raise VfoaError(f"{where}: {self.name}.{self.key}: no {name!r}; {did_you_mean(str(name), self.names())}")
+        checked = parse(self.settings_class(name), settings, f"{where}: {self.name}", beside=(self.key,))
+        return StageChoice(slot=self.name, name=name, settings=checked)
+
+    def settings_class(self, name: str) -> type[Settings]:
+        """The class of the settings of the stage called ``name``."""
+        return self.stage_class(name).Settings
+
+    def takes(self, name: object, key: str) -> bool:
+        """Whether the stage called ``name`` has a setting called ``key``; False for a name that is not there."""
+        if key == self.key:
+            return True
+        return name != OFF and name in self and key in self.settings_class(str(name)).model_fields
+
+    def build(self, choice: StageChoice, clip: Clip) -> Any:
+        """Build the stage for one clip."""
+        cls = self.stage_class(choice.name)
+        return cls(choice.settings, clip) if choice.name in self.of_clip else cls(choice.settings)
+
+    def is_temporal(self, choice: StageChoice) -> bool:
+        """Whether the stage is a gaze model that looks at several frames."""
+        return hasattr(self.stage_class(choice.name), "estimate_sequence")
+
+    def files_digest(self, choice: StageChoice, clip: Clip) -> str | None:
+        """Hexadecimal sha256 of the files that the stage reads for a clip; None for a stage that reads none."""
+        if choice.name not in self.of_clip or not hasattr(self.stage_class(choice.name), "digest"):
+            return None
+        digest: str = self.build(choice, clip).digest()
+        return digest
+
+    def names(self) -> list[str]:
+        """Every name this slot takes, sorted."""
+        return sorted({*self.library.names(), *self.of_clip, OFF})
+
+    def stage_class(self, name: str) -> Any:
+        """The class of the stage called ``name``."""
+        registry = Registry(kind=self.library.kind, builtin=self.of_clip, group="") if name in self.of_clip else None
+        return (registry or self.library).load(name)
+
+
+CLIP_VARIABLE = "${CLIP}"
+"""Stands for the clip's name in a stage's settings: one configuration finds the files of every clip by it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageChoice:
+    """A stage by name with its checked settings."""
+
+    slot: str
+    name: str
+    settings: Settings
+
+    @property
+    def key(self) -> str:
+        """The same text for the same stage with the same settings, and no other."""
+        return f"{self.slot} {json.dumps(self.plain(), sort_keys=True)}"
+
+    def for_clip(self, clip: str) -> StageChoice:
+        """The choice with the clip's name filled in where its settings ask for it."""
+        texts = {key: value for key, value in dict(self.settings).items() if isinstance(value, str)}
+        filled = {key: text.replace(CLIP_VARIABLE, clip) for key, text in texts.items() if CLIP_VARIABLE in text}
+        return replace(self, settings=self.settings.model_copy(update=filled)) if filled else self
+
+    def on(self, provider: Provider) -> StageChoice:
+        """The choice with its networks on a provider of ONNX Runtime; a stage without networks as it is."""
+        if "provider" not in type(self.settings).model_fields:
+            return self
+        return replace(self, settings=self.settings.model_copy(update={"provider": provider}))
+
+    def plain(self) -> dict[str, Any]:
+        """The choice as JSON values, every default written out."""
+        return {SLOTS[self.slot].key: self.name, **self.settings.model_dump(mode="json")}
+
+
+SLOTS: dict[str, Slot] = {
+    slot.name: slot
+    for slot in (
+        Slot(
+            name="stereo",
+            key="matcher",
+            library=vfoa.stereo.MATCHERS,
+            of_clip={
+                "truth": "harness.stages.ground_truth.oracle:TruthMatcher",
+                "files": "harness.stages.outputs.disparity:FileMatcher",
+            },
+        ),
+        Slot(
+            name="segmentation",
+            key="model",
+            library=vfoa.segmentation.SEGMENTERS,
+            of_clip={
+                "truth": "harness.stages.ground_truth.oracle:TruthSegmenter",
+                "coco_panoptic": "harness.stages.outputs.coco_panoptic:CocoPanoptic",
+            },
+        ),
+        Slot(
+            name="heads",
+            key="detector",
+            library=vfoa.heads.DETECTORS,
+            of_clip={
+                "truth": "harness.stages.ground_truth.oracle:TruthHeads",
+                "files": "harness.stages.outputs.heads:FileHeads",
+            },
+        ),
+        Slot(
+            name="head_pose",
+            key="model",
+            library=vfoa.head_pose.MODELS,
+            of_clip={
+                "truth": "harness.stages.ground_truth.oracle:TruthHeadPose",
+                "simulated": "harness.stages.ground_truth.simulated:SimulatedHeadPose",
+                "files": "harness.stages.outputs.directions:FileHeadPose",
+            },
+        ),
+        Slot(
+            name="gaze",
+            key="model",
+            library=vfoa.gaze.MODELS,
+            of_clip={
+                "truth": "harness.stages.ground_truth.oracle:TruthGaze",
+                "simulated": "harness.stages.ground_truth.simulated:SimulatedGaze",
+                "files": "harness.stages.outputs.directions:FileGaze",
+            },
+        ),
+    )
+}

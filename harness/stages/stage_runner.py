@@ -1,0 +1,143 @@
+"""What stands between the pipeline and a stage: one call that shares, looks up, guards, checks, stores and times.
+
+A stage can come from anywhere: a fault of one ends the configurations that have it, not the run. Only calls that pass
+through :func:`guarded` are caught. An error of the harness itself ends the program.
+"""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable
+from functools import partial
+from typing import Any, TypeVar
+
+import numpy as np
+
+from harness.sources import Clip
+from harness.stages.cache.stage import StoredOutputs
+from harness.stages.memo import StageMemo
+from harness.stages.slots import SLOTS, StageChoice
+from vfoa.errors import StageError, VfoaError
+from vfoa.types import Disparity, Gaze, Head, HeadPose, Instances, StereoFrame
+
+T = TypeVar("T")
+
+LONGEST_TEXT = 300
+"""Characters of an exception's own words that one line has room for."""
+
+_ONE_OF = {"match": Disparity, "match_region": Disparity, "segment": Instances, "estimate_sequence": Gaze}
+_ONE_OR_NONE = {"head_pose": HeadPose, "gaze": Gaze}
+
+
+def guarded(what: str, function: Callable[..., T], *inputs: Any) -> T:
+    """Return ``function(*inputs)``; ``what`` opens the line that says what went wrong.
+
+    Raises
+    ------
+    StageError
+        For any exception that is not a :class:`VfoaError`; these, and what is no Exception (Ctrl-C), stay as they are.
+    """
+    try:
+        return function(*inputs)
+    except VfoaError:
+        raise
+    except Exception as error:
+        fault = StageError(f"{what}: {_in_one_line(error)}", "".join(traceback.format_exception(error)))
+    raise fault  # out here, so that it keeps nothing alive of what the stage held
+
+
+def _in_one_line(error: Exception) -> str:
+    words = " ".join(str(traceback.TracebackException.from_exception(error)).split())
+    short = words if len(words) <= LONGEST_TEXT else f"{words[:LONGEST_TEXT]}..."
+    return f"{type(error).__name__}: {short}" if short else type(error).__name__
+
+
+def check_output(value: object, method: str, slot: str, inputs: tuple[Any, ...]) -> None:
+    """Check what a method of a stage returned: another kind or size would fail far from the stage that made it.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the kind of value, or the size of a map, is wrong. The output of a method that is not known here passes.
+    """
+    _check_kind(value, method, slot)
+    if isinstance(value, Disparity | Instances):
+        _check_size(value, inputs[0])
+
+
+def _check_kind(value: object, method: str, slot: str) -> None:
+    if method in _ONE_OF:
+        expected, is_right = _ONE_OF[method].__name__, isinstance(value, _ONE_OF[method])
+    elif method == "estimate":
+        expected, is_right = f"{_ONE_OR_NONE[slot].__name__} or None", isinstance(value, _ONE_OR_NONE[slot] | None)
+    elif method == "detect":
+        heads = isinstance(value, tuple | list) and all(isinstance(each, Head) for each in value)
+        expected, is_right = "tuple of Head", heads
+    elif method == "crop":
+        image = isinstance(value, np.ndarray) and value.dtype == np.uint8 and value.ndim == 3
+        expected, is_right = "(h, w, 3) array of uint8", image
+    elif method == "stride":
+        expected, is_right = "whole number above 0", isinstance(value, int | np.integer) and int(value) > 0
+    else:
+        return
+    if not is_right:
+        raise TypeError(f"returned {type(value).__name__}; expected {expected}")
+
+
+def _check_size(found: Disparity | Instances, frame: StereoFrame) -> None:
+    shape = found.disparity_px.shape if isinstance(found, Disparity) else found.ids.shape
+    if shape != (frame.rig.height_px, frame.rig.width_px):
+        raise ValueError(f"returned a map of {shape}; expected {(frame.rig.height_px, frame.rig.width_px)}")
+
+
+NOT_STORED = frozenset({"crop", "stride"})
+"""Methods that are computed sooner than their output is read."""
+
+
+class StageRunner:
+    """A stage of any protocol: it has the methods that the stage has.
+
+    Each call is answered from the frame's memo, from the cache if the stage takes part in it, or by the stage. What the
+    stage raises becomes one line, and what it returns is checked. The seconds that an output took when it was computed
+    are charged to the stage's slot.
+    """
+
+    def __init__(
+        self, stage: Any, *, slot: str, name: str, memo: StageMemo, stored: StoredOutputs | None = None
+    ) -> None:
+        self.stage = stage
+        self._slot, self._name, self._memo, self._stored = slot, name, memo, stored
+
+    def __getattr__(self, method: str) -> Any:
+        getattr(self.stage, method)  # AttributeError for what the stage does not have
+        return partial(self._memo.call, self._slot, self._answer, method)
+
+    def _answer(self, method: str, *inputs: Any) -> Any:
+        """Call a method, or find its output in the cache."""
+        stored = None if method in NOT_STORED else self._stored
+        found = stored.load(inputs) if stored else None
+        if found is None:
+            started = time.perf_counter()
+            value = guarded(f"{self._name}, {method}", getattr(self.stage, method), *inputs)
+            guarded(f"{self._name}, {method}", check_output, value, method, self._slot, inputs)
+            found = time.perf_counter() - started, value
+            if stored:
+                stored.save(inputs, *found)
+        seconds, value = found
+        self._memo.charge(self._slot, seconds)
+        return value
+
+
+def build_stage(choice: StageChoice, clip: Clip, memo: StageMemo, stored: StoredOutputs | None = None) -> StageRunner:
+    """Build a stage for one clip.
+
+    Raises
+    ------
+    StageError
+        If its constructor raises anything but a :class:`VfoaError`, which stays as it is.
+    """
+    slot = SLOTS[choice.slot]
+    name = f'{slot.name}.{slot.key} = "{choice.name}"'
+    stage = guarded(name, slot.build, choice, clip)
+    return StageRunner(stage, slot=slot.name, name=name, memo=memo, stored=stored)

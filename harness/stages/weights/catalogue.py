@@ -1,0 +1,127 @@
+"""The model catalogue: what models there are, under which terms, and where their files come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+from pydantic import Field
+
+from harness.config_errors import parse, read_toml
+from harness.files import file_digest
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.settings import Settings
+from vfoa.weights import cache_directory, directories, locate
+
+Progress = Callable[[int, int | None], None]
+"""Told the bytes that are there, and those of the whole file where they are known."""
+
+
+class CatalogueEntry(Settings):
+    """One model of ``harness/stages/weights/catalogue.toml``, whose head explains the keys. None: not known."""
+
+    file: str
+    task: str
+    stage: str | None = Field(default=None, pattern=r"^\w+\.\w+$")
+    licence: str
+    non_commercial: bool = False
+    home: str
+    address: str | None = None
+    note: str | None = None
+    sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
+    bytes: int | None = Field(default=None, gt=0)
+    megabytes: float | None = Field(default=None, gt=0)
+    inputs: Mapping[str, tuple[int | str, ...]] = Field(default_factory=dict)
+    outputs: Mapping[str, tuple[int | str, ...]] = Field(default_factory=dict)
+    integers: tuple[str, ...] = ()
+    by_position: bool = False
+    sizes: Mapping[str, int] = Field(default_factory=dict)
+
+    @property
+    def is_onnx(self) -> bool:
+        """Whether the file is a network that can be run; otherwise it is a checkpoint to be exported."""
+        return self.file.endswith(".onnx")
+
+    def find(self) -> Path | None:
+        """Where its file stands on this machine, None if nowhere."""
+        try:
+            return locate(self.file)
+        except VfoaError:
+            return None
+
+
+@cache
+def catalogue() -> Mapping[str, CatalogueEntry]:
+    """Every model by name, in the order of the file.
+
+    Raises
+    ------
+    VfoaError
+        If the file has an unknown key or a wrong value.
+    """
+    with resources.as_file(resources.files("harness.stages.weights") / "catalogue.toml") as path:
+        return {name: parse(CatalogueEntry, table, str(path), name) for name, table in read_toml(path).items()}
+
+
+def find_model(name: str) -> CatalogueEntry:
+    """The model of this name.
+
+    Raises
+    ------
+    VfoaError
+        If there is none; the message proposes the nearest.
+    """
+    models = catalogue()
+    if name not in models:
+        raise VfoaError(f"models: no {name!r}; {did_you_mean(name, models)}")
+    return models[name]
+
+
+def locate_all(files: Iterable[str]) -> dict[str, Path]:
+    """The path of each weights file.
+
+    Raises
+    ------
+    VfoaError
+        As :func:`vfoa.weights.locate`; where the catalogue knows one that is missing, with all that are, and the
+        command that brings them.
+    """
+    files = list(files)
+    models = {entry.file: name for name, entry in catalogue().items()}
+    if absent := [file for file in files if file in models and find_model(models[file]).find() is None]:
+        folders = ", ".join(map(str, directories()))
+        raise VfoaError(
+            f"no such model files: {', '.join(absent)}; expected in {folders}: `vfoa models fetch "
+            f"{' '.join(models[file] for file in absent)}` brings them, or says where they are to be had"
+        )
+    return {file: locate(file) for file in files}
+
+
+def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progress: Progress | None = None) -> Path:
+    """Bring a model's file to this machine, if it is not there yet, and return its path.
+
+    Raises
+    ------
+    VfoaError
+        If its terms were not accepted, its address is not known, another file hides it, or the download fails.
+    """
+    from harness.download import download
+
+    here = entry.find()
+    if here and (entry.sha256 is None or file_digest(here) == entry.sha256):
+        return here
+    target = cache_directory() / entry.file
+    if here and here != target:
+        raise VfoaError(
+            f"{here}: not the catalogue's {name} (another checksum), and it would hide the one that is fetched; "
+            "expected it to be moved away"
+        )
+    if entry.non_commercial and not accept_licence:
+        raise VfoaError(f"{name}: licence: {entry.licence}; expected --accept-licence")
+    if entry.address is None:
+        note = f" ({entry.note})" if entry.note else ""
+        raise VfoaError(f"{name}: no address is known{note}; expected you to get it from {entry.home} as {target}")
+    download(entry.address, target, sha256=entry.sha256, progress=progress)
+    return target
