@@ -1,0 +1,46 @@
+"""What a run found in one clip under one configuration, by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.run.directory import RunDirectory
+from harness.run.results import FrameRecord, read_results
+from vfoa.errors import VfoaError, did_you_mean
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClipRecords:
+    """The configuration's name, and its records by frame number."""
+
+    configuration: str
+    by_frame: dict[int, FrameRecord]
+
+
+def read_clip_records(run: Path, clip: str, configuration: str | None) -> ClipRecords:
+    """Read them from a run's directory; ``configuration`` may be None where the run has one for the clip.
+
+    Raises
+    ------
+    VfoaError
+        If the run has no such clip or configuration, or several and none was chosen.
+    """
+    records = [each for each in read_results(RunDirectory(run).results) if each.clip == clip]
+    if not records:
+        raise VfoaError(f"{run}: the run has no frames of clip {clip!r}")
+    names = list(dict.fromkeys(each.configuration for each in records))
+    chosen = _choose(names, configuration, run)
+    return ClipRecords(
+        configuration=chosen, by_frame={each.frame: each for each in records if each.configuration == chosen}
+    )
+
+
+def _choose(names: list[str], wanted: str | None, run: Path) -> str:
+    if wanted is None and len(names) == 1:
+        return names[0]
+    if wanted is None:
+        raise VfoaError(f"{run}: has several configurations; choose one with --config: {', '.join(names)}")
+    if wanted not in names:
+        raise VfoaError(f"{run}: no configuration {wanted!r}; {did_you_mean(wanted, names)}")
+    return wanted

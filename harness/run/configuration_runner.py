@@ -1,0 +1,164 @@
+"""One configuration on its way through a clip: its memory, its names, its smoothing and its sinks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Generic, Self, TypeVar
+
+from harness.clips.naming import SubjectNames, name_frame
+from harness.run.clip_job import ClipJob
+from harness.run.frame_sink import FinishedFrame, FrameSink, SinkContext
+from harness.run.records import to_record
+from harness.stages.configuration import Configuration
+from harness.stages.measures import FrameMeasures, Measurer
+from harness.stages.memo import Timings, timed
+from harness.stages.sharing import SharedFrame
+from harness.stages.stage_runner import guarded
+from vfoa.bayes import BayesSettings, frames_awaited, smooth
+from vfoa.errors import StageError, VfoaError
+from vfoa.pipeline import AttendSettings, Memory, attend
+from vfoa.types import FrameResult, Percepts, StereoFrame
+
+T = TypeVar("T")
+
+
+class SmoothingBuffer(Generic[T]):
+    """Takes results in order, each with a companion, and returns both in the same order.
+
+    A result is returned at once, unless the settings look ahead. Then it waits until the frames of that time have come,
+    and is returned as they have it. Results are returned in blocks of this length, so that one pass serves a block.
+    """
+
+    def __init__(self, settings: AttendSettings) -> None:
+        self._settings = settings.attention if isinstance(settings.attention, BayesSettings) else None
+        self._waiting: list[tuple[FrameResult, T]] = []
+
+    def add(self, result: FrameResult, companion: T) -> Iterator[tuple[FrameResult, T]]:
+        """Take a result; yield those that have waited long enough."""
+        self._waiting.append((result, companion))
+        awaited = frames_awaited([each for each, _ in self._waiting], self._settings) if self._settings else 0
+        if len(self._waiting) > 2 * awaited:
+            yield from self._release(len(self._waiting) - awaited)
+
+    def finish(self) -> Iterator[tuple[FrameResult, T]]:
+        """Yield the results that still wait, at the end of a clip."""
+        yield from self._release(len(self._waiting))
+
+    def _release(self, count: int) -> Iterator[tuple[FrameResult, T]]:
+        results = [result for result, _ in self._waiting]
+        if results and self._settings is not None and self._settings.frames_awaited:
+            results = guarded("attention", smooth, results, self._settings)
+        released = [(result, companion) for result, (_, companion) in zip(results, self._waiting, strict=True)][:count]
+        del self._waiting[:count]
+        yield from released
+
+
+_Companion = tuple[StereoFrame | None, Percepts | None, FrameMeasures | None, Timings]
+"""What goes with a result to the sinks."""
+
+
+class ConfigurationRunner:
+    """Attends to the frames of a clip in order under one configuration, and hands them to the sinks of its job.
+
+    It is a context manager, which opens and closes the sinks. An error ends this configuration alone: ``error`` is None
+    while all is well.
+    """
+
+    def __init__(
+        self,
+        job: ClipJob,
+        configuration: Configuration,
+        rate_hz: float | None,
+        measurer: Measurer | None,
+        *,
+        rehearsal: bool = False,
+    ) -> None:
+        self.error: VfoaError | None = None
+        self.written = 0
+        self._job, self._configuration, self._measurer = job, configuration, measurer
+        self._context = SinkContext(
+            manifest=job.manifest,
+            labels=job.labels,
+            configuration=configuration.name,
+            rate_hz=rate_hz,
+            directory=job.directory,
+            rehearsal=rehearsal,
+        )
+        self._memory, self._names = Memory(), SubjectNames()
+        self._smoothing: SmoothingBuffer[_Companion] = SmoothingBuffer(configuration.attend)
+        self._sinks: list[FrameSink] = []
+        self._open_sinks = ExitStack()
+
+    def __enter__(self) -> Self:
+        try:
+            for factory in self._job.sinks:
+                if (sink := factory.open(self._context)) is not None:
+                    self._sinks.append(self._open_sinks.enter_context(sink))
+        except VfoaError as error:
+            self.fail(error)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None and self.error is None:
+            try:
+                for result, companion in self._smoothing.finish():
+                    self.hand_over(self._finished(result, companion))
+            except VfoaError as late:
+                self.fail(late)
+        try:
+            self._open_sinks.__exit__(kind, error, trace)
+        except VfoaError as late:
+            self.error = late
+
+    def fail(self, error: VfoaError) -> None:
+        """End this configuration. Its sinks are closed; what they have written stays, to be resumed."""
+        if self.error is None:
+            self.error = error
+            complete = self._job.keeps and self.written > 0
+            self._open_sinks.__exit__(*((None,) * 3 if complete else (type(error), error, error.__traceback__)))
+            self._open_sinks = ExitStack()
+
+    def attend(self, shared: SharedFrame) -> list[FinishedFrame]:
+        """Attend to one frame; return the frames that are finished now: this one, unless smoothing looks ahead."""
+        found = shared.by_configuration[self._configuration.name]
+        if self.error is not None:
+            return []
+        if isinstance(found, VfoaError):
+            self.fail(found)
+            return []
+        percepts, scene, timings = found
+        try:
+            with timed(timings, "attention"):
+                result, self._memory = guarded("attention", attend, scene, self._memory, self._configuration.attend)
+            with timed(timings, "measures"):
+                measures = self._measurer.measure(percepts, scene) if self._measurer and percepts else None
+            with timed(timings, "attention"):
+                ready = list(self._smoothing.add(result, (shared.frame, percepts, measures, timings)))
+            return [self._finished(*each) for each in ready]
+        except VfoaError as error:
+            if isinstance(error, StageError):
+                error.frame = shared.index
+            self.fail(error)
+            return []
+
+    def hand_over(self, finished: FinishedFrame) -> None:
+        """Hand one frame to every sink. Their time counts as ``recording``, but for that of the last one."""
+        try:
+            for sink in self._sinks:
+                with timed(finished.timings, "recording"):
+                    sink.write(finished)
+            self.written += 1
+        except VfoaError as error:
+            self.fail(error)
+
+    def _finished(self, result: FrameResult, companion: _Companion) -> FinishedFrame:
+        """A result with the names of the clip's manifest."""
+        frame, percepts, measures, timings = companion
+        manifest = self._job.manifest
+        names, self._names = name_frame(result, manifest.subjects, manifest.targets, self._names)
+        record = to_record(manifest.name, self._configuration.name, result, names, measures)
+        return FinishedFrame(frame=frame, percepts=percepts, result=result, record=record, timings=timings)

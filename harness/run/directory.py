@@ -1,0 +1,147 @@
+"""The files of a run, none of which is ever half-written.
+
+While a run is on, ``partial/`` holds one JSON-lines file per (clip, configuration), with the suffix ``.partial`` until
+it is finished, and the directory has no tables. At the end these files are joined into ``results.jsonl`` and
+``timings.csv``, in the order of the experiment, and the tables are written from those. The traceback of a faulty stage
+is in ``partial/``.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.files import atomic_write
+from harness.run.lock import LOCK
+from vfoa.errors import StageError, VfoaError, did_you_mean
+
+Pair = tuple[str, str]
+"""A clip's name and a configuration's."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunDirectory:
+    """Where a run stands."""
+
+    path: Path
+
+    @property
+    def results(self) -> Path:
+        """One frame's record a line, in the order of the experiment."""
+        return self.path / "results.jsonl"
+
+    @property
+    def timings(self) -> Path:
+        """Milliseconds per clip, configuration, frame and stage. Not a result: it differs from run to run."""
+        return self.path / "timings.csv"
+
+    @property
+    def manifest(self) -> Path:
+        """What was run, with which versions, on which data."""
+        return self.path / "manifest.json"
+
+    def failure(self, pair: Pair, error: VfoaError) -> dict[str, str]:
+        """The row of the manifest for a (clip, configuration) that failed. A traceback is written."""
+        row = {"clip": pair[0], "configuration": pair[1], "error": str(error)}
+        if not isinstance(error, StageError):
+            return row
+        atomic_write(self.traceback(pair), error.trace)
+        return {**row, "traceback": self.traceback(pair).relative_to(self.path).as_posix()}
+
+    def told(self, failure: Mapping[str, str]) -> str:
+        """A failure in one line."""
+        kept = f" (traceback: {self.path / failure['traceback']})" if "traceback" in failure else ""
+        return f"{failure['clip']} under {failure['configuration']}: {failure['error']}{kept}"
+
+    @property
+    def stage_outputs(self) -> Path:
+        """What the stages found, where it was asked to be saved (:mod:`harness.run.saved_outputs`)."""
+        return self.path / "stage_outputs"
+
+    def recording(self, pair: Pair) -> Path:
+        """The Rerun recording of one clip under one configuration."""
+        return self.path / f"{_stem(pair)}.rrd"
+
+    def traceback(self, pair: Pair) -> Path:
+        """Where the traceback of a (clip, configuration) is kept that ended in a fault of a stage."""
+        return self.partial(pair, "traceback.txt")
+
+    def is_finished(self, pair: Pair) -> bool:
+        """Whether a (clip, configuration) is finished."""
+        return self.partial(pair, "jsonl").exists()
+
+    def read_manifest(self) -> dict[str, Any]:
+        """The manifest.
+
+        Raises
+        ------
+        VfoaError
+            If the directory is not a run's.
+        """
+        try:
+            return json.loads(self.manifest.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise VfoaError(f"{self.path}: expected a run's directory, found {self._what_is_there()}") from None
+        except ValueError as error:
+            raise VfoaError(f"{self.manifest}: not a run's manifest: {error}") from None
+
+    def _what_is_there(self) -> str:
+        """Why this is no run's directory, and which ones are in it or, where it is missing, beside it."""
+        place = self.path if self.path.is_dir() else self.path.parent
+        near = sorted({str(each.parent) for under in ("*", "runs/*") for each in place.glob(f"{under}/manifest.json")})
+        if self.path.is_dir():
+            return f"no manifest.json in it{'; runs in it: ' if near else ''}{', '.join(near)}"
+        return f"nothing there; {did_you_mean(str(self.path), near)}" if near else "nothing there"
+
+    def write_manifest(self, manifest: dict[str, Any]) -> None:
+        """Write the manifest."""
+        self.path.mkdir(parents=True, exist_ok=True)
+        atomic_write(self.manifest, json.dumps(manifest, indent=2, ensure_ascii=False) + "\n")
+
+    def join(self, pairs: Iterable[Pair]) -> None:
+        """Make ``results.jsonl`` and ``timings.csv`` of the finished partial results, which stay."""
+        pairs = list(pairs)
+        _concatenate([self.partial(pair, "csv") for pair in pairs], self.timings, "clip,configuration,frame,stage,ms\n")
+        _concatenate([self.partial(pair, "jsonl") for pair in pairs], self.results)
+
+    def discard(self, pair: Pair) -> None:
+        """Remove the partial results of a (clip, configuration) that is not finished."""
+        for suffix in ("jsonl.partial", "csv.partial", "traceback.txt"):
+            self.partial(pair, suffix).unlink(missing_ok=True)
+
+    def remove_partial(self) -> None:
+        """Remove the partial results, when no run will continue them."""
+        shutil.rmtree(self.path / "partial", ignore_errors=True)
+
+    def is_new(self) -> bool:
+        """Whether no run stands here; the draft of a first file, left by a kill, is nothing."""
+        if not self.path.exists():
+            return True
+        return all(path.name == LOCK or path.name.startswith(".manifest.json.") for path in self.path.iterdir())
+
+    def kept_frames(self) -> int:
+        """How many results of frames there are so far, over all clips and configurations."""
+        places = [*self.path.glob("partial/*.jsonl"), *self.path.glob("partial/*.jsonl.partial")]
+        return sum(place.read_bytes().count(b"\n") for place in places)
+
+    def partial(self, pair: Pair, suffix: str) -> Path:
+        """A file of the partial results of a (clip, configuration)."""
+        return self.path / "partial" / f"{_stem(pair)}.{suffix}"
+
+
+def _stem(pair: Pair) -> str:
+    return "__".join(pair)
+
+
+def _concatenate(parts: list[Path], place: Path, header: str = "") -> None:
+    draft = place.with_suffix(place.suffix + ".partial")
+    with open(draft, "wb") as joined:
+        joined.write(header.encode())
+        for part in parts:
+            with open(part, "rb") as source:
+                shutil.copyfileobj(source, joined)
+    draft.replace(place)

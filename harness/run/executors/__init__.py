@@ -1,0 +1,48 @@
+"""Ways to work through jobs: in this process, in a pool of spawned ones, or on a Dask cluster."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from harness.run.executors.contract import Executor, InProcess, Job, Outcome, Progress, Work
+from vfoa.errors import VfoaError
+
+
+@contextmanager
+def executor(
+    workers: int, scheduler: str | None = None, *, threads: int = 1, modules: tuple[str, ...] = ()
+) -> Iterator[Executor]:
+    """Yield the way to work with this many processes here, or with the cluster of a Dask scheduler (``tcp://host:port``).
+
+    ``threads`` are those of a single process; several have one each. ``modules`` decide the results: workers of a
+    cluster whose code of them is another refuse the jobs.
+
+    Raises
+    ------
+    VfoaError
+        If the scheduler does not answer, has no workers, or has some that would compute something else.
+    """
+    if scheduler is not None:
+        from harness.run.executors.cluster import Cluster, connect
+
+        with connect(scheduler) as client:
+            yield Cluster(client, modules)
+    elif workers == 1:
+        yield InProcess(threads)
+    else:
+        from harness.run.executors.pool import Pool
+
+        with Pool(workers) as pool:
+            yield pool
+
+
+def work_through(work: Work[Job, Outcome], jobs: Sequence[Job], workers: int, progress: Progress) -> Iterator[Outcome]:
+    """Yield ``work(job, progress)`` for each job, in the order of the jobs; a job that is lost is an error."""
+    with executor(min(workers, max(len(jobs), 1))) as chosen:
+        yield from chosen.run(work, jobs, progress, _lost)
+
+
+def _lost(job: Any, why: str) -> Any:
+    raise VfoaError(why)

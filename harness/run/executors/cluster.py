@@ -1,0 +1,151 @@
+"""A Dask cluster: a scheduler and its workers, here or on other machines."""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from harness.code_digest import code_digest
+from harness.run.executors.contract import GIVEN_UP, Job, Lost, Outcome, Progress, Work, compute_with
+from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+TOPIC = "vfoa"
+_ADDRESS = re.compile(r"[a-z]+://.+:\d+")
+PATIENCE_SECONDS = 30
+
+
+@contextmanager
+def connect(address: str) -> Iterator[Client]:
+    """Yield a client of the scheduler at ``tcp://host:port``.
+
+    Raises
+    ------
+    VfoaError
+        If it does not answer, or its workers are none, or have several threads.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise VfoaError("--scheduler: needs Dask's distributed; install vfoa[cluster]") from None
+    if not _ADDRESS.fullmatch(address):
+        raise VfoaError(
+            f"--scheduler {address}: expected the address of a Dask scheduler, such as tcp://127.0.0.1:8786"
+        )
+    try:
+        client = Client(address, timeout=PATIENCE_SECONDS, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise VfoaError(f"--scheduler {address}: expected a Dask scheduler, found none: {error}") from None
+    with client:
+        _check_workers(client, address)
+        yield client
+
+
+@contextmanager
+def local_cluster(workers: int) -> Iterator[str]:
+    """Yield the address of a scheduler on this machine with so many workers: processes of one thread."""
+    from distributed import LocalCluster
+
+    # any free port: without an address it takes 8787, of every network, which another cluster may have
+    dashboard = {"dashboard_address": "127.0.0.1:0"}
+    options = {"n_workers": workers, "threads_per_worker": 1, "host": "127.0.0.1", **dashboard}
+    with LocalCluster(**options, silence_logs=50) as cluster:
+        yield cluster.scheduler_address
+
+
+def cpu_seconds(address: str) -> float:
+    """What the workers of the scheduler at ``address`` have computed so far."""
+    with connect(address) as client:
+        return float(sum(client.run(time.process_time).values()))
+
+
+def _check_workers(client: Client, address: str) -> None:
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE_SECONDS)
+    except OSError:
+        raise VfoaError(f"--scheduler {address}: has no workers; start some with dask worker --nthreads 1") from None
+    for worker, threads in client.nthreads().items():
+        if threads != 1:
+            raise VfoaError(f"{worker}: has {threads} threads; expected one: dask worker --nthreads 1")
+
+
+class Cluster:
+    """The workers of a Dask scheduler.
+
+    Each must have one thread, run this very program, and see clips, weights and the run's directory at the same paths;
+    it works in the folder, and with the ``VFOA_`` variables, of whoever started the run. The digest of the code of
+    ``modules``, which decide the results, travels with each job: a worker with other code, which may have joined while
+    the run was on, refuses it.
+    """
+
+    threads = 1
+
+    def __init__(self, client: Client, modules: tuple[str, ...] = ()) -> None:
+        self._client = client
+        self._code = modules, code_digest(modules)
+        self.workers = len(client.nthreads())
+
+    def run(
+        self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
+    ) -> Iterator[Outcome]:
+        """As :class:`harness.run.executors.Executor`."""
+        from distributed import CancelledError, KilledWorker
+        from distributed.comm import CommClosedError
+
+        self._client.subscribe_topic(TOPIC, lambda event: progress(event[1]))
+        here = Surroundings()
+        futures = [self._client.submit(_on_worker, here, self._code, work, job, pure=False) for job in jobs]
+        try:
+            for job, future in zip(jobs, futures, strict=True):
+                try:
+                    yield future.result()
+                except KilledWorker:
+                    yield lost(job, GIVEN_UP)
+                except (CancelledError, CommClosedError) as error:
+                    raise VfoaError(
+                        f"--scheduler: the scheduler is gone ({error}); finished frames are kept: run the same command "
+                        "again with a scheduler"
+                    ) from None
+        finally:
+            with suppress(CommClosedError, TimeoutError, OSError):  # of a scheduler that is gone
+                self._client.cancel(futures)
+                self._client.unsubscribe_topic(TOPIC)
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What paths and weights are looked up by."""
+
+    folder: str = field(default_factory=lambda: str(Path.cwd()))
+    variables: dict[str, str] = field(
+        default_factory=lambda: {name: value for name, value in os.environ.items() if name.startswith("VFOA_")}
+    )
+
+    def enter(self) -> None:
+        """Make this process's surroundings the same."""
+        os.chdir(self.folder)
+        for name in [name for name in os.environ if name.startswith("VFOA_") and name not in self.variables]:
+            del os.environ[name]
+        os.environ.update(self.variables)
+
+
+def _on_worker(
+    here: Surroundings, code: tuple[tuple[str, ...], str], work: Callable[[Any, Progress], Any], job: Any
+) -> Any:
+    from distributed import get_worker
+
+    here.enter()
+    compute_with(1)
+    worker = get_worker()
+    modules, digest = code
+    if code_digest(modules) != digest:
+        raise VfoaError(f"{worker.address}: runs another version of vfoa; expected the same source as here")
+    return work(job, lambda word: worker.log_event(TOPIC, word))

@@ -1,0 +1,194 @@
+"""A pool of spawned processes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import Connection
+from multiprocessing.synchronize import Event
+from typing import Self
+
+from harness.run.executors.contract import (
+    ATTEMPTS,
+    GIVEN_UP,
+    InProcess,
+    Job,
+    Lost,
+    Outcome,
+    Progress,
+    Work,
+    compute_with,
+)
+
+_SPAWN = multiprocessing.get_context("spawn")
+_FLUSH, _END = b"\0flush", b"\0end"
+_told: Connection | None = None
+_stop: Event | None = None
+
+
+class Pool:
+    """So many spawned processes, as a context manager: what they have imported and opened serves one run after another.
+
+    A death breaks all of them: new ones go on with what is not done.
+    """
+
+    threads = 1
+
+    def __init__(self, workers: int) -> None:
+        os.environ.setdefault("PYTHONSAFEPATH", "1")  # else a worker imports what lies in the working directory
+        self.workers = workers
+        self._listener: _Listener | None = None
+        self._processes: ProcessPoolExecutor | None = None
+        self._started = 0
+        self._ending = _SPAWN.Event()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if error[0] is not None:
+            self._ending.set()  # jobs that run stop after the frame in hand
+        self._stop()
+        if self._listener:
+            self._listener.close()
+
+    def run(
+        self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
+    ) -> Iterator[Outcome]:
+        """As :class:`harness.run.executors.Executor`."""
+        if len(jobs) == 1:  # it would be waited for alone, and its process started for nothing
+            yield from InProcess().run(work, jobs, progress, lost)
+            return
+        done: dict[int, Outcome] = {}
+        given = 0
+        for _ in range(ATTEMPTS - 1):
+            left = {number: job for number, job in enumerate(jobs) if number >= given and number not in done}
+            for number, outcome in self._attempt(work, left, progress):
+                done[number] = outcome
+                while given in done:
+                    yield done.pop(given)
+                    given += 1
+        for number in range(given, len(jobs)):
+            if number not in done:  # whoever it was that took the others along, it is alone now
+                done.update(self._attempt(work, {number: jobs[number]}, progress))
+            yield done.pop(number) if number in done else lost(jobs[number], GIVEN_UP)
+
+    def _attempt(
+        self, work: Work[Job, Outcome], jobs: dict[int, Job], progress: Progress
+    ) -> Iterator[tuple[int, Outcome]]:
+        """The outcomes of what could be finished before a worker died, in their order, as soon as they are there."""
+        if not jobs:
+            return
+        broken, futures = False, dict[int, Future[Outcome]]()
+        try:
+            processes, listener = self._start(len(jobs), progress)
+            for number, job in jobs.items():
+                futures[number] = processes.submit(_in_worker, work, job)
+        except BrokenProcessPool:
+            broken = True
+        try:
+            for number, future in futures.items():
+                try:
+                    outcome = future.result()
+                except BrokenProcessPool:
+                    broken = True
+                else:
+                    yield number, outcome
+            listener.flush()
+        finally:
+            for future in futures.values():
+                future.cancel()
+            if broken:
+                self._stop()
+
+    def _start(self, jobs: int, progress: Progress) -> tuple[ProcessPoolExecutor, _Listener]:
+        """Processes enough for so many jobs, those that run already if they are."""
+        wanted = min(self.workers, jobs)
+        if self._started < wanted:
+            self._stop()
+        self._listener = self._listener or _Listener(progress)
+        self._listener.progress = progress
+        if self._processes is None:
+            self._started = wanted
+            self._processes = ProcessPoolExecutor(
+                wanted, mp_context=_SPAWN, initializer=_begin, initargs=(self._listener.told, self._ending)
+            )
+        return self._processes, self._listener
+
+    def _stop(self) -> None:
+        if self._processes:
+            self._processes.shutdown(cancel_futures=True)
+        self._processes, self._started = None, 0
+
+
+class _Listener:
+    """Hears what has moved on. No lock: what workers write is so short that it is whole, whenever its writer dies."""
+
+    def __init__(self, progress: Progress) -> None:
+        self.progress = progress
+        self._heard, self.told = _SPAWN.Pipe(duplex=False)
+        self._flushed = threading.Event()
+        self._thread = threading.Thread(target=self._listen)
+        self._thread.start()
+
+    def _listen(self) -> None:
+        while (word := self._heard.recv_bytes()) != _END:
+            if word == _FLUSH:
+                self._flushed.set()
+            else:
+                self.progress(word.decode())
+
+    def flush(self) -> None:
+        """Return when all that was written before is heard."""
+        self._flushed.clear()
+        self.told.send_bytes(_FLUSH)
+        self._flushed.wait()
+
+    def close(self) -> None:
+        """Hear the rest, and end."""
+        self.told.send_bytes(_END)
+        self._thread.join()
+        self._heard.close()
+        self.told.close()
+
+
+def _begin(told: Connection, stop: Event) -> None:
+    global _told, _stop
+    _told, _stop = told, stop
+    for name in ("SIGINT", "SIGHUP"):  # a terminal sends them to all processes; the parent decides
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_IGN)
+    compute_with(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Do not outlive a run that was killed: another may go on with its files."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _in_worker(work: Work[Job, Outcome], job: Job) -> Outcome:
+    told, stop = _told, _stop
+    if told is None or stop is None:
+        raise AssertionError("the worker was not started by a pool")
+
+    def progress(word: str) -> None:
+        told.send_bytes(word.encode())
+        if stop.is_set():
+            raise StoppedError
+
+    if stop.is_set():
+        raise StoppedError
+    return work(job, progress)
+
+
+class StoppedError(Exception):
+    """The run was interrupted: a worker stops after the frame in hand."""

@@ -1,0 +1,234 @@
+"""Experiments: which clips under which configurations.
+
+An experiment is a TOML file::
+
+    clips = ["studio_table", "studio_talk"]
+    notes = ["Heads and masks are the truth; gaze and head pose are simulated."]
+    seeds = 20                              # repeat what has a simulated error under so many seeds
+    preset = "realtime"                     # settings over the defaults, see PRESETS below
+    annotator = "anna"                      # if not <clip>.csv, but <clip>@anna.csv is what is scored
+
+    [defaults.stereo]                       # one table per stage, see vfoa/*/ and harness/stages/slots.py
+    matcher = "sgbm"
+    min_depth_m = 0.8                       # for every matcher that has such a setting
+
+    [grid]                                  # every combination; a value is named by itself ...
+    "stereo.matcher" = ["bm", "sgbm"]
+    "attention.cones_cm" = { one = [10], two = [10, 25] }     # ... or by its key
+
+or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and the tables in which it differs.
+
+A grid of thousands is a sweep, of which only the scores are kept (see :mod:`harness.score.sweep`)::
+
+    [sweep]
+    per = "gaze.error_deg"                  # which setting is best at each of these ...
+    across = "attention.cones_deg"          # ... and how the rate goes over these: the figure's lines and its abscissa
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import Field
+
+from harness.config_errors import parse, read_toml
+from harness.data_folders import find, names
+from harness.run.fitted_settings import bayes_only, fitted_note, read_fitted
+from harness.run.grid import variants
+from harness.run.published import Published
+from harness.run.seeds import base_of, repeated
+from harness.stages.configuration import (
+    Configuration,
+    Tables,
+    check_all_used,
+    dotted_tables,
+    inherited,
+    make_configuration,
+    merged,
+)
+from harness.toml_text import parse_assignment
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.settings import Settings
+
+PRESETS: dict[str, dict[str, dict[str, Any]]] = {
+    "none": {},
+    # for clips of measurements, which have no images to be perceived
+    "measured": {
+        "stereo": {"matcher": "none"},
+        "segmentation": {"model": "none"},
+        "heads": {"detector": "none"},
+        "head_pose": {"model": "none"},
+        "gaze": {"model": "none"},
+    },
+    # half the disparities of a quarter of the pixels, where objects and heads are; of an image 1024 px wide, faces from
+    # 25 px on
+    "realtime": {"stereo": {"resolution": "half", "region": "needed"}, "heads": {"max_size_px": 416}},
+    # all pixels where objects and heads are, each in a bounded range of disparities
+    "guided": {"stereo": {"search": "guided", "region": "needed"}},
+}
+
+
+def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any]]:
+    """The settings of a preset, by table; none without a name. A file (``.toml``) is one that ``vfoa fit`` wrote.
+
+    Raises
+    ------
+    VfoaError
+        If there is no such preset; ``where`` opens the message.
+    """
+    if name is None:
+        return {}
+    if isinstance(name, str) and name.endswith(".toml"):
+        return {"attention": read_fitted(Path(name)).attention}
+    if not isinstance(name, str) or name not in PRESETS:
+        raise VfoaError(f"{where}: preset: no {name!r}; {did_you_mean(str(name), PRESETS)}")
+    return PRESETS[name]
+
+
+class SweepView(Settings):
+    """How a sweep is looked at: the best setting for each value of ``per``, and the rate over those of ``across``."""
+
+    per: str
+    across: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Experiment:
+    """Clips x configurations. ``notes`` are printed with the table.
+
+    ``annotator`` is the one whose labels are scored; None for ``annotations/<clip>.csv``. ``sweep``: only scores are
+    kept; None for a run. ``published`` are somebody's figures for these configurations.
+    """
+
+    name: str
+    clips: tuple[str, ...]
+    configurations: tuple[Configuration, ...]
+    notes: tuple[str, ...] = ()
+    annotator: str | None = None
+    sweep: SweepView | None = None
+    published: Published | None = None
+
+
+class _File(Settings):
+    clips: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    annotator: str | None = None
+    preset: str | None = None
+    seeds: int = Field(default=1, ge=1, le=1000)
+    defaults: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    grid: dict[str, Any] = Field(default_factory=dict)
+    configuration: tuple[dict[str, Any], ...] = ()
+    sweep: SweepView | None = None
+    published: Published | None = None
+
+
+def load_experiment(
+    name_or_path: str, *, clips: tuple[str, ...] = (), overrides: tuple[str, ...] = (), preset: str | None = None
+) -> Experiment:
+    """Read an experiment by the name of one in the project, or by path.
+
+    Parameters
+    ----------
+    clips
+        Run these instead of the file's own.
+    overrides
+        ``"stereo.min_depth_m=0.5"``: a dotted key and a TOML value (a bare word is a string), set in every
+        configuration, over its defaults and its grid.
+    preset
+        A bundle of settings by name, over the defaults of every configuration, instead of the file's own.
+
+    Raises
+    ------
+    VfoaError
+        If the file, a key or a value is wrong: one line with the file and the dotted key.
+    """
+    path = _find(name_or_path)
+    where = str(path)
+    file = parse(_File, read_toml(path), where)
+    where = " --set ".join((where, *overrides))
+    chosen = clips or file.clips
+    if not chosen:
+        raise VfoaError(f"{where}: clips: expected at least one clip, found none")
+    changes = [parse_assignment(text, "stereo.matcher=sgbm") for text in overrides]
+    _check_sweep(file, where)
+    configurations = _configurations(file, changes, preset, where)
+    if file.seeds > 1:
+        configurations = tuple(each for one in configurations for each in repeated(one, file.seeds, where))
+    _check_published(file, [base_of(each.name) for each in configurations], where)
+    return Experiment(
+        name=path.stem,
+        clips=chosen,
+        configurations=configurations,
+        notes=(*file.notes, *_fitted_notes(file, preset, chosen)),
+        annotator=file.annotator,
+        sweep=file.sweep,
+        published=file.published,
+    )
+
+
+def _configurations(
+    file: _File, changes: list[tuple[str, Any]], preset: str | None, where: str
+) -> tuple[Configuration, ...]:
+    """Every variant of the file, with the changes made in each; what it does not say is inherited."""
+    found = []
+    used: set[tuple[str, str]] = set()
+    for variant in variants(file.grid, file.configuration, where):
+        own = dotted_tables([*variant.differences, *changes], where)
+        used |= {(table, key) for table, settings in inherited(file.defaults, own).items() for key in settings}
+        bundle = _bundle(preset, variant.preset or file.preset, where)
+        method = {**file.defaults.get("attention", {}), **own.get("attention", {})}.get("method")
+        bundle = bayes_only(bundle, method)
+        tables = merged(inherited(merged(file.defaults, bundle), own), own)
+        of_variant = f"{where}: configuration {variant.name!r}"
+        found.append(make_configuration(variant.name, tables, variant.factors, of_variant))
+    check_all_used(file.defaults, used, where)
+    return tuple(found)
+
+
+def _bundle(given: str | None, own: str | None, where: str) -> Tables:
+    """The settings of presets: those given stand for the experiment's own, and a file of fitted ones over them."""
+    if given is not None and given.endswith(".toml"):
+        return merged(preset_tables(own, where), preset_tables(given, where))
+    return preset_tables(given or own, where)
+
+
+def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> Iterator[str]:
+    """A sentence for each file of fitted settings that is used: on which clips it was fitted."""
+    own = [each["preset"] for each in file.configuration if "preset" in each]
+    names = [preset] if preset else [*own, file.preset]
+    for name in dict.fromkeys(each for each in names if isinstance(each, str) and each.endswith(".toml")):
+        yield fitted_note(Path(name), read_fitted(Path(name)), clips)
+
+
+def is_experiment(name_or_path: str) -> bool:
+    """Whether this names an experiment: a ``.toml`` file that is not a clip's manifest, or one by name."""
+    return find("experiments", name_or_path) is not None or (
+        name_or_path.endswith(".toml") and "adapter" not in read_toml(Path(name_or_path))
+    )
+
+
+def _find(name_or_path: str) -> Path:
+    if name_or_path.endswith(".toml"):
+        return Path(name_or_path)
+    path = find("experiments", name_or_path)
+    if path is None:
+        raise VfoaError(f"experiment: no {name_or_path!r}; {did_you_mean(name_or_path, names('experiments'))}")
+    return path
+
+
+def _check_sweep(file: _File, where: str) -> None:
+    for role in ("per", "across") if file.sweep else ():
+        key = getattr(file.sweep, role)
+        if key not in file.grid:
+            raise VfoaError(f"{where}: sweep.{role}: {key!r} is not in the grid; {did_you_mean(key, file.grid)}")
+
+
+def _check_published(file: _File, configurations: list[str], where: str) -> None:
+    for name in file.published.counts if file.published else ():
+        if name not in configurations:
+            raise VfoaError(
+                f"{where}: published.counts: no configuration {name!r}; {did_you_mean(name, configurations)}"
+            )

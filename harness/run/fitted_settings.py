@@ -1,0 +1,78 @@
+"""The file of ``vfoa fit``: settings of the posterior as a preset, what they rest on, and what they were worth.
+
+    [fit]                     the experiment, its clips, and the calibration before and after, leave-one-clip-out
+    [[fit.value]]             a value with n and its 95 % interval
+    [attention]               the settings themselves, for configurations with ``attention.method = "bayes"``
+
+``preset = "fitted.toml"`` in an experiment, or ``--preset fitted.toml``, takes them over its defaults.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from harness.config_errors import parse, read_toml
+from vfoa.settings import Settings
+
+
+class FittedValue(Settings):
+    """One value of the file."""
+
+    name: str
+    value: float
+    n: int
+    low: float | None = None
+    high: float | None = None
+
+
+class HeldOut(Settings):
+    """One clip under the default settings, and under those fitted on the other clips."""
+
+    clip: str
+    n: int
+    right_before: float
+    right_after: float
+    calibration_error_before: float
+    calibration_error_after: float
+
+
+class FitRecord(Settings):
+    """What settings were fitted on, and how they do on clips that were left out."""
+
+    experiment: str
+    clips: tuple[str, ...]
+    value: tuple[FittedValue, ...] = ()
+    held_out: tuple[HeldOut, ...] = ()
+
+
+class FittedSettings(Settings):
+    """A whole file."""
+
+    fit: FitRecord
+    attention: dict[str, Any]
+
+
+def read_fitted(path: Path) -> FittedSettings:
+    """Read a file of ``vfoa fit``.
+
+    Raises
+    ------
+    VfoaError
+        If it is missing, or a key or value is wrong.
+    """
+    return parse(FittedSettings, read_toml(path), str(path))
+
+
+def fitted_note(path: Path, fitted: FittedSettings, clips: Sequence[str]) -> str:
+    """What a table must say of settings that were fitted, and louder where it reports a clip they were fitted on."""
+    seen = [clip for clip in clips if clip in fitted.fit.clips]
+    if seen:
+        return f"FITTED ON WHAT IS REPORTED: the settings of {path.name} were fitted on {', '.join(seen)}."
+    return f"Settings of {path.name}, fitted on other clips: {', '.join(fitted.fit.clips)}."
+
+
+def bayes_only(tables: Mapping[str, Mapping[str, Any]], method: object) -> Mapping[str, Mapping[str, Any]]:
+    """The tables for a configuration with this method of attention."""
+    return tables if method == "bayes" else {name: table for name, table in tables.items() if name != "attention"}

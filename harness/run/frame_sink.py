@@ -1,0 +1,83 @@
+"""Where a run's finished frames go: sinks, and the factories that open them.
+
+A run writes its results itself. Whoever starts it adds what else a frame is for: a recording, thumbnails, a count of
+right answers. A job travels to its worker by pickle, so it carries factories, not open files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from harness.clips.manifest import ClipManifest
+from harness.labels.files import Labels
+from harness.run.directory import Pair, RunDirectory
+from harness.run.results import FrameRecord
+from harness.stages.memo import Timings
+from vfoa.types import FrameResult, Percepts, StereoFrame
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FinishedFrame:
+    """One frame under one configuration: images, percepts, result, the record with names, and seconds by stage.
+
+    A clip of measurements has no images and no percepts.
+    """
+
+    frame: StereoFrame | None
+    percepts: Percepts | None
+    result: FrameResult
+    record: FrameRecord
+    timings: Timings
+
+
+class FrameSink(Protocol):
+    """Takes the finished frames of one clip under one configuration, in order, and changes nothing of them.
+
+    It is a context manager. An exception at the end means that frames are missing: what is written must then not look
+    complete.
+    """
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    def write(self, frame: FinishedFrame) -> None:
+        """Take one frame."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SinkContext:
+    """What a sink is opened for: one configuration on one clip.
+
+    ``labels`` is None for a clip without. A ``rehearsal`` is one frame into a temporary directory, before a live run.
+    """
+
+    manifest: ClipManifest
+    labels: Labels | None
+    configuration: str
+    rate_hz: float | None
+    directory: RunDirectory
+    rehearsal: bool = False
+
+    @property
+    def pair(self) -> Pair:
+        """The names of the clip and of the configuration."""
+        return self.manifest.name, self.configuration
+
+
+class SinkFactory(Protocol):
+    """Opens a sink. It is pickled with the job."""
+
+    def described(self) -> Mapping[str, Any]:
+        """What the sink adds to the manifest of the run: a run with other sinks is another run."""
+        ...
+
+    def open(self, context: SinkContext) -> FrameSink | None:
+        """Open the sink of one configuration on one clip; None if it takes none of these frames."""
+        ...

@@ -1,0 +1,151 @@
+"""A plan cut into jobs, and what came of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from harness.run.clip_job import ClipJob, ClipOutcome
+from harness.run.directory import Pair, RunDirectory
+from harness.run.executors.contract import Executor, Progress, compute_with
+from harness.run.loop import run_clip
+from harness.run.output_sink import OutputSinks
+from harness.run.partial_results import ResultsSinks
+from harness.run.plan import Plan, PreparedClip
+from harness.run.saved_outputs import owned_slots
+from harness.run.warm_up import GivenUpError, Perceived
+from harness.sources import Clip, MeasuredClip
+from harness.stages.cache.stage import Account, ClipCache, open_cache
+from harness.stages.cache.store import Store
+from harness.stages.configuration import Configuration
+from harness.stages.slots import SLOTS
+from vfoa.errors import VfoaError
+
+CLIPS_PER_WORKER = 2
+"""With fewer clips than this for each worker, clips are cut."""
+
+PREFETCHED = 2
+"""Frames that a thread reads, and another one perceives, before they are needed."""
+
+ALONG = 8
+"""How many configurations can follow one frame in the time that its perception takes, as a rule: more than that hold up
+the workers that perceive for them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Done:
+    """The errors of what could not be finished, and how the cache served."""
+
+    failures: Mapping[Pair, VfoaError]
+    account: Account
+
+
+def run_jobs(
+    plan: Plan, directory: RunDirectory, *, cache: Store | None, executor: Executor, progress: Progress
+) -> Done:
+    """Do what is not done of a plan.
+
+    Where there are clips enough to keep every worker at work, a job is a clip. Else the workers help each other through
+    the cache: each perceives stretches of a clip, under all its configurations, so that nothing is decoded or computed
+    twice by them. What has to be done in order goes along behind them in this process, or, where configurations are too
+    many for that, is dealt to the workers when all is perceived.
+    """
+    account = Account()
+    ahead = PREFETCHED if executor.threads > 1 else 0
+    jobs = [
+        replace(_job(plan, one, directory, cache, account), read_ahead=ahead, perceive_ahead=ahead)
+        for one in plan.clips
+    ]
+    for job in jobs:
+        if not job.configurations:
+            skip(job, progress)
+    todo = [job for job in jobs if job.configurations]
+    failures: dict[Pair, VfoaError] = {}
+    if cache and not plan.save_outputs and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
+        todo = _share(todo, executor, account, progress, failures)
+        progress = _silent
+    for job, outcome in zip(todo, executor.run(run_clip, todo, progress, _lost), strict=True):
+        failures.update(outcome.failures)
+        account.add(job.manifest.name, outcome.tallies)
+    return Done(failures=failures, account=account)
+
+
+def _share(
+    jobs: Sequence[ClipJob], executor: Executor, account: Account, progress: Progress, failures: dict[Pair, VfoaError]
+) -> list[ClipJob]:
+    """Perceive all, and do at once what can go along with that; return the jobs that are left."""
+    perceived, left = Perceived(jobs, executor, account, progress), list[ClipJob]()
+    compute_with(executor.threads)
+    for job in jobs:
+        if not (perceived.lacked(job) and _goes_along(job, executor.workers)):
+            left += _dealt(job, executor.workers)
+            continue
+        try:
+            outcome = run_clip(job, _silent, perceived.frames(job))
+        except GivenUpError:  # what kills workers must not be done here, and one configuration must not kill another
+            left += _dealt(job, len(job.configurations))
+        else:
+            failures.update(outcome.failures)
+            account.add(job.manifest.name, outcome.tallies)
+    perceived.finish()
+    return left
+
+
+def _goes_along(job: ClipJob, workers: int) -> bool:
+    return len(_together(job)) == 1 or len(job.configurations) * (workers - 1) <= ALONG
+
+
+def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
+    """The job's configurations in so many jobs, or fewer."""
+    groups = _together(job)
+    dealt = [[each for group in groups[hand::hands] for each in group] for hand in range(min(hands, len(groups)))]
+    return [replace(job, configurations=tuple(configurations)) for configurations in dealt]
+
+
+def _together(job: ClipJob) -> list[list[Configuration]]:
+    """Each configuration by itself, but for those that share a temporal gaze, since it is not perceived alone."""
+    groups: dict[str, list[Configuration]] = {}
+    for each in job.configurations:
+        gaze = each.choices["gaze"]
+        temporal = gaze is not None and SLOTS["gaze"].is_temporal(gaze)
+        groups.setdefault(gaze.key if gaze and temporal else each.name, []).append(each)
+    return list(groups.values())
+
+
+def _lost(job: ClipJob, why: str) -> ClipOutcome:
+    return ClipOutcome(failures=dict.fromkeys(job.pairs, VfoaError(why)))
+
+
+def _silent(clip: str) -> None:
+    """Every frame has been told of already."""
+
+
+def skip(one: PreparedClip | ClipJob, progress: Progress) -> None:
+    """Tell the progress of a clip's frames, which are done already."""
+    for _ in one.frames:
+        progress(one.manifest.name)
+
+
+def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | None, account: Account) -> ClipJob:
+    """What is left to do on a clip."""
+    clip, everyone = one.manifest.name, plan.experiment.configurations
+    todo = [each.for_clip(clip) for each in everyone if not directory.is_finished((clip, each.name))]
+    outputs = [OutputSinks({each.name: owned_slots(each, everyone) for each in everyone})] if plan.save_outputs else []
+    job = ClipJob(
+        manifest=one.manifest,
+        frames=one.frames,
+        labels=one.labels,
+        configurations=tuple(todo),
+        directory=directory,
+        sinks=(*plan.sinks, *outputs, ResultsSinks()),
+    )
+    if store is None or isinstance(one.clip, MeasuredClip):  # nothing to perceive
+        return job
+    return replace(job, cache=_clip_cache(one, one.clip, job, store, account))
+
+
+def _clip_cache(one: PreparedClip, clip: Clip, job: ClipJob, store: Store, account: Account) -> ClipCache:
+    cache = open_cache(store, one.manifest.name, clip, job.configurations)
+    for key, identity in cache.identities.items():
+        account.open(one.manifest.name, key, identity, store)
+    return cache

@@ -1,0 +1,203 @@
+"""A live run: one configuration on the newest frames of a source, recorded as any other run is."""
+
+from __future__ import annotations
+
+import shutil
+import statistics
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import closing
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from threading import Event
+from typing import Any, Self
+
+from harness.clips.manifest import ClipManifest
+from harness.files import atomic_write
+from harness.run.clip_job import ClipJob
+from harness.run.directory import RunDirectory
+from harness.run.executors.contract import MOST_THREADS, compute_with
+from harness.run.experiment import Experiment
+from harness.run.frame_sink import FinishedFrame, SinkContext, SinkFactory
+from harness.run.live.clip import Latency, LiveClip
+from harness.run.live.newest import Newest
+from harness.run.loop import process
+from harness.run.partial_results import ResultsSinks
+from harness.run.plan import Plan, PreparedClip, describe
+from harness.run.runner import circumstances, now
+from harness.sources.live import LiveSource
+from harness.stages.sharing import SharedPipeline
+from vfoa.errors import VfoaError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LiveReport:
+    """How a live run went: frames done, dropped and damaged, and the milliseconds from a frame's arrival to its end."""
+
+    frames: int
+    dropped: int
+    damaged: int
+    latency_median_ms: float | None
+    latency_p95_ms: float | None
+
+    def __str__(self) -> str:
+        come = self.frames + self.dropped + self.damaged
+        share = f" ({self.dropped / come:.0%})" if come else ""
+        text = f"{self.frames} frames, {self.dropped} dropped{share}"
+        if self.damaged:
+            text += f", {self.damaged} damaged"
+        if self.latency_median_ms is None or self.latency_p95_ms is None:
+            return text
+        return f"{text}; latency {self.latency_median_ms:.0f} ms (median), {self.latency_p95_ms:.0f} ms (95 %)"
+
+
+def run_live(
+    source: LiveSource,
+    manifest: ClipManifest,
+    experiment: Experiment,
+    directory: RunDirectory,
+    *,
+    stopped: Event,
+    sinks: Iterable[SinkFactory] = (),
+    limit: int | None = None,
+    threads: int = 1,
+    progress: Callable[[str], None] = lambda clip: None,
+) -> LiveReport:
+    """Take frames until the source ends, ``stopped`` is set or ``limit`` is reached; all that was done is kept.
+
+    Parameters
+    ----------
+    manifest
+        What the source and the people and things in it are called.
+    experiment
+        Its only configuration is run.
+    directory
+        A new run's. It also gets ``latency.csv``: a line a frame, with how many were dropped before it.
+    sinks
+        Where finished frames go, beside the results.
+    threads
+        With several, the next frame is perceived while the last one is attended to and recorded.
+
+    Raises
+    ------
+    VfoaError
+        If the source cannot be read, or a frame cannot be computed. What was done before is kept, as a finished run.
+    """
+    if not directory.is_new():
+        raise VfoaError(
+            f"{directory.path}: holds a run already; a live one cannot be gone on with: choose another --out"
+        )
+    started, sinks = now(), tuple(sinks)
+    compute_with(min(threads, MOST_THREADS))
+    (configuration,) = experiment.configurations
+    clip = LiveClip(Newest(source, stopped), source.rate_hz)
+    job = ClipJob(
+        manifest=manifest,
+        frames=(),
+        labels=None,
+        configurations=(configuration.for_clip(manifest.name),),
+        directory=directory,
+        sinks=(*sinks, ResultsSinks(), _Arrivals(clip, stopped)),
+        perceive_ahead=1 if threads > 1 else 0,
+        keeps=True,
+    )
+    written, error = _follow(clip, job, limit=limit, progress=progress)
+    if error is None and clip.damaged and not clip.frames:
+        error = VfoaError(f"no frame can be read; the first: {clip.damaged[0]}")
+    if error is not None and not clip.frames:
+        shutil.rmtree(directory.path, ignore_errors=True)  # it was new, and nothing came of it
+        raise error
+    report = _report(clip)
+    plan = Plan(experiment=experiment, clips=(_prepared(manifest, clip, written),), sinks=sinks)
+    failure = None if error is None else directory.failure(job.pairs[0], error)
+    _write(directory, plan, clip, report, started, failure)
+    if error is not None and failure is not None:
+        raise VfoaError(directory.told(failure)) if "traceback" in failure else error
+    return report
+
+
+def _follow(
+    clip: LiveClip,
+    job: ClipJob,
+    *,
+    limit: int | None,
+    progress: Callable[[str], None],
+) -> tuple[int, VfoaError | None]:
+    """Lead each frame that is taken from the source to the sinks; how many, and the error that ended it, if any."""
+    with closing(SharedPipeline(job.configurations, clip, parallel=job.perceive_ahead > 0)) as pipeline:
+        numbers = clip.numbers(lambda first: _rehearse(first, clip, pipeline, job), limit)
+        (runner,) = process(job, clip, pipeline, numbers, progress)
+    return runner.written, runner.error
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Arrivals:
+    """The last sink of a live run: a frame that has come through is done, and a run that ends stops its source."""
+
+    clip: LiveClip
+    stopped: Event
+
+    def described(self) -> Mapping[str, Any]:
+        """It writes nothing."""
+        return {}
+
+    def open(self, context: SinkContext) -> Self | None:
+        """The sink itself; none for the frame of the rehearsal."""
+        return None if context.rehearsal else self
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.stopped.set()  # a thread may be waiting for the next frame
+
+    def write(self, frame: FinishedFrame) -> None:
+        """Note when a frame was done."""
+        self.clip.done(frame.record.frame)
+
+
+def _rehearse(number: int, clip: LiveClip, pipeline: SharedPipeline, job: ClipJob) -> None:
+    """Lead a frame through everything once, and keep nothing of it. What fails will fail again, and be said then."""
+    with TemporaryDirectory() as folder:
+        job = replace(job, directory=RunDirectory(Path(folder)), perceive_ahead=0, keeps=False)
+        process(job, clip, pipeline, [number], lambda clip: None, rehearsal=True)
+
+
+def _prepared(manifest: ClipManifest, clip: LiveClip, written: int) -> PreparedClip:
+    frames = tuple(each.frame for each in clip.latencies[:written])
+    return PreparedClip(manifest=manifest, clip=clip, frames=frames, labels=None)
+
+
+def _write(
+    directory: RunDirectory,
+    plan: Plan,
+    clip: LiveClip,
+    report: LiveReport,
+    started: str,
+    failure: dict[str, str] | None,
+) -> None:
+    """Write all but the recording; a failure before anything was written is that of the whole run."""
+    finished = [pair for pair in plan.pairs if directory.is_finished(pair)]
+    directory.join(finished)
+    failed = [failure] if failure and not finished else []
+    live = {"live": {**asdict(report), "ended_by": failure}, "failed": failed, "cache": []}
+    directory.write_manifest({**describe(plan), **live, **circumstances(plan, started)})
+    lines = ["frame,latency_ms,dropped_before", *map(_line, clip.latencies)]
+    atomic_write(directory.path / "latency.csv", "\n".join(lines) + "\n")
+    if finished and failure is None:
+        directory.remove_partial()
+
+
+def _line(one: Latency) -> str:
+    return f"{one.frame},{one.latency_ms:.1f},{one.dropped_before}"
+
+
+def _report(clip: LiveClip) -> LiveReport:
+    latencies = sorted(one.latency_ms for one in clip.latencies)
+    return LiveReport(
+        frames=len(latencies),
+        dropped=sum(one.dropped_before for one in clip.latencies),
+        damaged=len(clip.damaged),
+        latency_median_ms=statistics.median(latencies) if latencies else None,
+        latency_p95_ms=latencies[int(0.95 * (len(latencies) - 1))] if latencies else None,
+    )

@@ -1,0 +1,58 @@
+"""The measures of a run against the truth, collected from its records."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+from harness.run.results import FrameRecord
+from harness.stages.measures import FrameMeasures, TargetMeasure
+
+
+class MeasureLog:
+    """Keeps the measures while records pass by: see :meth:`watch`."""
+
+    def __init__(self) -> None:
+        self._by_pair: dict[tuple[str, str], list[FrameMeasures]] = {}
+        self._names: dict[tuple[str, int], str] = {}
+
+    def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
+        """Hand the records on and keep their measures, and what the run calls each true thing."""
+        for record in records:
+            if record.measures is not None:
+                pair = record.clip, record.configuration
+                if pair not in self._by_pair:
+                    self._by_pair[pair] = []
+                self._by_pair[pair].append(record.measures)
+                for each in record.measures.targets:
+                    if each.instance_id is not None and (record.clip, each.truth_id) not in self._names:
+                        self._note_name(record, each)
+            yield record
+
+    def _note_name(self, record: FrameRecord, measure: TargetMeasure) -> None:
+        found = {target.instance_id: target.name for target in record.targets}
+        if measure.instance_id in found:
+            self._names[record.clip, measure.truth_id] = found[measure.instance_id]
+
+    def pooled(self) -> dict[tuple[str | None, str], list[FrameMeasures]]:
+        """The measures of each (clip, configuration) and, of several clips, of all together under the clip None."""
+        pooled: dict[tuple[str | None, str], list[FrameMeasures]] = dict(self._by_pair.items())
+        if len({clip for clip, _ in self._by_pair}) > 1:
+            for (_, configuration), each in self._by_pair.items():
+                pooled[None, configuration] = [*pooled.get((None, configuration), []), *each]
+        return pooled
+
+    def by_thing(self) -> dict[tuple[str, str, str], list[TargetMeasure]]:
+        """The measures of each (clip, true thing, configuration), the thing by the run's own name for it."""
+        found: dict[tuple[str, str, str], list[TargetMeasure]] = {}
+        for (clip, configuration), frames in self._by_pair.items():
+            by_id: dict[int, list[TargetMeasure]] = {}
+            for frame in frames:
+                for each in frame.targets:
+                    if each.truth_id in by_id:
+                        by_id[each.truth_id].append(each)
+                    else:
+                        by_id[each.truth_id] = [each]
+            for number, measures in by_id.items():
+                name = self._names.get((clip, number), f"{measures[0].label}#{number}")
+                found.setdefault((clip, name, configuration), []).extend(measures)
+        return dict(sorted(found.items(), key=lambda item: item[0][:2]))

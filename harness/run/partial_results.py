@@ -1,0 +1,165 @@
+"""The results of one configuration on one clip while the run is on: one line per frame, which survives a kill.
+
+The lines of a frame go to the operating system when the frame is finished, its timings before its result. A run that
+continues keeps what a killed run has written up to its last whole line. It computes those frames again, because
+trackers and filters carry more than the lines hold, and compares them with the lines.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+from harness.run.directory import Pair, RunDirectory
+from harness.run.frame_sink import FinishedFrame, SinkContext
+from harness.run.results import to_line
+from vfoa.errors import VfoaError
+
+LOCK_SECONDS = 10.0
+"""How long the last writer of a file may take to end before it counts as another run."""
+
+
+class PartialResults:
+    """Two open files: results and timings. ``kept`` frames were written by an earlier run that was interrupted."""
+
+    def __init__(self, results: BinaryIO, timings: BinaryIO, kept: int) -> None:
+        self._results, self._timings = results, timings
+        self._kept, self._frames = kept, 0
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether the next frame is a new one."""
+        return self._frames >= self._kept
+
+    def write(self, line: str, timings: Mapping[str, float], prefix: str) -> None:
+        """Write the next frame: its line of results, its ms by stage, each on a line that starts with ``prefix``.
+
+        Raises
+        ------
+        VfoaError
+            If an earlier run has written another result for the frame.
+        """
+        if self.goes_on:
+            rows = "".join(f"{prefix},{stage},{ms:.3f}\n" for stage, ms in timings.items())
+            for file, text in ((self._timings, rows), (self._results, line)):
+                file.write(text.encode())
+                file.flush()
+        elif self._results.readline() != line.encode():
+            raise VfoaError(
+                f"{self._results.name}, line {self._frames + 1}: expected what this program computes for the frame, "
+                "found another result; remove the file to begin anew"
+            )
+        self._frames += 1
+
+
+@contextmanager
+def open_partial_results(results: Path, timings: Path) -> Iterator[PartialResults]:
+    """Open partial results to continue them, or begin them.
+
+    Raises
+    ------
+    VfoaError
+        If another process is writing them.
+    """
+    results.parent.mkdir(parents=True, exist_ok=True)
+    with open(results, "a+b") as kept_results, open(timings, "a+b") as kept_timings:
+        _lock(kept_results, results)
+        frames = _cut_results(kept_results)
+        _cut_timings(kept_timings, frames)
+        yield PartialResults(kept_results, kept_timings, frames)
+
+
+def _cut_results(file: BinaryIO) -> int:
+    """Drop a last line that was not finished, go to the start, and return how many lines there are."""
+    file.seek(0)
+    lines = end = 0
+    for line in file:
+        if not line.endswith(b"\n"):
+            break
+        lines, end = lines + 1, end + len(line)
+    file.truncate(end)
+    file.seek(0)
+    return lines
+
+
+def _cut_timings(file: BinaryIO, frames: int) -> None:
+    """Drop the timings of all but the first frames; each frame's stand together, its number in the third column."""
+    file.seek(0)
+    end, seen, last = 0, 0, b""
+    for line in file:
+        number = line.split(b",")[2] if line.count(b",") > 2 else b""
+        seen, last = seen + (number != last), number
+        if seen > frames:
+            break
+        end += len(line)
+    file.truncate(end)
+    file.seek(end)
+
+
+def _lock(file: BinaryIO, path: Path) -> None:
+    """Keep the file to this process until it is closed or the process ends."""
+    if sys.platform == "win32":
+        return None
+    import fcntl
+
+    deadline = time.monotonic() + LOCK_SECONDS
+    while True:
+        try:
+            return fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > deadline:
+                raise VfoaError(f"{path}: another process is writing it; expected one run in a directory") from None
+            time.sleep(0.1)
+
+
+@contextmanager
+def partial_results(directory: RunDirectory, pair: Pair) -> Iterator[PartialResults]:
+    """Open the partial results of a (clip, configuration) where it was interrupted; without an error, finish them."""
+    places = [directory.partial(pair, "jsonl"), directory.partial(pair, "csv")]
+    drafts = [place.with_suffix(place.suffix + ".partial") for place in places]
+    with open_partial_results(drafts[0], drafts[1]) as partial:
+        yield partial
+        # the timings first: the results' file is the one that says "finished"
+        drafts[1].replace(places[1])
+        drafts[0].replace(places[0])
+
+
+class ResultsSink:
+    """Writes records and timings into the partial results of one (clip, configuration)."""
+
+    def __init__(self, directory: RunDirectory, pair: Pair) -> None:
+        self._directory, self._pair = directory, pair
+        self._files = ExitStack()
+        self._partial: PartialResults
+
+    def __enter__(self) -> Self:
+        self._partial = self._files.enter_context(partial_results(self._directory, self._pair))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._files.__exit__(kind, error, trace)
+
+    def write(self, frame: FinishedFrame) -> None:
+        """Write one frame. Raises as :meth:`PartialResults.write` does."""
+        record = frame.record
+        milliseconds = {stage: 1e3 * seconds for stage, seconds in frame.timings.items()}
+        self._partial.write(to_line(record), milliseconds, f"{record.clip},{record.configuration},{record.frame}")
+
+
+class ResultsSinks:
+    """Opens the results of each configuration: the last sink of every run, so that all other times are known."""
+
+    def described(self) -> Mapping[str, Any]:
+        """Every run has results."""
+        return {}
+
+    def open(self, context: SinkContext) -> ResultsSink:
+        """The results of one configuration on one clip."""
+        return ResultsSink(context.directory, context.pair)

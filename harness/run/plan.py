@@ -1,0 +1,160 @@
+"""What a run is made of: an experiment whose every input has been opened once, and the description of it all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from harness.clips.manifest import ClipManifest, load_manifest
+from harness.clips.near_limit import first_middle_last, near_notes
+from harness.code_digest import code_digest
+from harness.labels.files import Labels
+from harness.labels.timeline import timeline_of
+from harness.run import provenance
+from harness.run.directory import Pair
+from harness.run.experiment import Experiment
+from harness.run.frame_sink import SinkFactory
+from harness.sources import Clip, MeasuredClip
+from harness.stages.configuration import Configuration
+from harness.stages.slots import SLOTS
+from vfoa.errors import VfoaError
+from vfoa.stereo.block_matching_settings import BlockMatchingSettings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PreparedClip:
+    """A clip that was opened and whose labels were read."""
+
+    manifest: ClipManifest
+    clip: Clip | MeasuredClip
+    frames: tuple[int, ...]
+    labels: Labels | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """A run in which every input has been opened once: what can be known to fail has failed by now."""
+
+    experiment: Experiment
+    clips: tuple[PreparedClip, ...]
+    sinks: tuple[SinkFactory, ...] = ()
+    save_outputs: bool = False
+
+    @property
+    def pairs(self) -> list[Pair]:
+        """Every (clip, configuration), in the order of the tables."""
+        return [(one.manifest.name, each.name) for one in self.clips for each in self.experiment.configurations]
+
+    @property
+    def deciding_modules(self) -> tuple[str, ...]:
+        """The modules whose code decides the results: a change to any other does not make another run."""
+        return provenance.deciding_modules([one.clip for one in self.clips], self.experiment)
+
+    @property
+    def frames(self) -> int:
+        """Frames to read, over all clips."""
+        return sum(len(one.frames) for one in self.clips)
+
+
+def prepare(
+    experiment: Experiment,
+    *,
+    limit: int | None = None,
+    sinks: Iterable[SinkFactory] = (),
+    save_outputs: bool = False,
+) -> Plan:
+    """Open every clip, read every label file and find every weights file of an experiment; note what cannot go well.
+
+    Parameters
+    ----------
+    limit
+        Take only the first frames of each clip.
+    sinks
+        Where finished frames go, beside the results.
+    save_outputs
+        Also save what every stage found, with an experiment that runs from it.
+
+    Raises
+    ------
+    VfoaError
+        For the first thing that is missing or wrong.
+    """
+    clips = tuple(_prepare_clip(name, limit, experiment.annotator) for name in experiment.clips)
+    if all(isinstance(one.clip, MeasuredClip) for one in clips):
+        experiment = replace(
+            experiment, configurations=tuple(each.without_stages() for each in experiment.configurations)
+        )
+    said = (*_said_of_names(clips, experiment.configurations), *_said_of_near(clips, experiment.configurations))
+    noted = replace(experiment, notes=(*experiment.notes, *said))
+    return Plan(experiment=noted, clips=clips, sinks=tuple(sinks), save_outputs=save_outputs)
+
+
+def _prepare_clip(name: str, limit: int | None, annotator: str | None) -> PreparedClip:
+    manifest = load_manifest(name)
+    clip = manifest.open()
+    labels = manifest.labels(timeline_of(clip), annotator)
+    return PreparedClip(manifest=manifest, clip=clip, frames=tuple(clip.frames)[:limit], labels=labels)
+
+
+def _said_of_names(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
+    """A sentence where names go by the source's own ids, and masks come from a network, which numbers them anew."""
+    choices = [each.choices["segmentation"] for each in configurations]
+    networks = sorted({each.name for each in choices if each and each.name not in SLOTS["segmentation"].of_clip})
+    for clip in [one for one in clips if not isinstance(one.clip, MeasuredClip)] if networks else ():
+        rules = {**clip.manifest.subjects, **clip.manifest.targets}
+        if names := [name for name, rule in rules.items() if rule.instance is not None]:
+            yield (
+                f"{clip.manifest.name}: the manifest finds {', '.join(names)} by their ids in the source, "
+                f"which are not those of {' and '.join(networks)}: the names can be wrong."
+            )
+
+
+def _said_of_near(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
+    """A sentence where things are nearer than a matcher searches; images that cannot be read are the run's to tell."""
+    stereo = [choice.settings for each in configurations if (choice := each.choices["stereo"])]
+    limits_m: set[float] = {each.min_depth_m for each in stereo if isinstance(each, BlockMatchingSettings)}
+    for clip in clips if limits_m else ():
+        images = clip.clip
+        if isinstance(images, MeasuredClip):
+            continue
+        try:
+            frames = [images.frame(number) for number in first_middle_last(clip.frames)]
+        except VfoaError:
+            continue
+        for limit_m in sorted(limits_m):
+            yield from (f"{clip.manifest.name}: {note}." for note in near_notes(frames, limit_m))
+
+
+def describe(plan: Plan) -> dict[str, Any]:
+    """All that a plan's results depend on, as it stands in the run's manifest."""
+    return {
+        "experiment": plan.experiment.name,
+        "notes": list(plan.experiment.notes),
+        "published": plan.experiment.published.model_dump() if plan.experiment.published else None,
+        "annotator": plan.experiment.annotator,
+        "recording": None,
+        "stage_outputs": plan.save_outputs,
+        **{key: value for sink in plan.sinks for key, value in sink.described().items()},
+        "clips": [_describe_clip(one, plan.experiment) for one in plan.clips],
+        "configurations": {one.name: one.plain() for one in plan.experiment.configurations},
+        "weights_sha256": provenance.weights_digests(plan.experiment),
+        "versions": provenance.versions(),
+        "source_sha256": code_digest(plan.deciding_modules),
+    }
+
+
+def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
+    return {
+        "name": one.manifest.name,
+        "manifest": str(one.manifest.path),
+        "licence": one.manifest.licence,
+        "citation": one.manifest.citation,
+        "notes": [*one.manifest.notes, *one.clip.notes],
+        "rate_hz": one.clip.rate_hz,
+        "frames": list(one.frames),
+        "times_ns": [one.clip.time_ns(number) for number in one.frames],
+        "sha256": one.clip.digest(),
+        "names": one.manifest.model_dump(mode="json", include={"subjects", "targets"}),
+        "stage_outputs_sha256": provenance.output_digests(experiment, one.manifest.name, one.clip),
+    }

@@ -1,0 +1,212 @@
+"""What a run keeps of each frame: named, plain values, one JSON line each in ``results.jsonl``.
+
+Everything the scores, tables and pages need is here, so that none of them needs images or models. Every line begins
+with the version of the format, so that files can be joined line by line.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from numbers import Integral, Real
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harness.files import unreadable
+from harness.stages.measures import FrameMeasures
+from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    import msgspec
+
+VERSION = 1
+_START = b'{"version":%d,' % VERSION
+
+Vector = tuple[float, float, float]
+BoxPx = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoxRecord:
+    """A 3D box in the camera frame: centre and half extents in metres, axes as rows (the rotation's columns)."""
+
+    center_m: Vector
+    half_size_m: Vector
+    axes: tuple[Vector, Vector, Vector]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetRecord:
+    """One instance of a frame. ``name`` is the manifest's name for it, or ``label#id``; it may occur twice.
+
+    ``box_px`` is None where the clip has no images.
+    """
+
+    instance_id: int
+    name: str
+    label: str
+    score: float
+    box_px: BoxPx | None
+    points: int
+    box: BoxRecord | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AttentionRecord:
+    """A subject's attention to one instance, each in [0, 1]; None: that cue was not measured."""
+
+    instance_id: int
+    gaze: float | None
+    head: float | None
+    total: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DirectionFitRecord:
+    """How well a subject's directions fit the posterior, as :class:`vfoa.types.DirectionFit` has it."""
+
+    tail: float
+    claimed_error_rad: float | None
+    implied_error_rad: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubjectRecord:
+    """One tracked person of a frame.
+
+    ``name`` is the manifest's name, None for a person it does not know. Directions are unit vectors after
+    filtering, camera frame. ``missing`` is ``no_eyes_3d``, ``no_direction`` or None. ``focus`` is the instance id
+    with the most attention, None for nowhere. ``head_box_px`` is None where the clip has no images.
+    ``fit`` is there where the attention is a probability.
+    """
+
+    track_id: int
+    name: str | None
+    instance_id: int | None
+    head_box_px: BoxPx | None
+    eye_origin_m: Vector | None
+    gaze: Vector | None
+    gaze_sigma_rad: float | None
+    head: Vector | None
+    missing: str | None
+    attention: tuple[AttentionRecord, ...]
+    focus: int | None
+    tied: tuple[int, ...]
+    fit: DirectionFitRecord | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameRecord:
+    """All of one frame of one clip under one configuration. ``measures`` is None where the clip knows no truth."""
+
+    clip: str
+    configuration: str
+    frame: int
+    time_ns: int
+    targets: tuple[TargetRecord, ...]
+    subjects: tuple[SubjectRecord, ...]
+    measures: FrameMeasures | None = None
+
+    def __post_init__(self) -> None:
+        known = {target.instance_id for target in self.targets}
+        if len(known) != len(self.targets):
+            raise ValueError(f"frame {self.frame}: expected distinct instance ids in targets")
+        for subject in self.subjects:
+            named = {value.instance_id for value in subject.attention}
+            if subject.focus is not None:
+                named.add(subject.focus)
+            if not named <= known:
+                raise ValueError(
+                    f"frame {self.frame}: track {subject.track_id} attends to instances {sorted(named - known)}, "
+                    "which are not in targets"
+                )
+
+    def target(self, instance_id: int) -> TargetRecord:
+        """The target with this instance id."""
+        return next(target for target in self.targets if target.instance_id == instance_id)
+
+
+def to_line(record: FrameRecord) -> str:
+    """One frame as a line of ``results.jsonl``, its newline included.
+
+    Raises
+    ------
+    ValueError
+        If reading the line would not give the same record: a number is not finite, or a value is of another type.
+    """
+    encoder, decoder = _codec()
+    line = _START + encoder.encode(record)[1:]
+    if decoder.decode(line) != record:
+        raise ValueError(f"frame {record.frame} of {record.clip}: a value would not survive the file: {record}")
+    return line.decode() + "\n"
+
+
+def read_results(path: Path) -> Iterator[FrameRecord]:
+    """Read a ``results.jsonl``, one record at a time in the order of the file. Nothing is skipped or repaired.
+
+    Raises
+    ------
+    VfoaError
+        If the file is missing, a line is of another version or not a frame's record, the last line is cut, or a
+        frame stands in it twice; the message names the file and the line.
+    """
+    seen: dict[tuple[str, str, int], int] = {}
+    try:
+        with path.open("rb") as file:
+            for number, line in enumerate(file, start=1):
+                record = _from_line(line, path, number)
+                _check_first(seen, record, path, number)
+                yield record
+    except OSError as error:
+        raise unreadable(path, error) from None
+
+
+def _from_line(line: bytes, path: Path, number: int) -> FrameRecord:
+    import msgspec
+
+    if not line.endswith(b"\n"):
+        raise VfoaError(f"{path}:{number}: cut short: expected a newline at its end")
+    if not line.startswith(_START):
+        _check_version(line, path, number)
+    try:
+        return _codec()[1].decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise VfoaError(f"{path}:{number}: not a frame's record: {error}") from None
+
+
+def _check_version(line: bytes, path: Path, number: int) -> None:
+    """Accept a line another program wrote (spaces, another order of keys), if it says the right version."""
+    try:
+        value = json.loads(line)
+    except ValueError as error:
+        raise VfoaError(f"{path}:{number}: not JSON: {error}") from None
+    version = value.get("version") if isinstance(value, dict) else None
+    if version != VERSION:
+        raise VfoaError(f"{path}:{number}: expected version {VERSION}, found {version!r}")
+
+
+def _check_first(seen: dict[tuple[str, str, int], int], record: FrameRecord, path: Path, number: int) -> None:
+    first = seen.setdefault((record.clip, record.configuration, record.frame), number)
+    if first != number:
+        raise VfoaError(
+            f"{path}:{number}: frame {record.frame} of clip {record.clip!r} under {record.configuration!r} "
+            f"is on line {first} already"
+        )
+
+
+@cache
+def _codec() -> tuple[msgspec.json.Encoder, msgspec.json.Decoder[FrameRecord]]:
+    import msgspec
+
+    return msgspec.json.Encoder(enc_hook=_plain), msgspec.json.Decoder(FrameRecord)
+
+
+def _plain(value: object) -> int | float:
+    """A number of numpy's as Python's own; the encoder knows no other."""
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return float(value)
+    raise TypeError(f"expected plain numbers, text and tuples in a record, found {type(value).__name__}")

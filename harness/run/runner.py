@@ -1,0 +1,195 @@
+"""A whole run: everything checked first, then the jobs, then the tables."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from harness.files import digest_files
+from harness.run import provenance
+from harness.run.directory import RunDirectory
+from harness.run.executors import executor
+from harness.run.executors.contract import Progress
+from harness.run.experiment import Experiment
+from harness.run.jobs import Done, run_jobs, skip
+from harness.run.lock import locked
+from harness.run.manifest_diff import differences
+from harness.run.plan import Plan, PreparedClip, describe, prepare
+from harness.run.saved_outputs import write_experiment
+from harness.stages.cache.stage import cache_lines
+from harness.stages.cache.store import Store
+from vfoa.errors import VfoaError
+
+__all__ = ["prepare", "run_plan"]
+
+
+def run_plan(
+    plan: Plan,
+    out: Path,
+    *,
+    workers: int,
+    progress: Progress,
+    threads: int = 1,
+    scheduler: str | None = None,
+    cache: Store | None = None,
+    tell: Callable[[str], None] = lambda line: None,
+    beside: bool = False,
+    retry_failed: bool = False,
+) -> RunDirectory:
+    """Run a plan into a directory, and join its results. What an earlier run of the same plan finished is taken over.
+
+    A (clip, configuration) that fails does not stop the others; the manifest's ``failed`` lists it with its error, and
+    its ``cache`` what was reused and what was computed, and why.
+
+    Parameters
+    ----------
+    workers
+        Processes on this machine.
+    threads
+        Those of a single process; several have one each.
+    scheduler
+        The address of a Dask scheduler, whose workers do the work instead.
+    cache
+        Where results of perception are kept; None for nowhere.
+    tell
+        Told, a line each, what was taken over, reused and computed, and where the run is, if not in ``out``.
+    beside
+        Where ``out`` holds another run, take ``out-2``, ``out-3`` ... instead: the first that is free, or this run's.
+    retry_failed
+        Try again what failed in an earlier run of the same plan; without it, its failures stand.
+
+    Raises
+    ------
+    VfoaError
+        If the directory holds another run, or one that is on, a clip changes meanwhile, or nothing could be finished.
+    KeyboardInterrupt
+        If the run is interrupted; ``tell`` has been told what is kept.
+    """
+    identity = describe(plan)
+    directory = _choose(RunDirectory(out), identity, beside)
+    if directory.path != out:
+        different = differences(RunDirectory(out).read_manifest(), identity)
+        tell(f"{out} holds another run (different: {different}); this one is in {directory.path}")
+    if _is_done(directory, retry_failed):
+        for one in plan.clips:
+            skip(one, progress)
+        tell(f"{directory.path}: finished before; nothing was computed")
+        return directory
+    with locked(directory.path, tell):
+        _choose(directory, identity, beside=False)  # again: another run may have begun here before the lock
+        if not directory.is_new():
+            for failure in directory.read_manifest().get("failed", ()):  # what is mended may give another result
+                directory.discard((failure["clip"], failure["configuration"]))
+        started = now()
+        directory.write_manifest(identity)
+        try:
+            with executor(workers, scheduler, threads=threads, modules=plan.deciding_modules) as chosen:
+                done = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress)
+        except KeyboardInterrupt:
+            tell(
+                f"interrupted: {directory.kept_frames()} frames are kept in {directory.path}; the same command goes on"
+            )
+            raise
+        _check_unchanged(plan, identity, done, cache)
+        _finish(plan, directory, identity, done, started)
+    for line in cache_lines(done.account.rows()):
+        tell(line)
+    return directory
+
+
+def _is_done(directory: RunDirectory, retry_failed: bool) -> bool:
+    """Whether this very run is finished; then its partial results are not needed any more."""
+    found = {} if directory.is_new() else directory.read_manifest()
+    if "finished" not in found or (retry_failed and found.get("failed")):
+        return False
+    if not found.get("failed"):
+        directory.remove_partial()
+    return True
+
+
+def _check_unchanged(plan: Plan, identity: dict[str, Any], done: Done, cache: Store | None) -> None:
+    """Check that every clip is still what it was when the run began; what was stored of one that is not is removed.
+
+    Where every configuration failed, as when an image vanished, their errors say more, and stand.
+
+    Raises
+    ------
+    VfoaError
+        With the first clip whose content has changed.
+    """
+    before = {clip["name"]: clip["sha256"] for clip in identity["clips"]}
+    for one in plan.clips:
+        if one.manifest.open().digest() != before[one.manifest.name]:
+            if cache:
+                done.account.forget(one.manifest.name, cache)
+            if all((one.manifest.name, each.name) in done.failures for each in plan.experiment.configurations):
+                continue
+            raise VfoaError(
+                f"{one.manifest.name}: its images or calibration changed while the run was on; expected the same "
+                "content to the end: remove the run's directory and run again"
+            )
+
+
+def _finish(plan: Plan, directory: RunDirectory, identity: dict[str, Any], done: Done, started: str) -> None:
+    """Join the results, and write the manifest that says "finished".
+
+    Raises
+    ------
+    VfoaError
+        If no configuration could be finished on any clip.
+    """
+    failed = [directory.failure(pair, done.failures[pair]) for pair in plan.pairs if pair in done.failures]
+    finished = [pair for pair in plan.pairs if pair not in done.failures]
+    if not finished:
+        others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
+        raise VfoaError(f"{directory.told(failed[0])}{others}")
+    if plan.save_outputs and not failed:
+        partial = any(len(one.frames) < len(one.clip.frames) for one in plan.clips)
+        write_experiment(directory.stage_outputs, plan.experiment, partial=partial)
+    directory.join(finished)
+    directory.write_manifest(
+        {**identity, "failed": failed, "cache": done.account.rows(), **circumstances(plan, started)}
+    )
+    if not failed:
+        directory.remove_partial()
+
+
+def _choose(first: RunDirectory, identity: dict[str, Any], beside: bool) -> RunDirectory:
+    """The directory to run in: one without a run, or with this very run."""
+    for number in itertools.count(1):
+        directory = RunDirectory(first.path.with_name(f"{first.path.name}-{number}")) if number > 1 else first
+        if directory.is_new():
+            return directory
+        differing = differences(directory.read_manifest(), identity)
+        if not differing:
+            return directory
+        if not beside:
+            raise VfoaError(
+                f"{directory.path}: holds another run (different: {differing}); "
+                "expected an empty directory, or the same run to go on with: choose another --out"
+            )
+    raise AssertionError("counting has no end")
+
+
+def circumstances(plan: Plan, started: str) -> dict[str, Any]:
+    """What is worth knowing of a finished run, but does not make it another one."""
+    return {
+        "labels_sha256": {one.manifest.name: _labels_digest(one, plan.experiment) for one in plan.clips},
+        "commit": provenance.source_commit(),
+        "host": provenance.host(),
+        "started": started,
+        "finished": now(),
+    }
+
+
+def _labels_digest(one: PreparedClip, experiment: Experiment) -> str | None:
+    labels = one.manifest.annotations.find(experiment.annotator)
+    return digest_files([("labels", labels)]) if labels else None
+
+
+def now() -> str:
+    """The time, as a manifest has it."""
+    return datetime.now(UTC).isoformat(timespec="seconds")

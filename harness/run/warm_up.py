@@ -1,0 +1,116 @@
+"""Clips that workers perceive, a stretch each, into the cache, while others go along behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from harness.run.clip_job import ClipJob, ClipOutcome
+from harness.run.executors.contract import Executor, Progress
+from harness.stages.cache.stage import Account
+from harness.stages.sharing import SharedPipeline
+from vfoa.errors import VfoaError
+
+STRETCHES_PER_WORKER = 4
+"""A stretch is what is left of a clip, cut into so many for each worker: long at first, so that little is opened and
+sought, and short in the end, so that all end together (guided self-scheduling, Polychronopoulos and Kuck 1987)."""
+
+LONGEST_STRETCH = 32
+"""The frames of a stretch at most, so that whoever waits for it does not wait long."""
+
+
+_opened: tuple[object, SharedPipeline] | None = None
+"""What this process perceived with last, and for which job: the next stretch of a clip is seldom another's."""
+
+
+def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
+    """Perceive the job's frames, in whichever order, so that the cache holds what :func:`run_clip` will look for.
+
+    Clip, models and matchers stay open for the next job that differs in its frames alone.
+    """
+    try:
+        pipeline = _open(job)
+    except VfoaError:  # run_clip will say so
+        return ClipOutcome(failures={})
+    for _ in pipeline.warm(job.frames):
+        progress(job.manifest.name)
+    return ClipOutcome(failures={}, tallies=pipeline.take_tallies())
+
+
+def _open(job: ClipJob) -> SharedPipeline:
+    global _opened
+    wanted = (job.manifest, job.configurations, job.cache, job.directory)
+    if _opened is None or _opened[0] != wanted:
+        _opened = None  # two sets of models need not fit
+        _opened = (wanted, SharedPipeline(job.configurations, job.manifest.open_images(), job.cache))
+    return _opened[1]
+
+
+class GivenUpError(Exception):
+    """A frame took every worker along that perceived it."""
+
+
+class Perceived:
+    """What the cache lacks of these jobs' frames: workers begin to perceive it when the first of them is asked for."""
+
+    def __init__(self, jobs: Sequence[ClipJob], executor: Executor, account: Account, progress: Progress) -> None:
+        self._account = account
+        self._stretches: list[ClipJob] = []
+        self._begins: dict[tuple[str, int], int] = {}
+        self._outcomes: list[ClipOutcome] = []
+        for job in jobs:
+            lacking = [frame for frame in job.frames if job.cache and job.cache.lacks(frame)]
+            for _ in range(len(job.frames) - len(lacking)):
+                progress(job.manifest.name)
+            self._cut(job, lacking, executor.workers)
+        self._arriving = executor.run(warm_clip, self._stretches, progress, _given_up)
+
+    def _cut(self, job: ClipJob, lacking: Sequence[int], workers: int) -> None:
+        for frames in stretches(lacking, workers):
+            self._begins[job.manifest.name, frames[0]] = len(self._stretches)
+            self._stretches.append(replace(job, frames=frames))
+
+    def lacked(self, job: ClipJob) -> bool:
+        """Whether there is anything of a job to perceive."""
+        return any(clip == job.manifest.name for clip, _ in self._begins)
+
+    def frames(self, job: ClipJob) -> Iterator[int]:
+        """A job's frames, each as soon as it was perceived.
+
+        Raises
+        ------
+        GivenUpError
+            At a stretch that was not, for its worker died with it, every time.
+        """
+        for number in job.frames:
+            stretch = self._begins.get((job.manifest.name, number))
+            if stretch is not None and self._outcome(stretch).failures:
+                raise GivenUpError
+            yield number
+
+    def _outcome(self, stretch: int) -> ClipOutcome:
+        while len(self._outcomes) <= stretch:
+            self._take(next(self._arriving))
+        return self._outcomes[stretch]
+
+    def _take(self, outcome: ClipOutcome) -> None:
+        self._account.add(self._stretches[len(self._outcomes)].manifest.name, outcome.tallies)
+        self._outcomes.append(outcome)
+
+    def finish(self) -> None:
+        """Wait for what nobody asked for."""
+        for outcome in self._arriving:
+            self._take(outcome)
+
+
+def stretches(frames: Sequence[int], workers: int) -> Iterator[tuple[int, ...]]:
+    """Cut frames into the stretches that so many workers take one after the other."""
+    at = 0
+    while at < len(frames):
+        length = min(LONGEST_STRETCH, -(-(len(frames) - at) // (STRETCHES_PER_WORKER * workers)))
+        yield tuple(frames[at : at + length])
+        at += length
+
+
+def _given_up(stretch: ClipJob, why: str) -> ClipOutcome:
+    return ClipOutcome(failures=dict.fromkeys(stretch.pairs, VfoaError(why)))

@@ -1,1 +1,0 @@
-"""Runs: experiments in, results and recordings out. The only loop over frames is in :mod:`harness.runs.run`."""

@@ -1,0 +1,77 @@
+"""What a lane writes of a clip is what a plain loop over its frames finds: memory, hindsight and all frames."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from harness.clips.manifest import load_manifest
+from harness.clips.naming import Names, Rules, SubjectNames, name_frame
+from harness.run.experiment import load_experiment
+from harness.run.results import read_results
+from harness.run.runner import prepare, run_plan
+from harness.stages.sharing import SharedPipeline
+from tests.disk import write_text
+from vfoa.bayes import BayesSettings, smooth
+from vfoa.pipeline import Memory, attend
+from vfoa.types import FrameResult
+
+FRAMES, LOOK_AHEAD_S = 8, 60
+EXPERIMENT = f"""
+clips = ["studio_talk"]
+defaults.stereo.matcher = "truth"
+defaults.segmentation.model = "truth"
+defaults.heads.detector = "truth"
+defaults.head_pose.model = "simulated"
+defaults.gaze.model = "simulated"
+
+[[configuration]]
+name = "smoothed"
+attention = {{ method = "bayes", smoothing = "both", look_ahead_s = {LOOK_AHEAD_S} }}
+"""
+
+
+def test_a_lane_remembers_who_is_called_what(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    given, left = [], []
+
+    def watched(
+        result: FrameResult, subjects: Rules, targets: Rules, memory: SubjectNames
+    ) -> tuple[Names, SubjectNames]:
+        given.append(memory)
+        names, after = name_frame(result, subjects, targets, memory)
+        left.append(after)
+        return names, after
+
+    monkeypatch.setattr("harness.run.configuration_runner.name_frame", watched)
+    experiment = load_experiment(str(write_text(tmp_path / "smoothed.toml", EXPERIMENT)))
+    run_plan(prepare(experiment, limit=3), tmp_path / "run", workers=1, progress=lambda clip: None)
+    assert given == [SubjectNames(), *left[:-1]]
+    assert left[0].by_track
+
+
+def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_end(tmp_path: Path) -> None:
+    experiment = load_experiment(str(write_text(tmp_path / "smoothed.toml", EXPERIMENT)))
+    plan = prepare(experiment, limit=FRAMES)
+    run = run_plan(plan, tmp_path / "run", workers=1, progress=lambda clip: None)
+    written = [
+        [(each.track_id, each.focus, [value.total for value in each.attention]) for each in record.subjects]
+        for record in read_results(run.results)
+    ]
+
+    configuration = experiment.configurations[0].for_clip("studio_talk")
+    settings = configuration.attend.attention
+    assert isinstance(settings, BayesSettings)
+    results, memory = [], Memory()
+    pipeline = SharedPipeline([configuration], load_manifest("studio_talk").open())
+    for shared in pipeline.frames(range(1, FRAMES + 1)):
+        found = shared.by_configuration["smoothed"]
+        assert isinstance(found, tuple)
+        result, memory = attend(found[1], memory, configuration.attend)
+        results.append(result)
+    revised = smooth(results, settings)
+    assert written == [
+        [(each.subject.track_id, each.focus, [value.total for value in each.values]) for each in result.attentions]
+        for result in revised
+    ]
+    assert all(written)

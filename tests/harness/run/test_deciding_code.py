@@ -1,0 +1,37 @@
+"""A run is another run when code that decides its results is another one, and only then."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from harness.code_digest import code_digest, import_closure
+from harness.run.experiment import load_experiment
+from harness.run.plan import describe, prepare
+
+
+def test_what_decides_results_is_the_loop_the_stages_and_the_adapters() -> None:
+    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=1)
+    modules = import_closure(plan.deciding_modules)[0]
+    assert {"harness.run.loop", "vfoa.attention", "vfoa.stereo.block_matching", "harness.studio.clip"} <= modules.keys()
+    assert {"harness.run.records", "harness.stages.ground_truth.simulated", "harness.clips.naming"} <= modules.keys()
+    rooms = {name.split(".")[1] for name in modules if name.startswith("harness.")}
+    assert not rooms & {"annotate", "bench", "cli", "score", "record", "report", "api"}
+    assert describe(plan)["source_sha256"] == code_digest(plan.deciding_modules)
+
+
+def test_a_comment_counts_where_it_decides_and_nowhere_else(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.syspath_prepend(str(tmp_path))
+    package = tmp_path / "decided"
+    package.mkdir()
+    for name, text in {"__init__": "", "stage": "from decided import steps\n", "steps": "", "page": ""}.items():
+        (package / f"{name}.py").write_text(text)
+
+    def digest() -> str:
+        code_digest.cache_clear()
+        return code_digest(("decided.stage", "harness.run.loop"))
+
+    before = digest()
+    (package / "page.py").write_text("# of the page")
+    assert digest() == before
+    (package / "steps.py").write_text("# of a step")
+    assert digest() != before

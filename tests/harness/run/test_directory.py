@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from harness.run.directory import RunDirectory
+from vfoa.errors import VfoaError
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A working directory with two runs."""
+    for name in ("demo", "demo-2"):
+        RunDirectory(tmp_path / "runs" / name).write_manifest({})
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.usefixtures("project")
+@pytest.mark.parametrize(
+    ("place", "found"),
+    [
+        ("runs/demos", "found nothing there; did you mean 'runs/demo'? expected one of: runs/demo, runs/demo-2"),
+        ("runs", "found no manifest.json in it; runs in it: runs/demo, runs/demo-2"),
+        (".", "found no manifest.json in it; runs in it: runs/demo, runs/demo-2"),
+        ("elsewhere/demo", "found nothing there"),
+    ],
+)
+def test_what_is_no_run_says_where_runs_are(place: str, found: str) -> None:
+    with pytest.raises(VfoaError) as error:
+        RunDirectory(Path(place)).read_manifest()
+    assert str(error.value) == f"{place}: expected a run's directory, {found}"

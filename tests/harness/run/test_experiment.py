@@ -1,0 +1,166 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from harness.run.experiment import load_experiment
+from harness.stages.configuration import Configuration
+from vfoa.errors import VfoaError
+
+HEAD = """
+clips = ["one", "two"]
+[defaults.stereo]
+matcher = "sgbm"
+min_depth_m = 0.8
+[defaults.segmentation]
+model = "truth"
+[defaults.heads]
+detector = "truth"
+[defaults.head_pose]
+model = "simulated"
+error_deg = 5.0
+[defaults.gaze]
+model = "none"
+"""
+
+
+def _write(folder: Path, text: str) -> str:
+    path = folder / "mine.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def _by_name(configurations: tuple[Configuration, ...]) -> dict[str, dict[str, object]]:
+    return {one.name: one.plain() for one in configurations}
+
+
+def test_a_grid_is_every_combination_named_by_its_values(tmp_path: Path) -> None:
+    path = _write(
+        tmp_path,
+        HEAD + '[grid]\n"stereo.matcher" = ["bm", "sgbm"]\n"attention.cones_cm" = { one = [10], two = [10, 25] }\n',
+    )
+    experiment = load_experiment(path)
+    found = _by_name(experiment.configurations)
+    assert experiment.name == "mine"
+    assert list(found) == ["bm-one", "bm-two", "sgbm-one", "sgbm-two"]
+    assert found["bm-two"]["stereo"]["matcher"] == "bm"  # type: ignore[index]
+    assert found["bm-two"]["attention"]["cones_cm"] == [10.0, 25.0]  # type: ignore[index]
+    assert found["sgbm-one"]["stereo"]["min_depth_m"] == 0.8  # type: ignore[index]
+    assert found["sgbm-one"]["gaze"] is None
+
+
+def test_a_default_holds_for_the_stages_that_have_it(tmp_path: Path) -> None:
+    path = _write(tmp_path, HEAD + '[grid]\n"stereo.matcher" = ["sgbm", "truth"]\n')
+    found = _by_name(load_experiment(path).configurations)
+    assert found["sgbm"]["stereo"]["min_depth_m"] == 0.8  # type: ignore[index]
+    assert found["truth"]["stereo"] == {"matcher": "truth"}
+
+
+def test_an_experiment_may_name_whose_labels_are_scored(tmp_path: Path) -> None:
+    assert load_experiment(_write(tmp_path, HEAD)).annotator is None
+    assert load_experiment(_write(tmp_path, 'annotator = "anna"\n' + HEAD)).annotator == "anna"
+
+
+def test_an_override_holds_in_every_configuration(tmp_path: Path) -> None:
+    path = _write(tmp_path, HEAD + '[grid]\n"attention.n_rays" = [4, 40]\n')
+    overrides = ("stereo.matcher=bm", "attention.cones_deg=[60]", "stereo.min_depth_m=0.5")
+    found = _by_name(load_experiment(path, clips=("three",), overrides=overrides).configurations)
+    assert [one["stereo"]["matcher"] for one in found.values()] == ["bm", "bm"]  # type: ignore[index]
+    assert [one["attention"]["cones_deg"] for one in found.values()] == [[60.0], [60.0]]  # type: ignore[index]
+    assert [one["attention"]["n_rays"] for one in found.values()] == [4, 40]  # type: ignore[index]
+
+
+def test_what_is_written_out_reads_back_as_itself(tmp_path: Path) -> None:
+    first = load_experiment(_write(tmp_path, HEAD)).configurations[0]
+    tables = {key: value if value else {"model": "none"} for key, value in first.plain().items()}
+    rows = [
+        f"{key}.{name} = {value!r}".replace("'", '"')
+        for key, table in tables.items()
+        for name, value in table.items()
+        if value is not None
+    ]
+    text = 'clips = ["one"]\n[[configuration]]\nname = "default"\n' + "\n".join(rows)
+    again = load_experiment(_write(tmp_path, text.replace("True", "true").replace("False", "false"))).configurations[0]
+    assert again.plain() == first.plain()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (HEAD.replace('"sgbm"', '"sgmb"'), r"mine\.toml: .*stereo\.matcher: no 'sgmb'; did you mean 'sgbm'\?"),
+        (HEAD + "[defaults.atention]\nn_rays = 4\n", r"defaults\.atention: unknown table; did you mean 'attention'\?"),
+        (HEAD + "[grid]\n'atention.n_rays' = [4]\n", r"atention\.n_rays: unknown table; did you mean 'attention'\?"),
+        (HEAD + "[grid]\n'attention.n_ray' = [4]\n", r"attention: unknown key 'n_ray'; did you mean 'n_rays'\?"),
+        (HEAD + "[grid]\n'attention.n_rays' = ['many']\n", r"attention: n_rays: .*'many'"),
+        (HEAD + "[grid]\n'attention.n_rays' = 4\n", r"grid\.attention\.n_rays: expected a list"),
+        (HEAD.replace("min_depth_m", "min_depth"), r"defaults\.stereo\.min_depth: no configuration's stereo has such"),
+        (HEAD.replace('clips = ["one", "two"]', ""), r"clips: expected at least one clip, found none"),
+        (HEAD.replace("clips", "clip"), r"unknown key 'clip'; did you mean 'clips'\?"),
+        (HEAD + "[[configuration]]\nstereo.matcher = 'bm'\n", r"number 1: expected a name"),
+        (HEAD + 2 * "[[configuration]]\nname = 'a'\n", r"number 2: the name 'a' occurs twice"),
+        (HEAD + "[[configuration]]\nname = '../a'\n", r"expected a name of letters"),
+        ("clips = [", r"not TOML"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_one_line_with_file_and_key(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(VfoaError, match=message) as caught:
+        load_experiment(_write(tmp_path, text))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_experiment_proposes_the_nearest() -> None:
+    with pytest.raises(VfoaError, match=r"experiment: no 'demmo'; did you mean 'demo'\?"):
+        load_experiment("demmo")
+
+
+def test_the_method_of_attention_decides_which_settings_are_known():
+    experiment = load_experiment("bayes")
+    methods = {each.name: each.attend.attention.method for each in experiment.configurations}
+    assert {methods[name] for name in ("best_cones", "one_cone", "two_cones")} == {"cones"}
+    assert {methods[name] for name in ("bayes", "bayes_both", "bayes_told")} == {"bayes"}
+    assert methods["nearest"] == "nearest"
+    with pytest.raises(VfoaError, match=r"attention.*p_nowhere"):
+        load_experiment("demo", overrides=("attention.p_nowhere=0.2",))
+
+
+def test_a_preset_stands_between_the_defaults_and_what_a_configuration_says(tmp_path: Path) -> None:
+    text = (
+        'preset = "realtime"\n' + HEAD + '[[configuration]]\nname = "quick"\n'
+        '[[configuration]]\nname = "own"\nstereo.resolution = "full"\n'
+        '[[configuration]]\nname = "slow"\npreset = "none"\n'
+        '[[configuration]]\nname = "true"\nstereo.matcher = "truth"\n'
+    )
+    stereo = {
+        name: one["stereo"] for name, one in _by_name(load_experiment(_write(tmp_path, text)).configurations).items()
+    }
+    assert {name: (one.get("resolution"), one.get("region")) for name, one in stereo.items()} == {  # type: ignore[attr-defined]
+        "quick": ("half", "needed"),
+        "own": ("full", "needed"),
+        "slow": ("full", "frame"),
+        "true": (None, None),
+    }
+
+
+def test_a_preset_may_be_an_axis_or_asked_for_from_outside(tmp_path: Path) -> None:
+    grid = _write(tmp_path, HEAD + '[grid]\npreset = ["none", "realtime"]\n')
+    resolutions = {
+        name: one["stereo"]["resolution"]  # type: ignore[index]
+        for name, one in _by_name(load_experiment(grid).configurations).items()
+    }
+    assert resolutions == {"none": "full", "realtime": "half"}
+    (plain,) = load_experiment(_write(tmp_path, HEAD), preset="realtime").configurations
+    assert plain.plain()["stereo"]["resolution"] == "half"
+    assert plain.is_in_region
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('preset = "real-time"\n' + HEAD, "preset: no 'real-time'; did you mean 'realtime'"),
+        ('preset = "realtime"\n' + HEAD + '[defaults.reconstruction]\nstuff = ["road"]\n', 'stereo.region = "frame"'),
+    ],
+)
+def test_a_preset_that_is_not_there_or_does_not_fit_is_refused(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(VfoaError, match=said):
+        load_experiment(_write(tmp_path, text))

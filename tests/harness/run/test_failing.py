@@ -1,0 +1,143 @@
+"""One configuration or one clip fails: the others are finished, scored, and the failure is said."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from harness.cli import main
+from harness.report.rescore import rescore
+from harness.report.sinks import composed_sinks
+from harness.run.directory import RunDirectory
+from harness.run.experiment import load_experiment
+from harness.run.results import read_results
+from harness.run.runner import prepare, run_plan
+from harness.score.finished_run import read_scores
+from tests.disk import sintel_scene, write_text
+from vfoa.errors import VfoaError
+from vfoa.stereo.block_matching import SemiGlobalMatcher
+from vfoa.types import Disparity, StereoFrame
+
+STAGES = """
+[defaults]
+stereo.min_depth_m = 0.8
+segmentation.model = "truth"
+heads.detector = "truth"
+head_pose.model = "none"
+gaze.model = "truth"
+[[configuration]]
+name = "bm"
+stereo.matcher = "bm"
+[[configuration]]
+name = "sgbm"
+stereo.matcher = "sgbm"
+"""
+
+
+@pytest.fixture
+def broken_sgbm(monkeypatch: pytest.MonkeyPatch) -> None:
+    match = SemiGlobalMatcher.match
+
+    def fails_once(self: SemiGlobalMatcher, frame: StereoFrame) -> Disparity:
+        if frame.index == 3:
+            raise VfoaError("out of memory")
+        return match(self, frame)
+
+    monkeypatch.setattr(SemiGlobalMatcher, "match", fails_once)
+
+
+def _run(folder: Path, clips: list[str], *, retry: bool = False) -> RunDirectory:
+    file = write_text(folder / "two.toml", f"clips = {clips!r}\n{STAGES}")
+    experiment = load_experiment(str(file))
+    plan = prepare(experiment, limit=4, sinks=composed_sinks(experiment.configurations, "light"))
+    out = folder / "out"
+    return run_plan(plan, out, workers=1, progress=lambda clip: None, retry_failed=retry)
+
+
+def test_a_configuration_that_fails_is_left_out_and_said(tmp_path: Path, broken_sgbm: None) -> None:
+    directory = _run(tmp_path, ["studio_table", "studio_talk"])
+    failed = directory.read_manifest()["failed"]
+    assert [(each["clip"], each["configuration"], each["error"]) for each in failed] == [
+        ("studio_table", "sgbm", "out of memory"),
+        ("studio_talk", "sgbm", "out of memory"),
+    ]
+    assert [record.configuration for record in read_results(directory.results)] == ["bm"] * 8
+    assert sorted(path.name for path in directory.path.glob("*.rrd")) == [
+        f"{clip}{part}.rrd" for clip in ("studio_table", "studio_talk") for part in ("", "__bm", "__bm.scene")
+    ]
+    scores = rescore(directory)
+    assert scores.configurations == ("bm",)
+    assert any(note == "sgbm: left out, failed on studio_table: out of memory" for note in scores.notes)
+    assert "out of memory" in (directory.path / "frr.md").read_text()
+
+
+def test_what_failed_stays_failed_until_it_is_tried_again(
+    tmp_path: Path, broken_sgbm: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _run(tmp_path, ["studio_table"])
+    monkeypatch.undo()
+    assert [each["configuration"] for each in _run(tmp_path, ["studio_table"]).read_manifest()["failed"]] == ["sgbm"]
+    mended = _run(tmp_path, ["studio_table"], retry=True)
+    assert mended.read_manifest()["failed"] == []
+    assert [record.configuration for record in read_results(mended.results)] == ["bm"] * 4 + ["sgbm"] * 4
+    assert not (mended.path / "partial").exists()
+    rescore(mended)
+    other = tmp_path / "other"
+    other.mkdir()
+    assert mended.results.read_bytes() == _run(other, ["studio_table"]).results.read_bytes()
+
+
+def test_a_configuration_is_left_out_that_failed_on_one_of_two_clips(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    match = SemiGlobalMatcher.match
+
+    def fails_on_the_second(self: SemiGlobalMatcher, frame: StereoFrame) -> Disparity:
+        calls.append(frame.index)
+        if len(calls) > 4:
+            raise VfoaError("out of memory")
+        return match(self, frame)
+
+    calls: list[int] = []
+    monkeypatch.setattr(SemiGlobalMatcher, "match", fails_on_the_second)
+    directory = _run(tmp_path, ["studio_table", "studio_talk"])
+    assert {(each.clip, each.configuration) for each in read_results(directory.results)} == {
+        ("studio_table", "bm"),
+        ("studio_talk", "bm"),
+        ("studio_table", "sgbm"),
+    }
+    assert read_scores(directory).configurations == ("bm",)
+
+
+def test_a_clip_on_which_all_fail_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = sintel_scene(tmp_path / "data", frames=(1, 2, 3))
+    write_text(
+        tmp_path / "datasets" / "plain.toml",
+        f'name = "plain"\nadapter = "sintel"\nroot = "{root.as_posix()}"\n[source]\nscene = "alley"\n',
+    )
+    monkeypatch.chdir(tmp_path)
+    directory = _run(tmp_path, ["plain", "studio_table"])
+    scores = read_scores(directory)
+    assert (scores.clips, scores.configurations) == (("studio_table",), ("bm", "sgbm"))
+    (note,) = (note for note in scores.notes if note.startswith("plain: left out"))
+    assert "every configuration failed: SintelClip, frame 1: the clip has no true instances" in note
+
+
+def test_the_command_line_says_what_failed_and_leaves_with_1(
+    tmp_path: Path, broken_sgbm: None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = write_text(tmp_path / "two.toml", f'clips = ["studio_table"]\n{STAGES}')
+    monkeypatch.chdir(tmp_path)
+    arguments = ["vfoa", "run", file.name, "--workers", "1", "--recording", "none", "--limit", "4", "--no-cache"]
+    monkeypatch.setattr(sys, "argv", arguments)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    said = capsys.readouterr()
+    assert ended.value.code == 1
+    assert said.err.splitlines() == [
+        "vfoa: studio_table under sgbm: out of memory",
+        "vfoa: 1 failed; again with --retry-failed, when it is mended",
+    ]
+    assert "bm" in said.out

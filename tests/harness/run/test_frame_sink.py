@@ -1,0 +1,95 @@
+"""Every sink of a run gets every frame in order, hears how the run ended, and can end its configuration alone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import pytest
+
+from harness.clips.manifest import load_manifest
+from harness.run.clip_job import ClipJob
+from harness.run.directory import RunDirectory
+from harness.run.experiment import load_experiment
+from harness.run.frame_sink import FinishedFrame, SinkContext
+from harness.run.loop import run_clip
+from harness.run.partial_results import ResultsSinks
+from harness.run.results import read_results
+from vfoa.errors import VfoaError
+
+
+@dataclass
+class Witness:
+    """The sink of one configuration: writes down what happens to it, and fails at a frame if told to."""
+
+    said: list[tuple[str, object]]
+    name: str
+    fails_at: int | None = None
+
+    def __enter__(self) -> Self:
+        self.said.append((self.name, "enter"))
+        return self
+
+    def __exit__(self, kind: object, *rest: object) -> None:
+        self.said.append((self.name, kind))
+
+    def write(self, frame: FinishedFrame) -> None:
+        if frame.record.frame == self.fails_at:
+            raise VfoaError("no room")
+        self.said.append((self.name, frame.record.frame))
+
+
+@dataclass
+class Witnesses:
+    """Opens a witness called after the configuration; for none of ``without``."""
+
+    name: str
+    said: list[tuple[str, object]] = field(default_factory=list)
+    without: tuple[str, ...] = ()
+    fails: Mapping[str, int] = field(default_factory=dict)
+
+    def described(self) -> Mapping[str, Any]:
+        return {}
+
+    def open(self, context: SinkContext) -> Witness | None:
+        if context.configuration in self.without:
+            return None
+        return Witness(self.said, f"{self.name} {context.configuration}", self.fails.get(context.configuration))
+
+
+def _job(out: Path, *sinks: Witnesses) -> ClipJob:
+    experiment = load_experiment("demo", clips=("studio_table",))
+    chosen = [each for each in experiment.configurations if each.name in ("bm-one", "bm-two")]
+    manifest = load_manifest("studio_table")
+    return ClipJob(
+        manifest=manifest,
+        frames=(1, 2),
+        labels=None,
+        configurations=tuple(chosen),
+        directory=RunDirectory(out),
+        sinks=(*sinks, ResultsSinks()),
+    )
+
+
+def test_every_sink_gets_every_frame_and_hears_the_end(tmp_path: Path) -> None:
+    said: list[tuple[str, object]] = []
+    first, second = Witnesses("a", said), Witnesses("b", said, without=("bm-two",))
+    outcome = run_clip(_job(tmp_path, first, second), lambda clip: None)
+    assert not outcome.failures
+    assert [event for name, event in said if name == "a bm-one"] == ["enter", 1, 2, None]
+    assert [event for name, event in said if name == "a bm-two"] == ["enter", 1, 2, None]
+    assert [name for name, event in said if event == 2] == ["a bm-one", "b bm-one", "a bm-two"]
+
+
+@pytest.mark.parametrize("frame", [1, 2])
+def test_a_sink_that_fails_ends_its_configuration_alone(tmp_path: Path, frame: int) -> None:
+    said: list[tuple[str, object]] = []
+    outcome = run_clip(_job(tmp_path, Witnesses("a", said), Witnesses("b", fails={"bm-one": frame})), lambda clip: None)
+    assert {pair: str(error) for pair, error in outcome.failures.items()} == {("studio_table", "bm-one"): "no room"}
+    assert [event for name, event in said if name == "a bm-one"] == ["enter", *range(1, frame + 1), VfoaError]
+    directory = RunDirectory(tmp_path)
+    assert [directory.is_finished(("studio_table", name)) for name in ("bm-one", "bm-two")] == [False, True]
+    directory.join([("studio_table", "bm-two")])
+    assert [record.frame for record in read_results(directory.results)] == [1, 2]

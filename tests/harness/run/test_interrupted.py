@@ -1,0 +1,144 @@
+"""Interrupted runs, two runs in one directory, and images that change while a run is on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import cv2
+import pytest
+
+from harness.run.experiment import load_experiment
+from harness.run.frame_sink import FinishedFrame, SinkContext
+from harness.run.lock import LOCK, locked
+from harness.run.runner import prepare, run_plan
+from harness.stages.cache.store import Store
+from tests.alley import write_clip, write_masks
+from tests.disk import write_text
+from vfoa.errors import VfoaError
+
+FRAMES = 120
+
+
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two clips of the same images, slow enough to be interrupted."""
+    folder = tmp_path_factory.mktemp("interrupted")
+    manifest = write_clip(folder, range(1, FRAMES + 1))
+    masks = write_masks(folder / "masks", range(1, FRAMES + 1))
+    second = manifest.with_name("second.toml")
+    second.write_text(manifest.read_text().replace('name = "alley"', 'name = "second"'))
+    stages = (
+        f'clips = ["{manifest.as_posix()}", "{second.as_posix()}"]\n[[configuration]]\nname = "only"\n'
+        'stereo = { matcher = "sgbm", min_depth_m = 1.0 }\nheads.detector = "person_mask"\n'
+        f'segmentation = {{ model = "coco_panoptic", root = "{masks}" }}\n'
+        'head_pose.model = "none"\ngaze.model = "none"\n'
+    )
+    return write_text(folder / "interrupted.toml", stages)
+
+
+def _start(experiment: Path, out: Path, workers: int) -> subprocess.Popen[str]:
+    words = ["run", str(experiment), "--out", str(out), "--workers", str(workers), "--no-cache", "--recording", "none"]
+    code = (
+        f"import sys; sys.argv = ['vfoa', *{words!r}]\nfrom harness.cli import main\nif __name__ == '__main__': main()"
+    )
+    script = write_text(out.with_name(f"{out.name}.py"), code)
+    return subprocess.Popen(
+        [sys.executable, script],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+@pytest.mark.parametrize(("name", "workers"), [("SIGINT", 2), ("SIGHUP", 1)])
+def test_an_interrupted_run_says_what_is_kept_and_goes_on(
+    name: str, workers: int, experiment: Path, tmp_path: Path
+) -> None:
+    process = _start(experiment, tmp_path / "out", workers)
+    while process.poll() is None and not any(
+        path.stat().st_size for path in (tmp_path / "out").glob("partial/*.jsonl.partial")
+    ):
+        time.sleep(0.01)
+    os.killpg(process.pid, getattr(signal, name))
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 130, said
+    assert "frames are kept in" in said
+    assert len(said.splitlines()) == 1
+    kept = {path: path.read_bytes() for path in (tmp_path / "out").glob("partial/*.jsonl*")}
+    assert any(kept.values())
+    again = _start(experiment, tmp_path / "out", workers)
+    _, said = again.communicate(timeout=120)
+    assert again.returncode == 0, said
+    results = (tmp_path / "out" / "results.jsonl").read_bytes()
+    assert results.count(b"\n") == 2 * FRAMES
+    assert all(line in results for text in kept.values() for line in text.splitlines())
+
+
+def test_a_directory_is_kept_to_one_run(tmp_path: Path) -> None:
+    said: list[str] = []
+    with locked(tmp_path, said.append), pytest.raises(VfoaError, match=rf"process {os.getpid()} on .* runs here"):
+        locked(tmp_path, said.append).__enter__()
+    assert list(tmp_path.iterdir()) == []
+    assert said == []
+
+
+def test_the_lock_of_a_process_that_has_ended_is_taken_over_and_said(tmp_path: Path) -> None:
+    (tmp_path / LOCK).write_text("process 1234 on elsewhere")
+    said: list[str] = []
+    with locked(tmp_path, said.append):
+        pass
+    assert said == [f"{tmp_path}: took over the lock of process 1234 on elsewhere, which has ended"]
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """A sink that exchanges an image of the clip at its second frame."""
+
+    image: Path
+
+    def described(self) -> Mapping[str, Any]:
+        return {}
+
+    def open(self, context: SinkContext) -> Self:
+        return self
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None: ...
+
+    def write(self, frame: FinishedFrame) -> None:
+        if frame.record.frame == 2:
+            image = cv2.imread(str(self.image))
+            assert image is not None
+            cv2.imwrite(str(self.image), 255 - image)
+
+
+def test_images_that_change_while_a_run_is_on_end_it_and_leave_nothing_in_the_cache(tmp_path: Path) -> None:
+    manifest = write_clip(tmp_path, range(1, 4))
+    masks = write_masks(tmp_path / "masks", range(1, 4))
+    stages = (
+        f'clips = ["{manifest.as_posix()}"]\n[[configuration]]\nname = "only"\n'
+        'stereo = { matcher = "bm", min_depth_m = 1.0 }\nheads.detector = "person_mask"\n'
+        f'segmentation = {{ model = "coco_panoptic", root = "{masks}" }}\n'
+        'head_pose.model = "none"\ngaze.model = "none"\n'
+    )
+    experiment = load_experiment(str(write_text(tmp_path / "mine.toml", stages)))
+    image = next(path for path in sorted(tmp_path.rglob("*.png")) if "left" in path.as_posix() and "0003" in path.name)
+    store = Store(tmp_path / "cache", 10**9)
+    plan = prepare(experiment, sinks=[Exchange(image)])
+    with pytest.raises(VfoaError, match="its images or calibration changed while the run was on"):
+        run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None, cache=store)
+    assert not list(store.stages.rglob("*.bin"))
+    assert not (tmp_path / "out" / "results.jsonl").exists()

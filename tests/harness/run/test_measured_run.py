@@ -1,0 +1,127 @@
+"""A clip without images, from `vfoa clips add` to tables and recordings."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from rerun.chunk import RrdReader
+from typer.testing import CliRunner
+
+from harness.cli.clips import app
+from harness.clips.check import check_clip
+from harness.clips.manifest import load_manifest
+from harness.record.composed import find_clips
+from harness.report.rescore import rescore
+from harness.report.sinks import composed_sinks
+from harness.run.directory import RunDirectory
+from harness.run.experiment import load_experiment
+from harness.run.results import read_results
+from harness.run.runner import prepare, run_plan
+from tests.disk import write_text
+from tests.measured import measured_tables
+from vfoa.errors import VfoaError
+
+EXPERIMENT = """
+clips = ["talk"]
+preset = "measured"
+[[configuration]]
+name = "cones"
+attention.cones_cm = [25]
+[[configuration]]
+name = "forward"
+attention.method = "bayes"
+attention.smoothing = "forward"
+"""
+LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+TRUE = "1,6,anna,ben,\n7,12,anna,robot,\n1,6,ben,anna,\n7,12,ben,robot,\n"
+
+
+@pytest.fixture
+def talk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with the clip ``talk``, labelled, and an experiment on it."""
+    measured_tables(tmp_path / "data" / "talk")
+    monkeypatch.chdir(tmp_path)
+    found = CliRunner().invoke(app, ["add", str(tmp_path / "data" / "talk"), "--json"], catch_exceptions=False)
+    assert json.loads(found.stdout)["subjects"] == ["anna", "ben"]
+    write_text(tmp_path / "annotations" / "talk.csv", LABELS + TRUE)
+    write_text(tmp_path / "talk.toml", EXPERIMENT)
+    return tmp_path
+
+
+def _run(folder: Path, experiment: str = "talk.toml", *, workers: int = 1, clips: tuple[str, ...] = ()) -> RunDirectory:
+    loaded = load_experiment(experiment, clips=clips)
+    plan = prepare(loaded, sinks=composed_sinks(loaded.configurations, "light"))
+    return run_plan(plan, folder / "run", workers=workers, progress=lambda clip: None)
+
+
+def test_what_is_added_names_everyone_and_passes_the_check(talk: Path) -> None:
+    manifest = load_manifest("talk")
+    assert {name: rule.instance for name, rule in manifest.subjects.items()} == {"anna": 1, "ben": 2}
+    assert {name: (rule.category, rule.instance) for name, rule in manifest.targets.items()} == {
+        "robot": ("robot", 3),
+        "cup": ("cup", 4),
+    }
+    checked = check_clip("talk")
+    assert (checked.problems, checked.frames, checked.labels, checked.size_px) == ((), 12, 24, None)
+
+
+def test_a_run_answers_for_people_the_origin_and_scores_all_of_it(talk: Path) -> None:
+    directory = _run(talk)
+    scores = rescore(directory)
+    found = {(row.configuration, row.n): row.correct for row in scores.rows}
+    assert found["cones", 24] == 24
+    assert found["forward", 24] >= 22  # a posterior may be a frame late
+    record = next(iter(read_results(directory.results)))
+    assert [each.head_box_px for each in record.subjects] == [None, None]
+    assert {each.name for each in record.targets} == {"anna", "ben", "robot", "cup"}
+    assert all((directory.path / name).is_file() for name in ("frr.md", "frames.csv", "report.html"))
+
+
+def test_a_recording_has_the_scene_and_the_curves_and_no_image(talk: Path) -> None:
+    directory = _run(talk)
+    rescore(directory)
+    (clip,) = find_clips(directory.path, "talk", "cones")
+    files = clip.compose().files
+    paths = {str(path) for file in files for path in RrdReader(file).store().schema().entity_paths()}
+    assert "/world/reconstruction/cones/3/box" in paths
+    assert "/world/attention/cones/anna/gaze/direction" in paths
+    assert any(path.startswith("/attention/cones/anna/") for path in paths)
+    assert any(path.startswith("/verdicts/cones/ben") for path in paths)
+    assert not [path for path in paths if path.startswith(("/world/camera", "/stereo"))]
+
+
+def test_any_experiment_runs_and_uses_no_model(talk: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("VFOA_MODELS", str(talk / "nothing"))
+    directory = _run(talk, "default", clips=("talk",))
+    (settings,) = directory.read_manifest()["configurations"].values()
+    assert [settings[stage] for stage in ("stereo", "segmentation", "heads", "head_pose", "gaze")] == [None] * 5
+    assert len(list(read_results(directory.results))) == 12
+
+
+def test_workers_change_nothing(talk: Path) -> None:
+    one = _run(talk).results.read_bytes()
+    shutil.rmtree(talk / "run")
+    assert _run(talk, workers=2).results.read_bytes() == one
+
+
+def test_a_name_that_the_tables_do_not_have_is_found_by_the_check(talk: Path) -> None:
+    path = talk / "datasets" / "talk.toml"
+    path.write_text(path.read_text().replace("instance = 4", "instance = 3"))
+    (problem,) = check_clip("talk").problems
+    assert problem.startswith("targets.cup.instance: no cup has the number 3")
+
+
+def test_millimetres_are_found_by_the_check(talk: Path) -> None:
+    path = talk / "datasets" / "talk.toml"
+    path.write_text(path.read_text().replace("[source]", "[source]\nobjects = {wall = {center_m = [0, 0, 2500]}}"))
+    (problem,) = check_clip("talk").problems
+    assert "2500 m away" in problem
+
+
+def test_a_clip_with_images_needs_its_stages(talk: Path) -> None:
+    write_text(talk / "mixed.toml", EXPERIMENT.replace("talk", "studio_table"))
+    with pytest.raises(VfoaError, match=r'stereo\.matcher: found "none"; a clip with images needs it'):
+        _run(talk, "mixed.toml")

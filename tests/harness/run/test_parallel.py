@@ -1,0 +1,253 @@
+"""Whole runs by several workers: tables to the last byte as by one, and whoever dies on the way."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import cv2
+import pytest
+
+from harness.report.rescore import rescore
+from harness.run.directory import RunDirectory
+from harness.run.executors.cluster import Cluster, connect, local_cluster
+from harness.run.experiment import load_experiment
+from harness.run.results import read_results
+from harness.run.runner import prepare, run_plan
+from harness.stages.cache.store import Store
+from tests import graphs
+from tests.alley import write_clip, write_masks
+from tests.disk import write_text
+from vfoa.errors import VfoaError
+from vfoa.stereo.block_matching import SemiGlobalMatcher
+
+FRAMES = 8
+TABLES = ("results.jsonl", "frr.csv", "frames.csv", "comparisons.csv", "frr.tex")
+
+# one clip, so that workers have to share it; stages that are cached and that are not, a window over frames, tracks
+EXPERIMENT = """
+clips = ["alley"]
+defaults.stereo.min_depth_m = 1.0
+defaults.segmentation = {{ model = "coco_panoptic", root = "{masks}" }}
+defaults.heads.detector = "person_mask"
+defaults.head_pose.model = "none"
+defaults.gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
+[[configuration]]
+name = "bm"
+stereo.matcher = "bm"
+[[configuration]]
+name = "sgbm"
+stereo.matcher = "sgbm"
+[[configuration]]
+name = "wider"
+stereo.matcher = "bm"
+gaze.stride = 2
+"""
+
+
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("parallel")
+    numbers = range(1, FRAMES + 1)
+    manifest = write_clip(folder, numbers)
+    weights = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
+    text = EXPERIMENT.format(weights=weights, masks=write_masks(folder / "masks", numbers))
+    return write_text(folder / "parallel.toml", text.replace('"alley"', f'"{manifest.as_posix()}"', 1))
+
+
+def _run(
+    experiment: Path, folder: Path, workers: int, *, cached: bool = True, told: Callable[[str], None] = len, **how: Any
+) -> RunDirectory:
+    plan = prepare(load_experiment(str(experiment)), limit=FRAMES)
+    store = Store(folder / "cache", 10**9) if cached else None
+    directory = run_plan(plan, folder / "run", workers=workers, progress=told, cache=store, **how)
+    rescore(directory)
+    return directory
+
+
+@pytest.fixture(scope="module")
+def alone(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> RunDirectory:
+    return _run(experiment, tmp_path_factory.mktemp("alone"), 1, cached=False)
+
+
+def _same(one: RunDirectory, other: RunDirectory) -> bool:
+    return all((one.path / name).read_bytes() == (other.path / name).read_bytes() for name in TABLES)
+
+
+@pytest.mark.parametrize("workers", [2, 4])
+def test_workers_share_a_clip_and_change_nothing(
+    workers: int, experiment: Path, alone: RunDirectory, tmp_path: Path
+) -> None:
+    told: list[str] = []
+    shared = _run(experiment, tmp_path, workers, told=told.append)
+    assert all(record.subjects and record.subjects[0].gaze for record in read_results(shared.results))
+    assert _same(shared, alone)
+    assert told == ["alley"] * FRAMES
+    stereo = [row for row in shared.read_manifest()["cache"] if row["slot"] == "stereo"]
+    assert [(row["stage"], row["reused"], row["computed"]) for row in stereo] == [
+        ("bm", 0, FRAMES),
+        ("sgbm", 0, FRAMES),
+    ]
+
+
+@pytest.mark.parametrize("cached", [False, True])
+def test_threads_that_read_and_perceive_ahead_change_nothing(
+    cached: bool, experiment: Path, alone: RunDirectory, tmp_path: Path
+) -> None:
+    threads_before, running, told = cv2.getNumThreads(), set(threading.enumerate()), list[str]()
+    try:
+        assert _same(_run(experiment, tmp_path, 1, cached=cached, told=told.append, threads=3), alone)
+    finally:
+        cv2.setNumThreads(threads_before)
+    assert told == ["alley"] * FRAMES
+    assert set(threading.enumerate()) <= running
+
+
+def test_a_frame_that_cannot_be_read_ends_a_run_with_threads_at_the_same_frame(
+    experiment: Path, tmp_path: Path
+) -> None:
+    text = experiment.read_text()
+    copies = shutil.copytree(experiment.parent, tmp_path / "copies")
+    for path in (copies / "parallel.toml", copies / "datasets" / "alley.toml"):
+        path.write_text(path.read_text().replace(experiment.parent.as_posix(), copies.as_posix()))
+    assert text != (copies / "parallel.toml").read_text()
+    next((copies / "data").rglob("clean_left/alley/frame_0006.png")).write_bytes(b"not a picture")
+    failed = []
+    for threads in (1, 3):
+        with pytest.raises(VfoaError) as error:
+            _run(copies / "parallel.toml", tmp_path / str(threads), 1, cached=False, threads=threads)
+        left = (tmp_path / str(threads) / "run" / "partial").glob("*.jsonl.partial")
+        failed.append((str(error.value), {path.name: path.read_bytes() for path in left}))
+    assert failed[0] == failed[1]
+    assert "frame_0006.png" in failed[0][0]
+
+
+def _killer(pids: Callable[[], list[int]], killed: list[int]) -> Callable[[str], None]:
+    """Kills one of the workers when the first frame is done."""
+
+    def told(_clip: str) -> None:
+        if not killed:
+            killed.append(pids()[0])
+            os.kill(killed[0], signal.SIGKILL)
+
+    return told
+
+
+def test_a_worker_of_the_pool_that_is_killed_changes_nothing(
+    experiment: Path, alone: RunDirectory, tmp_path: Path
+) -> None:
+    killed: list[int] = []
+    children = lambda: [child.pid for child in multiprocessing.active_children() if child.pid]  # noqa: E731
+    assert _same(_run(experiment, tmp_path, 2, told=_killer(children, killed)), alone)
+    assert killed
+
+
+class _Deadly:
+    """Two workers of whom nobody survives frame 3 under ``sgbm``."""
+
+    workers, threads = 2, 1
+
+    def run(self, work: Any, jobs: Any, progress: Any, lost: Any) -> Iterator[Any]:
+        for job in jobs:
+            deadly = 3 in job.frames and any(each.name == "sgbm" for each in job.configurations)
+            yield lost(job, "died") if deadly else work(job, progress)
+
+
+def test_what_kills_workers_is_never_done_by_the_run_itself_and_ends_no_other_configuration(
+    experiment: Path, alone: RunDirectory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("harness.run.runner.executor", lambda *_, **__: nullcontext(_Deadly()))
+    matched: list[int] = []
+    match = SemiGlobalMatcher.match
+    monkeypatch.setattr(
+        SemiGlobalMatcher, "match", lambda self, frame: (matched.append(frame.index), match(self, frame))[1]
+    )
+    run = _run(experiment, tmp_path, 2)
+    assert 3 not in matched
+    failed = {(each["configuration"], each["error"]) for each in run.read_manifest()["failed"]}
+    assert failed == {("bm", "died"), ("sgbm", "died")}  # they share a temporal gaze, so they are done together
+    expected = [line for line in alone.results.read_text().splitlines() if '"configuration":"wider"' in line]
+    assert len(expected) == FRAMES
+    assert run.results.read_text().splitlines() == expected
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """The address of a scheduler with two workers, each a process with one thread."""
+    with local_cluster(2) as address:
+        yield address
+
+
+def test_a_cluster_changes_nothing(experiment: Path, alone: RunDirectory, tmp_path: Path, scheduler: str) -> None:
+    assert _same(_run(experiment, tmp_path, 1, scheduler=scheduler), alone)
+
+
+def test_a_worker_of_a_cluster_that_is_killed_changes_nothing(
+    experiment: Path, alone: RunDirectory, tmp_path: Path, scheduler: str
+) -> None:
+    import distributed
+
+    with distributed.Client(scheduler, set_as_default=False) as client:
+        pids = list(client.run(os.getpid).values())
+    killed: list[int] = []
+    assert _same(_run(experiment, tmp_path, 1, scheduler=scheduler, told=_killer(lambda: pids, killed)), alone)
+    assert killed
+
+
+def _named(job: str, progress: Callable[[str], None]) -> str:
+    return job
+
+
+def _lost(job: str, why: str) -> str:
+    return why
+
+
+def test_a_worker_with_other_code_refuses_the_job(scheduler: str) -> None:
+    modules = ("harness.run.loop",)
+    with connect(scheduler) as client:
+        same = Cluster(client, modules)
+        assert list(same.run(_named, ["a"], lambda word: None, _lost)) == ["a"]
+        other = Cluster(client, modules)
+        other._code = modules, "the digest of other code"
+        with pytest.raises(VfoaError, match=r"tcp://.*: runs another version of vfoa"):
+            list(other.run(_named, ["a"], lambda word: None, _lost))
+
+
+def test_what_is_no_address_is_refused_at_once() -> None:
+    with pytest.raises(VfoaError, match="--scheduler localhost: expected the address of a Dask scheduler"):
+        connect("localhost").__enter__()
+
+
+def test_a_scheduler_that_dies_is_one_line() -> None:
+    def slow(job: str, progress: Callable[[str], None]) -> str:
+        time.sleep(60)
+        return job
+
+    command = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1"]
+    with subprocess.Popen([*command, "--no-dashboard"], stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        said = (re.search(r"tcp://127[.0-9]+:[0-9]+", line) for line in process.stderr)
+        address = next(found.group() for found in said if found)
+        worker = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard"]
+        working = subprocess.Popen([*worker, "--no-nanny"], stderr=subprocess.DEVNULL)
+        try:
+            with connect(address) as client:
+                outcomes = Cluster(client).run(slow, ["a"], lambda word: None, _lost)
+                threading.Timer(1.0, process.kill).start()
+                with pytest.raises(VfoaError, match="the scheduler is gone"):
+                    next(outcomes)
+        finally:
+            working.kill()
+            working.wait()
+            process.kill()

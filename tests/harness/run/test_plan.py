@@ -1,0 +1,28 @@
+"""What is said of a run before it begins."""
+
+from __future__ import annotations
+
+from harness.run.experiment import load_experiment
+from harness.run.plan import prepare
+
+
+def test_names_by_the_sources_ids_are_doubted_where_a_network_numbers_the_masks() -> None:
+    by_network, by_truth = (load_experiment(name, clips=("studio_talk",)) for name in ("default", "demo"))
+    (note,) = prepare(by_network).experiment.notes
+    assert note.startswith(
+        "studio_talk: the manifest finds anna, ben, mug, bear, bowl, plant by their ids in the source"
+    )
+    assert "not those of rf_detr_seg" in note
+    assert prepare(by_truth).experiment.notes == by_truth.notes
+
+
+def test_things_nearer_than_the_matchers_search_are_said_for_each_limit() -> None:
+    """The table of studio_talk stands 1.2 m away and further."""
+    near, far = (
+        load_experiment("demo", clips=("studio_talk",), overrides=(f"stereo.min_depth_m={limit_m}",))
+        for limit_m in (0.8, 2.0)
+    )
+    assert prepare(near).experiment.notes == near.notes
+    (*_, note) = prepare(far).experiment.notes
+    assert note.startswith("studio_talk: ")
+    assert "of the matches are nearer than stereo.min_depth_m = 2" in note

@@ -1,0 +1,207 @@
+"""Whole runs, on a few rendered frames: what is written, that it is the same however it is run, and what fails how."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.clips.manifest import load_manifest
+from harness.labels.files import NOWHERE, Label, Labels, write_annotations
+from harness.labels.timeline import timeline_of
+from harness.record import Size
+from harness.report.rescore import rescore
+from harness.report.sinks import composed_sinks
+from harness.run.directory import RunDirectory
+from harness.run.experiment import load_experiment
+from harness.run.partial_results import partial_results
+from harness.run.results import read_results
+from harness.run.runner import prepare, run_plan
+from harness.stages.outputs.coco_panoptic_writer import write_coco_panoptic
+from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
+from tests.repository import REPOSITORY
+from vfoa.errors import VfoaError
+from vfoa.types import Instances
+
+TABLES = ("frr.csv", "frr.md", "frr.tex", "measures.csv", "objects.csv", "frames.csv", "comparisons.csv")
+
+
+def _run(
+    out: Path, *, workers: int = 1, recording: Size | None = None, limit: int = 4, **override: str
+) -> RunDirectory:
+    overrides = tuple(f"{key.replace('__', '.')}={value}" for key, value in override.items())
+    experiment = load_experiment("demo", clips=("studio_table", "studio_talk"), overrides=overrides)
+    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recording))
+    return run_plan(plan, out, workers=workers, progress=lambda clip: None)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> RunDirectory:
+    directory = _run(tmp_path_factory.mktemp("runs") / "one", recording="light")
+    rescore(directory)
+    return directory
+
+
+def test_a_run_holds_every_frame_of_every_configuration(finished: RunDirectory) -> None:
+    found = [(record.clip, record.configuration, record.frame) for record in read_results(finished.results)]
+    expected = [
+        (clip, configuration, frame)
+        for clip in ("studio_table", "studio_talk")
+        for configuration in ("bm-one", "bm-two", "sgbm-one", "sgbm-two")
+        for frame in (1, 2, 3, 4)
+    ]
+    assert found == expected
+    assert not (finished.path / "partial").exists()
+    assert all((finished.path / name).is_file() for name in TABLES)
+
+
+def test_the_manifest_says_what_the_results_depend_on(finished: RunDirectory) -> None:
+    manifest = json.loads(finished.manifest.read_text())
+    assert [clip["frames"] for clip in manifest["clips"]] == [[1, 2, 3, 4]] * 2
+    assert manifest["configurations"]["bm-two"]["attention"]["cones_cm"] == [10.0, 25.0]
+    assert manifest["configurations"]["bm-two"]["stereo"]["wls"] is False
+    assert {"numpy", "rerun-sdk", "python"} <= manifest["versions"].keys()
+    assert all(len(clip["sha256"]) == 64 for clip in manifest["clips"])
+
+
+def test_recording_and_workers_change_nothing(finished: RunDirectory, tmp_path: Path) -> None:
+    other = _run(tmp_path / "other", workers=2)
+    rescore(other)
+    for name in ("results.jsonl", *TABLES):
+        assert (other.path / name).read_bytes() == (finished.path / name).read_bytes(), name
+
+
+def test_sharing_stages_changes_nothing(finished: RunDirectory, tmp_path: Path) -> None:
+    """A configuration among others gives what it gives alone."""
+    alone = load_experiment("demo", clips=("studio_talk",))
+    only = [each for each in alone.configurations if each.name == "sgbm-two"]
+    plan = prepare(type(alone)(name="alone", clips=alone.clips, configurations=tuple(only)), limit=4)
+    directory = run_plan(plan, tmp_path / "alone", workers=1, progress=lambda clip: None)
+    among = [
+        record
+        for record in read_results(finished.results)
+        if (record.clip, record.configuration) == ("studio_talk", "sgbm-two")
+    ]
+    assert list(read_results(directory.results)) == among
+
+
+def test_a_finished_run_is_taken_over_and_another_one_is_refused(finished: RunDirectory) -> None:
+    before = finished.results.stat().st_mtime_ns
+    _run(finished.path, recording="light")
+    assert finished.results.stat().st_mtime_ns == before
+    with pytest.raises(VfoaError, match=r"holds another run \(different: attention\.n_rays"):
+        _run(finished.path, recording="light", attention__n_rays="8")
+    assert finished.results.stat().st_mtime_ns == before
+
+
+def test_edited_labels_make_no_other_run_but_other_scores(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for folder, name in (("datasets", "studio_table.toml"), ("annotations", "studio_table.csv")):
+        write_text(tmp_path / folder / name, (REPOSITORY / folder / name).read_text())
+    monkeypatch.chdir(tmp_path)
+    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=4)
+    first = run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
+    before, results = rescore(first), first.results.stat().st_mtime_ns
+    labels = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,4,anna,none,\n"
+    write_text(tmp_path / "annotations" / "studio_table.csv", labels)
+    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=4)
+    again = run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
+    assert again.results.stat().st_mtime_ns == results
+    assert rescore(again).rows != before.rows
+
+
+def test_beside_another_run_the_next_free_directory_is_taken(finished: RunDirectory) -> None:
+    plans = [
+        prepare(load_experiment("demo", clips=("studio_talk",), overrides=(change,)), limit=2)
+        for change in ("attention.n_rays=8", "attention.n_rays=9", "attention.n_rays=8")
+    ]
+    taken = [run_plan(plan, finished.path, workers=1, progress=lambda clip: None, beside=True) for plan in plans]
+    assert [directory.path.name for directory in taken] == ["one-2", "one-3", "one-2"]
+
+
+def test_a_broken_off_run_goes_on_with_what_is_missing(finished: RunDirectory, tmp_path: Path) -> None:
+    directory = RunDirectory(tmp_path / "broken")
+    unfinished = json.loads(finished.manifest.read_text())
+    for later in ("commit", "host", "started", "finished", "failed", "labels_sha256"):
+        del unfinished[later]
+    directory.write_manifest({**unfinished, "recording": None})
+    lines = finished.results.read_text().splitlines(keepends=True)
+    for pair in [("studio_table", name) for name in ("bm-one", "bm-two", "sgbm-one", "sgbm-two")]:
+        with partial_results(directory, pair) as part:
+            for line in lines:
+                if f'"clip":"{pair[0]}","configuration":"{pair[1]}"' in line:
+                    part.write(line, {}, "")
+    done: list[str] = []
+    plan = prepare(load_experiment("demo", clips=("studio_table", "studio_talk")), limit=4)
+    run_plan(plan, directory.path, workers=1, progress=done.append)
+    assert directory.results.read_bytes() == finished.results.read_bytes()
+    assert done == ["studio_table"] * 4 + ["studio_talk"] * 4
+
+
+def test_scoring_again_needs_only_results_and_labels(finished: RunDirectory, tmp_path: Path) -> None:
+    copy = RunDirectory(tmp_path / "copy")
+    copy.path.mkdir()
+    for name in ("results.jsonl", "manifest.json"):
+        shutil.copy(finished.path / name, copy.path / name)
+    rescore(copy)
+    for name in TABLES:
+        assert (copy.path / name).read_bytes() == (finished.path / name).read_bytes(), name
+
+
+def test_a_run_is_scored_against_the_annotator_that_is_named(finished: RunDirectory, tmp_path: Path) -> None:
+    copy, run = RunDirectory(tmp_path / "copy"), json.loads(finished.manifest.read_text())
+    for clip in run["clips"]:
+        manifest = load_manifest(clip["name"])
+        labels, timeline = manifest.labels(None), timeline_of(manifest.open())
+        assert labels is not None
+        by_time = (replace(row, span_ns=timeline.span_ns(row.first_frame, row.last_frame)) for row in labels.ranges)
+        write_annotations(tmp_path / "annotations" / f"{clip['name']}@anna.csv", Labels(by_time))
+        nowhere = (replace(row, label=Label(target=NOWHERE)) for row in labels.ranges)
+        write_annotations(tmp_path / "annotations" / f"{clip['name']}@ben.csv", Labels(nowhere))
+        clip["manifest"] = str(tmp_path / "datasets" / f"{clip['name']}.toml")
+        write_text(Path(clip["manifest"]), manifest.path.read_text())
+    shutil.copytree(finished.path, copy.path)
+    copy.write_manifest(run)
+    rescore(copy, "anna")
+    assert (copy.path / "frr.csv").read_bytes() == (finished.path / "frr.csv").read_bytes()
+    assert "labels of 'anna'" in (copy.path / "frr.md").read_text()
+    scores = rescore(copy, "ben")
+    assert {verdict.truth for verdict in scores.verdicts} == {NOWHERE}
+    with pytest.raises(VfoaError, match="no annotations by 'bea'"):
+        rescore(copy, "bea")
+
+
+def test_a_run_for_an_annotator_without_labels_does_not_begin() -> None:
+    experiment = replace(load_experiment("demo", clips=("studio_table",)), annotator="nobody")
+    with pytest.raises(VfoaError, match=r"studio_table: no annotations by 'nobody' \(studio_table@nobody\.csv\)"):
+        prepare(experiment)
+
+
+def test_a_frame_that_cannot_be_read_leaves_no_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    root = sintel_scene(tmp_path / "data", frames=(1, 2, 3))
+    cut = root / "training" / "clean_left" / "alley" / "frame_0002.png"
+    cut.write_bytes(cut.read_bytes()[:-20])
+    nothing = Instances(ids=np.zeros((HEIGHT, WIDTH), np.uint16), instances=())
+    write_coco_panoptic(tmp_path / "masks", [(frame, nothing) for frame in (1, 2, 3)])
+    write_text(
+        tmp_path / "datasets" / "cut.toml",
+        f'name = "cut"\nadapter = "sintel"\nroot = "{root.as_posix()}"\n[source]\nscene = "alley"\n',
+    )
+    stages = (
+        'stereo = { matcher = "bm", min_depth_m = 1.0 }\nheads.detector = "person_mask"\n'
+        f'segmentation = {{ model = "coco_panoptic", root = "{(tmp_path / "masks").as_posix()}" }}\n'
+        'head_pose.model = "none"\ngaze.model = "none"\n'
+    )
+    write_text(tmp_path / "mine.toml", f'clips = ["cut"]\n[[configuration]]\nname = "only"\n{stages}')
+    monkeypatch.chdir(tmp_path)
+    plan = prepare(load_experiment("mine.toml"))
+    with pytest.raises(VfoaError, match=r"frame_0002\.png: truncated PNG") as caught:
+        run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
+    assert "\n" not in str(caught.value)
+    left = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert left == ["manifest.json", "partial"]
+    with pytest.raises(VfoaError, match="this run is not finished"):
+        rescore(RunDirectory(tmp_path / "out"))

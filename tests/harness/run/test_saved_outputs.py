@@ -1,0 +1,344 @@
+"""Signals from files: every format is read strictly, and a run that was saved is the same run without models."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from harness.report.rescore import rescore
+from harness.run.directory import RunDirectory
+from harness.run.experiment import Experiment, load_experiment
+from harness.run.runner import prepare, run_plan
+from harness.run.saved_outputs import write_experiment
+from harness.stages.outputs.directions import (
+    FileGaze,
+    FileGazeSettings,
+    FileHeadPose,
+    FileHeadPoseSettings,
+    write_gazes,
+    write_head_poses,
+)
+from harness.stages.outputs.heads import FileHeads, FileHeadsSettings, read_heads, write_heads
+from tests.disk import write_text
+from tests.mirror import frame_of
+from vfoa.errors import VfoaError
+from vfoa.geometry import pixel_ray
+from vfoa.types import Gaze, Head, HeadPose, Instances
+
+STUDIO = """
+clips = ["studio_table"]
+
+[defaults]
+segmentation.model = "truth"
+heads.detector = "truth"
+gaze.model = "simulated"
+
+[[configuration]]
+name = "cones"
+stereo = { matcher = "bm", min_depth_m = 0.8, wls = false }
+head_pose.model = "simulated"
+
+[[configuration]]
+name = "bayes"
+stereo = { matcher = "bm", min_depth_m = 0.8, wls = false }
+head_pose.model = "simulated"
+gaze_filter.cues = "both"
+attention.method = "bayes"
+
+[[configuration]]
+name = "eyes"
+stereo.matcher = "truth"
+head_pose.model = "none"
+attention.cones_deg = [30]
+"""
+
+HEADS = "frame,subject,u0_px,v0_px,u1_px,v1_px\n"
+FRAME = frame_of(np.zeros((48, 64, 3), np.uint8))
+NOBODY = Instances(ids=np.zeros((48, 64), np.uint16), instances=())
+LEFT, RIGHT = np.array([4.0, 4, 16, 20]), np.array([40.0, 8, 60, 30])
+
+
+class AnyClip(NamedTuple):
+    """A clip of which only the frame numbers are known."""
+
+    frames: tuple[int, ...] = (FRAME.index, 70, 71)
+
+
+def _run(experiment: Experiment, out: Path, limit: int, *, save: bool = False) -> RunDirectory:
+    plan = prepare(experiment, limit=limit, save_outputs=save)
+    directory = run_plan(plan, out, workers=1, progress=lambda clip: None)
+    rescore(directory)
+    return directory
+
+
+def _same_without_models(
+    first: RunDirectory, experiment: str, tmp_path: Path, limit: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Move the stage outputs, take the models away, run again: the results are the same to the last byte."""
+    moved = first.stage_outputs.rename(tmp_path / "moved")
+    (tmp_path / "empty").mkdir()
+    monkeypatch.setenv("VFOA_MODELS", str(tmp_path / "empty"))
+    monkeypatch.setenv("VFOA_STAGE_OUTPUTS", str(moved))
+    second = _run(load_experiment(str(moved / f"{experiment}.toml")), tmp_path / "second", limit)
+    for name in ("results.jsonl", "frr.csv", "frames.csv"):
+        assert (second.path / name).read_bytes() == (first.path / name).read_bytes(), name
+
+
+def test_a_saved_run_is_the_same_run_from_its_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_text(tmp_path / "studio.toml", STUDIO)
+    first = _run(load_experiment(str(tmp_path / "studio.toml")), tmp_path / "first", 5, save=True)
+    saved = {
+        path.relative_to(first.stage_outputs / "studio_table").as_posix() for path in first.stage_outputs.rglob("*.csv")
+    }
+    assert saved == {"cones/heads.csv", "cones/head_pose.csv", "cones/gaze.csv", "eyes/gaze.csv"}
+    assert len(list(first.stage_outputs.rglob("*.npy"))) == 2 * 5
+    assert len(list(first.stage_outputs.rglob("*.png"))) == 5
+    _same_without_models(first, "studio", tmp_path, 5, monkeypatch)
+
+
+def test_models_are_saved_as_well(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shared_data: Path, shared_models: Path
+) -> None:
+    """YuNet, FSA-Net and ADAS-0002 on Sintel: faces, landmarks and the models' angles go through the files."""
+    monkeypatch.setenv("VFOA_DATA", str(shared_data))
+    monkeypatch.setenv("VFOA_MODELS", str(shared_models))
+    whole = load_experiment("bandage_2")
+    chosen = tuple(each for each in whole.configurations if each.name in ("sgbm-two", "truth-90deg"))
+    experiment = Experiment(name="faces", clips=whole.clips, configurations=chosen)
+    first = _run(experiment, tmp_path / "first", 3, save=True)
+    assert first.stage_outputs.joinpath("sintel_bandage_2", "sgbm-two", "gaze.csv").read_text().count("\n") > 1
+    _same_without_models(first, "faces", tmp_path, 3, monkeypatch)
+
+
+@pytest.mark.parametrize("name", ["demo", "default", "bayes", "filter", "street"])
+def test_the_experiment_that_is_written_keeps_every_setting_after_the_stages(name: str, tmp_path: Path) -> None:
+    experiment = load_experiment(name, clips=("studio_table",))
+    write_experiment(tmp_path, experiment, partial=False)
+    written = load_experiment(str(tmp_path / f"{experiment.name}.toml"))
+    assert (written.name, written.clips, written.notes) == (experiment.name, experiment.clips, experiment.notes)
+    for found, expected in zip(written.configurations, experiment.configurations, strict=True):
+        assert (found.name, found.reconstruction, found.attend) == (
+            expected.name,
+            expected.reconstruction,
+            expected.attend,
+        )
+        off = {slot for slot, choice in expected.choices.items() if choice is None}
+        assert {slot for slot, choice in found.choices.items() if choice is None} == off
+
+
+numbers = st.floats(-1e6, 1e6, allow_nan=False)
+angles = st.floats(-math.pi, math.pi)
+
+
+@given(
+    corner=st.tuples(numbers, numbers),
+    size=st.tuples(st.floats(1, 1e4), st.floats(1, 1e4)),
+    score=st.floats(0, 1),
+    landmarks=st.none() | st.lists(numbers, min_size=10, max_size=10),
+    instance=st.none() | st.integers(1, 65535),
+)
+def test_heads_are_read_back_to_the_last_bit(
+    tmp_path: Path,
+    corner: tuple[float, float],
+    size: tuple[float, float],
+    score: float,
+    landmarks: list[float] | None,
+    instance: int | None,
+) -> None:
+    box = np.array([*corner, corner[0] + size[0], corner[1] + size[1]])
+    head = Head(
+        box_px=box,
+        score=score,
+        face_box_px=None if landmarks is None else box,
+        landmarks_px=None if landmarks is None else np.array(landmarks).reshape(5, 2),
+        instance_id=instance,
+    )
+    write_heads(tmp_path / "heads.csv", [(70, "anna, the first", head)])
+    found = read_heads(tmp_path / "heads.csv", AnyClip())[70]["anna, the first"]  # type: ignore[arg-type]
+    assert np.array_equal(found.box_px, head.box_px)
+    assert (found.score, found.instance_id) == (head.score, head.instance_id)
+    for name in ("face_box_px", "landmarks_px"):
+        one, other = getattr(found, name), getattr(head, name)
+        assert (one is None and other is None) or np.array_equal(one, other)
+
+
+@given(
+    vector=st.tuples(*[st.floats(-9, 9)] * 3).filter(lambda v: math.hypot(*v) > 1e-3),
+    model=st.none() | st.tuples(angles, angles, angles),
+    sigma=st.none() | st.floats(0, 3),
+)
+def test_directions_are_read_back_to_the_last_bit(
+    tmp_path: Path, vector: tuple[float, float, float], model: tuple[float, float, float] | None, sigma: float | None
+) -> None:
+    _heads(tmp_path)
+    gaze = Gaze(direction=np.array(vector), sigma_rad=sigma)
+    yaw, pitch, roll = model or (math.nan,) * 3
+    pose = HeadPose(direction=np.array(vector), yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll, sigma_rad=sigma)
+    write_gazes(tmp_path / "gaze.csv", [(FRAME.index, "ben", gaze)])
+    write_head_poses(tmp_path / "head_pose.csv", [(FRAME.index, "ben", pose)])
+    head = Head(box_px=RIGHT, score=0.5)
+    found_gaze, found_pose = _gaze(tmp_path).estimate(FRAME, head, None), _pose(tmp_path).estimate(FRAME, head)
+    assert found_gaze is not None
+    assert found_pose is not None
+    assert np.array_equal(found_gaze.direction, gaze.direction)
+    assert np.array_equal(found_pose.direction, pose.direction)
+    assert found_gaze.sigma_rad == found_pose.sigma_rad == sigma
+    assert [found_pose.yaw_rad, found_pose.pitch_rad, found_pose.roll_rad] == pytest.approx(
+        [yaw, pitch, roll], abs=0, rel=0, nan_ok=True
+    )
+
+
+def test_a_direction_goes_to_the_head_whose_box_overlaps_its_subjects_most(tmp_path: Path) -> None:
+    _heads(tmp_path)
+    write_text(tmp_path / "gaze.csv", f"frame,subject,x,y,z\n{FRAME.index},ben,1,0,0\n{FRAME.index},anna,0,1,0\n")
+    gaze = _gaze(tmp_path)
+    for box, direction in ((RIGHT + 1, (1, 0, 0)), (LEFT - 1, (0, 1, 0))):
+        found = gaze.estimate(FRAME, Head(box_px=box, score=1.0), None)
+        assert found is not None
+        assert found.direction.tolist() == list(direction)
+    assert gaze.estimate(FRAME, Head(box_px=LEFT + 17, score=1.0), None) is None
+
+
+def test_angles_of_zero_look_into_the_camera_and_positive_ones_to_the_images_left_and_up(tmp_path: Path) -> None:
+    _heads(tmp_path)
+    ray = pixel_ray(50, 19, FRAME.rig)  # the middle of ben's box
+    pose, gaze = "frame,subject,yaw_deg,pitch_deg,roll_deg\n", "frame,subject,theta_deg,phi_deg,sigma_deg\n"
+    key = f"{FRAME.index},ben"
+    head = Head(box_px=RIGHT, score=1.0)
+
+    def directions(yaw: float, pitch: float) -> list[np.ndarray]:
+        write_text(tmp_path / "head_pose.csv", f"{pose}{key},{yaw},{pitch},0\n")
+        write_text(tmp_path / "gaze.csv", f"{gaze}{key},{yaw},{pitch},180\n")
+        found = [_pose(tmp_path).estimate(FRAME, head), _gaze(tmp_path).estimate(FRAME, head, None)]
+        assert found[1] is not None
+        assert found[1].sigma_rad == pytest.approx(math.pi)
+        return [each.direction for each in found if each is not None]
+
+    for straight, left, up in zip(directions(0, 0), directions(20, 0), directions(0, 20), strict=True):
+        assert straight == pytest.approx(-ray)
+        assert left[0] < straight[0]
+        assert up[1] < straight[1]
+        assert left @ straight == pytest.approx(math.cos(math.radians(20)))
+        assert up @ straight == pytest.approx(math.cos(math.radians(20)))
+
+
+def test_a_face_is_where_angles_are_seen(tmp_path: Path) -> None:
+    columns = "frame,subject,u0_px,v0_px,u1_px,v1_px,face_u0_px,face_v0_px,face_u1_px,face_v1_px"
+    write_text(tmp_path / "heads.csv", f"{columns}\n{FRAME.index},ben,40,8,60,30,46,20,56,30\n")
+    write_text(tmp_path / "gaze.csv", f"frame,subject,theta_deg,phi_deg\n{FRAME.index},ben,0,0\n")
+    found = _gaze(tmp_path).estimate(FRAME, Head(box_px=RIGHT, score=1.0), None)
+    assert found is not None
+    assert found.direction == pytest.approx(-pixel_ray(51, 25, FRAME.rig))
+
+
+def test_heads_come_in_the_order_of_their_rows_and_a_frame_without_rows_has_none(tmp_path: Path) -> None:
+    _heads(tmp_path)
+    heads = FileHeads(FileHeadsSettings(root=str(tmp_path)), AnyClip())  # type: ignore[arg-type]
+    found = heads.detect(FRAME, NOBODY)
+    assert [each.box_px.tolist() for each in found] == [RIGHT.tolist(), LEFT.tolist()]
+    assert [each.score for each in found] == [1.0, 1.0]
+    empty = FileHeads(FileHeadsSettings(root=str(tmp_path), file="none.csv"), _written(tmp_path / "none.csv", HEADS))
+    assert empty.detect(FRAME, NOBODY) == ()
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("", r"heads\.csv:1: no header; expected frame,subject"),
+        ("frame,subject,u0px\n", r"heads\.csv:1: no column 'u0px' here; did you mean 'u0_px'"),
+        ("frame,u0_px\n", r"heads\.csv:1: no column 'subject'"),
+        ("frame,subject,frame\n", r"heads\.csv:1: the column 'frame' is there twice"),
+        (HEADS + "70,a,1,2,3\n", r"heads\.csv:2: found 5 cells; expected 6"),
+        (HEADS + "\n69,a,1,2,3,4\n", r"heads\.csv:3: frame 69: not in the clip"),
+        (HEADS + "7.5,a,1,2,3,4\n", r"heads\.csv:2: frame: expected a whole number, found '7\.5'"),
+        (HEADS + "70,,1,2,3,4\n", r"heads\.csv:2: subject: found nothing"),
+        (HEADS + "70,a,1,2,3,4\n70,a,1,2,3,4\n", r"heads\.csv:3: frame 70, subject 'a': is there twice.*csv:2"),
+        (HEADS + "70,a,1,2,x,4\n", r"heads\.csv:2: u1_px: expected a finite number, found 'x'"),
+        (HEADS + "70,a,1,2,nan,4\n", r"heads\.csv:2: u1_px: expected a finite number, found 'nan'"),
+        (HEADS + "70,a,1,2,1e999,4\n", r"heads\.csv:2: u1_px: expected a finite number"),
+        (HEADS + "70,a,1,2,,4\n", r"heads\.csv:2: u1_px: found nothing; expected all of u0_px"),
+        (HEADS + "70,a,,,,\n", r"heads\.csv:2: no box"),
+        (HEADS + "70,a,3,2,1,4\n", r"heads\.csv:2: Head\.box_px: expected u0 < u1"),
+        (HEADS + '70,"a,1,2,3,4\n', r"heads\.csv:2: not CSV"),
+        (
+            "frame,subject,u0_px,v0_px,u1_px,v1_px,instance_id\n70,a,1,2,3,4,0\n",
+            r":2: instance_id: expected 1 to 65535",
+        ),
+    ],
+)
+def test_a_mistake_in_the_heads_is_one_line_with_its_place(text: str, line: str, tmp_path: Path) -> None:
+    clip = _written(tmp_path / "heads.csv", text)
+    with pytest.raises(VfoaError, match=line) as error:
+        FileHeads(FileHeadsSettings(root=str(tmp_path)), clip)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("x,y,z\n70,cleo,0,0,1\n", r"gaze\.csv:2: subject 'cleo' has no head in frame 70 of .*heads\.csv"),
+        ("x,y,z\n70,anna,0,0,2\n", r"gaze\.csv:2: x, y, z: expected a unit direction, found one of length 2"),
+        ("x,y,z\n70,anna,,,\n", r"gaze\.csv:2: no direction; expected x, y, z or theta_deg, phi_deg"),
+        ("theta_deg,phi_deg\n70,anna,3,\n", r"gaze\.csv:2: phi_deg: found nothing; expected all of theta_deg, phi_deg"),
+        ("x,y,z,theta_deg,phi_deg\n70,anna,0,0,1,3,4\n", r"gaze\.csv:2: found x, y, z and theta, phi"),
+        ("theta_deg,phi_deg,theta_rad,phi_rad\n70,anna,1,1,1,1\n", r"gaze\.csv:2: theta: found degrees and radians"),
+        ("x,y,z,sigma_deg\n70,anna,0,0,1,-1\n", r"gaze\.csv:2: sigma: expected an angle of at least 0"),
+        ("x,y,z,yaw_deg\n", r"gaze\.csv:1: no column 'yaw_deg' here"),
+    ],
+)
+def test_a_mistake_in_the_gazes_is_found_before_the_first_frame(text: str, line: str, tmp_path: Path) -> None:
+    _heads(tmp_path)
+    write_text(tmp_path / "gaze.csv", f"frame,subject,{text}")
+    with pytest.raises(VfoaError, match=line) as error:
+        _gaze(tmp_path)
+    assert "\n" not in str(error.value)
+
+
+def test_a_frame_that_was_not_saved_is_said_when_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_text(tmp_path / "studio.toml", STUDIO)
+    first = _run(load_experiment(str(tmp_path / "studio.toml")), tmp_path / "first", 1, save=True)
+    monkeypatch.setenv("VFOA_STAGE_OUTPUTS", str(first.stage_outputs))
+    with pytest.raises(VfoaError, match=r"no annotation for frame 2"):
+        _run(load_experiment(str(first.stage_outputs / "studio.toml")), tmp_path / "second", 2)
+
+
+def test_a_finished_run_is_not_taken_over_when_a_file_has_changed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_text(tmp_path / "studio.toml", STUDIO)
+    first = _run(load_experiment(str(tmp_path / "studio.toml")), tmp_path / "first", 1, save=True)
+    monkeypatch.setenv("VFOA_STAGE_OUTPUTS", str(first.stage_outputs))
+    saved = load_experiment(str(first.stage_outputs / "studio.toml"))
+    second = _run(saved, tmp_path / "second", 1)
+    finished = second.read_manifest()["finished"]
+    assert _run(saved, tmp_path / "second", 1).read_manifest()["finished"] == finished
+    table = first.stage_outputs / "studio_table" / "eyes" / "gaze.csv"
+    table.write_text("".join(table.read_text().splitlines(keepends=True)[:-1]))
+    with pytest.raises(VfoaError, match=r"holds another run \(different: stage_outputs_sha256 of"):
+        _run(saved, tmp_path / "second", 1)
+
+
+def _heads(root: Path) -> None:
+    """Ben at the right and Anna at the left, in two frames."""
+    boxes = {"ben": RIGHT, "anna": LEFT}
+    rows = [(frame, name, Head(box_px=box, score=1.0)) for frame in (FRAME.index, 70) for name, box in boxes.items()]
+    write_heads(root / "heads.csv", rows)
+
+
+def _gaze(root: Path) -> FileGaze:
+    return FileGaze(FileGazeSettings(root=str(root)), AnyClip())  # type: ignore[arg-type]
+
+
+def _pose(root: Path) -> FileHeadPose:
+    return FileHeadPose(FileHeadPoseSettings(root=str(root)), AnyClip())  # type: ignore[arg-type]
+
+
+def _written(path: Path, text: str) -> AnyClip:
+    write_text(path, text)
+    return AnyClip()
