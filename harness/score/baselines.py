@@ -1,0 +1,125 @@
+"""What simple baselines score on the same frames.
+
+A clip on which a baseline does as well as the pipeline does not show that the pipeline works. Each baseline picks one
+target of the frame's record, never the subject's own body; where it cannot pick (no such subject, no eye origin,
+nothing with a box) it made no prediction, and that is wrong as it is for the pipeline.
+
+``commonest``  the target the subject looks at most often in the clip's own labels: the best any constant answer can do
+``nearest``    the box whose centre is nearest to the eye origin
+``largest``    the largest extent in the image; without images it cannot pick
+``central``    the box whose centre is nearest to the camera's axis, by angle
+``nearest_in_angle``  the box whose centre is nearest in angle to the measured gaze (to the head's direction where there
+               is no gaze), or nothing where that angle is above a limit. The limit is the one that is best on the other
+               clips of the run under the same configuration; with one clip there is none.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from harness.run.results import BoxPx, FrameRecord, SubjectRecord, Vector
+from harness.score.statistics import Flags
+from vfoa.types import Float
+
+BASELINES = ("commonest", "nearest", "largest", "central", "nearest_in_angle")
+
+
+class Choices(NamedTuple):
+    """The instance that each baseline picks in a frame; None where it cannot pick.
+
+    ``angle_rad`` is between the direction and the pick of ``in_angle``; NaN without a pick.
+    """
+
+    nearest: int | None
+    largest: int | None
+    central: int | None
+    in_angle: int | None = None
+    angle_rad: float = math.nan
+
+
+class Baselines:
+    """The baselines on one frame. What does not depend on the subject is ranked once."""
+
+    def __init__(self, record: FrameRecord) -> None:
+        centers = [(target.box.center_m, target.instance_id) for target in record.targets if target.box is not None]
+        extents = [(target.instance_id, target.box_px) for target in record.targets]
+        self._centers = centers
+        self._largest = sorted((-_area_px(box_px), each) for each, box_px in extents if box_px is not None)
+        self._central = sorted((_off_axis(center), each) for center, each in centers)
+
+    def choose(self, subject: SubjectRecord | None) -> Choices:
+        """Apply the baselines to a subject of the frame. Ties go to the lower instance id."""
+        if subject is None:
+            return Choices(None, None, None)
+        own, eyes, dist = subject.instance_id, subject.eye_origin_m, math.dist
+        nearest = None
+        if eyes is not None:
+            nearest = min([(dist(center, eyes), each) for center, each in self._centers if each != own], default=None)
+        angle_rad, in_angle = self._nearest_in_angle(subject)
+        return Choices(
+            nearest=None if nearest is None else nearest[1],
+            largest=_first_but(self._largest, own),
+            central=_first_but(self._central, own),
+            in_angle=in_angle,
+            angle_rad=angle_rad,
+        )
+
+    def _nearest_in_angle(self, subject: SubjectRecord) -> tuple[float, int | None]:
+        eyes, direction = subject.eye_origin_m, subject.gaze or subject.head
+        if eyes is None or direction is None:
+            return math.nan, None
+        found = [
+            (_angle_rad(direction, eyes, center), each) for center, each in self._centers if each != subject.instance_id
+        ]
+        return min(found, default=(math.nan, None))
+
+
+def best_limit_rad(angles_rad: Float, hits: Flags, nowhere: Flags) -> float:
+    """The limit of the angle at which most frames are right; the largest of equally good ones.
+
+    Parameters
+    ----------
+    angles_rad, hits, nowhere
+        By frame (n,): the smallest angle, whether its target is the true one, whether nothing is looked at.
+    """
+    known = np.isfinite(angles_rad)
+    order = np.argsort(angles_rad[known], kind="stable")
+    angles, gains = angles_rad[known][order], hits[known][order].astype(int) - nowhere[known][order]
+    right = np.concatenate(([0], np.cumsum(gains)))
+    is_cut = np.concatenate(([True], np.diff(angles) > 0, [True]))[: len(right)]  # equal angles stay together
+    last = int(np.flatnonzero(is_cut & (right == right[is_cut].max()))[-1])
+    if last == len(angles):
+        return math.inf
+    return float((angles[last] + angles[last - 1]) / 2) if last else -1.0
+
+
+def commonest(truths: Iterable[str]) -> str | None:
+    """The commonest label, of equally common ones the first by name; None of none."""
+    counts = Counter(truths)
+    return min(counts, key=lambda name: (-counts[name], name), default=None)
+
+
+def _first_but(ranked: list[tuple[float, int]], own: int | None) -> int | None:
+    return next((each for _, each in ranked if each != own), None)
+
+
+def _area_px(box_px: BoxPx) -> float:
+    u0, v0, u1, v1 = box_px
+    return (u1 - u0) * (v1 - v0)
+
+
+def _angle_rad(direction: Vector, eyes: Vector, center: Vector) -> float:
+    towards = [end - start for end, start in zip(center, eyes, strict=True)]
+    length = math.hypot(*towards) * math.hypot(*direction)
+    cosine = sum(a * b for a, b in zip(direction, towards, strict=True)) / length if length else 1.0
+    return math.acos(max(-1.0, min(1.0, cosine)))
+
+
+def _off_axis(center_m: Vector) -> float:
+    """Minus the cosine of the angle between a point and the camera's axis: grows with the angle."""
+    return -center_m[2] / (math.hypot(*center_m) or math.inf)

@@ -1,0 +1,138 @@
+"""Which of two configurations is better, on the frames that both were scored on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Literal
+
+from harness.score.intervals import difference_interval
+from harness.score.power import detectable_difference
+from harness.score.scored_frames import Pairs, ScoredFrames, pair
+from harness.score.sign_flip import SIGNIFICANCE, sign_flip_p
+from harness.score.statistics import UNKNOWN, Interval, holm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """A configuration against an earlier one (``reference``) on ``n`` common frames.
+
+    ``better`` frames are right now and were wrong, ``worse`` the other way about. ``difference`` is that of the rates,
+    with its 95 % interval. ``p`` is of the exact sign-flip test over ``unit``: clips where there are enough, else
+    looks, and then it speaks of these clips only. ``p_holm`` is corrected for the comparisons made together
+    (``family``). ``detectable`` is the true difference that such a comparison finds significant with 80 % power; NaN if
+    unknown.
+    """
+
+    reference: str
+    configuration: str
+    n: int
+    looks: int
+    clips: int
+    better: int
+    worse: int
+    difference: float
+    interval: Interval
+    unit: Literal["clip", "look"]
+    p: float
+    p_holm: float
+    family: int
+    detectable: float
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether the corrected p is below 5 %."""
+        return self.p_holm < SIGNIFICANCE
+
+    @property
+    def verdict(self) -> Literal["better", "worse", "cannot be told apart"]:
+        """The comparison in a word."""
+        if not self.is_significant:
+            return "cannot be told apart"
+        return "worse" if self.worse > self.better else "better"
+
+    def is_drop(self, tolerance: float = 0.0) -> bool:
+        """Whether the configuration is significantly worse, and by more than the tolerance (a share)."""
+        return self.verdict == "worse" and self.difference < -tolerance
+
+    @property
+    def sentence(self) -> str:
+        """The comparison in words: the difference and its interval, then the test."""
+        names = f"{self.configuration} vs {self.reference}"
+        if self.n == 0:
+            return f"{names}: no common frame"
+        corrected = f" ({format_p(self.p_holm)} after Holm)" if self.family > 1 else ""
+        verdict = f"significantly {self.verdict}" if self.is_significant else self.verdict
+        return (
+            f"{names}: {100 * self.difference:+.1f} points{self._interval_in_words}, {self._basis}, "
+            f"{format_p(self.p)}{corrected}: {verdict}{self._detectable_in_words}"
+        )
+
+    @property
+    def _interval_in_words(self) -> str:
+        if math.isnan(self.interval.low):
+            return " (no interval from so few looks)"
+        return f" (95 % {100 * self.interval.low:+.1f} to {100 * self.interval.high:+.1f})"
+
+    @property
+    def _basis(self) -> str:
+        clips, looks = _counted(self.clips, "clip"), _counted(self.looks, "joined look")
+        if self.unit == "clip":
+            return f"{clips}, {looks}"
+        return f"{looks} of {clips}, {'this clip' if self.clips == 1 else 'these clips'} only"
+
+    @property
+    def _detectable_in_words(self) -> str:
+        if self.is_significant or math.isnan(self.detectable):
+            return ""
+        return f"; a true difference of {100 * self.detectable:.1f} points would be seen with 80 % power"
+
+
+def compare(frames: Mapping[str, Iterable[ScoredFrames]]) -> tuple[Comparison, ...]:
+    """Compare every two of several configurations (of one run, or of several), the later with the earlier.
+
+    ``frames`` are keyed by what each is called. Frames are paired by clip, subject and frame; frames that either did
+    not score are left out. No common frame gives n = 0 and p = 1.
+    """
+    known = {name: list(each) for name, each in frames.items()}
+    return with_holm([_comparison(one, two, pair(known[one], known[two])) for one, two in combinations(known, 2)])
+
+
+def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
+    """Comparisons corrected together for their number."""
+    corrected = holm([each.p for each in comparisons])
+    return tuple(
+        replace(each, p_holm=p, family=len(comparisons)) for each, p in zip(comparisons, corrected, strict=True)
+    )
+
+
+def _comparison(reference: str, configuration: str, pairs: Pairs) -> Comparison:
+    units = pairs.units
+    p = 1.0 if units is None else sign_flip_p(units.merged().values)
+    return Comparison(
+        reference=reference,
+        configuration=configuration,
+        n=pairs.n,
+        looks=0 if units is None else len(units.frames),
+        clips=0 if units is None else units.n_clips,
+        better=pairs.better,
+        worse=pairs.worse,
+        difference=math.nan if units is None else units.rate,
+        interval=UNKNOWN if units is None else difference_interval(units),
+        unit="clip" if units is not None and units.speaks_of_clips else "look",
+        p=p,
+        p_holm=p,
+        family=1,
+        detectable=math.nan if units is None else detectable_difference(units),
+    )
+
+
+def _counted(n: int, what: str) -> str:
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
+def format_p(p: float) -> str:
+    """A p value for people: two significant digits, ``p < 0.001`` below that."""
+    return "p < 0.001" if p < 0.001 else f"p = {p:.2g}"

@@ -1,0 +1,167 @@
+"""A finished run as it is scored: the records that can be compared, and the present labels of its clips."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.clips.manifest import ClipManifest, load_manifest
+from harness.files import digest_files
+from harness.labels.timeline import Timeline
+from harness.run.directory import Pair, RunDirectory
+from harness.run.published import Published
+from harness.run.results import FrameRecord, read_results
+from harness.score.reference import Reference
+from harness.score.score import Scores, score
+from vfoa.errors import VfoaError
+
+
+def read_scores(directory: RunDirectory) -> Scores:
+    """Score a finished run and write nothing.
+
+    Raises
+    ------
+    VfoaError
+        If the run is not finished, no configuration ran on every clip, or a clip's manifest or labels cannot be read.
+    """
+    run = FinishedRun.read(directory)
+    return score(run.records(), run.reference())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FinishedRun:
+    """A run's directory, and its manifest."""
+
+    directory: RunDirectory
+    manifest: dict[str, Any]
+
+    @classmethod
+    def read(cls, directory: RunDirectory) -> FinishedRun:
+        """Read the manifest.
+
+        Raises
+        ------
+        VfoaError
+            If there is none, or the run is not finished.
+        """
+        manifest = directory.read_manifest()
+        if "finished" not in manifest:
+            raise VfoaError(f"{directory.path}: this run is not finished; the same `vfoa run` again goes on with it")
+        return cls(directory=directory, manifest=manifest)
+
+    def records(self) -> Iterator[FrameRecord]:
+        """The records of all that can be compared: every configuration here has run on every clip here."""
+        clips, configurations, _ = _left_out(self.manifest)
+        if not self.manifest["configurations"].keys() - configurations:
+            raise VfoaError(
+                f"{self.directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again"
+            )
+        found: Counter[Pair] = Counter()
+        for record in read_results(self.directory.results):
+            found[record.clip, record.configuration] += 1
+            if record.clip not in clips and record.configuration not in configurations:
+                yield record
+        self._check_complete(found)
+
+    def _check_complete(self, found: Counter[Pair]) -> None:
+        """A run's results that have lost lines would be scored as frames without a prediction."""
+        failed = {(each["clip"], each["configuration"]) for each in self.manifest.get("failed", [])}
+        for clip in self.manifest["clips"]:
+            for configuration in self.manifest["configurations"]:
+                pair, expected = (clip["name"], configuration), len(clip["frames"])
+                if pair not in failed and found[pair] != expected:
+                    raise VfoaError(
+                        f"{self.directory.results}: found {found[pair]} frames of {clip['name']} under "
+                        f"{configuration}; expected {expected}, as the run had"
+                    )
+
+    def reference(self, annotator: str | None = None) -> Reference:
+        """The present labels of the run's clips, of this annotator or of the one that the run was made with."""
+        run = self.manifest
+        annotator = annotator or run.get("annotator")
+        found = {clip["name"]: _manifest(clip).labels(_timeline(clip), annotator) for clip in run["clips"]}
+        labels = {name: each for name, each in found.items() if each is not None and each.ranges}
+        of_clips: dict[str, list[str]] = {}
+        for clip in run["clips"]:
+            for note in clip["notes"]:
+                of_clips.setdefault(note, []).append(clip["name"])
+        by_one = [f"Scored against the labels of {annotator!r}."] if annotator else []
+        shared = [f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()]
+        unlabelled = self._said_of_unlabelled([name for name in found if name not in labels])
+        changed = [] if annotator != run.get("annotator") else self._said_of_changed_labels()
+        return Reference(
+            labels=labels,
+            frames={clip["name"]: clip["frames"] for clip in run["clips"]},
+            notes=(*_left_out(run)[2], *run["notes"], *by_one, *shared, *changed, *unlabelled),
+            says_nowhere=frozenset(
+                name for name, each in run["configurations"].items() if _says_nowhere(each.get("attention", {}))
+            ),
+            published=Published.model_validate(run["published"]) if run.get("published") else None,
+        )
+
+    def _said_of_changed_labels(self) -> list[str]:
+        """One sentence for each clip whose labels are not those of the run: edited since, or another file."""
+        said = []
+        for clip in self.manifest["clips"]:
+            before = self.manifest.get("labels_sha256", {}).get(clip["name"])
+            path = _manifest(clip).annotations.find(self.manifest.get("annotator"))
+            if before is not None and (path is None or digest_files([("labels", path)]) != before):
+                now = f"scored against {path.parent.name}/{path.name} as it is" if path else "and there are none now"
+                said.append(f"{clip['name']}: its labels are not those that the run was made with; {now}.")
+        return said
+
+    def _said_of_unlabelled(self, clips: list[str]) -> list[str]:
+        """One sentence for each clip without labels: that it is not scored, and whom the run found in it."""
+        if not clips:
+            return []
+        people = dict.fromkeys(clips, 0)
+        for record in read_results(self.directory.results):
+            if record.clip in people:
+                people[record.clip] = max(people[record.clip], len(record.subjects))
+        return [
+            f"{clip}: no labels, not scored; {_people(most)} found in its frames; `vfoa annotate {clip}` labels it."
+            for clip, most in people.items()
+        ]
+
+
+def _says_nowhere(attention: dict[str, Any]) -> bool:
+    """Whether a method can answer "looks at nothing": a posterior, and the nearest in angle within a limit."""
+    return attention.get("method") == "bayes" or attention.get("limit_deg") is not None
+
+
+def _people(most: int) -> str:
+    return "nobody" if most == 0 else "one person at most" if most == 1 else f"up to {most} people"
+
+
+def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:
+    """The clips on which everything failed, the configurations that failed on another, and a sentence for each.
+
+    A configuration that ran on some of the clips would have a rate over other frames than the rest of the table.
+    """
+    failed = run.get("failed", [])
+    counts = Counter(each["clip"] for each in failed)
+    clips = {clip for clip, count in counts.items() if count == len(run["configurations"])}
+    configurations = {each["configuration"] for each in failed if each["clip"] not in clips}
+    notes: dict[str, str] = {}
+    for each in failed:
+        if each["clip"] in clips:
+            notes.setdefault(each["clip"], f"left out, every configuration failed: {each['error']}")
+        else:
+            notes.setdefault(each["configuration"], f"left out, failed on {each['clip']}: {each['error']}")
+    return clips, configurations, [f"{name}: {reason}" for name, reason in notes.items()]
+
+
+def _manifest(clip: dict[str, Any]) -> ClipManifest:
+    """The clip's manifest where the run found it, or, if it has moved since, by name."""
+    place = Path(clip["manifest"])
+    return load_manifest(place if place.is_file() else clip["name"])
+
+
+def _timeline(clip: dict[str, Any]) -> Timeline | None:
+    """The frames that were run and their times; None where an older run does not tell the times."""
+    if "times_ns" not in clip:
+        return None
+    return Timeline(frames=clip["frames"], times_ns=clip["times_ns"], is_whole=False)

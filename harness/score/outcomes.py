@@ -1,0 +1,270 @@
+"""From records and labels to columns: the scored frames of one subject in one clip under one configuration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from harness.labels.files import NOWHERE, Label, Labels
+from harness.run.results import FrameRecord
+from harness.score.baselines import BASELINES, Baselines, Choices, best_limit_rad, commonest
+from harness.score.looks import number_looks
+from harness.score.reference import Reference
+from harness.score.statistics import Codes, Flags
+from harness.score.verdicts import NO_HIT, Verdict, find_subject, judge, judge_absent, true_targets
+from vfoa.types import Float
+
+NO_PREDICTION = -1
+ANOTHER = "(another of this name)"
+"""Appended to a predicted name that is the truth's, but of another instance: it must not count as agreement."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcomes:
+    """A subject's frames in order: all verdicts, and columns (n,) of the scored ones.
+
+    ``truth`` and ``predicted`` are codes of names, the same in a whole run; :data:`NO_PREDICTION` where there is none.
+    ``positions`` count the clip's frames, so that a difference above 1 is a gap; ``frames`` are their numbers.
+    ``looks`` number the looks (see :mod:`harness.score.looks`). ``no_hit`` are the frames in which nothing got any
+    attention, ``nowhere`` those in which the subject looks at nothing, ``says_nowhere`` those in which the method says
+    so, ``blocked`` those whose line of sight the label calls blocked. ``baselines`` (n, baselines) says which baseline
+    was right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is the smallest angle from the
+    gaze to a box's centre, NaN where not known. ``error_types`` are those of the wrong frames.
+    """
+
+    clip: str
+    configuration: str
+    subject: str
+    verdicts: tuple[Verdict, ...]
+    frames: tuple[int, ...]
+    positions: Codes
+    looks: Codes
+    correct: Flags
+    truth: Codes
+    predicted: Codes
+    no_hit: Flags
+    nowhere: Flags
+    says_nowhere: Flags
+    blocked: Flags
+    baselines: Flags
+    angles_rad: Float
+    error_types: tuple[str, ...]
+
+
+class _Hits(NamedTuple):
+    """Which of the baselines that look at the frame were right, and the angle of the last one's pick."""
+
+    nearest: bool
+    largest: bool
+    central: bool
+    in_angle: bool
+    angle_rad: float
+
+
+_NO_HITS = _Hits(nearest=False, largest=False, central=False, in_angle=False, angle_rad=math.nan)
+
+
+class _Judgement(NamedTuple):
+    """What is known of a subject in a frame."""
+
+    verdict: Verdict
+    hits: _Hits
+    is_blocked: bool
+
+
+_Judged = dict[int, _Judgement]
+"""By frame."""
+
+
+@dataclass(slots=True)
+class _Clip:
+    """What is known of a clip over all its configurations."""
+
+    labels: Labels | None
+    wanted: list[int]
+    times_ns: dict[int, int] = field(default_factory=dict)
+    _by_frame: dict[int, dict[str, Label]] = field(default_factory=dict)
+
+    def labels_in(self, frame: int) -> dict[str, Label]:
+        """The labels of a frame by subject; every configuration asks for the same ones again."""
+        if frame not in self._by_frame:
+            found = self.labels.labelled([frame]) if self.labels else ()
+            self._by_frame[frame] = {subject: label for _, subject, label in found}
+        return self._by_frame[frame]
+
+    def positions(self) -> dict[int, int]:
+        """Every frame's place in the clip."""
+        return {frame: place for place, frame in enumerate(sorted({*self.wanted, *self.times_ns}))}
+
+    def frames_per_second(self) -> float | None:
+        """The rate by the median step between the frames that have a time; None where time stands still."""
+        times = np.array([time for _, time in sorted(self.times_ns.items())])
+        step_ns = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+        return 1e9 / step_ns if step_ns > 0 else None
+
+
+def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> list[Outcomes]:
+    """Judge every frame of every labelled or named subject, and every labelled frame of which there is no record.
+
+    In order of clip, configuration (both as they first appear in the records) and subject (by name).
+    """
+    clips: dict[str, _Clip] = {}
+    tracks: dict[tuple[str, str], dict[str, _Judged]] = {}
+    for record in records:
+        if record.clip not in clips:
+            labels = reference.labels.get(record.clip)
+            clips[record.clip] = _Clip(labels=labels, wanted=_wanted(labels, reference.frames.get(record.clip)))
+        clip = clips[record.clip]
+        clip.times_ns[record.frame] = record.time_ns
+        _judge_record(
+            record,
+            clip,
+            tracks.setdefault((record.clip, record.configuration), {}),
+            says_nowhere=record.configuration in reference.says_nowhere,
+        )
+    for (name, configuration), by_subject in tracks.items():
+        _judge_absent_frames(name, configuration, clips[name], by_subject)
+    codes: dict[str, int] = {}
+    places = {name: clip.positions() for name, clip in clips.items()}
+    rates = {name: clip.frames_per_second() for name, clip in clips.items()}
+    first_seen = {name: order for order, name in enumerate(clips)}
+    found = [
+        _outcomes((name, configuration, subject), judged, places[name], rates[name], codes)
+        for (name, configuration), by_subject in sorted(tracks.items(), key=lambda item: first_seen[item[0][0]])
+        for subject, judged in sorted(by_subject.items())
+    ]
+    return _with_limits(found)
+
+
+def _wanted(labels: Labels | None, frames: Iterable[int] | None) -> list[int]:
+    if frames is not None:
+        return sorted(set(frames))
+    if labels is None:
+        return []
+    return sorted({frame for row in labels.ranges for frame in range(row.first_frame, row.last_frame + 1)})
+
+
+def _judge_record(record: FrameRecord, clip: _Clip, by_subject: dict[str, _Judged], *, says_nowhere: bool) -> None:
+    labels = clip.labels_in(record.frame)
+    baselines = Baselines(record) if labels else None
+    named = [subject.name for subject in record.subjects if subject.name is not None]
+    for subject in dict.fromkeys((*labels, *named)):
+        label = labels.get(subject)
+        verdict = judge(record, subject, label)
+        if says_nowhere:
+            verdict = _as_said(verdict)
+        hits = _NO_HITS
+        if baselines and label and verdict.outcome != "unscored":
+            hits = _hits(record, baselines.choose(find_subject(record, subject)), label)
+        blocked = label is not None and label.is_blocked
+        by_subject.setdefault(subject, {})[record.frame] = _Judgement(verdict, hits, blocked)
+
+
+def _as_said(verdict: Verdict) -> Verdict:
+    """The verdict of a method that says "looks at nothing" by giving no attention, which of cones is no answer."""
+    if verdict.predicted != NO_HIT:
+        return verdict
+    error_type = "missed" if verdict.error_type == "no_hit" else verdict.error_type
+    return replace(verdict, predicted=NOWHERE, error_type=error_type)
+
+
+def _hits(record: FrameRecord, choices: Choices, label: Label) -> _Hits:
+    right = {target.instance_id for target in true_targets(record, label)}
+    return _Hits(
+        nearest=choices.nearest in right,
+        largest=choices.largest in right,
+        central=choices.central in right,
+        in_angle=choices.in_angle in right,
+        angle_rad=choices.angle_rad,
+    )
+
+
+def _judge_absent_frames(clip: str, configuration: str, known: _Clip, by_subject: dict[str, _Judged]) -> None:
+    for frame in known.wanted:
+        for subject, label in known.labels_in(frame).items():
+            judged = by_subject.setdefault(subject, {})
+            if frame not in judged:
+                verdict = judge_absent(clip, configuration, frame, subject, label)
+                judged[frame] = _Judgement(verdict, _NO_HITS, label.is_blocked)
+
+
+def _outcomes(
+    key: tuple[str, str, str], judged: _Judged, places: dict[int, int], rate: float | None, codes: dict[str, int]
+) -> Outcomes:
+    clip, configuration, subject = key
+    in_order = [judged[frame] for frame in sorted(judged)]
+    scored = [each for each in in_order if each.verdict.outcome != "unscored"]
+    verdicts = [each.verdict for each in scored]
+    truths = [str(verdict.truth) for verdict in verdicts]
+    truth = _coded(truths, codes)
+    positions = np.array([places[verdict.frame] for verdict in verdicts], dtype=np.intp)
+    always = commonest(truths)
+    baselines = [(each == always, *hits[:-1]) for each, (_, hits, _) in zip(truths, scored, strict=True)]
+    return Outcomes(
+        clip=clip,
+        configuration=configuration,
+        subject=subject,
+        verdicts=tuple(each.verdict for each in in_order),
+        frames=tuple(verdict.frame for verdict in verdicts),
+        positions=positions,
+        looks=number_looks(truth, positions, rate),
+        correct=np.array([verdict.outcome == "correct" for verdict in verdicts], dtype=np.bool_),
+        truth=truth,
+        predicted=_coded([answer(verdict) for verdict in verdicts], codes),
+        no_hit=np.array([verdict.predicted == NO_HIT for verdict in verdicts], dtype=np.bool_),
+        nowhere=np.array([name == NOWHERE for name in truths], dtype=np.bool_),
+        says_nowhere=np.array([verdict.predicted == NOWHERE for verdict in verdicts], dtype=np.bool_),
+        blocked=np.array([each.is_blocked for each in scored], dtype=np.bool_),
+        baselines=np.array(baselines, dtype=np.bool_).reshape(-1, len(BASELINES)),
+        angles_rad=np.array([each.hits.angle_rad for each in scored], dtype=np.float64),
+        error_types=tuple(verdict.error_type for verdict in verdicts if verdict.error_type is not None),
+    )
+
+
+def _with_limits(outcomes: list[Outcomes]) -> list[Outcomes]:
+    """The outcomes with the limit of ``nearest_in_angle`` that is best on the other clips, by configuration."""
+    place = BASELINES.index("nearest_in_angle")
+    limits: dict[tuple[str, str], float] = {}
+    limited = []
+    for each in outcomes:
+        key = each.configuration, each.clip
+        if key not in limits:
+            others = [one for one in outcomes if one.configuration == key[0] and one.clip != key[1]]
+            limits[key] = _limit_rad(others, place)
+        is_target = each.angles_rad <= limits[key]
+        says_nothing = np.isfinite(each.angles_rad) & ~is_target
+        baselines = each.baselines.copy()
+        baselines[:, place] = (each.baselines[:, place] & is_target) | (each.nowhere & says_nothing)
+        limited.append(replace(each, baselines=baselines))
+    return limited
+
+
+def _limit_rad(others: list[Outcomes], place: int) -> float:
+    if not others:
+        return math.inf
+    angles_rad = np.concatenate([each.angles_rad for each in others])
+    hits = np.concatenate([each.baselines[:, place] for each in others])
+    return best_limit_rad(angles_rad, hits, np.concatenate([each.nowhere for each in others]))
+
+
+def answer(verdict: Verdict) -> str | None:
+    """What a verdict's prediction counts as: its name; None without prediction, or where nothing was hit in error.
+
+    A name that is the truth's, though another instance was meant, is marked.
+    """
+    if verdict.outcome == "correct":
+        return verdict.truth
+    if verdict.predicted == NO_HIT:
+        return None
+    if verdict.outcome == "wrong" and verdict.predicted == verdict.truth:
+        return f"{verdict.predicted} {ANOTHER}"
+    return verdict.predicted
+
+
+def _coded(names: Iterable[str | None], codes: dict[str, int]) -> Codes:
+    coded = [NO_PREDICTION if name is None else codes.setdefault(name, len(codes)) for name in names]
+    return np.array(coded, dtype=np.intp)

@@ -1,0 +1,26 @@
+"""What a run is scored against."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from harness.labels.labels import Labels
+from harness.run.published import Published
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reference:
+    """Labels and frames by clip, and what every table must say beside the scores.
+
+    A clip without labels is not scored. ``frames`` are those that were to be run, where they are fewer than the labels
+    cover (a clip whose numbers have gaps, a run with a limit): a labelled one among them without a record is wrong.
+    ``notes`` tell of the clips and the experiment, such as how a view was made; ``published`` are somebody's figures.
+    ``says_nowhere`` are the configurations whose method can answer "looks at nothing".
+    """
+
+    labels: Mapping[str, Labels]
+    frames: Mapping[str, Iterable[int]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    published: Published | None = None
+    says_nowhere: frozenset[str] = frozenset()

@@ -1,0 +1,174 @@
+"""Whether probabilities can be believed: whether 70 % of the frames that are 70 % sure are right.
+
+Guo et al. (2017): predictions are sorted into ten bins by confidence, the probability of what was predicted. The
+expected calibration error is the mean distance between a bin's share of right frames and its mean confidence. Equal
+bins leave most frames in one bin where probabilities are high; adaptive bins (Nguyen and O'Connor 2015) hold as many
+frames each. Brier's score (1950) is the squared distance between all probabilities and the truth, 0 to 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sized
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.labels.files import IGNORED, NOWHERE, Label, Labels
+from harness.run.results import FrameRecord, SubjectRecord
+from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
+from harness.score.statistics import UNKNOWN, Codes, Interval
+from harness.score.verdicts import find_subject, true_targets
+from vfoa.types import Float
+
+BINS = 10
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reliability:
+    """How far one configuration's probabilities can be believed, over ``n`` scored frames with a prediction.
+
+    ``clip`` and ``subject`` are None for all together. ``confidence``, ``accuracy`` (means) and ``counts`` are by equal
+    bin (B,); the means of an empty bin are NaN. ``interval`` is that of the calibration error, clips resampled; unknown
+    with few clips. ``adaptive_error`` is the calibration error of adaptive bins.
+    """
+
+    configuration: str
+    clip: str | None
+    subject: str | None
+    n: int
+    brier: float
+    adaptive_error: float
+    interval: Interval
+    confidence: Float
+    accuracy: Float
+    counts: Float
+
+    @property
+    def calibration_error(self) -> float:
+        """The expected calibration error, in [0, 1]."""
+        return float(np.nansum(np.abs(self.accuracy - self.confidence) * self.counts) / self.n)
+
+    @property
+    def mean_confidence(self) -> float:
+        """The share of right frames that the probabilities promise."""
+        return float(np.nansum(self.confidence * self.counts) / self.n)
+
+    @property
+    def share_right(self) -> float:
+        """The share of right frames."""
+        return float(np.nansum(self.accuracy * self.counts) / self.n)
+
+
+class BeliefLog:
+    """Keeps the probabilities of the scored frames while records pass by, of the configurations that give any."""
+
+    def __init__(self, configurations: Collection[str], labels_by_clip: Mapping[str, Labels]) -> None:
+        self._labels = labels_by_clip
+        self._found: dict[str, dict[tuple[str, str], list[tuple[float, bool, float]]]] = {
+            name: {} for name in configurations
+        }
+
+    def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
+        """Hand the records on."""
+        for record in records:
+            labels = self._labels.get(record.clip)
+            if record.configuration in self._found and labels is not None:
+                for _, subject, label in labels.labelled([record.frame]):
+                    found = find_subject(record, subject)
+                    if label.target != IGNORED and found is not None and found.missing is None:
+                        of_subject = self._found[record.configuration].setdefault((record.clip, subject), [])
+                        of_subject.append(_sureness(record, found, label))
+            yield record
+
+    def reliabilities(self) -> list[Reliability]:
+        """One over all clips for each configuration of which a frame was scored, in the order of the configurations."""
+        return [
+            reliability(
+                name,
+                np.concatenate([np.array(each) for each in by_subject.values()]),
+                np.concatenate([np.full(len(each), code) for code, each in _coded(by_subject)]),
+            )
+            for name, by_subject in self._found.items()
+            if by_subject
+        ]
+
+    def by_subject(self) -> list[Reliability]:
+        """One for each subject of each clip, then by configuration."""
+        keys = sorted({key for by_subject in self._found.values() for key in by_subject})
+        return [
+            reliability(name, np.array(by_subject[key]), clip=key[0], subject=key[1])
+            for key in keys
+            for name, by_subject in self._found.items()
+            if key in by_subject
+        ]
+
+
+def _coded(by_subject: Mapping[tuple[str, str], Sized]) -> Iterator[tuple[int, Sized]]:
+    """The number of each list's clip, and the list."""
+    codes: dict[str, int] = {}
+    for (clip, _), each in by_subject.items():
+        yield codes.setdefault(clip, len(codes)), each
+
+
+def reliability(
+    configuration: str,
+    frames: Float,
+    clips: Codes | None = None,
+    *,
+    clip: str | None = None,
+    subject: str | None = None,
+) -> Reliability:
+    """Count out frames (n, 3): the confidence, whether it was right, and Brier's score of each.
+
+    ``clips`` (n,) are the codes of the frames' clips; None: all of one.
+    """
+    confidence, right, brier = frames.T
+    bins = np.minimum((confidence * BINS).astype(np.intp), BINS - 1)
+    counts = np.bincount(bins, minlength=BINS).astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        mean, share = (np.bincount(bins, weights=values, minlength=BINS) / counts for values in (confidence, right))
+    return Reliability(
+        configuration=configuration,
+        clip=clip,
+        subject=subject,
+        n=len(frames),
+        brier=float(brier.mean()),
+        adaptive_error=adaptive_error(confidence, right),
+        interval=_interval(confidence - right, bins, np.zeros(len(frames), dtype=np.intp) if clips is None else clips),
+        confidence=mean,
+        accuracy=share,
+        counts=counts,
+    )
+
+
+def adaptive_error(confidence: Float, right: Float) -> float:
+    """The expected calibration error of :data:`BINS` bins of as many frames each; equal confidences share a bin."""
+    order = np.argsort(confidence, kind="stable")
+    edges = confidence[order][np.linspace(0, len(order), BINS + 1).astype(int)[1:-1].clip(max=len(order) - 1)]
+    bins = np.searchsorted(np.unique(edges), confidence, side="right")
+    return float(np.abs(np.bincount(bins, confidence - right)).sum() / len(confidence))
+
+
+def _interval(gaps: Float, bins: Codes, clips: Codes) -> Interval:
+    """The interval of the calibration error, from gaps (n,) of confidence and outcome."""
+    n = int(clips.max()) + 1
+    if n < LEAST_CLIPS:
+        return UNKNOWN
+    sums = np.bincount(clips * BINS + bins, gaps, minlength=n * BINS).reshape(n, BINS)
+    drawn = draw(np.zeros(n, dtype=np.intp), by_clip=False).astype(np.float64)
+    errors = np.abs(drawn @ sums).sum(axis=1) / (drawn @ np.bincount(clips, minlength=n))
+    low, high = expanded_percentiles(errors, n, n - 1)
+    return Interval(low=low, high=high, unit="clip")
+
+
+def _sureness(record: FrameRecord, subject: SubjectRecord, label: Label) -> tuple[float, bool, float]:
+    """Confidence, whether it is right, and Brier's score of a subject's probabilities; nowhere has their rest up to 1.
+
+    The truth of a target that the frame does not have has no probability.
+    """
+    probabilities: dict[int | None, float] = {value.instance_id: value.total for value in subject.attention}
+    probabilities[None] = max(0.0, 1 - sum(probabilities.values()))
+    true: set[int | None] = {None} if label.target == NOWHERE else {t.instance_id for t in true_targets(record, label)}
+    on_truth = sum(probabilities.get(key, 0.0) for key in true)
+    elsewhere = sum(p**2 for key, p in probabilities.items() if key not in true)
+    return min(probabilities[subject.focus], 1.0), subject.focus in true, (1 - on_truth) ** 2 + elsewhere

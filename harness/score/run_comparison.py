@@ -1,0 +1,101 @@
+"""Whole runs compared: every two configurations, or each with the same one of a baseline run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import Protocol
+
+from harness.run.directory import RunDirectory
+from harness.score.comparison import Comparison, compare, with_holm
+from harness.score.exported import ExportedTable
+from harness.score.finished_run import read_scores
+from harness.score.mixed_model import OddsRatio, odds_ratio
+from harness.score.oracle_ablation import without_oracles
+from harness.score.scored_frames import ScoredFrames
+from vfoa.errors import VfoaError
+
+
+class _Scored(Protocol):
+    """What is compared: a run that was scored, or an exported table."""
+
+    @property
+    def scored_configurations(self) -> tuple[str, ...]: ...
+
+    def frames_of(self, configuration: str) -> list[ScoredFrames]: ...
+
+
+def compare_runs(runs: Sequence[Path]) -> tuple[Comparison, ...]:
+    """Compare every two configurations of several runs on their common frames, named ``run/configuration``.
+
+    A run is a directory, or the JSON file that ``vfoa export-table`` wrote of one. The oracle ablation is left out,
+    here and below.
+
+    Raises
+    ------
+    VfoaError
+        If a run cannot be scored, two runs are the same directory, or their labels differ.
+    """
+    return compare(_frames(runs))
+
+
+def model_runs(runs: Sequence[Path]) -> list[OddsRatio]:
+    """A mixed-effects logistic regression of every two configurations of several runs.
+
+    Raises
+    ------
+    VfoaError
+        As :func:`compare_runs`, and if statsmodels is not installed.
+    """
+    frames = _frames(runs)
+    return [odds_ratio(one, two, frames[one], frames[two]) for one, two in combinations(frames, 2)]
+
+
+def _frames(runs: Sequence[Path]) -> dict[str, list[ScoredFrames]]:
+    found = {}
+    for run in _distinct(runs):
+        scored = _read(run)
+        found.update({f"{run}/{name}": scored.frames_of(name) for name in _compared(scored)})
+    return found
+
+
+def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Comparison, ...]:
+    """Compare each configuration of the runs with the baseline's of the same name; Holm over all of these.
+
+    Raises
+    ------
+    VfoaError
+        If a run cannot be scored, has a configuration the baseline has not or none in common with it to score.
+    """
+    reference = _read(baseline)
+    scored = [(run, _read(run)) for run in _distinct([baseline, *runs])[1:]]
+    return with_holm(
+        [_with_same(one, name, run, reference, baseline) for run, one in scored for name in _compared(one)]
+    )
+
+
+def _read(run: Path) -> _Scored:
+    return ExportedTable.read(run) if run.suffix == ".json" else read_scores(RunDirectory(run))
+
+
+def _compared(scored: _Scored) -> list[str]:
+    return without_oracles(scored.scored_configurations)
+
+
+def _with_same(scored: _Scored, name: str, run: Path, reference: _Scored, baseline: Path) -> Comparison:
+    known = reference.scored_configurations
+    if name not in known:
+        raise VfoaError(f"{baseline}: has no configuration {name!r} of {run}; found {', '.join(known)}")
+    (one,) = compare({f"{baseline}/{name}": reference.frames_of(name), f"{run}/{name}": scored.frames_of(name)})
+    if one.n == 0:
+        raise VfoaError(f"{run}: configuration {name!r} has no scored frame in common with {baseline}")
+    return one
+
+
+def _distinct(runs: Sequence[Path]) -> list[Path]:
+    places = [run.resolve() for run in runs]
+    for run, place in zip(runs, places, strict=True):
+        if places.count(place) > 1:
+            raise VfoaError(f"{run}: given twice; expected different runs")
+    return list(runs)

@@ -1,0 +1,314 @@
+"""Scores of a run: the focus recognition rate (FRR) per clip and configuration, and what it is worth.
+
+FRR = correct / annotated (frame, subject) pairs without ``ignore``; a pair without a prediction is wrong. "Frame" means
+such a pair below. Pooled over subjects or clips means all their pairs together: a longer clip weighs more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.run.measure_log import MeasureLog
+from harness.run.published import Published
+from harness.run.results import FrameRecord
+from harness.run.seeds import base_of
+from harness.score.baselines import BASELINES
+from harness.score.events import EventCounts, count_events
+from harness.score.intervals import Units, rate_interval
+from harness.score.metrics import Metric, load_metrics
+from harness.score.outcomes import Outcomes, collect_outcomes
+from harness.score.reference import Reference
+from harness.score.scored_frames import ScoredFrames
+from harness.score.sign_flip import SIGNIFICANCE, sign_flip_p
+from harness.score.statistics import Flags, Interval, wilson_interval
+from harness.score.verdicts import ERROR_TYPES, Verdict, judge
+from vfoa.types import Float
+
+__all__ = ["ERROR_TYPES", "ScoreRow", "Scores", "Verdict", "judge", "score"]
+
+
+Beats = Literal["yes", "not shown", "no"]
+"""Whether a configuration beats the best baseline: significantly, by chance for all one knows, or not at all."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NowhereCounts:
+    """How a method that can say "looks at nothing" does at it: frames in which it is true, said, and both."""
+
+    true: int
+    said: int
+    right: int
+
+    @property
+    def precision(self) -> float:
+        """The share of the frames in which it was said that are right; NaN if it never was."""
+        return self.right / self.said if self.said else math.nan
+
+    @property
+    def recall(self) -> float:
+        """The share of the frames in which it is true that were found; NaN if it never is."""
+        return self.right / self.true if self.true else math.nan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScoreRow:
+    """The scores of one configuration on one clip, on one subject of it, or on all clips together.
+
+    ``clip`` is None for all clips, ``subject`` None for all subjects. ``n`` counts frames, ``looks`` and ``clips`` what
+    they are of. ``predicted`` counts the frames with an answer, ``predicted_correct`` the right ones of these,
+    ``no_hit`` the frames in which nothing got any attention. ``interval`` is that of the rate by clips or looks (see
+    :mod:`harness.score.intervals`); ``wilson`` would hold if frames were independent. ``metrics`` are the values of
+    :mod:`harness.score.metrics` by name, NaN where one has no value. ``nowhere`` is None for a method that cannot say
+    "looks at nothing". ``visible`` and ``visible_correct`` count the frames whose line of sight no label calls blocked.
+    ``baselines`` are the rates of :mod:`harness.score.baselines`, ``beats`` says whether the best of them is beaten.
+    ``error_types`` are the wrong frames by error type, in the order of :data:`ERROR_TYPES`, zeros included.
+    ``seed_rates`` are the rates under each seed, where a configuration ran under several; ``n`` counts all of them.
+    """
+
+    clip: str | None
+    subject: str | None
+    configuration: str
+    n: int
+    looks: int
+    clips: int
+    correct: int
+    predicted: int
+    predicted_correct: int
+    no_hit: int
+    interval: Interval
+    wilson: Interval
+    metrics: Mapping[str, float]
+    events: EventCounts
+    nowhere: NowhereCounts | None
+    visible: int
+    visible_correct: int
+    baselines: Mapping[str, float]
+    beats: Beats
+    error_types: Mapping[str, int]
+    seed_rates: tuple[float, ...] = ()
+
+    @property
+    def frr(self) -> float:
+        """Share of the frames that are correct."""
+        return self.correct / self.n
+
+    @property
+    def coverage(self) -> float:
+        """Share of the frames with an answer: a target, or "looks at nothing" of a method that can say so."""
+        return self.predicted / self.n
+
+    @property
+    def frr_predicted(self) -> float:
+        """FRR given an answer: the share of correct ones among the frames with one; NaN without any."""
+        return self.predicted_correct / self.predicted if self.predicted else math.nan
+
+    @property
+    def frr_visible(self) -> float:
+        """FRR of the frames whose line of sight is free; NaN without any."""
+        return self.visible_correct / self.visible if self.visible else math.nan
+
+    @property
+    def best_baseline(self) -> str:
+        """The name of the best baseline on these frames; the first of equally good ones."""
+        return max(self.baselines, key=lambda name: self.baselines[name])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scores:
+    """All scores of a run. ``rows`` hold only what has annotated frames; ``verdicts`` the unscored frames, too.
+
+    Clips and configurations are in the order of the results; verdicts by clip, configuration, subject, frame. ``notes``
+    are what every table must say of the clips and the experiment, ``published`` somebody's figures to set beside.
+    ``measures`` are the stages' against the truth. ``outcomes`` are what the rows were made of.
+    """
+
+    clips: tuple[str, ...]
+    configurations: tuple[str, ...]
+    verdicts: tuple[Verdict, ...]
+    rows: tuple[ScoreRow, ...]
+    notes: tuple[str, ...] = ()
+    published: Published | None = None
+    measures: MeasureLog = field(default_factory=MeasureLog, compare=False, repr=False)
+    outcomes: tuple[Outcomes, ...] = field(default=(), compare=False, repr=False)
+
+    def by_clip(self) -> list[ScoreRow]:
+        """The rows of whole clips, and those of all clips together where there are several."""
+        return [row for row in self.rows if row.subject is None]
+
+    def by_subject(self) -> list[ScoreRow]:
+        """The rows of single subjects."""
+        return [row for row in self.rows if row.subject is not None]
+
+    def verdicts_of(self, configuration: str) -> list[Verdict]:
+        """One configuration's verdicts on all clips."""
+        return [verdict for verdict in self.verdicts if verdict.configuration == configuration]
+
+    @property
+    def scored_configurations(self) -> tuple[str, ...]:
+        """The configurations that have rows, in the order of the results: one for all seeds of a configuration."""
+        return tuple(dict.fromkeys(map(base_of, self.configurations)))
+
+    def frames_of(self, configuration: str) -> list[ScoredFrames]:
+        """One configuration's scored frames on all clips, as :func:`harness.score.comparison.compare` takes them."""
+        found: dict[tuple[str, str], list[Outcomes]] = {}
+        for each in self.outcomes:
+            if base_of(each.configuration) == configuration and each.frames:
+                found.setdefault((each.clip, each.subject), []).append(each)
+        return [
+            ScoredFrames(
+                clip=clip,
+                subject=subject,
+                frames=seeds[0].frames,
+                looks=tuple(seeds[0].looks.tolist()),
+                truth=tuple(str(verdict.truth) for verdict in seeds[0].verdicts if verdict.outcome != "unscored"),
+                correct=tuple(np.sum([each.correct for each in seeds], axis=0).tolist()),
+                seeds=len(seeds),
+            )
+            for (clip, subject), seeds in found.items()
+        ]
+
+
+def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
+    """Score every (clip, configuration) of which there are records.
+
+    Parameters
+    ----------
+    records
+        As :func:`harness.run.results.read_results` gives them; each is looked at once.
+    reference
+        What they are scored against. A clip without labels has unscored verdicts and no rows.
+    """
+    measures = MeasureLog()
+    outcomes = collect_outcomes(measures.watch(records), reference)
+    clips = tuple(dict.fromkeys(each.clip for each in outcomes))
+    configurations = tuple(dict.fromkeys(each.configuration for each in outcomes))
+    metrics = load_metrics()
+    says_nowhere = {
+        *map(base_of, reference.says_nowhere),
+        *(base_of(each.configuration) for each in outcomes if each.says_nowhere.any()),
+    }
+    rows = [
+        row
+        for group in _groups(outcomes, clips, configurations)
+        if (row := _row(*group, metrics, says_nowhere)) is not None
+    ]
+    verdicts = tuple(verdict for each in outcomes for verdict in each.verdicts)
+    return Scores(
+        clips=clips,
+        configurations=configurations,
+        verdicts=verdicts,
+        rows=tuple(rows),
+        notes=reference.notes,
+        published=reference.published,
+        measures=measures,
+        outcomes=tuple(outcomes),
+    )
+
+
+_Group = tuple[str | None, str | None, str, list[Outcomes]]
+
+
+def _groups(outcomes: Sequence[Outcomes], clips: Sequence[str], configurations: Sequence[str]) -> Iterator[_Group]:
+    """What is scored together, as (clip, subject, configuration, outcomes), in the order of the tables."""
+    scored = [each for each in outcomes if len(each.correct)]
+    by_name: dict[str, list[Outcomes]] = {base_of(name): [] for name in configurations}
+    for each in scored:
+        by_name[base_of(each.configuration)].append(each)
+    for clip in clips:
+        for name, found in by_name.items():
+            yield clip, None, name, [each for each in found if each.clip == clip]
+    if len({each.clip for each in scored}) > 1:
+        for name, found in by_name.items():
+            yield None, None, name, found
+    for clip in clips:
+        for subject in dict.fromkeys(each.subject for each in scored if each.clip == clip):
+            for name, found in by_name.items():
+                yield clip, subject, name, [each for each in found if (each.clip, each.subject) == (clip, subject)]
+
+
+def _row(
+    clip: str | None,
+    subject: str | None,
+    configuration: str,
+    group: list[Outcomes],
+    metrics: Mapping[str, Metric],
+    says_nowhere: Collection[str],
+) -> ScoreRow | None:
+    if not group:
+        return None
+    columns = {name: np.concatenate([getattr(each, name) for each in group]) for name in _FLAGS}
+    correct, no_hit = columns["correct"], columns["no_hit"]
+    answered = np.concatenate([each.predicted >= 0 for each in group]) & ~no_hit
+    error_types = Counter(error_type for each in group for error_type in each.error_types)
+    units = units_of(group, [each.correct for each in group])
+    baselines: Flags = np.concatenate([each.baselines for each in group])
+    return ScoreRow(
+        clip=clip,
+        subject=subject,
+        configuration=configuration,
+        n=len(correct),
+        looks=len(units.frames),
+        clips=units.n_clips,
+        correct=_count(correct),
+        predicted=_count(answered),
+        predicted_correct=_count(answered & correct),
+        no_hit=_count(no_hit),
+        interval=rate_interval(units),
+        wilson=wilson_interval(_count(correct), len(correct)),
+        metrics={name: float(metric(group)) for name, metric in metrics.items()},
+        events=count_events((each.truth, each.predicted, each.positions) for each in group),
+        nowhere=_nowhere(columns) if configuration in says_nowhere else None,
+        visible=_count(~columns["blocked"]),
+        visible_correct=_count(correct & ~columns["blocked"]),
+        baselines=dict(zip(BASELINES, baselines.mean(axis=0).tolist(), strict=True)),
+        beats=_beats(group, baselines),
+        error_types={error_type: error_types[error_type] for error_type in ERROR_TYPES},
+        seed_rates=_seed_rates(group),
+    )
+
+
+def _seed_rates(group: list[Outcomes]) -> tuple[float, ...]:
+    by_seed: dict[str, list[Flags]] = {}
+    for each in group:
+        by_seed.setdefault(each.configuration, []).append(each.correct)
+    return tuple(float(np.concatenate(each).mean()) for each in by_seed.values()) if len(by_seed) > 1 else ()
+
+
+_FLAGS = ("correct", "no_hit", "nowhere", "says_nowhere", "blocked")
+
+
+def _nowhere(columns: Mapping[str, Flags]) -> NowhereCounts:
+    true, said = columns["nowhere"], columns["says_nowhere"]
+    return NowhereCounts(true=_count(true), said=_count(said), right=_count(true & said))
+
+
+def _beats(group: list[Outcomes], baselines: Flags) -> Beats:
+    best = int(np.argmax(baselines.sum(axis=0)))
+    gains = units_of(group, [each.correct.astype(int) - each.baselines[:, best] for each in group])
+    if gains.values.sum() <= 0:
+        return "no"
+    return "yes" if sign_flip_p(gains.merged().values) < SIGNIFICANCE else "not shown"
+
+
+def units_of(group: Sequence[Outcomes], values: Sequence[NDArray[Any]]) -> Units:
+    """The looks of some outcomes, with the sums of a value (n,) of each of their frames."""
+    clips: dict[str, int] = {}
+    sums: dict[tuple[str, str], Float] = {}  # (looks, 2) by clip and subject: seeds share the looks
+    for each, value in zip(group, values, strict=True):
+        of_looks = np.stack([np.bincount(each.looks), np.bincount(each.looks, value)], axis=1).astype(np.float64)
+        key = each.clip, each.subject
+        sums[key] = sums[key] + of_looks if key in sums else of_looks
+    codes = [np.full(len(each), clips.setdefault(clip, len(clips)), dtype=np.intp) for (clip, _), each in sums.items()]
+    frames, totals = np.concatenate(list(sums.values())).T
+    return Units(clips=np.concatenate(codes), frames=frames, values=totals)
+
+
+def _count(flags: Flags) -> int:
+    return int(np.count_nonzero(flags))

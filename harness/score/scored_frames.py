@@ -1,0 +1,96 @@
+"""What a comparison needs of one configuration: which frames of whom are right, and of which look each is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.score.intervals import Units
+from vfoa.errors import VfoaError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScoredFrames:
+    """A subject's scored frames in one clip.
+
+    ``frames`` are their numbers, ``looks`` the number of the look of each, ``truth`` its true target. ``correct``
+    counts the seeds, of ``seeds``, under which each is right: 0 or 1 of one.
+    """
+
+    clip: str
+    subject: str
+    frames: tuple[int, ...]
+    looks: tuple[int, ...]
+    truth: tuple[str, ...]
+    correct: tuple[int, ...]
+    seeds: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pairs:
+    """Two configurations on their common frames.
+
+    ``better`` frames are right in the second alone, ``worse`` ones in the first alone. ``units`` are the looks, with
+    better less worse frames; None without a common frame.
+    """
+
+    n: int
+    better: int
+    worse: int
+    units: Units | None
+
+
+def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs:
+    """Pair frames by clip, subject and frame; the first's looks count, as far as they are common to both.
+
+    Raises
+    ------
+    VfoaError
+        If a frame has another true target in the second, or one was run under more seeds.
+    """
+    first, second = list(first), list(second)
+    seeds = {each.seeds for each in (*first, *second)}
+    if len(seeds) > 1:
+        raise VfoaError(f"found runs under {min(seeds)} and under {max(seeds)} seeds; expected as many in both")
+    (repeats,) = seeds or {1}
+    others = {
+        (each.clip, each.subject): dict(zip(each.frames, zip(each.truth, each.correct, strict=True), strict=True))
+        for each in second
+    }
+    clips: dict[str, int] = {}
+    codes: list[int] = []
+    frames: list[int] = []
+    values: list[int] = []
+    better = worse = 0
+    for each in first:
+        other = others.get((each.clip, each.subject), {})
+        look = None
+        columns = zip(each.frames, each.looks, each.truth, each.correct, strict=True)
+        for frame, number, truth, was_right in columns:
+            if frame not in other:
+                continue
+            other_truth, is_right = other[frame]
+            if other_truth != truth:
+                raise VfoaError(
+                    f"{each.clip}: frame {frame}: {each.subject} looks at {truth!r} in one and at {other_truth!r} in "
+                    "the other; expected the same labels"
+                )
+            if number != look:
+                look = number
+                codes.append(clips.setdefault(each.clip, len(clips)))
+                frames.append(0)
+                values.append(0)
+            gain = int(is_right) - int(was_right)
+            frames[-1] += repeats
+            values[-1] += gain
+            better, worse = better + (gain > 0), worse + (gain < 0)
+    if not frames:
+        return Pairs(n=0, better=0, worse=0, units=None)
+    units = Units(
+        clips=np.array(codes, dtype=np.intp),
+        frames=np.array(frames, dtype=np.float64),
+        values=np.array(values, dtype=np.float64),
+    )
+    return Pairs(n=sum(frames) // repeats, better=better, worse=worse, units=units)

@@ -1,0 +1,176 @@
+"""Right or wrong: one verdict per frame and annotated subject, and exactly one error type for every wrong one.
+
+The error type is the first of these that applies, in the order of the pipeline:
+
+``no_subject``            no record of the frame, or no tracked person in it bears the subject's name
+``no_eyes_3d``            the subject was seen, but where the eyes are in space is not known
+``no_direction``          neither gaze nor head direction was measured
+``target_not_segmented``  no instance bears the true target's name
+``target_without_box``    instances do, but none has a 3D box
+``false_attention``       the subject looks at nothing, and a target was predicted
+``wrong_subject``         the record under the subject's name is somebody else's body: see below
+``no_hit``                nothing in the frame got any attention: no ray hit anything
+``missed``                the true target got no attention at all, something else did
+``outscored``             it got some, but another target, or nowhere, won (a tie that was lost counts here)
+
+Results alone show a wrong subject in two ways: instances of the frame bear the subject's name and the record's head was
+joined to another instance; or the predicted target bears the subject's own name, which nobody can look at, so the
+head was joined to another body. An exchange in which name and body moved together cannot be seen, and counts as
+``missed`` or ``outscored``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from harness.labels.files import IGNORED, NOWHERE, Label
+from harness.run.results import BoxPx, FrameRecord, SubjectRecord, TargetRecord
+
+Outcome = Literal["correct", "wrong", "unscored"]
+
+ERROR_TYPES = {
+    "no_subject": "the person was not found",
+    "no_eyes_3d": "where the eyes are in space is not known",
+    "no_direction": "neither gaze nor head was measured",
+    "target_not_segmented": "the true target has no mask",
+    "target_without_box": "the true target has a mask and no 3D box",
+    "false_attention": "a target was predicted, and there is none",
+    "wrong_subject": "this is somebody else's body",
+    "no_hit": "no ray hit anything",
+    "missed": "the true target got no attention at all, another did",
+    "outscored": "the true target got some attention, another more",
+}
+"""Each error type in their order, with words for a reader who sees it for the first time."""
+
+
+NO_HIT = "(nothing hit)"
+"""What stands for the prediction of a frame in which nothing got any attention: not the answer "looks at nothing"."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What was predicted for a subject in a frame, and whether that is right.
+
+    ``truth`` and ``predicted`` are targets' names, ``"none"`` for nowhere. ``truth`` is None where there is no
+    label, ``predicted`` None where no prediction was made, :data:`NO_HIT` where nothing got any attention: that is
+    right where the label is ``none``, as in the paper, and an error of its own elsewhere. ``error_type`` is one of
+    :data:`ERROR_TYPES` for a wrong frame, None for every other.
+    """
+
+    clip: str
+    configuration: str
+    frame: int
+    subject: str
+    truth: str | None
+    predicted: str | None
+    outcome: Outcome
+    error_type: str | None
+
+
+def judge(record: FrameRecord, subject: str, label: Label | None) -> Verdict:
+    """Judge what a frame's record says of a subject. No label, or ``ignore``: unscored."""
+    found = find_subject(record, subject)
+    predicted = _predicted(record, found)
+    if label is None or label.target == IGNORED:
+        return _verdict(record, subject, label, predicted, "unscored", None)
+    error_type = _error_type(record, subject, found, label, predicted)
+    return _verdict(record, subject, label, predicted, "wrong" if error_type else "correct", error_type)
+
+
+def judge_absent(clip: str, configuration: str, frame: int, subject: str, label: Label) -> Verdict:
+    """Judge a labelled frame of which a run has no record: wrong, because a frame without a prediction is."""
+    empty = FrameRecord(clip=clip, configuration=configuration, frame=frame, time_ns=0, targets=(), subjects=())
+    return judge(empty, subject, label)
+
+
+def find_subject(record: FrameRecord, subject: str) -> SubjectRecord | None:
+    """The person of this name; the first in the record where tracks share it."""
+    return next((each for each in record.subjects if each.name == subject), None)
+
+
+def true_targets(record: FrameRecord, label: Label) -> list[TargetRecord]:
+    """The instances that bear the label's name; where it has an image point, only the one nearest to it."""
+    named = [target for target in record.targets if target.name == label.target]
+    if label.point_px is None or len(named) < 2:
+        return named
+    point = label.point_px
+    return [min(named, key=lambda target: _distance_px(target.box_px, point))]
+
+
+def right_answers(record: FrameRecord, label: Label) -> tuple[int | None, ...]:
+    """The instances that the label names in this frame, each a right focus; None stands for nowhere."""
+    if label.target == NOWHERE:
+        return (None,)
+    return tuple(target.instance_id for target in true_targets(record, label))
+
+
+def _verdict(
+    record: FrameRecord,
+    subject: str,
+    label: Label | None,
+    predicted: str | None,
+    outcome: Outcome,
+    error_type: str | None,
+) -> Verdict:
+    return Verdict(
+        clip=record.clip,
+        configuration=record.configuration,
+        frame=record.frame,
+        subject=subject,
+        truth=label.target if label else None,
+        predicted=predicted,
+        outcome=outcome,
+        error_type=error_type,
+    )
+
+
+def _predicted(record: FrameRecord, found: SubjectRecord | None) -> str | None:
+    if found is None or found.missing is not None:
+        return None
+    if found.focus is not None:
+        return record.target(found.focus).name
+    return NOWHERE if any(value.total > 0.0 for value in found.attention) else NO_HIT
+
+
+def _error_type(
+    record: FrameRecord, subject: str, found: SubjectRecord | None, label: Label, predicted: str | None
+) -> str | None:
+    """Why the frame is wrong: the first error type that applies; None if it is correct."""
+    if found is None:
+        return "no_subject"
+    if found.missing is not None:
+        return found.missing
+    if found.focus in right_answers(record, label):
+        return None
+    if label.target == NOWHERE:
+        return "false_attention"
+    targets = true_targets(record, label)
+    if not targets:
+        return "target_not_segmented"
+    if all(target.box is None for target in targets):
+        return "target_without_box"
+    if _is_somebody_else(record, subject, found) or predicted == subject:
+        return "wrong_subject"
+    attended = {value.instance_id for value in found.attention if value.total > 0.0}
+    if not attended:
+        return "no_hit"
+    return "outscored" if any(target.instance_id in attended for target in targets) else "missed"
+
+
+def _is_somebody_else(record: FrameRecord, subject: str, found: SubjectRecord) -> bool:
+    bodies = {target.instance_id for target in record.targets if target.name == subject}
+    return found.instance_id is not None and bool(bodies) and found.instance_id not in bodies
+
+
+def _distance_px(box_px: BoxPx | None, point_px: tuple[float, float]) -> tuple[float, float]:
+    """Squared distance of a point from a box (0 inside), then from its centre: boxes that hold it may overlap.
+
+    A target without a box in the image is infinitely far away.
+    """
+    if box_px is None:
+        return math.inf, math.inf
+    (u0, v0, u1, v1), (u, v) = box_px, point_px
+    outside = max(u0 - u, 0.0, u - u1) ** 2 + max(v0 - v, 0.0, v - v1) ** 2
+    return outside, (u - (u0 + u1) / 2) ** 2 + (v - (v0 + v1) / 2) ** 2

@@ -1,1 +1,0 @@
-"""Scores: from results and labels to rates, intervals, tests, causes and the oracle ladder."""

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from math import acos, inf, nan, sqrt
+
+import numpy as np
+import pytest
+
+from harness.score.baselines import Baselines, Choices, best_limit_rad, commonest
+from tests.records import frame_record, subject_record, target_record
+
+NEAR = target_record(1, "near", center=(1.0, 0.0, 1.2), box_px=(0, 0, 10, 10))
+LARGE = target_record(2, "large", center=(2.0, 0.0, 3.0), box_px=(0, 0, 50, 50))
+CENTRAL = target_record(3, "central", center=(0.1, 0.0, 6.0), box_px=(0, 0, 20, 20))
+FLAT = target_record(4, "flat", center=None, box_px=(0, 0, 40, 40))
+RECORD = frame_record([NEAR, LARGE, CENTRAL, FLAT])
+GIRL = subject_record("girl", eyes=(1.0, 0.0, 1.0))
+
+
+def test_each_baseline_picks_what_it_is_called_after() -> None:
+    assert Baselines(RECORD).choose(GIRL)[:3] == (1, 2, 3)
+
+
+def test_a_subject_never_picks_its_own_body() -> None:
+    picked = [Baselines(RECORD).choose(replace(GIRL, instance_id=own))[:3] for own in (1, 2, 3)]
+    assert picked == [
+        (2, 2, 3),
+        (1, 4, 3),
+        (1, 2, 2),  # 2 m aside at 3 m is nearer the axis than 1 m at 1.2 m
+    ]
+
+
+def test_what_is_behind_the_camera_is_not_central() -> None:
+    behind = target_record(5, "behind", center=(0.0, 0.0, -1.0))
+    assert Baselines(frame_record([NEAR, behind])).choose(GIRL).central == 1
+
+
+def test_without_eyes_nothing_is_nearest() -> None:
+    assert Baselines(RECORD).choose(replace(GIRL, eye_origin_m=None)) == Choices(nearest=None, largest=2, central=3)
+
+
+def test_without_a_subject_or_targets_nothing_is_picked() -> None:
+    nothing = Choices(nearest=None, largest=None, central=None)
+    assert Baselines(RECORD).choose(None) == nothing
+    assert Baselines(frame_record()).choose(GIRL) == nothing
+
+
+def test_the_commonest_label_is_the_first_by_name_of_equals() -> None:
+    assert commonest(["cup", "can", "cup"]) == "cup"
+    assert commonest(["cup", "can"]) == "can"
+    assert commonest([]) is None
+
+
+def test_the_largest_is_so_by_its_area_wherever_it_lies() -> None:
+    small = target_record(1, "small", box_px=(500, 10, 520, 30))
+    tall = target_record(2, "tall", box_px=(10, 500, 20, 530))
+    large = target_record(3, "large", box_px=(0, 0, 25, 20))
+    assert Baselines(frame_record([small, tall, large])).choose(GIRL).largest == 3
+
+
+def test_the_central_is_so_by_its_angle_whatever_its_distance() -> None:
+    far, near = target_record(1, "far", center=(5.0, 0.0, 9.0)), target_record(2, "near", center=(0.1, 0.0, 0.5))
+    assert Baselines(frame_record([far, near])).choose(GIRL).central == 2
+
+
+def test_a_box_about_the_camera_has_no_angle_and_counts_as_a_right_one() -> None:
+    around, ahead, behind = (
+        target_record(each, "box", center=(0.0, 0.0, z)) for each, z in ((1, 0.0), (2, 1), (3, -1))
+    )
+    picked = [Baselines(frame_record(each)).choose(GIRL).central for each in ([around, ahead], [around, behind])]
+    assert picked == [2, 1]
+
+
+def test_the_nearest_in_angle_is_so_to_the_gaze_whatever_its_distance() -> None:
+    beside = target_record(1, "beside", center=(0.3, 0.0, 1.5))
+    behind_it = target_record(2, "behind it", center=(0.5, 0.0, 5.0))
+    record = frame_record([beside, behind_it])
+    girl = replace(subject_record("girl", eyes=(0.0, 0.0, 1.0)), gaze=(0.0, 0.0, 2.0))
+    found = Baselines(record).choose(girl)
+    assert found.in_angle == 2
+    assert found.angle_rad == pytest.approx(acos(4 / sqrt(0.25 + 16)))
+    headed = replace(girl, gaze=None, head=(1.0, 0.0, 0.0))  # without gaze, where the head points
+    assert Baselines(record).choose(headed).in_angle == 1
+    assert Baselines(record).choose(replace(headed, head=None)).in_angle is None
+
+
+def test_the_limit_is_best_among_all_limits() -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        angles = np.round(rng.random(20), 1)
+        nowhere = rng.random(20) < 0.4
+        hits = (rng.random(20) < 0.6) & ~nowhere
+        angles[rng.random(20) < 0.1] = nan
+        limit = best_limit_rad(angles, hits, nowhere)
+
+        def right(limit: float, angles=angles, hits=hits, nowhere=nowhere) -> int:  # type: ignore[no-untyped-def]
+            return int(np.sum((angles <= limit) & hits) + np.sum((angles > limit) & nowhere))
+
+        assert right(limit) == max(right(each) for each in (-1, *np.arange(0, 1.05, 0.05), inf))

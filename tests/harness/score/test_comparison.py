@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import pytest
+
+from harness.score.comparison import compare, format_p
+from harness.score.scored_frames import ScoredFrames
+
+LOOK = 10
+
+
+def _clips(*right: Sequence[int], first: int = 0) -> list[ScoredFrames]:
+    """Clips of one subject: how many of the ten frames of each look are right; frames are numbered from ``first``."""
+    return [
+        ScoredFrames(
+            clip=f"clip {number}",
+            subject="girl",
+            frames=tuple(range(first, first + LOOK * len(looks))),
+            looks=tuple(look for look in range(len(looks)) for _ in range(LOOK)),
+            truth=("cup",) * (LOOK * len(looks)),
+            correct=tuple(frame < each for each in looks for frame in range(LOOK)),
+        )
+        for number, looks in enumerate(right)
+    ]
+
+
+def test_looks_are_the_units_of_few_clips() -> None:
+    """Eight looks that are all better: 2 of 256 sign flips are as far out, whatever the number of frames."""
+    (found,) = compare({"a": _clips([2] * 4, [5] * 4), "b": _clips([6] * 4, [7] * 4)})
+    assert (found.unit, found.looks, found.clips, found.n) == ("look", 8, 2, 80)
+    assert (found.better, found.worse) == (24, 0)
+    assert found.difference == pytest.approx(0.3)
+    assert found.p == 2 / 2**8
+    assert found.verdict == "better"
+    assert "these clips only" in found.sentence
+    (back,) = compare({"b": _clips([6] * 4, [7] * 4), "a": _clips([2] * 4, [5] * 4)})
+    assert (back.verdict, back.worse, back.difference) == ("worse", 24, pytest.approx(-0.3))
+    assert back.interval.low == pytest.approx(-found.interval.high, abs=0.02)
+
+
+def test_clips_are_the_units_of_six() -> None:
+    (found,) = compare({"a": _clips(*[[2, 5]] * 6), "b": _clips(*[[6, 6]] * 6)})
+    assert (found.unit, found.looks, found.clips) == ("clip", 12, 6)
+    assert found.p == 2 / 2**6
+    assert "these clips only" not in found.sentence
+
+
+def test_a_long_look_is_no_evidence_by_itself() -> None:
+    """McNemar's test would call 9 better frames of 9 significant."""
+    (found,) = compare({"a": _clips([0]), "b": _clips([9])})
+    assert (found.n, found.better, found.worse, found.p, found.looks) == (10, 9, 0, 1.0, 1)
+    assert math.isnan(found.interval.low)
+    assert math.isnan(found.detectable)
+    assert found.verdict == "cannot be told apart"
+
+
+def test_a_drop_is_told_from_one_within_the_tolerance() -> None:
+    (found,) = compare({"old": _clips([9] * 8), "new": _clips([7] * 8)})
+    assert found.difference == pytest.approx(-0.2)
+    assert found.is_drop()
+    assert found.is_drop(0.19)
+    assert not found.is_drop(0.21)
+    (upward,) = compare({"new": _clips([7] * 8), "old": _clips([9] * 8)})
+    assert upward.is_significant
+    assert not upward.is_drop()
+
+
+def test_several_comparisons_are_corrected_together() -> None:
+    found = compare({"a": _clips([1] * 8), "b": _clips([3] * 8), "c": _clips([3] * 8)})
+    assert [(each.reference, each.configuration, each.family) for each in found] == [
+        ("a", "b", 3),
+        ("a", "c", 3),
+        ("b", "c", 3),
+    ]
+    assert [each.p_holm for each in found] == pytest.approx([6 / 2**8, 6 / 2**8, 1.0])
+    assert "after Holm" in found[0].sentence
+
+
+def test_what_cannot_be_told_apart_says_what_could_have_been() -> None:
+    (found,) = compare({"a": _clips([5, 2, 7, 4, 5, 6, 3, 4]), "b": _clips([6, 1, 8, 3, 5, 7, 2, 5])})
+    assert found.verdict == "cannot be told apart"
+    assert 0.05 < found.detectable < 0.3
+    assert f"{100 * found.detectable:.1f} points" in found.sentence
+
+
+def test_only_frames_that_both_scored_are_compared() -> None:
+    (found,) = compare({"a": _clips([5, 5]), "b": _clips([5, 10], first=5)})
+    assert found.n == 15
+    assert found.looks == 2  # those of the first
+
+
+def test_without_common_frames_nothing_is_claimed() -> None:
+    (found,) = compare({"a": _clips([5]), "b": _clips([5], first=100)})
+    assert (found.n, found.p, found.is_significant) == (0, 1.0, False)
+    assert "no common frame" in found.sentence
+    assert compare({"a": _clips([5])}) == ()
+
+
+def test_p_values_for_people() -> None:
+    shown = {1.0: "p = 1", 0.25: "p = 0.25", 0.0312: "p = 0.031", 0.001: "p = 0.001", 0.00099: "p < 0.001"}
+    assert {p: format_p(p) for p in shown} == shown

@@ -1,0 +1,130 @@
+from __future__ import annotations
+
+import contextlib
+import io
+import sys
+
+import pytest
+
+from harness.cli import main
+from harness.run.directory import RunDirectory
+from harness.score.failures import describe, failures, walk
+from harness.score.score import Scores
+from harness.score.verdicts import Verdict
+
+
+def _verdict(clip: str, configuration: str, frame: int, outcome: str = "wrong", subject: str = "ann") -> Verdict:
+    wrong = outcome == "wrong"
+    return Verdict(
+        clip=clip,
+        configuration=configuration,
+        frame=frame,
+        subject=subject,
+        truth="cup",
+        predicted="book" if wrong else "cup",
+        outcome=outcome,  # type: ignore[arg-type]
+        error_type="outscored" if wrong else None,
+    )
+
+
+SCORES = Scores(
+    clips=("b", "a"),
+    configurations=("two", "one"),
+    # by subject before frame, as scores are
+    verdicts=(
+        _verdict("b", "two", 7),
+        _verdict("b", "two", 3, subject="bob"),
+        _verdict("b", "two", 4, "correct"),
+        _verdict("b", "one", 1),
+        _verdict("b", "one", 2, "unscored"),
+        _verdict("a", "two", 9),
+    ),
+    rows=(),
+)
+
+
+def _places(found: list[Verdict]) -> list[tuple[str, str, int]]:
+    return [(each.clip, each.configuration, each.frame) for each in found]
+
+
+def test_failures_are_the_wrong_frames_recording_by_recording_in_time():
+    assert _places(failures(SCORES, None, None)) == [("b", "two", 3), ("b", "two", 7), ("b", "one", 1), ("a", "two", 9)]
+    assert _places(failures(SCORES, "b", None)) == [("b", "two", 3), ("b", "two", 7), ("b", "one", 1)]
+    assert _places(failures(SCORES, None, "two")) == [("b", "two", 3), ("b", "two", 7), ("a", "two", 9)]
+    assert failures(SCORES, "a", "one") == []
+
+
+@pytest.mark.parametrize(
+    ("keys", "seen"),
+    [
+        ([], [0]),
+        (["", "n"], [0, 1, 2]),
+        (["n", "p", "N\n"], [0, 1, 0, 1]),
+        (["p"], [0, 0]),
+        (["n", "n", "n"], [0, 1, 2, 2]),
+        (["n", "q", "n"], [0, 1]),
+        (["x", "n"], [0, 0, 1]),
+    ],
+)
+def test_keys_step_and_stop_at_both_ends(keys, seen):
+    assert list(walk(3, keys)) == seen
+
+
+def test_a_failure_is_one_line_that_says_what_was_wrong():
+    line = describe(failures(SCORES, None, None), 1)
+    assert line == "2/4  b, two, frame 7: ann looks at cup, predicted book (outscored)"
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [((), "expected a terminal"), (("--frame", "3"), "leave out --frame, --compare and --screenshot")],
+)
+def test_without_a_terminal_or_with_a_frame_it_is_one_line(more, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["vfoa", "view", str(tmp_path), "--failures", *more])
+    monkeypatch.setattr(sys, "stdin", io.StringIO())
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("\n") == 1
+
+
+def test_a_run_is_stepped_through_as_the_keys_say(tmp_path, monkeypatch, capsys):
+    """The terminal's side, with a viewer that only takes notes."""
+    from harness.record import viewer
+    from harness.score import finished_run
+
+    for name in ("b__two", "b__one", "a__two"):
+        (tmp_path / f"{name}.rrd").touch()
+    clips = [{"name": name, "frames": list(range(1, 10))} for name in ("a", "b")]
+    RunDirectory(tmp_path).write_manifest({"clips": clips, "configurations": {"one": {}, "two": {}}})
+    went = []
+
+    @contextlib.contextmanager
+    def opened():
+        yield lambda recording, frame, tabs: went.append((recording.name, frame, *tabs))
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setattr(viewer, "opened", opened)
+    monkeypatch.setattr(finished_run, "read_scores", lambda directory: SCORES)
+    monkeypatch.setattr(sys, "stdin", Terminal("\nn\np\nq\nn\n"))
+    monkeypatch.setattr(sys, "argv", ["vfoa", "view", str(tmp_path), "--failures"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 0
+    assert went == [
+        ("b", 3, "two", "bob"),
+        ("b", 7, "two", "ann"),
+        ("b", 1, "one", "ann"),
+        ("b", 7, "two", "ann"),
+    ]
+    assert [line[:3] for line in capsys.readouterr().out.replace("> ", "").splitlines() if "/4" in line] == [
+        "1/4",
+        "2/4",
+        "3/4",
+        "2/4",
+    ]

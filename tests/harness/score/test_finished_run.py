@@ -1,0 +1,41 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from harness.run.directory import RunDirectory
+from harness.run.results import to_line
+from harness.score.finished_run import FinishedRun
+from tests.disk import write_text
+from tests.records import answers
+
+
+def test_a_clip_without_a_single_label_is_named_with_what_labels_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(
+        tmp_path / "datasets" / "new.toml", 'name = "new"\nadapter = "studio"\n[subjects.ann]\ncategory = "person"\n'
+    )
+    write_text(
+        tmp_path / "annotations" / "new.csv", "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+    )
+    write_text(tmp_path / "run" / "results.jsonl", "".join(map(to_line, answers(["cup"], clip="new"))))
+    clip = {"name": "new", "manifest": "", "frames": [1], "notes": []}
+    manifest = {"notes": [], "clips": [clip], "configurations": {"one": {}}, "finished": "now"}
+    reference = FinishedRun(directory=RunDirectory(tmp_path / "run"), manifest=manifest).reference()
+    assert reference.labels == {}
+    assert reference.notes == (
+        "new: no labels, not scored; one person at most found in its frames; `vfoa annotate new` labels it.",
+    )
+
+
+def test_what_is_true_of_several_clips_is_said_once(tmp_path: Path) -> None:
+    clips = [
+        {"name": name, "manifest": "", "frames": [1], "notes": notes}
+        for name, notes in (("studio_table", ["Rendered."]), ("studio_talk", ["Rendered.", "Two people."]))
+    ]
+    manifest = {"notes": ["Ours."], "clips": clips, "configurations": {"one": {}}, "finished": "now"}
+    run = FinishedRun(directory=RunDirectory(tmp_path), manifest=manifest)
+    assert run.reference().notes == ("Ours.", "studio_table, studio_talk: Rendered.", "studio_talk: Two people.")

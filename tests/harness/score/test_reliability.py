@@ -1,0 +1,125 @@
+"""Calibration of probabilities that were drawn to be right as often as they say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from harness.labels.files import Label, LabelRange, Labels
+from harness.report.figures import write_figure
+from harness.report.reliability import reliability_figure, reliability_table
+from harness.score.reliability import BeliefLog, adaptive_error, reliability
+from tests.records import frame_record, subject_record, target_record
+
+
+def frame(number, totals, focus, configuration="bayes", missing=None):
+    targets = (target_record(1, "cup"), target_record(2, "book"))
+    subject = subject_record("anna", totals=totals, focus=focus, missing=missing)
+    return frame_record(targets, [subject], frame=number, configuration=configuration)
+
+
+def labels(*targets):
+    rows = [
+        LabelRange(first_frame=number, last_frame=number, subject="anna", label=Label(target=target))
+        for number, target in enumerate(targets, start=1)
+    ]
+    return {"clip": Labels(rows)}
+
+
+def test_frames_that_are_right_as_often_as_they_say_are_calibrated():
+    rng = np.random.default_rng(0)
+    confidence = rng.uniform(0.1, 1, 40_000)
+    right = rng.random(40_000) < confidence
+    found = reliability("honest", np.stack([confidence, right, np.zeros(40_000)], axis=1))
+    assert found.calibration_error < 0.02
+    assert found.mean_confidence == pytest.approx(found.share_right, abs=0.01)
+
+
+def test_the_error_is_the_distance_of_each_bin_by_its_weight():
+    """Three frames at 0.9 of which one is right, one at 0.5 that is right: (3 |1/3 - 0.9| + |1 - 0.5|) / 4."""
+    frames = np.array([[0.91, 1, 0], [0.9, 0, 0], [0.89, 0, 0], [0.5, 1, 0]])
+    frames[:3, 0] = 0.95, 0.92, 0.98
+    found = reliability("sure", frames)
+    assert found.calibration_error == pytest.approx((3 * abs(1 / 3 - 0.95) + 0.5) / 4)
+
+
+def test_briers_score_counts_every_target_and_nowhere():
+    truth = labels("cup", "none", "ignore", "cup")
+    log = BeliefLog(["bayes"], truth)
+    records = [
+        frame(1, {1: 0.5, 2: 0.3}, 1),
+        frame(2, {1: 0.5, 2: 0.3}, 1),
+        frame(3, {1: 1.0, 2: 0.0}, 1),
+        frame(4, {}, None, missing="no_direction"),
+        frame(1, {1: 0.5, 2: 0.3}, 1, configuration="cones"),
+    ]
+    assert list(log.watch(records)) == records
+    (found,) = log.reliabilities()
+    assert found.n == 2
+    assert found.brier == pytest.approx(((0.25 + 0.09 + 0.04) + (0.64 + 0.25 + 0.09)) / 2)
+    assert (found.share_right, found.mean_confidence) == (0.5, 0.5)
+
+
+def test_a_run_without_probabilities_has_no_calibration():
+    log = BeliefLog([], labels("cup"))
+    list(log.watch([frame(1, {1: 0.5}, 1)]))
+    assert log.reliabilities() == []
+
+
+def test_the_table_and_the_diagram_are_the_same_for_the_same_frames(tmp_path):
+    found = [reliability("bayes", np.array([[0.7, 1, 0.1], [0.8, 0, 0.5]]))]
+    for name in ("one", "other"):
+        write_figure(tmp_path / name, reliability_figure(found))
+    for kind in ("svg", "png"):
+        assert (tmp_path / f"one.{kind}").read_bytes() == (tmp_path / f"other.{kind}").read_bytes()
+    assert "ECE 0.550" in (tmp_path / "one.svg").read_text()
+    assert reliability_table(found).rows == (("bayes", "2", "50.0", "75.0", "0.550", "–", "0.550", "0.300"),)
+
+
+def test_confidences_fall_into_tenths_of_which_the_last_holds_certainty():
+    confidence = np.array([0.0, 0.09, 0.1, 0.55, 0.9, 0.99, 1.0])
+    right = np.array([0, 1, 1, 0, 1, 1, 1])
+    found = reliability("sure", np.stack([confidence, right, right], axis=1))
+    assert found.counts.tolist() == [2, 1, 0, 0, 0, 1, 0, 0, 0, 3]
+    np.testing.assert_allclose(found.accuracy[[0, 1, 5, 9]], [0.5, 1, 0, 1])
+
+
+def test_a_target_that_the_frame_has_not_was_given_no_probability():
+    log = BeliefLog(["bayes"], labels("vase"))
+    list(log.watch([frame(1, {1: 0.5, 2: 0.3}, 1)]))
+    (found,) = log.reliabilities()
+    assert found.brier == pytest.approx(1 + 0.25 + 0.09 + 0.04)
+    assert (found.share_right, found.mean_confidence) == (0, 0.5)
+
+
+def test_clips_without_labels_and_configurations_without_frames_have_no_calibration():
+    log = BeliefLog(["bayes", "idle"], labels("cup", "cup", "none"))
+    frames = [frame(number, {1: 0.5, 2: 0.3}, 1) for number in (1, 2, 3)]
+    free = frame_record(
+        [target_record(1, "cup")], [subject_record("anna", focus=1)], clip="free", configuration="bayes"
+    )
+    list(log.watch([*frames, free]))
+    (found,) = log.reliabilities()
+    assert (found.configuration, found.n) == ("bayes", 3)
+    assert found.share_right == pytest.approx(2 / 3)
+
+
+def test_adaptive_bins_hold_as_many_frames_each() -> None:
+    """A hundred distinct confidences, ten to a bin: the error is that of a plain loop over sorted tens."""
+    rng = np.random.default_rng(4)
+    confidence, right = 0.9 + 0.1 * rng.random(100), (rng.random(100) < 0.8).astype(float)
+    order = np.argsort(confidence)
+    tens = [order[k : k + 10] for k in range(0, 100, 10)]
+    expected = sum(abs(float((confidence[each] - right[each]).sum())) for each in tens) / 100
+    assert adaptive_error(confidence, right) == pytest.approx(expected)
+
+
+def test_the_interval_of_the_error_needs_six_clips_and_holds_it() -> None:
+    rng = np.random.default_rng(5)
+    clips = np.repeat(np.arange(8), 50)
+    confidence = rng.uniform(0.5, 1.0, 400)
+    right = rng.random(400) < confidence - 0.15
+    frames = np.stack([confidence, right, np.zeros(400)], axis=1)
+    found = reliability("bayes", frames, clips)
+    assert found.interval.low < found.calibration_error < found.interval.high
+    assert np.isnan(reliability("bayes", frames, clips % 5).interval.low)

@@ -1,0 +1,275 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.metrics import cohen_kappa_score, f1_score
+
+from harness.labels.files import Label, LabelRange, Labels
+from harness.run.results import FrameRecord
+from harness.score.reference import Reference
+from harness.score.score import ERROR_TYPES, ScoreRow, Scores, score
+from harness.score.statistics import wilson_interval
+from tests.records import answers, frame_record, labels, subject_record, target_record
+
+
+def _row(scores: Scores, clip: str | None = "clip", subject: str | None = None, configuration: str = "one") -> ScoreRow:
+    found = [
+        each for each in scores.rows if (each.clip, each.subject, each.configuration) == (clip, subject, configuration)
+    ]
+    (row,) = found
+    return row
+
+
+def test_a_frame_without_a_prediction_is_in_the_denominator() -> None:
+    row = _row(
+        score(answers(["cup", None, "can", "cup"]), Reference(labels={"clip": labels("cup", "cup", "cup", "cup")}))
+    )
+    assert (row.n, row.correct, row.predicted) == (4, 2, 3)
+    assert row.frr == 2 / 4
+    assert row.coverage == 3 / 4
+    assert row.frr_predicted == pytest.approx(2 / 3)
+    assert row.wilson == wilson_interval(2, 4)
+    assert {error_type: n for error_type, n in row.error_types.items() if n} == {"no_subject": 1, "missed": 1}
+    assert list(row.error_types) == list(ERROR_TYPES)
+
+
+def test_ignored_and_unlabelled_frames_are_not_scored_but_listed() -> None:
+    scores = score(answers(["cup", "cup", "cup"]), Reference(labels={"clip": labels("cup", "ignore")}))
+    assert _row(scores).n == 1
+    assert [each.outcome for each in scores.verdicts] == ["correct", "unscored", "unscored"]
+
+
+def test_a_labelled_frame_without_a_record_is_wrong() -> None:
+    scores = score(answers(["cup"]), Reference(labels={"clip": labels("cup", "cup", "cup")}))
+    assert (_row(scores).n, _row(scores).correct) == (3, 1)
+    assert [each.error_type for each in scores.verdicts] == [None, "no_subject", "no_subject"]
+
+
+def test_frames_that_were_not_to_be_run_are_not_scored() -> None:
+    truth = labels("cup", "cup", "cup")
+    row = _row(score(answers(["cup"]), Reference(labels={"clip": truth}, frames={"clip": [1, 3]})))
+    assert (row.n, row.correct) == (2, 1)
+
+
+def test_a_subject_that_is_in_no_record_is_wrong_in_every_frame() -> None:
+    both = Labels([*labels("cup").ranges, *labels("cup", subject="boy").ranges])
+    scores = score(answers(["cup"]), Reference(labels={"clip": both}))
+    assert (_row(scores).n, _row(scores).correct) == (2, 1)
+    assert _row(scores, subject="boy").error_types["no_subject"] == 1
+
+
+def test_pooling_takes_all_pairs_together() -> None:
+    records = [*answers(["cup"] * 3, clip="long"), *answers(["can"], clip="short")]
+    scores = score(records, Reference(labels={"long": labels("cup", "cup", "cup"), "short": labels("cup")}))
+    assert _row(scores, clip=None).frr == 3 / 4
+    assert [row.clip for row in scores.by_clip()] == ["long", "short", None]
+
+
+def test_one_clip_is_not_pooled_and_one_without_labels_has_no_rows() -> None:
+    scores = score([*answers(["cup"]), *answers(["cup"], clip="free")], Reference(labels={"clip": labels("cup")}))
+    assert [row.clip for row in scores.by_clip()] == ["clip"]
+    assert scores.clips == ("clip", "free")
+    assert {each.outcome for each in scores.verdicts if each.clip == "free"} == {"unscored"}
+
+
+def test_clips_and_configurations_keep_the_order_of_the_results() -> None:
+    records = [r for clip in "zy" for name in ("sgbm", "bm") for r in answers(["cup"], clip=clip, configuration=name)]
+    scores = score(records, Reference(labels={"z": labels("cup"), "y": labels("cup")}))
+    assert (scores.clips, scores.configurations) == (("z", "y"), ("sgbm", "bm"))
+    assert [(row.clip, row.configuration) for row in scores.by_clip()][:4] == [
+        ("z", "sgbm"),
+        ("z", "bm"),
+        ("y", "sgbm"),
+        ("y", "bm"),
+    ]
+
+
+def test_the_order_of_frames_in_the_file_does_not_matter() -> None:
+    records = answers(["cup", "can", None, "cup", "none"])
+    truth = {"clip": labels("cup", "cup", "cup", "can", "none")}
+    assert score(records[::-1], Reference(labels=truth)) == score(records, Reference(labels=truth))
+
+
+def test_agreement_is_that_of_scikit_learn_on_the_names() -> None:
+    rng = np.random.default_rng(5)
+    truth = rng.choice(["cup", "can", "none"], 300).tolist()
+    said = [t if rng.random() < 0.4 else rng.choice(["cup", "can", "none", "jar", "pen", None]) for t in truth]
+    row = _row(score(answers(said), Reference(labels={"clip": labels(*truth)})))
+    names = [
+        "?" if name is None or (name == "none" and true != "none") else name  # nothing hit is no answer
+        for name, true in zip(said, truth, strict=True)
+    ]
+    assert row.metrics["kappa"] == pytest.approx(cohen_kappa_score(truth, names), abs=1e-12)
+    f1 = f1_score(truth, names, labels=["cup", "can", "none"], average="macro", zero_division=0)
+    assert row.metrics["macro_f1"] == pytest.approx(f1, abs=1e-12)
+    assert row.frr == np.mean([t == s for t, s in zip(truth, said, strict=True)])
+
+
+def test_another_instance_of_the_name_is_no_agreement() -> None:
+    cups = [target_record(1, "cup", box_px=(0, 0, 9, 9)), target_record(2, "cup", box_px=(50, 0, 59, 9))]
+    records = [frame_record(cups, [subject_record("girl", totals={1: 1.0}, focus=1)], frame=frame) for frame in (1, 2)]
+    points = [
+        LabelRange(first_frame=frame, last_frame=frame, subject="girl", label=Label(target="cup", point_px=(u, 5.0)))
+        for frame, u in ((1, 5.0), (2, 55.0))
+    ]
+    row = _row(score(records, Reference(labels={"clip": Labels(points)})))
+    assert row.frr == 0.5
+    assert row.metrics["macro_f1"] == pytest.approx(2 / 3)  # recall 1 / 2, precision 1
+    assert row.events.found == 2
+
+
+def test_events_run_over_scored_frames_of_a_subject() -> None:
+    truth = labels("cup", "cup", "ignore", "cup", "can")
+    row = _row(score(answers(["cup", "can", "cup", "cup", None]), Reference(labels={"clip": truth})))
+    assert (row.events.true, row.events.found, row.events.matched) == (3, 3, 2)
+
+
+def test_a_clip_that_a_baseline_solves_shows_it() -> None:
+    row = _row(score(answers(["cup", "can", None]), Reference(labels={"clip": labels("can", "can", "can")})))
+    assert row.baselines["commonest"] == 1.0
+    # both things lie at the same place, so every baseline takes the first, the can, wherever there is a girl to ask
+    assert (row.baselines["nearest"], row.baselines["largest"], row.baselines["central"]) == (2 / 3, 2 / 3, 2 / 3)
+
+
+def test_the_commonest_label_is_each_subjects_own() -> None:
+    both = Labels([*labels("cup", "cup").ranges, *labels("can", "can", subject="boy").ranges])
+    assert _row(score(answers(["cup", "cup"]), Reference(labels={"clip": both}))).baselines["commonest"] == 1.0
+
+
+def test_what_was_never_predicted_has_no_rate_given_a_prediction() -> None:
+    row = _row(score(answers([None, None]), Reference(labels={"clip": labels("cup", "none")})))
+    assert (row.frr, row.coverage) == (0, 0)
+    assert math.isnan(row.frr_predicted)
+
+
+def test_an_interval_takes_a_look_as_one_observation() -> None:
+    right = np.random.default_rng(6).random(30) < 0.5  # thirty looks of 75 frames, right or wrong as a whole
+    truth = [("cup", "can")[k // 75 % 2] for k in range(30 * 75)]
+    said = [name if right[k // 75] else "jar" for k, name in enumerate(truth)]
+    row = _row(score(answers(said), Reference(labels={"clip": labels(*truth)})))
+    assert (row.looks, row.clips, row.interval.unit) == (30, 1, "look")
+    assert row.interval.high - row.interval.low > 4 * (row.wilson.high - row.wilson.low)
+
+
+def test_from_six_clips_on_an_interval_speaks_of_clips() -> None:
+    def rows(clips: int) -> ScoreRow:
+        names = [f"clip {k}" for k in range(clips)]
+        records = [r for k, name in enumerate(names) for r in answers(["cup"] * (4 + k) + ["can"], clip=name)]
+        truth = {name: labels(*["cup"] * (5 + k)) for k, name in enumerate(names)}
+        return _row(score(records, Reference(labels=truth)), clip=None)
+
+    assert (rows(5).interval.unit, rows(6).interval.unit) == ("look", "clip")
+
+
+def test_nothing_hit_is_counted_apart_from_answers() -> None:
+    said = ["cup", "none", "none", None]
+    row = _row(score(answers(said), Reference(labels={"clip": labels("cup", "cup", "none", "cup")})))
+    assert (row.n, row.correct, row.predicted, row.predicted_correct, row.no_hit) == (4, 2, 1, 1, 2)
+    assert (row.coverage, row.frr_predicted) == (1 / 4, 1.0)
+    assert row.error_types["no_hit"] == 1
+    assert row.nowhere is None  # a method that cannot say so
+
+
+def test_a_method_that_says_nothing_is_looked_at_is_scored_on_it() -> None:
+    cup = target_record(1, "cup")
+    unsure = subject_record("girl", totals={1: 0.3})  # the rest of the probability is on nowhere
+    sure = subject_record("girl", totals={1: 0.8}, focus=1)
+    records = [frame_record([cup], [each], frame=k) for k, each in enumerate([unsure, unsure, sure, sure], start=1)]
+    row = _row(score(records, Reference(labels={"clip": labels("none", "cup", "cup", "none")})))
+    assert row.nowhere is not None
+    assert (row.nowhere.true, row.nowhere.said, row.nowhere.right) == (2, 2, 1)
+    assert (row.nowhere.precision, row.nowhere.recall) == (0.5, 0.5)
+    assert (row.coverage, row.no_hit) == (1.0, 0)
+
+
+def test_a_method_that_says_so_by_giving_no_attention_has_answered() -> None:
+    reference = Reference(labels={"clip": labels("cup", "none")}, says_nowhere=frozenset({"one"}))
+    row = _row(score(answers(["none", "none"]), reference))
+    assert row.nowhere is not None
+    assert (row.nowhere.said, row.nowhere.right, row.no_hit, row.coverage) == (2, 1, 0, 1.0)
+    assert row.error_types["no_hit"] == 0
+
+
+def test_blocked_lines_of_sight_are_scored_with_and_without() -> None:
+    truth = Labels(
+        LabelRange(first_frame=k, last_frame=k, subject="girl", label=Label(target="cup", note=note))
+        for k, note in enumerate(["", "blocked by the vase", "blocked", "unblocked"], start=1)
+    )
+    row = _row(score(answers(["cup", "can", "cup", "cup"]), Reference(labels={"clip": truth})))
+    assert (row.frr, row.visible, row.frr_visible) == (3 / 4, 2, 1.0)
+
+
+def test_the_limit_of_the_angle_is_tuned_on_the_other_clips() -> None:
+    """On the one clip every answer within 0.2 rad is right; on the other that limit leaves one frame of two."""
+
+    def records(clip: str, angles: list[float]) -> list[FrameRecord]:
+        cups = [target_record(1, "cup", center=(np.tan(angle), 0.0, 2.0)) for angle in angles]
+        return [
+            frame_record([cup], [subject_record("girl")], frame=k, clip=clip) for k, cup in enumerate(cups, start=1)
+        ]
+
+    found = [*records("one", [0.1, 0.3]), *records("other", [0.1, 0.4])]
+    truth = {"one": labels("cup", "none"), "other": labels("cup", "cup")}
+    scores = score(found, Reference(labels=truth))
+    assert _row(scores, clip="other").baselines["nearest_in_angle"] == 0.5  # tuned on one: 0.4 is beyond the limit
+    assert _row(scores, clip="one").baselines["nearest_in_angle"] == 0.5  # tuned on the other: no limit
+    alone = score(found[:2], Reference(labels={"one": truth["one"]}))
+    assert _row(alone, clip="one").baselines["nearest_in_angle"] == 0.5
+
+
+def test_a_configuration_that_a_baseline_beats_is_marked() -> None:
+    looks = ["cup" if k // 50 % 2 else "can" for k in range(600)]
+    other = {"cup": "can", "can": "cup"}
+    said = {"good": looks, "poor": [other[name] if k % 100 < 60 else name for k, name in enumerate(looks)]}
+    records = [r for name, each in said.items() for r in answers(each, configuration=name)]
+    scores = score(records, Reference(labels={"clip": labels(*looks)}))
+    good, poor = (_row(scores, configuration=name) for name in said)
+    assert good.baselines["commonest"] == 0.5
+    assert (good.beats, poor.beats) == ("yes", "no")
+
+
+def test_no_records_have_no_scores() -> None:
+    assert score([], Reference(labels={})) == Scores(clips=(), configurations=(), verdicts=(), rows=())
+
+
+@pytest.mark.parametrize(("correct", "frr"), [(28, 0.56), (35, 0.70), (31, 0.62), (38, 0.76)])
+def test_the_papers_own_table(correct: int, frr: float) -> None:
+    said = ["bird"] * correct + ["none"] * (44 - correct) + [None] * 6  # six frames had no object at all
+    row = _row(score(answers(said), Reference(labels={"clip": labels(*["bird"] * 50)})))
+    assert (row.n, row.correct, row.frr) == (50, correct, frr)
+    assert row.coverage == correct / 50
+    assert row.no_hit == 44 - correct
+    assert row.baselines["commonest"] == 1.0
+
+
+def test_events_run_over_the_frames_that_a_source_has_whatever_their_numbers() -> None:
+    """One frame of 31 was kept: neighbours in the clip, though not by number."""
+    frames = (1, 32, 63, 94)
+    records = [replace(record, frame=frame) for frame, record in zip(frames, answers(["cup"] * 4), strict=True)]
+    looks = [LabelRange(first_frame=f, last_frame=f, subject="girl", label=Label(target="cup")) for f in frames]
+    row = _row(score(records, Reference(labels={"clip": Labels(looks)})))
+    assert (row.events.true, row.events.found, row.events.matched) == (1, 1, 1)
+
+
+def test_verdicts_are_by_clip_then_configuration_then_subject_then_frame() -> None:
+    records = [
+        record
+        for name in ("sgbm", "bm")
+        for clip in "zy"
+        for record in answers(["cup", "cup"], clip=clip, configuration=name)[::-1]
+    ]
+    both = Labels([*labels("cup", "cup").ranges, *labels("cup", subject="boy").ranges])
+    scores = score(records, Reference(labels=dict.fromkeys("zy", both)))
+    found = [(each.clip, each.configuration, each.subject, each.frame) for each in scores.verdicts]
+    looks = [("boy", 1), ("girl", 1), ("girl", 2)]
+    assert found == [(clip, name, *look) for clip in "zy" for name in ("sgbm", "bm") for look in looks]
+    assert [each.configuration for each in scores.verdicts_of("bm")] == ["bm"] * 6
+    assert [row.subject for row in scores.by_subject()] == ["boy", "boy", "girl", "girl"] * 2
+
+
+def test_no_rule_is_right_in_a_frame_of_which_there_is_no_record() -> None:
+    row = _row(score(answers(["cup"]), Reference(labels={"clip": labels("cup", "cup")})))
+    assert row.baselines == {"commonest": 1.0, "nearest": 0.5, "largest": 0.5, "central": 0.5, "nearest_in_angle": 0.5}
