@@ -1,0 +1,188 @@
+"""The layer of a configuration: eyes, directions, cones, rays, hits, attention curves, and marks in the image."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import numpy as np
+import rerun as rr
+
+from harness.record import entities
+from harness.record.cones import cone_wire, reach_m
+from harness.record.frame_log import FrameLog
+from harness.record.labels import (
+    CUE_COLOURS,
+    Colour,
+    Colours,
+    attention_by_name,
+    subject_names,
+    target_names,
+)
+from harness.run.results import FrameRecord
+from vfoa.types import CUES, Attention, Cone, FrameResult, Rays
+
+ARROW_M = 0.25
+
+
+def log_attention(
+    log: FrameLog, configuration: str, result: FrameResult, record: FrameRecord, colours: Colours
+) -> None:
+    """All subjects of a frame under a configuration."""
+    names = subject_names(record)
+    for attention in result.attentions:
+        path = entities.subject_3d(configuration, names[attention.subject.track_id])
+        reach = reach_m(attention, result.scene)
+        _log_eyes(log, path, attention)
+        _log_cones(log, path, attention, reach)
+        if attention.rays is not None:
+            _log_rays(log, path, attention.cones, attention.rays, reach)
+    _log_curves(log, configuration, record, names, colours)
+    _log_heads(log, configuration, record, names)
+    _log_targets_2d(log, configuration, record, colours)
+
+
+def _log_eyes(log: FrameLog, path: str, attention: Attention) -> None:
+    eyes = attention.subject.person.eye_origin_left
+    if eyes is None:
+        return
+    log.keep(f"{path}/origin", _marker_style, key="style")
+    log.log(f"{path}/origin", rr.Points3D.from_fields(positions=eyes[None]))
+    for cue in CUES:
+        direction = attention.subject.direction(cue)
+        if direction is not None:
+            arrow = f"{path}/{cue}/direction"
+            log.keep(arrow, partial(_arrow_style, CUE_COLOURS[cue]), key="style")
+            log.log(arrow, rr.Arrows3D.from_fields(origins=eyes[None], vectors=ARROW_M * direction[None]))
+
+
+def _log_cones(log: FrameLog, path: str, attention: Attention, reach: float) -> None:
+    for cue in CUES:
+        wires = [cone_wire(cone, reach) for cone in attention.cones if cone.cue == cue]
+        if wires:
+            lines = np.stack(wires).astype(np.float32)
+            log.keep(f"{path}/{cue}/cones", partial(_line_style, 0.75, _dim(CUE_COLOURS[cue], 0.7)), key="style")
+            log.log(f"{path}/{cue}/cones", rr.LineStrips3D.from_fields(strips=lines))
+
+
+def _log_rays(log: FrameLog, path: str, cones: Sequence[Cone], rays: Rays, reach: float) -> None:
+    """Rays that hit are bright and end where they first enter a box; rays that miss are dim, as long as the cone."""
+    of_cone = np.array([cone.cue for cone in cones])
+    entry = rays.entry_m
+    first = np.fmin.reduce(entry, axis=1) if entry.shape[1] else np.full(len(entry), np.nan)
+    hit = np.isfinite(first)
+    ends = rays.origin_left + rays.directions * np.where(hit, first, reach)[:, None]
+    lines = np.stack([np.broadcast_to(rays.origin_left, ends.shape), ends], axis=1).astype(np.float32)
+    for cue in CUES:
+        ours = of_cone[rays.cone_index] == cue
+        bright, dim = CUE_COLOURS[cue], _dim(CUE_COLOURS[cue], 0.2)
+        # two entities, so that a colour is one static value and not one for each ray
+        for part, chosen, colour in (("rays", ours & hit, bright), ("missed_rays", ours & ~hit, dim)):
+            if chosen.any():
+                log.keep(f"{path}/{cue}/{part}", partial(_line_style, 0.5, colour), key="style")
+                log.log(f"{path}/{cue}/{part}", rr.LineStrips3D.from_fields(strips=lines[chosen]))
+        ray, target = np.nonzero(np.isfinite(entry) & ours[:, None])
+        if len(ray):
+            points = rays.origin_left + rays.directions[ray] * entry[ray, target, None]
+            log.keep(f"{path}/{cue}/hits", partial(_hit_style, bright), key="style")
+            log.log(f"{path}/{cue}/hits", rr.Points3D.from_fields(positions=points))
+
+
+def _log_curves(
+    log: FrameLog, configuration: str, record: FrameRecord, names: dict[int, str], colours: Colours
+) -> None:
+    """One curve per value that was measured."""
+    for subject in record.subjects:
+        name = names[subject.track_id]
+        for target, value in attention_by_name(record, subject).items():
+            for what, number in (("total", value.total), ("gaze", value.gaze), ("head", value.head)):
+                if number is not None:
+                    path = entities.curve(configuration, name, what, target)
+                    log.keep(path, partial(_style, target, colours.of(target)), key="style")
+                    log.number(path, number)
+
+
+def _log_heads(log: FrameLog, configuration: str, record: FrameRecord, names: dict[int, str]) -> None:
+    """The box of every subject's head, with the subject's name."""
+    for subject in record.subjects:
+        if subject.head_box_px is None:
+            continue
+        name = names[subject.track_id]
+        path = entities.head_box(configuration, name)
+        log.keep(path, partial(_head_style, name), key="style")
+        u0, v0, u1, v1 = subject.head_box_px
+        corners = np.array([[u0, v0], [u1, v1]])
+        log.log(
+            path, rr.Boxes2D.from_fields(centers=corners.mean(axis=0)[None], half_sizes=np.diff(corners, axis=0) / 2)
+        )
+
+
+def _log_targets_2d(log: FrameLog, configuration: str, record: FrameRecord, colours: Colours) -> None:
+    """One batch of 2D boxes around the masks, so that the image says what is what without a pointer over it."""
+    seen = [(target, target.box_px) for target in record.targets if target.box_px is not None]
+    if not seen:
+        return
+    shades = [colours.of(target.name) for target, _ in seen]
+    captions = _captions(record, target_names(record))
+    path = entities.image_marks(configuration, "targets")
+    log.log(
+        f"{path}/box2d",
+        rr.Boxes2D(
+            array=[box_px for _, box_px in seen],
+            array_format=rr.Box2DFormat.XYXY,
+            colors=shades,
+            radii=rr.Radius.ui_points(0.75),
+        ),
+    )
+    # a box has its caption below itself, which is often below the image
+    middles = np.array([box_px for _, box_px in seen]).reshape(-1, 2, 2).mean(axis=1)
+    log.log(
+        f"{path}/caption",
+        rr.Points2D(
+            middles,
+            labels=[captions[target.instance_id] for target, _ in seen],
+            show_labels=True,
+            colors=shades,
+            radii=rr.Radius.ui_points(1.5),
+        ),
+    )
+
+
+def _captions(record: FrameRecord, names: Mapping[int, str]) -> dict[int, str]:
+    """``bird 0.42`` with one subject; with several the name alone, since the values would hide the scene."""
+    if len(record.subjects) != 1:
+        return dict(names)
+    totals = {value.instance_id: value.total for value in record.subjects[0].attention if value.total > 0}
+    return {number: f"{name} {totals[number]:.2f}" if number in totals else name for number, name in names.items()}
+
+
+# What never changes of an entity is static: it is logged once, and outlives the clearing of the entity.
+
+
+def _marker_style() -> rr.Points3D:
+    return rr.Points3D.from_fields(radii=rr.Radius.ui_points(5), colors=[(255, 255, 255)])
+
+
+def _hit_style(colour: Colour) -> rr.Points3D:
+    return rr.Points3D.from_fields(radii=rr.Radius.ui_points(2.5), colors=[colour])
+
+
+def _arrow_style(colour: Colour) -> rr.Arrows3D:
+    return rr.Arrows3D.from_fields(radii=rr.Radius.ui_points(3), colors=[colour])
+
+
+def _line_style(points: float, colour: Colour) -> rr.LineStrips3D:
+    return rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(points), colors=[colour])
+
+
+def _style(target: str, colour: Colour) -> rr.SeriesLines:
+    return rr.SeriesLines(names=target, colors=[colour], widths=2)
+
+
+def _dim(colour: Colour, share: float) -> Colour:
+    red, green, blue = colour
+    return int(red * share), int(green * share), int(blue * share)
+
+
+def _head_style(name: str) -> rr.Boxes2D:
+    return rr.Boxes2D.from_fields(labels=[name], colors=[(255, 255, 255)])

@@ -1,0 +1,271 @@
+"""The layouts in which recordings open: one configuration, several, or two side by side; a tab for each person."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Literal
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+
+from harness.record import Size, entities
+from harness.record.layers import LayerNames
+from vfoa.geometry import box_corners
+from vfoa.types import CUES, Float, Scene, StereoFrame
+
+FROM_MIDDLE = (0.46, -0.4, -0.55)
+"""Where the viewer's eye is, in diagonals of the scene from its middle: right of the camera, above, and behind it."""
+
+MOST_TABS = 8
+"""Subjects with a tab of their own; with more, everybody is in one."""
+
+EVERYONE = "Everyone"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Subjects:
+    """Who has a tab, and who is shown first (None: the first)."""
+
+    names: tuple[str, ...]
+    first: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shown:
+    """What a clip's recording has to show: the kinds of its images, the extent of its scene, and its rate.
+
+    ``eye`` is the position (3,) and the look-at point (3,) of the viewer's eye, camera frame, metres.
+    """
+
+    has_images: bool = True
+    has_right: bool = True
+    has_measured_depth: bool = False
+    size: Size = "light"
+    eye: tuple[Float, Float]
+    rate_hz: float | None = None
+
+    @classmethod
+    def of(cls, frame: StereoFrame | None, scene: Scene | None, size: Size, rate_hz: float | None) -> Shown:
+        """What a clip shows that begins with this frame and scene; without a frame, what a clip without images does."""
+        return cls(
+            has_images=frame is not None,
+            has_right=frame is not None and frame.right is not None,
+            has_measured_depth=frame is not None and frame.depth_m is not None,
+            size=size,
+            eye=eye_controls(scene),
+            rate_hz=rate_hz,
+        )
+
+    @classmethod
+    def of_paths(cls, paths: Collection[str], *, eye: tuple[Float, Float], rate_hz: float | None) -> Shown:
+        """What the entities of a clip's images show."""
+        return cls(
+            has_images=entities.IMAGE in paths,
+            has_right=entities.RIGHT in paths,
+            has_measured_depth=entities.MEASURED_DEPTH in paths,
+            eye=eye,
+            rate_hz=rate_hz,
+        )
+
+
+def clip_layout(
+    layers: Sequence[LayerNames], shown: Shown, subjects: Subjects, *, follow: bool = False
+) -> rrb.Blueprint:
+    """One configuration of a clip, or several as tabs. ``follow``: the viewer goes on to each new frame as it comes."""
+    parts = [_by_subject(subjects, partial(_wide, each, shown)) for each in layers]
+    if len(parts) == 1:
+        return _blueprint(parts[0], shown, follow=follow)
+    named = [rrb.Vertical(part, name=each.configuration) for part, each in zip(parts, layers, strict=True)]
+    return _blueprint(rrb.Tabs(*named, active_tab=0), shown, follow=follow)
+
+
+def comparison_layout(pair: tuple[LayerNames, LayerNames], shown: Shown, subjects: Subjects) -> rrb.Blueprint:
+    """Two configurations of a clip side by side; both columns are alike, so that the eye compares along a line."""
+    columns = _by_subject(subjects, lambda who: rrb.Horizontal(*(_column(each, shown, who) for each in pair)))
+    return _blueprint(columns, shown)
+
+
+def _blueprint(content: rrb.Container, shown: Shown, *, follow: bool = False) -> rrb.Blueprint:
+    state: Literal["following", "paused"] = "following" if follow else "paused"
+    return rrb.Blueprint(
+        content,
+        rrb.TimePanel(timeline="frame", play_state=state, fps=shown.rate_hz, state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _by_subject(subjects: Subjects, build: Callable[[str | None], rrb.Container]) -> rrb.Container:
+    """A tab for each person, and one for all of them; None stands for all."""
+    names = subjects.names
+    if not 1 < len(names) <= MOST_TABS:
+        return build(names[0] if len(names) == 1 else None)
+    tabs = [rrb.Vertical(build(name), name=name) for name in names]
+    active = names.index(subjects.first) if subjects.first in names else 0
+    return rrb.Tabs(*tabs, rrb.Vertical(build(None), name=EVERYONE), active_tab=active)
+
+
+def _wide(layers: LayerNames, shown: Shown, subject: str | None) -> rrb.Horizontal:
+    """The scene on the left, what it means on the right."""
+    images = _images(layers, shown, subject)
+    scene = rrb.Vertical(rrb.Tabs(*images, active_tab=0), _world(layers, shown, subject), row_shares=[5, 6])
+    meaning = rrb.Vertical(
+        rrb.Tabs(*_documents(layers), active_tab=0),
+        _plots(layers, subject, legend=True),
+        _states(layers, subject),
+        row_shares=[4.4, 4, 1.8],
+    )
+    return rrb.Horizontal(scene if images else _world(layers, shown, subject), meaning, column_shares=[3, 2])
+
+
+def _column(layers: LayerNames, shown: Shown, subject: str | None) -> rrb.Vertical:
+    """One configuration from top to bottom."""
+    images = _images(layers, shown, subject)[:1]
+    below = rrb.Tabs(*_documents(layers)[:1], _plot(layers, subject, "total", legend=False), active_tab=0)
+    parts: list[rrb.Container | rrb.View] = [
+        *images,
+        _world(layers, shown, subject),
+        below,
+        _states(layers, subject),
+    ]
+    return rrb.Vertical(*parts, row_shares=[5, 5, 3.4, 3.8][-len(parts) :], name=layers.configuration)
+
+
+def _images(layers: LayerNames, shown: Shown, subject: str | None) -> list[rrb.Spatial2DView]:
+    if not shown.has_images:
+        return []
+    views = [_left_image(layers, subject)]
+    if shown.has_right:
+        views.append(rrb.Spatial2DView(origin=entities.disparity(layers.reconstruction), name="Disparity"))
+        views.append(rrb.Spatial2DView(origin=entities.RIGHT, name="Right image"))
+    if shown.has_measured_depth:
+        views.append(_camera_view([entities.MEASURED_DEPTH], "Measured depth"))
+    if shown.has_right and shown.size == "full":
+        confidence = entities.confidence(layers.reconstruction)
+        views.append(rrb.Spatial2DView(origin=confidence, name="Confidence"))
+        views.append(_camera_view([entities.depth(layers.reconstruction)], "Depth"))
+    return views
+
+
+def _left_image(layers: LayerNames, subject: str | None) -> rrb.Spatial2DView:
+    # what is in the world is projected into the image: all rays would hide the scene, the outlines of cones do not
+    marks = [
+        entities.IMAGE,
+        entities.masks(layers.masks),
+        f"{entities.image_marks(layers.configuration)}/**",
+        f"{_of_subject(entities.subject_3d, layers, subject)}/**",
+        f"{_of_subject(entities.answer_3d, layers, subject)}/**",
+    ]
+    hidden = [entities.cue_3d(layers.configuration, subject, cue, part) for cue in CUES for part in _RAYS if subject]
+    return _camera_view([*marks, *(f"- {path}" for path in hidden)], f"Left image, {layers.configuration}")
+
+
+_RAYS = ("rays", "missed_rays", "hits")
+
+
+def _camera_view(contents: Sequence[str], name: str) -> rrb.Spatial2DView:
+    return rrb.Spatial2DView(origin=entities.CAMERA, contents=[entities.CAMERA, *contents], name=name)
+
+
+def _world(layers: LayerNames, shown: Shown, subject: str | None) -> rrb.Spatial3DView:
+    contents = [
+        entities.WORLD,
+        entities.CAMERA,
+        entities.IMAGE,
+        f"{entities.scene(layers.reconstruction)}/**",
+        f"{_of_subject(entities.subject_3d, layers, subject)}/**",
+        f"{_of_subject(entities.answer_3d, layers, subject)}/**",
+    ]
+    return rrb.Spatial3DView(
+        origin=entities.WORLD,
+        contents=contents,
+        name=f"Scene in metres, {subject or EVERYONE.lower()}",
+        line_grid=False,
+        eye_controls=orbital_eye(*shown.eye),
+    )
+
+
+def _of_subject(path: Callable[..., str], layers: LayerNames, subject: str | None) -> str:
+    return path(layers.configuration, *([subject] if subject else []))
+
+
+def _documents(layers: LayerNames) -> list[rrb.TextDocumentView | rrb.TextLogView]:
+    return [
+        rrb.TextDocumentView(origin=entities.summary(layers.configuration), name="This frame"),
+        rrb.TextLogView(origin=entities.log(layers.configuration), name="Failures"),
+        rrb.TextDocumentView(origin=entities.GUIDE, name="How to read this"),
+    ]
+
+
+def _plots(layers: LayerNames, subject: str | None, *, legend: bool) -> rrb.Tabs | rrb.TimeSeriesView:
+    if subject is None:
+        return _plot(layers, None, "total", legend=legend)
+    return rrb.Tabs(*(_plot(layers, subject, value, legend=legend) for value in ("total", *CUES)), active_tab=0)
+
+
+def _plot(layers: LayerNames, subject: str | None, value: str, *, legend: bool) -> rrb.TimeSeriesView:
+    # the axis fits the data: who wins matters, and with narrow cones all values are small
+    corner = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
+    if subject is None:
+        origin, name = f"{entities.ATTENTION}/{rr.escape_entity_path_part(layers.configuration)}", "Attention"
+    else:
+        origin = entities.curves(layers.configuration, subject, value)
+        name = f"Attention of {subject}" if value == "total" else f"by {value}"
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=corner)
+
+
+def _states(layers: LayerNames, subject: str | None) -> rrb.StateTimelineView:
+    origin = _of_subject(entities.verdict, layers, subject)
+    return rrb.StateTimelineView(origin=origin, name="Truth, prediction, verdict")
+
+
+def orbital_eye(position: Float, look_target: Float) -> rrb.EyeControls3D:
+    """An eye that a mouse turns about what it looks at, with the camera's up."""
+    return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=look_target, eye_up=(0, -1, 0))
+
+
+def eye_controls(scene: Scene | None) -> tuple[Float, Float]:
+    """Position (3,) and look-at point (3,) of an eye that sees the whole scene, as :func:`eye_for` has it."""
+    seen = [] if scene is None else [box_corners(target.box) for target in scene.targets if target.box is not None]
+    if scene is not None:
+        seen += [person.eye_origin_left[None] for person in scene.people if person.eye_origin_left is not None]
+    return eye_for(seen)
+
+
+def eye_for(seen: Sequence[Float]) -> tuple[Float, Float]:
+    """Position (3,) and look-at point (3,) of an eye that sees all of some points, each (N, 3), camera frame, metres.
+
+    From above and to the side of the left camera, so that depth, which the image hides, is seen.
+    """
+    points = np.concatenate(seen) if seen else np.array([[-0.5, -0.3, 1.0], [0.5, 0.3, 2.0]])
+    low, high = points.min(axis=0), points.max(axis=0)
+    middle, extent = (low + high) / 2, max(float(np.linalg.norm(high - low)), 0.2)
+    return middle + extent * np.array(FROM_MIDDLE), middle
+
+
+GUIDE = """\
+# How to read this recording
+
+Each frame asks: **what does each person look at?** The table *This frame* has the answer, the truth, and the error type
+of a failure; the lanes below show both over time.
+
+- **Left image**: masks and boxes of the targets, in one colour per target everywhere; white boxes are heads.
+- **Scene in metres**: each target's points and 3D box, as the left camera saw them. A number at a name is the
+  attention it gets, 0 to 1.
+- **Yellow** is the gaze, **blue** is the head: an arrow, its cones, and their rays. Rays that hit a box are bright and
+  end there; rays that hit nothing are dim.
+- **Green** marks what the person truly looks at, **red** a wrong answer: a box, and a line from the eyes to it.
+- **Attention**: one curve per target; the highest is the answer. The tabs beside it show the part of each cue.
+
+A gap in a curve or lane: in these frames there was nothing to say.
+"""
+
+
+def guide() -> rr.TextDocument:
+    """The page that explains the views."""
+    return rr.TextDocument(GUIDE, media_type=rr.MediaType.MARKDOWN)

@@ -1,0 +1,185 @@
+"""A run's recordings as the viewer opens them: the layers of a clip, together with a layout."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from harness.record.layers import ClipFiles, LayerNames, layer_names
+from harness.run.directory import Pair, RunDirectory
+from vfoa.errors import VfoaError, did_you_mean
+
+if TYPE_CHECKING:
+    import rerun.blueprint as rrb
+
+    from harness.record.blueprint import Shown
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Composed:
+    """Files that are one recording, by a name, and the layout in which they open.
+
+    ``frames`` are those of the clip; none for a file outside a run. ``make_layout`` reads the files, so that it is
+    called only when they are opened; None for the layout in the files.
+    """
+
+    name: str
+    files: tuple[Path, ...]
+    application_id: str = ""
+    frames: tuple[int, ...] = ()
+    make_layout: Callable[[], rrb.Blueprint] | None = None
+
+    def layout(self) -> rrb.Blueprint | None:
+        """The layout, None for the one in the files.
+
+        Raises
+        ------
+        VfoaError
+            If a file cannot be read.
+        """
+        return self.make_layout() if self.make_layout else None
+
+    def expect_frame(self, frame: int) -> None:
+        """Refuse a frame that the clip does not have: the viewer would go to the nearest one without a word."""
+        if self.frames and frame not in self.frames:
+            known = f"{min(self.frames)} to {max(self.frames)}"
+            raise VfoaError(f"{self.files[0]}: found no frame {frame}; expected one of {known}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedClip:
+    """What a run recorded of one clip, under the configurations that were asked for."""
+
+    files: ClipFiles
+    layers: tuple[LayerNames, ...]
+    subjects: tuple[str, ...]
+    frames: tuple[int, ...]
+    rate_hz: float | None
+
+    def under(self, configuration: str) -> RecordedClip:
+        """The clip under one of these configurations alone."""
+        return self._with([each for each in self.layers if each.configuration == configuration])
+
+    def compose(self, *, subject: str | None = None) -> Composed:
+        """All layers as one recording: one configuration, or a tab for each. ``subject`` has the tab in front."""
+        from harness.record.blueprint import Subjects, clip_layout
+
+        names = [each.configuration for each in self.layers]
+
+        def layout() -> rrb.Blueprint:
+            return clip_layout(self.layers, self._shown(), Subjects(names=self.subjects, first=subject))
+
+        return self._composed("__".join((self.files.clip, *(names if len(names) == 1 else ()))), layout)
+
+    def compare(self, one: str, other: str) -> Composed:
+        """Two configurations side by side."""
+        from harness.record.blueprint import Subjects, comparison_layout
+
+        pair = self.under(one).layers[0], self.under(other).layers[0]
+        both = self._with(pair)
+
+        def layout() -> rrb.Blueprint:
+            return comparison_layout(pair, both._shown(), Subjects(names=self.subjects))
+
+        return both._composed(f"{self.files.clip}__{one}__vs__{other}", layout)
+
+    def _with(self, layers: Sequence[LayerNames]) -> RecordedClip:
+        return replace(self, layers=tuple(layers))
+
+    def _composed(self, name: str, make_layout: Callable[[], rrb.Blueprint]) -> Composed:
+        files = dict.fromkeys(file for each in self.layers for file in self.files.of(each))
+        return Composed(
+            name=name,
+            files=tuple(files),
+            application_id=self.files.application_id,
+            frames=self.frames,
+            make_layout=make_layout,
+        )
+
+    def _shown(self) -> Shown:
+        """What the files have to show."""
+        from harness.record.blueprint import Shown, eye_for
+        from harness.record.reading import entity_paths, first_points
+
+        paths = entity_paths(self.files.images) if self.files.images.is_file() else set()
+        files = [self.files.reconstruction(name) for name in dict.fromkeys(each.reconstruction for each in self.layers)]
+        seen = [points for file in files if file.is_file() for points in first_points(file)]
+        return Shown.of_paths(paths, eye=eye_for(seen), rate_hz=self.rate_hz)
+
+
+def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[RecordedClip]:
+    """What a run recorded, clip by clip in the order of its manifest; of one clip, of one configuration, if given.
+
+    Raises
+    ------
+    VfoaError
+        If ``run`` is no directory of a run, or nothing was recorded of that clip and configuration.
+    """
+    found = [each for each in _clips(run) if each.layers]
+    if not found:
+        raise VfoaError(f"{run}: expected recordings (*.rrd), found none; was it run with --recording none?")
+    if clip is not None:
+        known = [each.files.clip for each in found]
+        found = [each for each in found if each.files.clip == clip]
+        if not found:
+            raise VfoaError(f"{run}: found no recording of clip {clip!r}; {did_you_mean(clip, known)}")
+    if configuration is not None:
+        known = sorted({layers.configuration for each in found for layers in each.layers})
+        found = [one for each in found if (one := each.under(configuration)).layers]
+        if not found:
+            raise VfoaError(f"{run}: found no recording under {configuration!r}; {did_you_mean(configuration, known)}")
+    return found
+
+
+def clip_names(clip: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The subjects and the targets of a clip, from the manifest of a run; none where an older run does not tell."""
+    names = clip.get("names", {})
+    return tuple(names.get("subjects", ())), tuple(names.get("targets", ()))
+
+
+def _clips(run: Path) -> list[RecordedClip]:
+    """Every clip of a run, with the configurations under which it was recorded, perhaps none."""
+    manifest = RunDirectory(run).read_manifest()
+    names = layer_names(manifest["configurations"])
+    return [_clip(run, each, names) for each in manifest["clips"]]
+
+
+def _clip(run: Path, clip: dict[str, Any], names: dict[str, LayerNames]) -> RecordedClip:
+    files = ClipFiles(run=run, clip=clip["name"])
+    return RecordedClip(
+        files=files,
+        layers=tuple(each for each in names.values() if files.attention(each.configuration).is_file()),
+        subjects=clip_names(clip)[0],
+        frames=tuple(clip["frames"]),
+        rate_hz=clip.get("rate_hz"),
+    )
+
+
+def find_recordings(
+    run: Path, clip: str | None, configuration: str | None, subject: str | None = None
+) -> list[Composed]:
+    """What there is to open: each clip of a run with its configurations, or ``run`` itself if it is a recording.
+
+    The tab of ``subject`` is in front.
+
+    Raises
+    ------
+    VfoaError
+        If there is nothing, or the first clip does not have that subject.
+    """
+    if run.is_file() and run.suffix == ".rrd":
+        return [Composed(name=run.stem, files=(run,))]
+    if not run.is_dir():
+        raise VfoaError(f"{run}: expected a run's directory or a recording (.rrd), found nothing there")
+    found = find_clips(run, clip, configuration)
+    if subject is not None and subject not in found[0].subjects:
+        raise VfoaError(f"{found[0].files.clip}: no subject {subject!r}; {did_you_mean(subject, found[0].subjects)}")
+    return [each.compose(subject=subject) for each in found]
+
+
+def served_recordings(run: Path) -> dict[Pair, Composed]:
+    """Every (clip, configuration) of a run that was recorded, each as a recording of its own; none: an empty dict."""
+    pairs = [(clip, layers.configuration) for clip in _clips(run) for layers in clip.layers]
+    return {(clip.files.clip, name): clip.under(name).compose() for clip, name in pairs}

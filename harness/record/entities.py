@@ -1,0 +1,136 @@
+"""Every entity path of a recording. A path names the layer that it belongs to (:mod:`harness.record.layers`).
+
+Names from manifests are escaped: spaces, slashes and any letter are allowed.
+"""
+
+from __future__ import annotations
+
+import rerun as rr
+
+from vfoa.types import Cue
+
+WORLD = "/world"
+CAMERA = f"{WORLD}/camera/left"
+IMAGE = f"{CAMERA}/image"
+MASKS = f"{CAMERA}/masks"
+DEPTH = f"{CAMERA}/depth"
+MEASURED_DEPTH = f"{CAMERA}/measured_depth"
+ATTENTION_2D = f"{CAMERA}/attention"
+
+RECONSTRUCTION = f"{WORLD}/reconstruction"
+ATTENTION_3D = f"{WORLD}/attention"
+VERDICTS_3D = f"{WORLD}/verdicts"
+
+# A disparity under the camera's pinhole would be drawn as false geometry.
+STEREO = "/stereo"
+RIGHT = f"{STEREO}/right"
+DISPARITY = f"{STEREO}/disparity"
+CONFIDENCE = f"{STEREO}/confidence"
+
+ATTENTION = "/attention"
+VERDICTS = "/verdicts"
+SUMMARY = "/summary"
+LOG = "/failures"
+GUIDE = "/guide"
+
+
+def _join(*parts: str) -> str:
+    root, *names = parts
+    return f"{root}/" + "/".join(rr.escape_entity_path_part(name) for name in names)
+
+
+# The layer of the images
+
+
+def masks(segmentation: str) -> str:
+    """The masks of a segmentation."""
+    return _join(MASKS, segmentation)
+
+
+# The layer of a reconstruction
+
+
+def disparity(reconstruction: str) -> str:
+    """The disparity, in pixels."""
+    return _join(DISPARITY, reconstruction)
+
+
+def confidence(reconstruction: str) -> str:
+    """The confidence of the disparity, 0 to 255."""
+    return _join(CONFIDENCE, reconstruction)
+
+
+def depth(reconstruction: str) -> str:
+    """The depth in the left camera."""
+    return _join(DEPTH, reconstruction)
+
+
+def scene(reconstruction: str) -> str:
+    """Above all clouds and boxes of a reconstruction."""
+    return _join(RECONSTRUCTION, reconstruction)
+
+
+def points(reconstruction: str, instance_id: int) -> str:
+    """The cloud of one instance."""
+    return f"{scene(reconstruction)}/{instance_id}/points"
+
+
+def box(reconstruction: str, instance_id: int) -> str:
+    """The 3D box of one instance."""
+    return f"{scene(reconstruction)}/{instance_id}/box"
+
+
+# The layer of a configuration
+
+
+def image_marks(configuration: str, *parts: str) -> str:
+    """What a configuration draws in the left image: ``targets``, and ``heads`` with a subject each."""
+    return _join(ATTENTION_2D, configuration, *parts)
+
+
+def head_box(configuration: str, subject: str) -> str:
+    """The box of a subject's head in the left image."""
+    return image_marks(configuration, "heads", subject)
+
+
+def subject_3d(configuration: str, *parts: str) -> str:
+    """A subject in the world, and its eye ``origin``; without a subject, above all of them."""
+    return _join(ATTENTION_3D, configuration, *parts)
+
+
+def cue_3d(configuration: str, subject: str, cue: Cue, part: str) -> str:
+    """A cue of a subject in the world: ``direction``, ``cones``, ``rays``, ``hits``."""
+    return _join(ATTENTION_3D, configuration, subject, cue, part)
+
+
+def curves(configuration: str, subject: str, value: str) -> str:
+    """Above the curves of one subject's ``gaze``, ``head`` or ``total``: one plot."""
+    return _join(ATTENTION, configuration, subject, value)
+
+
+def curve(configuration: str, subject: str, value: str, target: str) -> str:
+    """One attention curve: ``gaze``, ``head`` or ``total`` of a subject for a target."""
+    return _join(ATTENTION, configuration, subject, value, target)
+
+
+# The layer of the verdicts
+
+
+def verdict(configuration: str, *parts: str) -> str:
+    """States of a subject over time: ``truth``, ``predicted``, ``verdict``; without these, above them."""
+    return _join(VERDICTS, configuration, *parts)
+
+
+def answer_3d(configuration: str, *parts: str) -> str:
+    """The true target of a subject (``truth``) and the wrong answer (``predicted``); without these, above them."""
+    return _join(VERDICTS_3D, configuration, *parts)
+
+
+def summary(configuration: str) -> str:
+    """The page of the frame: truth, prediction, error type, attention."""
+    return _join(SUMMARY, configuration)
+
+
+def log(configuration: str) -> str:
+    """One warning for each wrong frame."""
+    return _join(LOG, configuration)

@@ -1,0 +1,96 @@
+"""A few frames of a recording as one small file, to send to a colleague."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pyarrow as pa  # type: ignore[import-untyped]
+import pyarrow.compute as pc  # type: ignore[import-untyped]
+from rerun.chunk import Chunk, LazyChunkStream, RrdReader
+
+from harness.files import replacing
+from harness.record import entities
+from harness.record.composed import Composed
+from harness.record.images import key_frame_every
+from harness.record.reading import reading
+from harness.record.viewer import viewer_binary
+from vfoa.errors import VfoaError
+
+
+def write_excerpt(recording: Composed, rate_hz: float | None, frame: int, margin: int, excerpt: Path) -> None:
+    """Write the frames ``frame - margin`` to ``frame + margin`` of all layers, with the layout and all static data.
+
+    Of a video also the frames back to the key frame before are kept, since it is decoded from there.
+
+    Raises
+    ------
+    VfoaError
+        If a file cannot be read, the clip does not have that frame, or the margin is negative.
+    """
+    if margin < 0:
+        raise VfoaError(f"--margin: expected at least 0 frames, found {margin}")
+    recording.expect_frame(frame)
+    inside = [each for each in recording.frames if abs(each - frame) <= margin]
+    every = key_frame_every(rate_hz)
+    key = recording.frames[recording.frames.index(inside[0]) // every * every]
+    with tempfile.TemporaryDirectory() as scratch:
+        parts = []
+        for number, file in enumerate(recording.files):
+            parts.append(Path(scratch) / f"{number}.rrd")
+            with reading(file):
+                chunks = LazyChunkStream.from_iter(_cut(RrdReader(file).stream(), key, inside[0], inside[-1]))
+                chunks.write_rrd(
+                    parts[-1],
+                    application_id=recording.application_id,
+                    recording_id=f"{recording.name}-{frame}",
+                )
+        if (layout := recording.layout()) is not None:
+            parts.append(Path(scratch) / "layout.rbl")
+            layout.save(recording.application_id, parts[-1])
+        with replacing(excerpt) as draft:
+            _rrd("merge", "--output", str(draft), *map(str, parts))
+
+
+def _cut(chunks: Iterable[Chunk], key: int, first: int, last: int) -> Iterator[Chunk]:
+    """The static chunks, and of the others the rows from ``first`` to ``last``; of videos, from ``key`` on.
+
+    The camera is logged only when it changes: its latest row before ``first`` is kept.
+    """
+    camera: pa.RecordBatch | None = None
+    first_time: pa.Scalar | None = None
+    for chunk in chunks:
+        batch = chunk.to_record_batch()
+        if "frame" not in batch.schema.names:
+            yield chunk
+            continue
+        frames = batch.column("frame")
+        begin = key if any(name.startswith("VideoStream:") for name in batch.schema.names) else first
+        rows = batch.filter(pc.and_(pc.greater_equal(frames, begin), pc.less_equal(frames, last)))
+        if rows.num_rows:
+            yield from Chunk.from_record_batch(rows)
+        at_first = batch.filter(pc.equal(frames, first))
+        if at_first.num_rows:
+            first_time = at_first.column("time")[0]
+        before = batch.filter(pc.less(frames, first))
+        if chunk.entity_path == entities.CAMERA and before.num_rows:
+            camera = before.slice(before.num_rows - 1, 1)
+    if camera is not None and first_time is not None:
+        yield from Chunk.from_record_batch(_at(camera, first, first_time))
+
+
+def _at(row: pa.RecordBatch, frame: int, time: pa.Scalar) -> pa.RecordBatch:
+    """A row at another time."""
+    for name, value in (("frame", frame), ("time", time.as_py())):
+        index = row.schema.get_field_index(name)
+        field = row.schema.field(index)
+        row = row.set_column(index, field, pa.array([value], field.type))
+    return row
+
+
+def _rrd(*arguments: str) -> None:
+    done = subprocess.run([viewer_binary(), "rrd", *arguments], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise VfoaError(f"rerun rrd {arguments[0]}: {done.stderr.strip()}")

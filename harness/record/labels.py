@@ -1,0 +1,86 @@
+"""What the people and things of a recording are called, and their colours: one per name, the same everywhere."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+
+from harness.labels.files import IGNORED, NOWHERE
+from harness.run.results import AttentionRecord, FrameRecord, SubjectRecord
+from vfoa.types import Cue
+
+Colour = tuple[int, int, int]
+
+CUE_COLOURS: dict[Cue, Colour] = {"gaze": (255, 221, 51), "head": (102, 204, 255)}
+OUTCOME_COLOURS: dict[str, Colour] = {"correct": (64, 200, 96), "wrong": (240, 72, 72), "unscored": (130, 130, 130)}
+TRUTH_COLOUR: Colour = OUTCOME_COLOURS["correct"]
+GREY: Colour = (150, 150, 150)
+
+# Twelve hues that differ from each other, from the colours above, and from a dark background.
+_TARGET_COLOURS: tuple[Colour, ...] = (
+    (255, 127, 80),
+    (186, 104, 255),
+    (0, 180, 170),
+    (255, 105, 180),
+    (170, 210, 60),
+    (90, 130, 255),
+    (215, 165, 95),
+    (0, 150, 90),
+    (205, 92, 150),
+    (150, 170, 200),
+    (170, 110, 70),
+    (225, 190, 225),
+)
+
+
+class Colours:
+    """A colour and a class for every target's name: by the order given, then by the order in which names appear."""
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self._classes: dict[str, int] = {}
+        for name in names:
+            self.class_of(name)
+
+    def class_of(self, name: str) -> int:
+        """The number that stands for a name in masks and clouds, from 1; a new name gets the next one."""
+        return self._classes.setdefault(name, len(self._classes) + 1)
+
+    def of(self, name: str) -> Colour:
+        """The colour of a name; grey for what is no target."""
+        if name in (NOWHERE, IGNORED):
+            return GREY
+        return _TARGET_COLOURS[(self.class_of(name) - 1) % len(_TARGET_COLOURS)]
+
+    @property
+    def known(self) -> dict[str, Colour]:
+        """All names so far, with their colours, in the order of their classes."""
+        return {name: self.of(name) for name in self._classes}
+
+
+def subject_names(record: FrameRecord) -> dict[int, str]:
+    """The name of each subject of a frame by track id, each used once: ``girl``, ``track 3``, ``girl (track 4)``."""
+    names: dict[int, str] = {}
+    for subject in record.subjects:
+        name = subject.name or f"track {subject.track_id}"
+        names[subject.track_id] = f"{name} (track {subject.track_id})" if name in names.values() else name
+    return names
+
+
+def target_names(record: FrameRecord) -> dict[int, str]:
+    """The name of each target of a frame by instance id, each used once: ``cup``, ``cup (4)`` where two are cups."""
+    uses = Counter(target.name for target in record.targets)
+    return {
+        target.instance_id: target.name if uses[target.name] == 1 else f"{target.name} ({target.instance_id})"
+        for target in record.targets
+    }
+
+
+def attention_by_name(record: FrameRecord, subject: SubjectRecord) -> dict[str, AttentionRecord]:
+    """A subject's attention by the target's manifest name: of instances that share a name, the one with the most."""
+    names = {target.instance_id: target.name for target in record.targets}
+    strongest: dict[str, AttentionRecord] = {}
+    for value in subject.attention:
+        name = names[value.instance_id]
+        if name not in strongest or value.total > strongest[name].total:
+            strongest[name] = value
+    return strongest

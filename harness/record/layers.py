@@ -1,0 +1,97 @@
+"""The layers of a clip's recording: which files a run writes, and which of them show one configuration.
+
+All files of a clip have one recording id, so that the viewer and Rerun's catalogue merge them::
+
+    CLIP.rrd                              images, and the masks of each distinct segmentation
+    CLIP__RECONSTRUCTION.scene.rrd        disparity, clouds and boxes of each distinct reconstruction
+    CLIP__CONFIGURATION.rrd               cones, rays, hits and attention of each configuration
+    CLIP__CONFIGURATION.verdicts.rrd      ground truth, verdicts and error types, written anew by each scoring
+
+A layer that several configurations share is named after the first of them.
+"""
+
+from __future__ import annotations
+
+import json
+import uuid
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+Plain = Mapping[str, Any]
+"""A configuration as JSON values, as the manifest of a run has it."""
+
+_MASKS = ("segmentation",)
+_RECONSTRUCTION = ("stereo", "segmentation", "heads", "reconstruction")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LayerNames:
+    """The layers that show one configuration, by name."""
+
+    configuration: str
+    masks: str
+    reconstruction: str
+
+
+def layer_names(configurations: Mapping[str, Plain]) -> dict[str, LayerNames]:
+    """The layers of each configuration of a run, by the configuration's name."""
+    masks, reconstructions = _first_alike(configurations, _MASKS), _first_alike(configurations, _RECONSTRUCTION)
+    return {
+        name: LayerNames(configuration=name, masks=masks[name], reconstruction=reconstructions[name])
+        for name in configurations
+    }
+
+
+def _first_alike(configurations: Mapping[str, Plain], tables: Iterable[str]) -> dict[str, str]:
+    """For each configuration the first one with equal settings in these tables."""
+    first: dict[str, str] = {}
+    tables = tuple(tables)
+    keys = {name: json.dumps([each.get(table) for table in tables]) for name, each in configurations.items()}
+    return {name: first.setdefault(key, name) for name, key in keys.items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ClipFiles:
+    """The files of one clip's recording in the directory of a run."""
+
+    run: Path
+    clip: str
+
+    @property
+    def images(self) -> Path:
+        """Images and masks."""
+        return self.run / f"{self.clip}.rrd"
+
+    def reconstruction(self, name: str) -> Path:
+        """Disparity, clouds and boxes of a reconstruction."""
+        return self.run / f"{self.clip}__{name}.scene.rrd"
+
+    def attention(self, configuration: str) -> Path:
+        """Cones, rays, hits and attention of a configuration."""
+        return self.run / f"{self.clip}__{configuration}.rrd"
+
+    def verdicts(self, configuration: str) -> Path:
+        """Ground truth and verdicts of a configuration."""
+        return self.run / f"{self.clip}__{configuration}.verdicts.rrd"
+
+    def of(self, layers: LayerNames) -> tuple[Path, ...]:
+        """Every file that shows a configuration and is there."""
+        files = (
+            self.images,
+            self.reconstruction(layers.reconstruction),
+            self.attention(layers.configuration),
+            self.verdicts(layers.configuration),
+        )
+        return tuple(file for file in files if file.is_file())
+
+    @property
+    def application_id(self) -> str:
+        """What the viewer keeps a layout for: each clip has its own."""
+        return f"vfoa {self.clip}"
+
+    @property
+    def recording_id(self) -> str:
+        """The same for every layer of the clip in this run; another one for any other run."""
+        return str(uuid.uuid5(uuid.NAMESPACE_URL, f"vfoa:{self.run.resolve().name}/{self.clip}"))

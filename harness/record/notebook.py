@@ -1,0 +1,46 @@
+"""A recording in the Rerun viewer of a notebook."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import rerun as rr
+
+from harness.record.composed import Composed
+from harness.record.reading import reading
+from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    from rerun.notebook import Viewer
+
+HEIGHT_PX = 640
+
+
+def show_recording(recording: Composed, frame: int | None = None) -> Viewer:
+    """A viewer that shows a recording, as the last value of a cell; with ``frame``, it opens there.
+
+    Raises
+    ------
+    VfoaError
+        If the notebook part of Rerun is not installed, or the recording cannot be read.
+    """
+    from rerun.notebook import HAS_NOTEBOOK, Viewer
+
+    if not HAS_NOTEBOOK:
+        raise VfoaError('the viewer of notebooks is not installed; expected it: pip install "vfoa[notebook]"')
+    stream = rr.RecordingStream(recording.application_id)
+    viewer = Viewer(width="auto", height=HEIGHT_PX, recording=stream)
+    with tempfile.TemporaryDirectory() as scratch:
+        files = list(recording.files)
+        if (layout := recording.layout()) is not None:
+            files.insert(0, Path(scratch) / "layout.rbl")
+            layout.save(recording.application_id, files[0])
+        for file in files:
+            with reading(file):
+                stream.log_file_from_path(file)
+        stream.flush()
+    if frame is not None:
+        viewer.set_time_ctrl(timeline="frame", sequence=frame)
+    return viewer

@@ -1,0 +1,110 @@
+"""The layer of a reconstruction: its disparity, and each target's cloud and 3D box in metres."""
+
+from __future__ import annotations
+
+import numpy as np
+import rerun as rr
+from scipy.spatial.transform import Rotation
+
+from harness.record import Size, entities
+from harness.record.frame_log import FrameLog
+from harness.record.images import class_context, encoded_depth, png
+from harness.record.labels import Colours, target_names
+from harness.run.results import FrameRecord
+from vfoa.geometry import depth_from_disparity
+from vfoa.types import Box3D, Disparity, Float, Map, Percepts, Scene, StereoFrame
+
+LIGHT_POINTS = 120
+"""Most points of a cloud in a light recording: enough to see its shape and its outliers."""
+
+_STEPS_PER_PX = 4
+"""A light recording rounds disparities to this: below what a matcher resolves."""
+
+
+def log_disparity(log: FrameLog, name: str, frame: StereoFrame, percepts: Percepts, size: Size) -> None:
+    """The disparity in pixels; in a full recording also its confidence, and the depth in millimetres.
+
+    A light recording holds every second row and column: picked, not averaged, so that edges stay edges. Without a
+    right image there is no disparity to show: the measured depth is in the layer of the images.
+    """
+    if frame.right is None:
+        return
+    disparity, rig = percepts.disparity, percepts.rig
+    log.log(entities.disparity(name), _disparity(disparity, size))
+    if size == "light":
+        return
+    log.log(entities.depth(name), encoded_depth(depth_from_disparity(disparity.disparity_px, rig)))
+    if disparity.confidence is not None:
+        log.log(entities.confidence(name), _confidence(disparity.confidence))
+
+
+def _disparity(disparity: Disparity, size: Size) -> rr.EncodedDepthImage | rr.DepthImage:
+    longest = float(np.nanmax(disparity.disparity_px)) if disparity.known_share > 0 else 1.0
+    colours = rr.components.Colormap.Turbo
+    if size == "full":
+        return rr.DepthImage(disparity.disparity_px, colormap=colours, depth_range=(0, longest))
+    steps = np.rint(disparity.disparity_px[::2, ::2] * _STEPS_PER_PX)
+    return rr.EncodedDepthImage(
+        blob=png(np.nan_to_num(np.clip(steps, 1, 65535), nan=0).astype(np.uint16)),
+        media_type="image/png",
+        meter=_STEPS_PER_PX,
+        colormap=colours,
+        depth_range=(0, longest * _STEPS_PER_PX),
+    )
+
+
+def _confidence(confidence: Map) -> rr.Image:
+    return rr.Image(np.rint(255 * np.nan_to_num(confidence)).astype(np.uint8), color_model="L")
+
+
+def log_targets(log: FrameLog, name: str, scene: Scene, record: FrameRecord, colours: Colours, size: Size) -> None:
+    """The cloud and the box of every target, in its colour and with its name."""
+    names = target_names(record)
+    base = {target.instance_id: target.name for target in record.targets}
+    for target in scene.targets:
+        number = target.instance.id
+        points = target.points_left
+        if size == "light" and len(points) > LIGHT_POINTS:
+            points = points[np.linspace(0, len(points) - 1, LIGHT_POINTS).astype(np.intp)]
+        class_id = colours.class_of(base[number])
+        if len(points):
+            path = entities.points(name, number)
+            log.keep(path, _cloud_style, key="style")
+            log.log(path, rr.Points3D.from_fields(positions=points, class_ids=class_id))
+        if target.box is not None:
+            path = entities.box(name, number)
+            log.keep(path, _box_style, key="style")
+            log.log(path, _box(target.box, names[number], class_id))
+    known = colours.known
+    log.keep(entities.scene(name), lambda: class_context(known), key=tuple(known))
+
+
+# What never changes of an entity is static: it is logged once, and outlives the clearing of the entity.
+
+
+def _cloud_style() -> rr.Points3D:
+    return rr.Points3D.from_fields(radii=rr.Radius.ui_points(1.5))
+
+
+def _box_style() -> rr.Boxes3D:
+    return rr.Boxes3D.from_fields(
+        fill_mode=rr.components.FillMode.MajorWireframe, radii=rr.Radius.ui_points(1.5), show_labels=True
+    )
+
+
+def _box(box: Box3D, name: str, class_id: int) -> rr.Boxes3D:
+    # arrays and a class instead of Rerun's own values and a colour: half the time
+    return rr.Boxes3D.from_fields(
+        centers=box.center_m[None],
+        half_sizes=box.half_size_m[None],
+        quaternions=_quaternion(box.left_from_box)[None],
+        labels=[name],
+        class_ids=class_id,
+    )
+
+
+def _quaternion(rotation: Float) -> Float:
+    """The quaternion (4,), as (x, y, z, w); that of a box along the camera's axes without the work."""
+    if np.array_equal(rotation, np.eye(3)):
+        return np.array([0.0, 0.0, 0.0, 1.0])
+    return np.asarray(Rotation.from_matrix(rotation).as_quat())

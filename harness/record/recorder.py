@@ -1,0 +1,173 @@
+"""The sink that records one configuration on one clip, and the layers that it shares with the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import ClassVar, Self
+
+from harness.record import Size, entities
+from harness.record.attention import log_attention
+from harness.record.blueprint import Shown, Subjects, clip_layout, guide
+from harness.record.extra import load_entities
+from harness.record.images import ImageLog, log_masks
+from harness.record.labels import Colours
+from harness.record.layer_file import LayerFile
+from harness.record.layers import ClipFiles, LayerNames
+from harness.record.reconstruction import log_disparity, log_targets
+from harness.record.verdicts import log_verdicts
+from harness.run.frame_sink import FinishedFrame
+from harness.run.results import FrameRecord
+from harness.score.verdicts import Verdict
+
+Judge = Callable[[FrameRecord], Sequence[Verdict]]
+
+
+class SharedLayers:
+    """The layers of a clip that several configurations show, while a run writes them.
+
+    Whichever configuration comes to a frame first logs it. A file is complete if one of its configurations was.
+    """
+
+    _open: ClassVar[dict[ClipFiles, SharedLayers]] = {}
+
+    def __init__(
+        self, files: ClipFiles, size: Size, rate_hz: float | None, names: Sequence[str], watched_at: str | None
+    ) -> None:
+        self.files, self.size, self.watched_at = files, size, watched_at
+        self.colours = Colours(names)
+        self._images = LayerFile(files.images, files, watched_at=watched_at)
+        self._image_log = ImageLog(self._images.part("images"), size, rate_hz, watched=watched_at is not None)
+        self._reconstructions: dict[str, LayerFile] = {}
+        self._users = 0
+        self._complete: set[str] = set()
+
+    @classmethod
+    def join(
+        cls, files: ClipFiles, size: Size, rate_hz: float | None, names: Sequence[str], watched_at: str | None
+    ) -> SharedLayers:
+        """The layers of a clip that this process writes; each caller leaves them by :meth:`leave`."""
+        if files not in cls._open:
+            cls._open[files] = cls(files, size, rate_hz, names, watched_at)
+        shared = cls._open[files]
+        shared._users += 1
+        return shared
+
+    def leave(self, layers: LayerNames, *, complete: bool) -> None:
+        """End one configuration's use of the layers; the last one closes the files."""
+        self._users -= 1
+        if complete:
+            self._complete.add(layers.reconstruction)
+        if self._users == 0:
+            del self._open[self.files]
+            if self._complete:
+                self._image_log.close()
+            self._images.close(complete=bool(self._complete))
+            for name, layer in self._reconstructions.items():
+                layer.close(complete=name in self._complete)
+
+    def write(self, frame: FinishedFrame, layers: LayerNames) -> None:
+        """Log what a frame shows in the shared layers of a configuration, unless it is logged already."""
+        self._images.open()
+        index, time_ns = frame.record.frame, frame.record.time_ns
+        if frame.frame is not None and self._image_log.add(frame.frame):
+            self._images.end_frame()
+        masks = self._images.part(layers.masks)
+        if frame.percepts is not None and masks.begin(index, time_ns):
+            log_masks(masks, layers.masks, frame.percepts, frame.record, self.colours, self.size)
+            masks.end()
+        name = layers.reconstruction
+        layer = self._reconstruction(name)
+        log = layer.part(name)
+        if log.begin(index, time_ns):
+            if frame.frame is not None and frame.percepts is not None:
+                log_disparity(log, name, frame.frame, frame.percepts, self.size)
+            log_targets(log, name, frame.result.scene, frame.record, self.colours, self.size)
+            log.end()
+            layer.end_frame()
+
+    def _reconstruction(self, name: str) -> LayerFile:
+        if name not in self._reconstructions:
+            layer = LayerFile(self.files.reconstruction(name), self.files, watched_at=self.watched_at)
+            layer.open()
+            self._reconstructions[name] = layer
+        return self._reconstructions[name]
+
+
+class Recorder:
+    """Records one clip under one configuration, as a context manager (:mod:`harness.record.layers` lists the files).
+
+    Parameters
+    ----------
+    files, layers
+        The files of the clip, and the layers of the configuration.
+    rate_hz
+        Frames per second at which the viewer plays, None where the source does not know it.
+    size
+        ``light``: images as video, half of the disparity's resolution, thin clouds. ``full``: everything, lossless.
+    subjects, targets
+        The names of the manifest, in its order: they fix the colours and give each subject a view of its own.
+    watched_at
+        The address of a viewer that is shown every frame as it is logged; None for none.
+    judge
+        Gives the verdicts that a watching viewer is shown; without a viewer they are a layer of their own.
+    """
+
+    def __init__(
+        self,
+        files: ClipFiles,
+        layers: LayerNames,
+        *,
+        rate_hz: float | None,
+        size: Size = "light",
+        subjects: Sequence[str] = (),
+        targets: Sequence[str] = (),
+        watched_at: str | None = None,
+        judge: Judge | None = None,
+    ) -> None:
+        self._files, self._layers = files, layers
+        self._rate_hz, self._size, self._subjects = rate_hz, size, tuple(subjects)
+        self._names = (*targets, *subjects)
+        self._watched_at, self._judge = watched_at, judge if watched_at else None
+        self._extra = load_entities()
+
+    @property
+    def path(self) -> Path:
+        """The file of the configuration's own layer."""
+        return self._files.attention(self._layers.configuration)
+
+    def __enter__(self) -> Self:
+        self._shared = SharedLayers.join(self._files, self._size, self._rate_hz, self._names, self._watched_at)
+        self._layer = LayerFile(self.path, self._files, watched_at=self._watched_at)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._layer.close(complete=error is None)
+        self._shared.leave(self._layers, complete=error is None)
+
+    def write(self, frame: FinishedFrame) -> None:
+        """Record one frame."""
+        self._open(frame)
+        self._shared.write(frame, self._layers)
+        record, colours = frame.record, self._shared.colours
+        log = self._layer.part("attention")
+        log.begin(record.frame, record.time_ns)
+        log_attention(log, self._layers.configuration, frame.result, record, colours)
+        for log_extra in self._extra:
+            log_extra(log, frame, self._size)
+        if self._judge:
+            log_verdicts(log, record, self._judge(record), colours)
+        log.end()
+        self._layer.end_frame()
+
+    def _open(self, first: FinishedFrame) -> None:
+        """Begin the file with a layout that looks at the scene of the first frame and shows the views it has."""
+        if self._layer.is_open:
+            return
+        shown = Shown.of(first.frame, first.result.scene, self._size, self._rate_hz)
+        subjects = Subjects(names=self._subjects)
+        self._layer.open(clip_layout([self._layers], shown, subjects, follow=self._watched_at is not None))
+        self._layer.stream.log(entities.GUIDE, guide(), static=True)

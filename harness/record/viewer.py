@@ -1,0 +1,219 @@
+"""The real Rerun viewer: opened at a frame, on this machine only, and stopped by whoever started it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, BinaryIO, Protocol
+
+import rerun_cli
+from rerun.experimental import ViewerClient
+
+from harness.files import atomic_write
+from harness.local_server import HOST
+from harness.record.composed import Composed
+from vfoa.errors import VfoaError
+
+_CONNECT_S = 30.0
+_DRAWN_S = 60.0
+_POLL_S = 0.3
+
+
+def viewer_binary() -> Path:
+    """The viewer inside the Rerun package. The ``rerun`` command is a wrapper: ending it would leave the viewer."""
+    name = "rerun.exe" if os.name == "nt" else "rerun"
+    return Path(rerun_cli.__file__).with_name(name)
+
+
+def show(recordings: Sequence[Composed], frame: int | None) -> None:
+    """Open recordings in a window, the first one at ``frame``; returns when the window is closed.
+
+    Raises
+    ------
+    VfoaError
+        If the viewer cannot be started, as without a display.
+    """
+    with _viewer([]) as (process, client):
+        _open(client, recordings, frame)
+        process.wait()
+
+
+@contextmanager
+def listening(options: Sequence[str] = ()) -> Iterator[str]:
+    """A viewer's address, to which recordings can be sent while they are made; it is closed at the end.
+
+    Raises
+    ------
+    VfoaError
+        If the viewer cannot be started.
+    """
+    with _viewer(options) as (_, client):
+        yield client.url
+
+
+class GoTo(Protocol):
+    """Shows a recording at a frame, with these tabs in front."""
+
+    def __call__(self, recording: Composed, frame: int, tabs: Sequence[str] = ()) -> None:
+        """Show it."""
+        ...
+
+
+@contextmanager
+def opened(options: Sequence[str] = ()) -> Iterator[GoTo]:
+    """A viewer that shows what it is told, as often as wanted.
+
+    ``options`` are the viewer's own, ``--headless`` for one without a window. It is stopped at the end.
+
+    Raises
+    ------
+    VfoaError
+        If the viewer cannot be started, a recording is missing, or the window was closed.
+    """
+    known: set[tuple[Path, ...]] = set()
+    with _viewer(options) as (process, client):
+
+        def go_to(recording: Composed, frame: int, tabs: Sequence[str] = ()) -> None:
+            if process.poll() is not None:
+                raise VfoaError("the Rerun viewer: expected it to be open, found that its window was closed")
+            for file in recording.files:
+                if not file.is_file():
+                    raise VfoaError(f"{file}: found no such recording; was the run made without it?")
+            if recording.files in known:
+                client.open(str(recording.files[-1]))  # in front again
+                client.set_time("frame", sequence=frame, play_state="paused")
+            else:
+                known.add(recording.files)
+                _open(client, [recording], frame)
+            if tabs:
+                _bring_to_front(client, tabs)
+
+        yield go_to
+
+
+def screenshot(recording: Composed, frame: int | None, png: Path, *, size: tuple[int, int] = (1600, 900)) -> None:
+    """Draw a recording at a frame into a PNG file, without a display; ``size`` is (width, height) in pixels.
+
+    Needs a Vulkan driver; one that runs on the CPU is enough (on Debian: mesa-vulkan-drivers, libvulkan1).
+
+    Raises
+    ------
+    VfoaError
+        If the viewer cannot be started, or still draws after a minute.
+    """
+    options = ["--headless", "--window-size", f"{size[0]}x{size[1]}"]
+    with _viewer(options) as (_, client):
+        _open(client, [recording], frame)
+        atomic_write(png, _settled_picture(client))
+
+
+def _open(client: ViewerClient, recordings: Sequence[Composed], frame: int | None) -> None:
+    # the last one opened is in front
+    for recording in reversed(recordings):
+        with tempfile.TemporaryDirectory() as scratch:
+            files = [*map(str, recording.files)]
+            if (layout := recording.layout()) is not None:
+                files.insert(0, str(Path(scratch) / "layout.rbl"))  # first: an open recording keeps its layout
+                layout.save(recording.application_id, files[0])
+            client.open(files)
+    if frame is not None:
+        client.set_time("frame", sequence=frame, play_state="paused")
+
+
+def _bring_to_front(client: ViewerClient, tabs: Sequence[str]) -> None:
+    """Select the tab of the first name, within it that of the second, and so on; a name that has no tab is left out."""
+    layout = client.get_blueprint().blueprint
+    containers = {
+        path.lstrip("/"): each["ContainerBlueprint"] for path, each in layout.items() if "ContainerBlueprint" in each
+    }
+    within = set(containers)
+    for tab in tabs:
+        found = [path for path in within if containers[path].get("display_name") == tab]
+        for path in found[:1]:
+            for parent in containers.values():
+                if path in _contents(parent) and parent.get("container_kind") == "Tabs":
+                    parent["active_tab"] = path
+            within = _below(containers, path)
+    client.set_blueprint(layout, of="recording")
+
+
+def _contents(container: Mapping[str, Any]) -> list[str]:
+    contents = container.get("contents", [])
+    return [contents] if isinstance(contents, str) else list(contents)
+
+
+def _below(containers: Mapping[str, Mapping[str, Any]], path: str) -> set[str]:
+    inside = {each for each in _contents(containers[path]) if each in containers}
+    return inside.union(*(_below(containers, each) for each in inside))
+
+
+def _settled_picture(client: ViewerClient) -> bytes:
+    """A screenshot that equals the one before it: loading and layout are over."""
+    deadline = time.monotonic() + _DRAWN_S
+    before = b""
+    while time.monotonic() < deadline:
+        time.sleep(_POLL_S)
+        now = client.take_screenshot()
+        if now == before:
+            return now
+        before = now
+    raise VfoaError(f"the Rerun viewer: expected a picture that stands still within {_DRAWN_S:.0f} s, found none")
+
+
+@contextmanager
+def _viewer(options: Sequence[str]) -> Iterator[tuple[subprocess.Popen[bytes], ViewerClient]]:
+    port = free_port()
+    command = [str(viewer_binary()), "--bind", HOST, "--port", str(port), "--hide-welcome-screen", *options]
+    # a file, since a pipe that nobody reads would stop the viewer once it is full
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=said)
+        with stopped_at_end(process):
+            yield process, _connect(process, port, said)
+
+
+@contextmanager
+def stopped_at_end(process: subprocess.Popen[bytes]) -> Iterator[None]:
+    """End a process when the block ends, whatever ended it."""
+    try:
+        yield
+    finally:
+        if process.poll() is None:
+            process.terminate()
+        try:
+            process.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+
+def _connect(process: subprocess.Popen[bytes], port: int, said: BinaryIO) -> ViewerClient:
+    deadline = time.monotonic() + _CONNECT_S
+    while time.monotonic() < deadline:
+        if process.poll() is not None:
+            said.seek(0)
+            lines = said.read().decode(errors="replace").strip().splitlines()
+            said_last = lines[-1] if lines else ""
+            if "DISPLAY" in said_last:
+                raise VfoaError(
+                    "the Rerun viewer: found no display to open its window on; "
+                    "--web shows a recording in a browser, --screenshot PNG draws it into a file"
+                )
+            raise VfoaError(f"the Rerun viewer ended with status {process.returncode}: {said_last}")
+        try:
+            return ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
+        except Exception:  # the client has no error type of its own for "not yet there"
+            time.sleep(_POLL_S)
+    raise VfoaError(f"the Rerun viewer: expected an answer within {_CONNECT_S:.0f} s, found none")
+
+
+def free_port() -> int:
+    """A port of this machine that nobody listens on now."""
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])

@@ -1,0 +1,70 @@
+"""The web viewer inside the Rerun package, as files that a server of one's own can give out.
+
+Rerun's own server for it gives no policy along, and the viewer then asks three hosts on the network: for a font, for
+the newest version, and to tell that it was started.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import time
+from dataclasses import dataclass
+
+import httpx
+
+from harness.local_server import HOST
+from harness.record.viewer import free_port, stopped_at_end, viewer_binary
+from vfoa.errors import VfoaError
+
+NAMES = ("index.html", "re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
+_STARTED_S = 30.0
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WebFile:
+    """A file as a browser gets it."""
+
+    content: bytes
+    media_type: str
+
+
+def web_viewer_files() -> dict[str, WebFile]:
+    """The viewer's page and what it loads, by name. They are taken from Rerun's server, which is stopped again.
+
+    Raises
+    ------
+    VfoaError
+        If it does not answer, or has other files: another version of Rerun.
+    """
+    port = free_port()
+    ports = ["--port", str(free_port()), "--web-viewer-port", str(port)]
+    process = subprocess.Popen(
+        [str(viewer_binary()), "--serve-web", "--bind", HOST, *ports],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    with stopped_at_end(process), httpx.Client(base_url=f"http://{HOST}:{port}", trust_env=False) as client:
+        _wait_for(process, client)
+        return {name: _fetched(client, name) for name in NAMES}
+
+
+def _wait_for(process: subprocess.Popen[bytes], client: httpx.Client) -> None:
+    deadline = time.monotonic() + _STARTED_S
+    while process.poll() is None and time.monotonic() < deadline:
+        try:
+            client.head("/")
+        except httpx.TransportError:
+            time.sleep(_POLL_S)
+        else:
+            return
+    raise VfoaError("the Rerun web viewer: expected its server to answer, found that it did not start")
+
+
+def _fetched(client: httpx.Client, name: str) -> WebFile:
+    try:
+        response = client.get(f"/{name}")
+        response.raise_for_status()
+    except httpx.HTTPError as error:
+        raise VfoaError(f"the Rerun web viewer: expected a file {name}, found none: {error}") from None
+    return WebFile(content=response.content, media_type=response.headers["content-type"])

@@ -1,0 +1,126 @@
+"""What several configurations share is written once, and the layers hold what one recording of each would."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from rerun.chunk import RrdReader
+
+from harness.labels.files import Label, LabelRange, Labels
+from harness.record import entities
+from harness.record.layers import ClipFiles, LayerNames, layer_names
+from harness.record.recorder import Recorder
+from harness.record.verdict_layer import write_verdict_layers
+from harness.run.directory import RunDirectory
+from tests.harness.record.conftest import ANN, under, write_run
+from vfoa.errors import VfoaError
+
+
+def test_a_layer_is_named_after_the_first_configuration_that_has_it():
+    bm, sgbm = ({"stereo": {"matcher": name}, "segmentation": "truth"} for name in ("bm", "sgbm"))
+    names = layer_names({"a": {**bm, "attention": 1}, "b": {**bm, "attention": 2}, "c": {**sgbm, "attention": 1}})
+    assert names == {
+        "a": LayerNames(configuration="a", masks="a", reconstruction="a"),
+        "b": LayerNames(configuration="b", masks="a", reconstruction="a"),
+        "c": LayerNames(configuration="c", masks="a", reconstruction="c"),
+    }
+
+
+@pytest.fixture
+def shared(frames, tmp_path):
+    """Three configurations, of which the last two share a reconstruction and the last has not seen the last frame."""
+    return write_run(tmp_path / "run", {"one": frames, "two": frames, "three": frames[:3]})
+
+
+def test_what_is_shared_is_written_once(shared, frames, read_back):
+    names = {path.name for path in shared.run.glob("*.rrd")}
+    assert names == {
+        "clip.rrd",
+        *(f"clip__{name}.scene.rrd" for name in ("one", "two")),
+        *(f"clip__{name}{suffix}.rrd" for name in ("one", "two", "three") for suffix in ("", ".verdicts")),
+    }
+    images = RrdReader(shared.files.images).stream().filter(content=entities.IMAGE, has_timeline="frame")
+    assert sum(chunk.to_record_batch().num_rows for chunk in images) == len(frames)
+
+
+def test_each_configuration_alone_holds_what_it_holds_among_others(shared, frames, read_back, tmp_path):
+    together = read_back(shared)
+    for name, seen in (("one", frames), ("two", frames), ("three", frames[:3])):
+        alone = read_back(write_run(tmp_path / f"alone {name}", {name: seen}))
+        reconstruction = "two" if name == "three" else name
+        same = (
+            (entities.curve(name, ANN, "total", "book#4"), "Scalars:scalars"),
+            (entities.cue_3d(name, ANN, "head", "rays"), "LineStrips3D:strips"),
+            (entities.verdict(name, ANN, "verdict"), "StateChange:state"),
+        )
+        boxes = (entities.box(reconstruction, 4), entities.box(name, 4), "Boxes3D:centers")
+        for here, there, component in (boxes, *((path, path, component) for path, component in same)):
+            kept = {each.record.frame for each in seen}
+            found = {frame: value for frame, value in together.at(here, component).items() if frame in kept}
+            assert found == alone.at(there, component)
+            assert found
+
+
+def test_a_configuration_that_fails_leaves_the_others_whole(frames, tmp_path, read_back):
+    files = ClipFiles(run=tmp_path, clip="clip")
+    names = layer_names({"one": {"attention": 1}, "two": {"attention": 2}})
+    broken, whole = Recorder(files, names["one"], rate_hz=25), Recorder(files, names["two"], rate_hz=25)
+    broken.__enter__()
+    whole.__enter__()
+    broken.write(under(frames[0], "one"))
+    whole.write(under(frames[0], "two"))
+    error = VfoaError("broken")
+    broken.__exit__(VfoaError, error, None)
+    for frame in frames[1:]:
+        whole.write(under(frame, "two"))
+    whole.__exit__(None, None, None)
+    assert not files.attention("one").exists()
+    boxes = read_back(files.reconstruction("one")).at(entities.box("one", 4), "Boxes3D:centers")
+    assert list(boxes) == [10, 11, 13]  # in the last frame the box has another number
+    assert len(read_back(files.images).at(entities.IMAGE, "VideoStream:sample")) == len(frames)
+
+
+def test_verdicts_follow_an_edited_label(shared, read_back):
+    lane = (entities.verdict("one", ANN, "truth"), "StateChange:state")
+    assert set(map(tuple, read_back(shared).at(*lane).values())) == {("red cup",)}
+    edited = Labels([LabelRange(first_frame=0, last_frame=1000, subject=ANN, label=Label(target="book#4"))])
+    before = shared.files.attention("one").read_bytes()
+    write_verdict_layers(RunDirectory(shared.run), {"clip": edited})
+    columns = read_back(shared)
+    assert set(map(tuple, columns.at(*lane).values())) == {("book#4",)}
+    outcomes = columns.at(entities.verdict("one", ANN, "verdict"), "StateChange:state")
+    assert outcomes[14] == ["correct"]
+    assert shared.files.attention("one").read_bytes() == before
+
+
+def test_a_clip_without_labels_has_predictions_alone(shared, read_back):
+    write_verdict_layers(RunDirectory(shared.run), {})
+    columns = read_back(shared)
+    assert set(map(tuple, columns.at(entities.verdict("one", ANN, "verdict"), "StateChange:state").values())) == {
+        ("unscored",)
+    }
+    assert entities.answer_3d("one", ANN, "truth", "box") not in columns.paths
+
+
+def test_the_marked_boxes_are_those_of_truth_and_answer(shared, frames, read_back):
+    columns = read_back(shared)
+    wrong = frames[3]
+    (truth,) = columns.at(entities.answer_3d("one", ANN, "truth", "box"), "Boxes3D:centers")[14]
+    (predicted,) = columns.at(entities.answer_3d("one", ANN, "predicted", "box"), "Boxes3D:centers")[14]
+    centres = {each.name: each.box.center_m for each in wrong.record.targets if each.box is not None}
+    assert truth == pytest.approx(centres["red cup"], abs=1e-6)
+    assert predicted == pytest.approx(centres["book#4"], abs=1e-6)
+
+
+def test_a_frame_without_a_right_image_has_no_disparity(frames, tmp_path, read_back):
+    depth = [replace(each, frame=replace(each.frame, right=None, depth_m=_flat(each))) for each in frames]
+    columns = read_back(write_run(tmp_path / "run", {"one": depth}))
+    assert entities.MEASURED_DEPTH in columns.paths
+    assert not {entities.RIGHT, entities.disparity("one")} & columns.paths
+
+
+def _flat(frame):
+    import numpy as np
+
+    return np.full(frame.frame.left.shape[:2], 1.5, np.float32)

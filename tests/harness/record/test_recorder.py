@@ -1,0 +1,266 @@
+from __future__ import annotations
+
+import io
+import pickle
+import subprocess
+from dataclasses import replace
+
+import av
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+from rerun.chunk import RrdReader
+from scipy.spatial.transform import Rotation
+
+from harness.record import entities, frame_log
+from harness.record.layers import ClipFiles
+from harness.record.recorder import Recorder
+from harness.record.viewer import viewer_binary
+from tests.harness.record.conftest import CONFIGURATION, LAYERS, verdict
+
+ANN = "Ann Müller/left"
+
+
+def test_the_real_tool_verifies_both_sizes(frames, record_run):
+    for size in ("light", "full"):
+        paths = record_run(frames, size=size).paths
+        assert len(paths) == 4
+        done = subprocess.run([viewer_binary(), "rrd", "verify", *paths], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert len({RrdReader(path).recordings()[0].recording_id for path in paths}) == 1
+
+
+def test_the_recorder_changes_nothing_it_is_shown(frames, record_run):
+    before = pickle.dumps(frames)
+    record_run(frames, size="full")
+    assert pickle.dumps(frames) == before
+
+
+def test_curves_equal_the_record(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    for what in ("gaze", "head", "total"):
+        curve = columns.at(entities.curve(CONFIGURATION, ANN, what, "book#4"), "Scalars:scalars")
+        expected = {
+            shown.record.frame: [getattr(value, what)]
+            for shown in frames
+            for subject in shown.record.subjects
+            for value in subject.attention
+            if shown.record.target(value.instance_id).name == "book#4" and getattr(value, what) is not None
+        }
+        assert curve == expected
+        assert len(curve) == {"gaze": 2, "head": 3, "total": 3}[what]
+
+
+def test_a_cue_that_was_not_measured_leaves_a_gap(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    path = entities.curve(CONFIGURATION, ANN, "gaze", "book#4")
+    assert columns.at(path, "Clear:is_recursive") == {11: [True]}
+
+
+def test_boxes_equal_the_scene(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    for shown in frames:
+        for target in shown.result.scene.targets:
+            path = entities.box(CONFIGURATION, target.instance.id)
+            if target.box is None:
+                assert shown.frame.index not in columns.at(path, "Boxes3D:centers")
+                continue
+            (centre,) = columns.at(path, "Boxes3D:centers")[shown.frame.index]
+            (half_size,) = columns.at(path, "Boxes3D:half_sizes")[shown.frame.index]
+            (quaternion,) = columns.at(path, "Boxes3D:quaternions")[shown.frame.index]
+            assert centre == pytest.approx(target.box.center_m.tolist(), abs=1e-6)
+            assert half_size == pytest.approx(target.box.half_size_m.tolist(), abs=1e-6)
+            rotation = Rotation.from_quat(quaternion).as_matrix()
+            np.testing.assert_allclose(rotation, target.box.left_from_box, atol=1e-6)
+
+
+def test_what_vanishes_is_cleared_in_that_frame(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    gone_at_11 = [
+        entities.box(CONFIGURATION, 2),
+        entities.points(CONFIGURATION, 3),
+        entities.cue_3d(CONFIGURATION, ANN, "gaze", "rays"),
+        entities.cue_3d(CONFIGURATION, ANN, "gaze", "cones"),
+    ]
+    gone_at_13 = [
+        entities.box(CONFIGURATION, 1),
+        entities.subject_3d(CONFIGURATION, ANN, "origin"),
+        entities.head_box(CONFIGURATION, ANN),
+    ]
+    for frame, paths in ((11, gone_at_11), (13, gone_at_13)):
+        for path in paths:
+            assert columns.at(path, "Clear:is_recursive") == {frame: [True]}, path
+
+
+def test_hits_lie_where_rays_enter_boxes(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    shown = frames[0]
+    rays = shown.result.attentions[0].rays
+    cones = shown.result.attentions[0].cones
+    expected = sum(np.isfinite(rays.entry_m[[cones[c].cue == cue for c in rays.cone_index]]).sum() for cue in ("gaze",))
+    hits = np.array(columns.at(entities.cue_3d(CONFIGURATION, ANN, "gaze", "hits"), "Points3D:positions")[10])
+    assert len(hits) == expected > 0
+    box = shown.result.scene.targets[1].box
+    local = np.abs((hits - box.center_m) @ box.left_from_box) / box.half_size_m
+    np.testing.assert_allclose(local.max(axis=1), 1, atol=1e-5)
+
+
+def test_verdicts_are_lanes_and_warnings(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    lane = columns.at(entities.verdict(CONFIGURATION, ANN, "verdict"), "StateChange:state")
+    assert lane == {shown.frame.index: [verdict(shown).outcome] for shown in frames}
+    assert {"correct", "wrong"} <= {state for (state,) in lane.values()}
+    wrong = {shown.frame.index for shown in frames if verdict(shown).outcome == "wrong"}
+    warnings = columns.at(entities.log(CONFIGURATION), "TextLog:level")
+    assert {frame for frame, level in warnings.items() if level == ["WARN"]} == wrong
+    assert {11, 13} <= wrong
+
+
+def test_a_name_keeps_its_class_when_instances_are_numbered_anew(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    first = columns.at(entities.points(CONFIGURATION, 2), "Points3D:class_ids")[10]
+    again = columns.at(entities.points(CONFIGURATION, 302), "Points3D:class_ids")[14]
+    assert first == again
+    classes = {c["class_description"]["info"]["id"]: c["class_description"]["info"]["label"] for c in _classes(columns)}
+    assert classes[first[0]] == "red cup"
+
+
+def _classes(columns):
+    return columns.static(entities.scene(CONFIGURATION), "AnnotationContext:context")[0]
+
+
+def test_frames_and_times_are_the_sources_own(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    assert columns.timelines(entities.IMAGE) == {"frame", "time"}
+    seconds = {frame: time.total_seconds() for frame, time in columns.at(entities.IMAGE, "time").items()}
+    assert seconds == pytest.approx({shown.frame.index: shown.frame.time_ns / 1e9 for shown in frames})
+
+
+def test_the_camera_is_logged_once_and_again_when_it_changes(frames, record_run, read_back):
+    zoomed = replace(frames[3].frame, rig=replace(frames[3].frame.rig, fx_px=100.0))
+    frames[3] = replace(frames[3], frame=zoomed)
+    columns = read_back(record_run(frames))
+    assert list(columns.at(entities.CAMERA, "Pinhole:image_from_camera")) == [10, 14]
+
+
+def _png(blob) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(bytes(blob), np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+def test_a_full_recording_holds_every_map_and_every_pixel(frames, record_run, read_back):
+    columns = read_back(record_run(frames, size="full"))
+    depth = _png(columns.at(entities.depth(CONFIGURATION), "EncodedDepthImage:blob")[10][0])
+    # z = fx B / d = 80 * 0.1 / 8 = 1 m; 0 where the disparity is not known
+    assert set(depth[:5].ravel()) == {0}
+    assert set(depth[5:].ravel()) == {1000}
+    assert entities.confidence(CONFIGURATION) in columns.paths
+    for path, image in ((entities.IMAGE, frames[0].frame.left), (entities.RIGHT, frames[0].frame.right)):
+        shown = _png(columns.at(path, "EncodedImage:blob")[10][0])
+        np.testing.assert_array_equal(cv2.cvtColor(shown, cv2.COLOR_BGR2RGB), image)
+    classes = columns.at(entities.masks(CONFIGURATION), "SegmentationImage:buffer")[10][0]
+    assert len(set(bytes(classes))) >= 4
+
+
+def test_a_light_recording_keeps_disparities_in_pixels_and_unknown_ones_unknown(frames, record_run, read_back):
+    columns = read_back(record_run(frames, size="light"))
+    assert not {entities.depth(CONFIGURATION), entities.confidence(CONFIGURATION)} & columns.paths
+    path = entities.disparity(CONFIGURATION)
+    (steps_per_px,) = columns.at(path, "EncodedDepthImage:meter")[10]
+    disparity = _png(columns.at(path, "EncodedDepthImage:blob")[10][0]) / steps_per_px
+    assert disparity.shape == (32, 48)
+    assert set(disparity[:3].ravel()) == {0}
+    assert set(disparity[3:].ravel()) == {8.0}
+
+
+def test_the_images_of_a_light_recording_are_a_video_of_the_same_frames(frames, record_run, read_back):
+    smooth = np.linspace(0, 255, 96 * 64 * 3).reshape(64, 96, 3).astype(np.uint8)
+    frames = [
+        replace(each, frame=replace(each.frame, left=np.roll(smooth, 7 * k, axis=1))) for k, each in enumerate(frames)
+    ]
+    columns = read_back(record_run(frames))
+    packets = columns.at(entities.IMAGE, "VideoStream:sample")
+    assert list(packets) == [10, 11, 13, 14]
+    decoder = av.CodecContext.create("libdav1d", "r")
+    decoded = [f for packet in packets.values() for f in decoder.decode(av.Packet(bytes(packet[0])))]
+    decoded += decoder.decode(None)
+    assert len(decoded) == 4
+    for shown, frame in zip(decoded, frames, strict=True):
+        difference = shown.to_ndarray(format="rgb24").astype(int) - frame.frame.left
+        assert np.abs(difference).mean() < 6
+
+
+def test_masks_have_one_colour_per_name_and_none_where_there_is_none(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    blobs = columns.at(entities.masks(CONFIGURATION), "EncodedImage:blob")
+    first, again = (_png(blobs[number][0]) for number in (10, 14))
+    assert first.shape[:2] == (64, 96)
+    np.testing.assert_array_equal(first, again)  # the instances were numbered anew
+    rgba = np.asarray(Image.open(io.BytesIO(bytes(blobs[10][0]))).convert("RGBA"))
+    assert set(rgba[:18, :, 3].ravel()) == {0}
+    assert set(rgba[20:38, :78, 3].ravel()) == {255}
+    assert tuple(rgba[30, 30, :3]) == tuple(rgba[30, 50, :3]) != tuple(rgba[30, 70, :3])  # two cups, and the book
+
+
+def test_verdict_counts_are_listed_by_configuration(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    outcomes = [verdict(shown).outcome for shown in frames]
+    found = {name: columns.static(f"/__properties/{_ESCAPED}", name) for name in ("clip", "correct", "wrong", "frr")}
+    correct, wrong = outcomes.count("correct"), outcomes.count("wrong")
+    assert found == {"clip": ["clip"], "correct": [correct], "wrong": [wrong], "frr": [correct / (correct + wrong)]}
+
+
+_ESCAPED = CONFIGURATION.replace(" ", "\\ ")
+
+
+def test_an_error_leaves_no_recording_that_looks_finished(frames, tmp_path):
+    files = ClipFiles(run=tmp_path, clip="clip")
+    with pytest.raises(RuntimeError, match="the run broke"):
+        _break(files, frames)
+    assert {left.suffix for left in tmp_path.iterdir()} == {".partial"}
+
+
+def _break(files, frames):
+    with Recorder(files, LAYERS, rate_hz=None) as recorder:
+        recorder.write(frames[0])
+        raise RuntimeError("the run broke")
+
+
+def test_a_clip_without_frames_or_names_is_a_recording_too(tmp_path, frames):
+    for clip, written in (("empty", []), ("nameless", frames[2:3])):
+        files = ClipFiles(run=tmp_path, clip=clip)
+        with Recorder(files, LAYERS, rate_hz=None) as recorder:
+            for frame in written:
+                recorder.write(frame)
+        assert files.images.is_file()
+        assert files.attention(CONFIGURATION).is_file()
+
+
+def test_recordings_of_different_runs_can_be_open_together(tmp_path):
+    def id_of(run: str, clip: str) -> str:
+        return ClipFiles(run=tmp_path / run, clip=clip).recording_id
+
+    assert id_of("run", "clip") == id_of("run", "clip")
+    assert len({id_of("run", "clip"), id_of("other", "clip"), id_of("run", "clop")}) == 3
+
+
+def test_curves_are_sent_together_and_none_is_lost(frames, record_run, read_back, monkeypatch):
+    """A column after every second frame, and the last one at the end, hold the same curve as one column does."""
+    path = entities.curve(CONFIGURATION, ANN, "total", "book#4")
+    whole = read_back(record_run(frames)).at(path, "Scalars:scalars")
+    monkeypatch.setattr(frame_log, "COLUMN_FRAMES", 2)
+    cut = read_back(record_run(frames)).at(path, "Scalars:scalars")
+    assert cut == whole
+    assert len(whole) == 3
+
+
+def test_what_never_changes_is_logged_once_and_not_by_time(frames, record_run, read_back):
+    columns = read_back(record_run(frames))
+    for path, component in (
+        (entities.box(CONFIGURATION, 4), "Boxes3D:radii"),
+        (entities.points(CONFIGURATION, 4), "Points3D:radii"),
+        (entities.cue_3d(CONFIGURATION, ANN, "head", "cones"), "LineStrips3D:colors"),
+        (entities.head_box(CONFIGURATION, ANN), "Boxes2D:labels"),
+    ):
+        assert columns.static(path, component)
+        assert columns.at(path, component) == {}

@@ -1,0 +1,48 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+from harness.record.labels import Colours, attention_by_name, subject_names
+from harness.record.verdicts import summary
+from tests.harness.record.conftest import verdict as judged
+
+
+def test_the_summary_says_truth_prediction_cause_and_attention(frames):
+    shown = frames[3]
+    page = summary(shown.record, [judged(shown)])
+    verdict = judged(shown)
+    row = next(line for line in page.splitlines() if "Ann" in line and "WRONG" in line)
+    assert "red cup" in row
+    assert "book\\#4" in row or "book#4" in row
+    assert verdict.error_type in row.replace("\\", "")
+    (subject,) = shown.record.subjects
+    best = max(value.total for value in subject.attention)
+    assert f"{best:.2f}" in page
+
+
+def test_a_name_cannot_break_the_table(frames):
+    shown = frames[0]
+    verdict = replace(judged(shown), subject="a|b\nc", truth="*x*")
+    row = next(line for line in summary(shown.record, (verdict,)).splitlines() if "a\\|b c" in line)
+    assert row.replace("\\|", "").count("|") == 6
+    assert "\\*x\\*" in row
+
+
+def test_of_instances_that_share_a_name_the_one_with_most_attention_speaks(frames):
+    record = frames[0].record
+    subject = record.subjects[0]
+    low, high = (replace(subject.attention[0], instance_id=number, total=t) for number, t in ((2, 0.2), (3, 0.7)))
+    chosen = attention_by_name(record, replace(subject, attention=(low, high)))
+    assert chosen == {"red cup": high}
+
+
+def test_two_people_of_one_name_are_told_apart(frames):
+    record = frames[0].record
+    twice = replace(record, subjects=(record.subjects[0], replace(record.subjects[0], track_id=9)))
+    assert len(set(subject_names(twice).values())) == 2
+
+
+def test_colours_do_not_depend_on_what_comes_later():
+    first, second = Colours(["cup", "book"]), Colours(["cup", "book"])
+    second.of("lamp")
+    assert first.of("cup") == second.of("cup") != second.of("lamp")

@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+import ctypes.util
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import psutil
+import pytest
+
+from harness.cli import main
+from harness.record import viewer
+from harness.record.blueprint import eye_controls
+from harness.record.composed import Composed, find_clips, find_recordings
+from harness.record.excerpt import write_excerpt
+from harness.record.viewer import screenshot
+from tests.harness.record.conftest import ANN, write_run
+from vfoa.errors import VfoaError
+from vfoa.geometry import box_corners
+
+
+def test_the_eye_looks_at_the_scene_from_outside(frames):
+    position, target = eye_controls(frames[0].result.scene)
+    boxes = [target.box for target in frames[0].result.scene.targets if target.box is not None]
+    corners = np.concatenate([box_corners(box) for box in boxes])
+    assert (corners.min(axis=0) <= target).all()
+    assert (target <= corners.max(axis=0)).all()
+    assert np.linalg.norm(position - target) > np.linalg.norm(corners - target, axis=1).max()
+    assert np.isfinite(eye_controls(None)).all()
+
+
+needs_vulkan = pytest.mark.skipif(
+    ctypes.util.find_library("vulkan") is None or not any(Path("/usr/share/vulkan/icd.d").glob("*.json")),
+    reason="needs a Vulkan driver (Debian: mesa-vulkan-drivers libvulkan1)",
+)
+
+
+@needs_vulkan
+def test_the_real_viewer_draws_the_frame_it_is_asked_for(frames, record_run, tmp_path):
+    composed = find_clips(record_run(frames).run, None, None)[0].compose()
+    pictures = []
+    for frame in (10, 13):
+        png = tmp_path / f"{frame}.png"
+        screenshot(composed, frame, png, size=(800, 500))
+        pictures.append(cv2.imread(str(png)))
+    assert pictures[0].shape == (500, 800, 3)
+    left = [picture[40:220, :450] for picture in pictures]
+    # noise images in the left view: drawn, and another one in each frame
+    assert left[0].std() > 20
+    assert (left[0] != left[1]).mean() > 0.2
+
+
+@needs_vulkan
+def test_the_real_viewer_goes_from_clip_to_clip_and_shows_the_tabs_it_is_told(frames, tmp_path, monkeypatch):
+    recorded = write_run(tmp_path / "run", {"one": frames, "two": frames}, subjects=[ANN, "Ben"])
+    clip = replace(find_clips(recorded.run, None, None)[0], subjects=(ANN, "Ben"))
+    one, excerpt = clip.compose(), tmp_path / "excerpt.rrd"
+    write_excerpt(one, 25, 13, 1, excerpt)
+    other = Composed(name="excerpt", files=(excerpt,))
+    clients, connect = [], viewer._connect
+
+    def overheard(*what):
+        clients.append(connect(*what))
+        return clients[-1]
+
+    monkeypatch.setattr(viewer, "_connect", overheard)
+    in_front = []
+    with viewer.opened(["--headless", "--window-size", "640x480"]) as go_to:
+        for recording, frame, tabs in ((one, 14, ("one", "Ben")), (other, 13, ()), (one, 10, ("two", ANN))):
+            go_to(recording, frame, tabs)
+            state = clients[0].get_state()
+            shown = {each.store_id: each for each in state.recordings}[state.active_recording]
+            assert (shown.current_timeline, shown.current_time) == ("frame", frame)
+            in_front.append(state.active_recording)
+            if tabs:
+                assert {*tabs} <= _active_tabs(clients[0])
+        with pytest.raises(VfoaError, match=r"gone\.rrd"):
+            go_to(Composed(name="gone", files=(tmp_path / "gone.rrd",)), 10)
+    assert in_front[0] == in_front[2] != in_front[1]
+
+
+def _active_tabs(client) -> set[str]:
+    """The names of all containers that are the active tab of another."""
+    layout = client.get_blueprint().blueprint
+    key = "ContainerBlueprint"
+    containers = {path.lstrip("/"): each[key] for path, each in layout.items() if key in each}
+    active = {each.get("active_tab") for each in containers.values()}
+    return {containers[path].get("display_name") for path in active & containers.keys()}
+
+
+def test_recordings_are_found_by_clip_and_configuration(frames, tmp_path):
+    run = write_run(tmp_path / "run", {"one": frames, "two": frames}).run
+    (clip,) = find_clips(run, None, None)
+    assert [each.configuration for each in clip.layers] == ["one", "two"]
+    (alone,) = find_clips(run, "clip", "two")
+    assert [path.name for path in alone.compose().files] == [
+        "clip.rrd",
+        "clip__two.scene.rrd",
+        "clip__two.rrd",
+        "clip__two.verdicts.rrd",
+    ]
+    assert len(clip.compare("one", "two").files) == 7
+    file = run / "clip__one.rrd"
+    assert find_recordings(file, None, None) == [Composed(name="clip__one", files=(file,))]
+    for clip_name, configuration, said in (
+        ("c", None, r"clip 'c'.*clip"),
+        (None, "three", r"'three'.*expected one of: one, two"),
+    ):
+        with pytest.raises(VfoaError, match=said):
+            find_clips(run, clip_name, configuration)
+    with pytest.raises(VfoaError, match="found nothing there"):
+        find_recordings(tmp_path / "nowhere", None, None)
+    for path in run.glob("*.rrd"):
+        path.unlink()
+    with pytest.raises(VfoaError, match="found none"):
+        find_recordings(run, None, None)
+
+
+def test_a_frame_that_the_clip_does_not_have_is_refused(frames, tmp_path):
+    (recording,) = find_recordings(write_run(tmp_path / "run", {"one": frames}).run, None, None)
+    recording.expect_frame(13)
+    with pytest.raises(VfoaError, match=r"clip\.rrd: found no frame 12; expected one of 10 to 14"):
+        recording.expect_frame(12)
+
+
+def test_two_configurations_are_compared_side_by_side_by_one_command(frames, tmp_path, monkeypatch, capsys):
+    run = write_run(tmp_path / "run", {"one": frames, "two": frames}).run
+    before = sorted(run.iterdir())
+    shown = []
+    monkeypatch.setattr(viewer, "show", lambda recordings, frame: shown.append((recordings[0].name, frame)))
+    view = ["view", str(run), "--clip", "clip"]
+    assert _vfoa(monkeypatch, *view, "--compare", "one", "two", "--frame", "11") == 0
+    assert shown == [("clip__one__vs__two", 11)]
+    assert sorted(run.iterdir()) == before  # nothing is copied
+    for arguments, said in (
+        (["view", str(run), "--compare", "one", "two"], "--clip"),
+        ([*view, "--compare", "two", "two"], "two configurations"),
+        ([*view, "--compare", "one", "tow"], "did you mean 'two'?"),
+    ):
+        assert _vfoa(monkeypatch, *arguments) == 2
+        error = capsys.readouterr().err
+        assert said in error
+        assert error.count("\n") == 1
+
+
+def _vfoa(monkeypatch, *arguments: str) -> int:
+    monkeypatch.setattr(sys, "argv", ["vfoa", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0)
+
+
+@pytest.mark.parametrize(("options", "code"), [([], 0), (["--screenshot", "a.png"], 130)])
+def test_a_viewer_does_not_outlive_the_command_that_opened_it(tmp_path, options, code):
+    recording = tmp_path / "a__one.rrd"
+    recording.touch()
+    binary = tmp_path / "rerun"
+    binary.write_text(f"#!/bin/sh\necho $$ > {tmp_path}/started\nmv {tmp_path}/started {tmp_path}/pid\nexec sleep 60\n")
+    binary.chmod(0o755)
+    fake = f"from harness.record import viewer; viewer.viewer_binary = lambda: {str(binary)!r}"
+    command = [sys.executable, "-c", f"{fake}; from harness.cli import main; main()", "view", str(recording), *options]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as process:
+        try:
+            deadline = time.monotonic() + 30
+            while not (tmp_path / "pid").exists() and time.monotonic() < deadline:
+                time.sleep(0.05)
+            time.sleep(0.5)  # the viewer tells its number before whoever started it knows it
+            process.send_signal(signal.SIGTERM)
+            process.communicate(timeout=30)
+        finally:
+            process.kill()
+    assert process.returncode == code
+    assert not psutil.pid_exists(int((tmp_path / "pid").read_text()))
