@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from harness.annotations.agreement import Agreement, differences
-from harness.annotations.labels import Labels
+from harness.labels.labels import Labels
 from harness.report.formats import UNKNOWN, Table
+from harness.score.agreement import Agreement, differences
 
 _NOTE = (
-    "Frames that both annotators judged: no ignore, no suggestion. Kappa: Cohen 1960; its interval: 95 %, moving-block "
-    "bootstrap, because neighbouring frames are not independent. Specific agreement: 2 both / (first + second)."
+    "Frames that both annotators judged: no ignore, no suggestion. Kappa: Cohen 1960; its interval: 95 %, from "
+    "resampled looks of the first annotator, because the frames of a look are not independent; unknown with few "
+    "looks. Specific agreement: 2 both / (first + second)."
 )
 
 

@@ -6,12 +6,13 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 from harness.report.formats import csv_cell
-from harness.runs.results import FrameRecord, SubjectRecord
-from harness.scores.verdicts import Verdict
+from harness.run.results import FrameRecord, SubjectRecord
+from harness.score.prediction_sets import prediction_set
+from harness.score.verdicts import Verdict
 
 COLUMNS = (
     *("clip", "configuration", "frame", "time_s", "subject", "track", "target", "instance"),
-    *("gaze", "head", "total", "focus", "truth", "predicted", "outcome", "cause"),
+    *("gaze", "head", "total", "focus", "set_90", "truth", "predicted", "outcome", "error_type"),
 )
 
 _cell = lru_cache(maxsize=None)(csv_cell)
@@ -25,7 +26,7 @@ class FrameRows:
         self._rows: list[tuple[_Key, str | None, list[str]]] = []
 
     def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Hand the records on, as to :func:`harness.scores.score.score`, and keep what the table needs of them."""
+        """Hand the records on, as to :func:`harness.score.score.score`, and keep what the table needs of them."""
         for record in records:
             key = record.clip, record.configuration, record.frame
             start = _start(*key, time=f"{record.time_ns / 1e9:.3f}")
@@ -39,8 +40,9 @@ class FrameRows:
         """The table as text, in the order of the records: one row per target, ``focus`` 1 for the one looked at.
 
         A subject without attention values has one row without a target. Labelled frames that have no such subject,
-        or no record, stand at the end. Attention has four decimals, time three. A person the manifest does not know
-        has a track and no name.
+        or no record, stand at the end. ``set_90`` is 1 for the targets of the smallest set with 90 % of the
+        probability, and blank where attention is no probability. Attention has four decimals, time three. A person
+        the manifest does not know has a track and no name.
         """
         judged = {(each.clip, each.configuration, each.frame, each.subject): each for each in verdicts}
         text = [",".join(COLUMNS) + "\n"]
@@ -50,7 +52,7 @@ class FrameRows:
             text.extend(f"{line}{end}" for line in lines)
         for verdict in judged.values():
             start = _start(verdict.clip, verdict.configuration, verdict.frame, time="")
-            text.append(f"{start}{_cell(verdict.subject)},,,,,,,,{_judgement(verdict)}")
+            text.append(f"{start}{_cell(verdict.subject)},,,,,,,,,{_judgement(verdict)}")
         return "".join(text)
 
 
@@ -60,10 +62,12 @@ def _start(clip: str, configuration: str, frame: int, time: str) -> str:
 
 def _subject_lines(start: str, subject: SubjectRecord, names: dict[int, str]) -> list[str]:
     if not subject.attention:
-        return [f"{start},,,,,,"]
+        return [f"{start},,,,,,,"]
+    held = prediction_set(subject)
     return [
         f"{start}{names[value.instance_id]},{value.instance_id},{_number(value.gaze)},{_number(value.head)},"
         f"{value.total:.4f},{1 if value.instance_id == subject.focus else 0},"
+        f"{'' if held is None else int(value.instance_id in held)},"
         for value in subject.attention
     ]
 
@@ -75,4 +79,6 @@ def _number(value: float | None) -> str:
 def _judgement(verdict: Verdict | None) -> str:
     if verdict is None:
         return ",,,\n"
-    return f"{_cell(verdict.truth or '')},{_cell(verdict.predicted or '')},{verdict.outcome},{verdict.cause or ''}\n"
+    return (
+        f"{_cell(verdict.truth or '')},{_cell(verdict.predicted or '')},{verdict.outcome},{verdict.error_type or ''}\n"
+    )

@@ -53,26 +53,26 @@
         element("p", {}, `Truth: ${truth(one, i)}. Predicted: ${predicted(one, i)}.`, ...why(one, i)),
         element("code", {}, command),
         ...link(one, i)),
-      ...still(one, i),
+      ...thumbnail(one, i),
       values(one, i)));
     box.hidden = false;
     for (const other of strips) moveCursor(other, other.group === group ? other.strip.frames.indexOf(frame) : -1);
   }
 
   function why(one, i) {
-    const words = data.causes[state(one, i)];
+    const words = data.error_types[state(one, i)];
     return words ? [element("br"), `${words[0].toUpperCase()}${words.slice(1)}.`] : [];
   }
 
   // The picture of a wrong frame: what was seen, the truth (solid, thick, a tick) and the answer (dashed, a cross)
 
-  function still(one, i) {
+  function thumbnail(one, i) {
     const frame = one.strip.frames[i];
     const seen = one.strip.seen[frame];
     const picture = data.pictures[one.group.clip]?.[frame];
     if (!seen || !picture) return [];
     const [width, height] = seen.size;
-    const svg = drawn("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", class: "still" });
+    const svg = drawn("svg", { viewBox: `0 0 ${width} ${height}`, role: "img", class: "thumbnail" });
     svg.setAttribute("aria-label", `The left image of frame ${frame}: boxes, the head of ${one.group.subject}, cones; ` +
       `truth ${truth(one, i)}, predicted ${predicted(one, i)}`);
     svg.append(drawn("image", { href: picture, width, height }));

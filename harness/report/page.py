@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -10,15 +11,16 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from harness.report.compared import compare_configurations
+from harness.report.comparisons import compare_configurations
 from harness.report.formats import UNKNOWN, Table
-from harness.report.oracle import ladder_table
+from harness.report.oracle_ablation import ablation_table
 from harness.report.page_data import AttentionLog, Served, confusions, differing_settings, page_data
+from harness.report.panels import draw_panels
 from harness.report.published import published_table
-from harness.report.stage_measures import stage_measures_table, terminal_measures, thing_measures_table
-from harness.report.tables import baselines_table, causes_table, frr_table, measures_table, subjects_table
-from harness.scores.score import CAUSES, Scores
-from harness.stills.reader import Stills
+from harness.report.stage_measures import terminal_measures
+from harness.report.tables import error_types_table, frr_table
+from harness.report.thumbnails.reader import Thumbnails
+from harness.score.score import ERROR_TYPES, Scores
 
 LETTERS = {
     "correct": "",
@@ -30,6 +32,7 @@ LETTERS = {
     "target_without_box": "B",
     "false_attention": "F",
     "wrong_subject": "W",
+    "no_hit": "N",
     "missed": "M",
     "outscored": "O",
 }
@@ -42,7 +45,7 @@ def render_page(
     *,
     manifest: Mapping[str, Any] | None = None,
     tables: Sequence[Table] = (),
-    stills: Stills | None = None,
+    thumbnails: Thumbnails | None = None,
     served: Served | None = None,
 ) -> str:
     """The page as text, the same for the same arguments.
@@ -52,16 +55,16 @@ def render_page(
     attention
         Has watched the records that were scored.
     manifest
-        The run's, as :meth:`harness.runs.directory.RunDirectory.read_manifest` gives it; None leaves out what was run.
+        The run's, as :meth:`harness.run.directory.RunDirectory.read_manifest` gives it; None leaves out what was run.
     tables
         What else stands under "More measures"; those without rows are left out.
-    stills
+    thumbnails
         What is shown of wrong frames.
     served
         For a page that a server gives out. Without it no cell leads anywhere, and the page knows no address.
     """
     frr = frr_table(scores)
-    stills = stills or Stills()
+    thumbnails = thumbnails or Thumbnails()
     return _template().render(
         title=f"Run {manifest['experiment']}" if manifest else "Run",
         clips=_clips(manifest["clips"]) if manifest else None,
@@ -69,25 +72,22 @@ def render_page(
         versions=manifest["versions"] if manifest else None,
         manifest=_printed(manifest) if manifest else None,
         frr=frr,
-        bars=[_bar(row.frr, row.wilson.low, row.wilson.high) for row in scores.by_clip()],
+        bars=[_bar(row.frr, row.interval.low, row.interval.high) for row in scores.by_clip()],
         sentences=[each.sentence for each in compare_configurations(scores)],
-        ladder=ladder_table(scores),
+        ablation=ablation_table(scores),
         published=published_table(scores),
         measures=terminal_measures(scores),
-        causes=causes_table(scores),
-        more=[
-            subjects_table(scores),
-            measures_table(scores),
-            baselines_table(scores),
-            stage_measures_table(scores),
-            thing_measures_table(scores),
-            *tables,
-        ],
+        error_types=error_types_table(scores),
+        more=[*draw_panels(scores), *(table for table in tables if table.rows)],
         confusions=confusions(scores.verdicts),
         letters=LETTERS,
-        stills=stills,
+        thumbnails=thumbnails,
         served=served is not None,
-        data={**page_data(scores.verdicts, attention, stills, served), "letters": LETTERS, "causes": CAUSES},
+        data={
+            **page_data(scores.verdicts, attention, thumbnails, served),
+            "letters": LETTERS,
+            "error_types": ERROR_TYPES,
+        },
     )
 
 
@@ -113,7 +113,8 @@ def _text(value: object) -> str:
 
 
 def _bar(frr: float, low: float, high: float) -> dict[str, float]:
-    """Percentages, cut to what a screen can show."""
+    """Percentages, cut to what a screen can show; an unknown interval has no width."""
+    low, high = (frr, frr) if math.isnan(low) else (low, high)
     return {"frr": round(100 * frr, 1), "low": round(100 * low, 1), "high": round(100 * high, 1)}
 
 

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from harness.recording.labels import Colours, attention_by_name
+from harness.record.labels import Colours, attention_by_name
 from harness.report.formats import UNKNOWN, Table
-from harness.runs.directory import Pair
-from harness.runs.results import FrameRecord
-from harness.scores.outcomes import answer
-from harness.scores.verdicts import CAUSES, Verdict, find_subject
-from harness.stills.reader import Stills
+from harness.report.thumbnails.reader import Thumbnails
+from harness.run.directory import Pair
+from harness.run.results import FrameRecord
+from harness.score.outcomes import answer
+from harness.score.verdicts import ERROR_TYPES, NO_HIT, Verdict, find_subject
 
-STATES = ("correct", "unscored", *CAUSES)
+STATES = ("correct", "unscored", *ERROR_TYPES)
 """What a cell of a strip can say; the page's data holds the place in this list."""
 
 _Key = tuple[str, str, int, str]
@@ -62,7 +62,7 @@ class Served:
 
 
 def page_data(
-    verdicts: Sequence[Verdict], attention: AttentionLog, stills: Stills, served: Served | None
+    verdicts: Sequence[Verdict], attention: AttentionLog, thumbnails: Thumbnails, served: Served | None
 ) -> dict[str, Any]:
     """Everything the page's script draws, each (clip, subject) with one strip per configuration.
 
@@ -74,11 +74,11 @@ def page_data(
     for (clip, configuration, subject), each in groupby(verdicts, key=lambda v: (v.clip, v.configuration, v.subject)):
         judged = list(each)
         strip = _strip(configuration, judged, attention)
-        strip["seen"] = _seen(judged, stills)
+        strip["seen"] = _seen(judged, thumbnails)
         strip["recording"] = served and served.recordings.get((clip, configuration))
         groups.setdefault((clip, subject), []).append(strip)
     pictures: dict[str, dict[int, str]] = {}
-    for (clip, frame), picture in stills.pictures.items():
+    for (clip, frame), picture in thumbnails.pictures.items():
         pictures.setdefault(clip, {})[frame] = picture
     return {
         "states": STATES,
@@ -98,23 +98,23 @@ def _strip(configuration: str, verdicts: list[Verdict], attention: AttentionLog)
     return {
         "config": configuration,
         "frames": [verdict.frame for verdict in verdicts],
-        "states": [STATES.index(verdict.cause or verdict.outcome) for verdict in verdicts],
+        "states": [STATES.index(verdict.error_type or verdict.outcome) for verdict in verdicts],
         "truth": [verdict.truth for verdict in verdicts],
         "predicted": [verdict.predicted for verdict in verdicts],
         "values": {name: list(zip(*(each.get(name, unknown) for each in values), strict=True)) for name in names},
     }
 
 
-def _seen(verdicts: list[Verdict], stills: Stills) -> dict[int, dict[str, Any]]:
+def _seen(verdicts: list[Verdict], thumbnails: Thumbnails) -> dict[int, dict[str, Any]]:
     """By frame, what is drawn over the picture of a subject who was judged wrong."""
     drawn = {}
     for each in verdicts:
-        still = stills.seen.get((each.clip, each.configuration, each.frame))
-        if still is not None and each.outcome == "wrong":
-            subject = next((found for found in still.subjects if found.name == each.subject), None)
+        thumbnail = thumbnails.seen.get((each.clip, each.configuration, each.frame))
+        if thumbnail is not None and each.outcome == "wrong":
+            subject = next((found for found in thumbnail.subjects if found.name == each.subject), None)
             drawn[each.frame] = {
-                "size": still.size,
-                "boxes": still.boxes,
+                "size": thumbnail.size,
+                "boxes": thumbnail.boxes,
                 "head": subject and subject.head,
                 "focus": subject and subject.focus,
                 "lines": subject.lines if subject else [],
@@ -147,7 +147,7 @@ def confusions(verdicts: Iterable[Verdict]) -> dict[str, list[Confusion]]:
     for verdict in verdicts:
         if verdict.outcome != "unscored":
             of_clip = counts.setdefault(verdict.clip, {}).setdefault(verdict.configuration, Counter())
-            of_clip[str(verdict.truth), answer(verdict) or _NO_PREDICTION] += 1
+            of_clip[str(verdict.truth), _answered(verdict)] += 1
     return {
         clip: [_confusion(configuration, each) for configuration, each in by_configuration.items()]
         for clip, by_configuration in counts.items()
@@ -155,6 +155,12 @@ def confusions(verdicts: Iterable[Verdict]) -> dict[str, list[Confusion]]:
 
 
 _NO_PREDICTION = "no prediction"
+
+
+def _answered(verdict: Verdict) -> str:
+    if verdict.outcome == "wrong" and verdict.predicted == NO_HIT:
+        return NO_HIT
+    return answer(verdict) or _NO_PREDICTION
 
 
 def _confusion(configuration: str, counts: Counter[tuple[str, str]]) -> Confusion:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from harness.report.formats import Table
-from harness.scores.reproductions import reproductions
-from harness.scores.score import Scores
-from harness.scores.statistics import wilson_interval
+from harness.score.reproductions import reproductions
+from harness.score.score import Scores
+from harness.score.statistics import wilson_interval
 
 
 def published_table(scores: Scores) -> Table:

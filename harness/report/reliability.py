@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from harness.report.formats import Table
-from harness.scores.reliability import BINS, Reliability
+from harness.report.formats import UNKNOWN, Table
+from harness.score.intervals import LEAST_CLIPS
+from harness.score.reliability import BINS, Reliability
+from harness.score.statistics import Interval
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -16,24 +19,50 @@ def reliability_table(found: Sequence[Reliability]) -> Table:
     """One row for each configuration that gives probabilities, over all clips."""
     return Table(
         title="Calibration of the probabilities",
-        columns=("Configuration", "n", "Right %", "Mean confidence %", "ECE", "Brier"),
+        columns=("Configuration", "n", "Right %", "Mean confidence %", "ECE", "95 %", "ECE, adaptive", "Brier"),
         words=1,
-        rows=tuple(
-            (
-                each.configuration,
-                str(each.n),
-                f"{100 * each.share_right:.1f}",
-                f"{100 * each.mean_confidence:.1f}",
-                f"{each.calibration_error:.3f}",
-                f"{each.brier:.3f}",
-            )
-            for each in found
-        ),
+        rows=tuple((each.configuration, *_means(each), _range(each.interval), *_last(each)) for each in found),
         notes=(
             f"Over the scored frames with a prediction. ECE: expected calibration error, {BINS} equal bins of the "
-            "probability of what was predicted. Brier: squared distance of all probabilities from the truth, 0 to 2.",
+            f"probability of what was predicted; 95 %: clips resampled, from {LEAST_CLIPS} clips on. Adaptive: bins "
+            "of as many frames each. Brier: squared distance of all probabilities from the truth, 0 to 2.",
         ),
     )
+
+
+def subject_reliability_table(found: Sequence[Reliability]) -> Table:
+    """One row for each subject and configuration that gives probabilities."""
+    return Table(
+        title="Calibration by subject",
+        columns=(
+            "Clip",
+            "Subject",
+            "Configuration",
+            "n",
+            "Right %",
+            "Mean confidence %",
+            "ECE",
+            "ECE, adaptive",
+            "Brier",
+        ),
+        words=3,
+        rows=tuple(
+            (str(each.clip), str(each.subject), each.configuration, *_means(each), *_last(each)) for each in found
+        ),
+    )
+
+
+def _means(each: Reliability) -> tuple[str, ...]:
+    shares = (f"{100 * each.share_right:.1f}", f"{100 * each.mean_confidence:.1f}")
+    return (str(each.n), *shares, f"{each.calibration_error:.3f}")
+
+
+def _last(each: Reliability) -> tuple[str, str]:
+    return f"{each.adaptive_error:.3f}", f"{each.brier:.3f}"
+
+
+def _range(interval: Interval) -> str:
+    return UNKNOWN if math.isnan(interval.low) else f"{interval.low:.3f} to {interval.high:.3f}"
 
 
 def reliability_figure(found: Sequence[Reliability]) -> Figure:

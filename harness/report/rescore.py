@@ -6,15 +6,16 @@ import gc
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
+from harness.record.verdict_layer import write_verdict_layers
 from harness.report.page_data import Served
 from harness.report.write import render_run, score_run
-from harness.runs.directory import Pair, RunDirectory
-from harness.scores.finished_run import FinishedRun
-from harness.scores.score import Scores
+from harness.run.directory import Pair, RunDirectory
+from harness.score.finished_run import FinishedRun
+from harness.score.score import Scores
 
 
 def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
-    """Score a finished run and write its tables and its page.
+    """Score a finished run and write its tables, its page, and the verdicts of its recordings.
 
     Parameters
     ----------
@@ -29,7 +30,9 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     run = FinishedRun.read(directory)
     reference = run.reference(annotator)
     with _collector_paused():
-        return score_run(directory.results, reference, records=run.records(), manifest=run.manifest)
+        scores = score_run(directory.results, reference, records=run.records(), manifest=run.manifest)
+    write_verdict_layers(directory, reference.labels)  # last: a damaged run is refused before anything is written
+    return scores
 
 
 def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:

@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from harness.figures import write_figure
 from harness.files import atomic_write
+from harness.report.figures import write_figure
 from harness.report.formats import Table, to_csv, to_markdown
 from vfoa.geometry import fov_from_radius
 from vfoa.simulation import CASES, Row, Statement, best_setting, setting_sums, tuning_sums

@@ -8,17 +8,17 @@ import numpy as np
 
 from harness.report.all_scores import ALL
 from harness.report.formats import UNKNOWN, Table
-from harness.runs.results import FrameMeasures, PersonMeasure, TargetMeasure
-from harness.scores.ladder import without_rungs
-from harness.scores.score import Scores
+from harness.score.oracle_ablation import without_oracles
+from harness.score.score import Scores
+from harness.stages.measures import FrameMeasures, PersonMeasure, TargetMeasure
 
 _Value = float | None
 
 _NOTES = (
     "Against the clip's truth, before any filter over time. Disparity: median over frames of the frame's median error, "
     "mean share of errors over 2 px, mean share of pixels with a disparity.",
-    "IoU: mean; a thing without mask, box or head counts 0. Centre: median distance of the boxes' centres. A true box "
-    "is of the whole body, seen or not, so that what is seen cannot reach 1.",
+    "IoU: mean; an object without mask, box or head counts 0. Centre: median distance of the boxes' centres. A true "
+    "box is of the whole body, seen or not, so that what is seen cannot reach 1.",
     "Eyes, head, gaze: median and 95th percentile of the eye origin's distance and of the directions' angles.",
 )
 
@@ -53,9 +53,9 @@ _TERMINAL = {
 
 
 def terminal_measures(scores: Scores) -> Table:
-    """What fits a terminal or a page of paper: the rows over all clips, without spread and without oracle rungs."""
+    """The rows over all clips, as far as they fit a terminal or a page of paper; the oracle ablation is left out."""
     table = stage_measures_table(scores)
-    shown = without_rungs(scores.configurations)
+    shown = without_oracles(scores.configurations)
     rows = [row for row in table.rows if row[0] == ALL] or table.rows
     places = [table.columns.index(name) for name in ("Configuration", *_TERMINAL)]
     return Table(
@@ -70,14 +70,14 @@ def terminal_measures(scores: Scores) -> Table:
     )
 
 
-def thing_measures_table(scores: Scores) -> Table:
-    """A row per clip, thing and configuration: how well its mask and its box were found."""
+def object_measures_table(scores: Scores) -> Table:
+    """A row per clip, object and configuration: how well its mask and its box were found."""
     return Table(
-        title="Things against the truth",
-        columns=("Clip", "Thing", "Configuration", "Frames", "Mask IoU", "Box IoU", "Centre cm"),
+        title="Objects against the ground truth",
+        columns=("Clip", "Object", "Configuration", "Frames", "Mask IoU", "Box IoU", "Centre cm"),
         words=3,
         rows=tuple(
-            (*key, str(len(measures)), *_thing_cells(measures)) for key, measures in scores.measures.by_thing().items()
+            (*key, str(len(measures)), *_object_cells(measures)) for key, measures in scores.measures.by_thing().items()
         ),
         notes=_NOTES[1:2],
     )
@@ -95,7 +95,7 @@ def _cells(frames: Sequence[FrameMeasures]) -> tuple[str, ...]:
         _printed([each.error_px for each in disparities], np.median, 1, 2),
         _printed([each.over_2_px for each in disparities], np.mean, 100, 1),
         _printed([each.known for each in disparities], np.mean, 100, 1),
-        *_thing_cells([each for frame in frames for each in frame.targets]),
+        *_object_cells([each for frame in frames for each in frame.targets]),
         _printed([each.head_box_iou for each in people], np.mean, 1, 2),
         *angles(lambda each: each.eye_error_m, 100),
         *angles(lambda each: each.head_error_deg),
@@ -103,7 +103,7 @@ def _cells(frames: Sequence[FrameMeasures]) -> tuple[str, ...]:
     )
 
 
-def _thing_cells(measures: Sequence[TargetMeasure]) -> tuple[str, str, str]:
+def _object_cells(measures: Sequence[TargetMeasure]) -> tuple[str, str, str]:
     boxes: list[_Value] = [each.box_iou for each in measures]
     if any(iou is not None for iou in boxes):
         boxes = [iou or 0.0 for iou in boxes]

@@ -3,54 +3,83 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Sequence
 
 from harness.report.all_scores import ALL, scores_table
-from harness.report.compared import compare_configurations, comparison_table, comparisons_csv
+from harness.report.comparisons import compare_configurations, comparison_table, comparisons_csv
 from harness.report.formats import LATEX_HEAD, UNKNOWN, Table, to_csv, to_latex, to_markdown
-from harness.report.oracle import ladder_csv, ladder_table, terminal_ladder
+from harness.report.oracle_ablation import ablation_csv, ablation_table, terminal_ablation
 from harness.report.published import published_table
-from harness.report.reliability import reliability_table
-from harness.report.stage_measures import stage_measures_table, terminal_measures, thing_measures_table
-from harness.scores.baselines import RULES
-from harness.scores.ladder import without_rungs
-from harness.scores.reliability import Reliability
-from harness.scores.score import CAUSES, ScoreRow, Scores
-from harness.scores.statistics import LEVEL, REPLICATES, Interval
+from harness.report.reliability import reliability_table, subject_reliability_table
+from harness.report.stage_measures import object_measures_table, stage_measures_table, terminal_measures
+from harness.score.baselines import BASELINES
+from harness.score.intervals import LEAST_CLIPS
+from harness.score.metrics import load_metrics
+from harness.score.next_steps import next_steps
+from harness.score.oracle_ablation import without_oracles
+from harness.score.reliability import Reliability
+from harness.score.score import ERROR_TYPES, ScoreRow, Scores
+from harness.score.statistics import Interval
 
 FRR_NOTES = (
-    "FRR: correct / annotated (frame, subject) pairs that are not marked ignore; n counts these pairs. "
-    "A pair without a prediction is wrong.",
-    f"Intervals: {100 * LEVEL:.0f} %. Wilson's takes frames as independent. The bootstrap's, by percentiles of "
-    f"{REPLICATES} resamples of moving blocks of one second (at most a fifth of a sequence) within each subject and "
-    "clip, does not; it has no width where all frames agree.",
-    "Coverage: share of pairs with a prediction. FRR given a prediction: correct / pairs with one.",
+    "FRR: correct / annotated (frame, subject) pairs that are not marked ignore; n counts these pairs. A pair "
+    "without a prediction is wrong.",
+    "Units: looks, the longest runs of one true target of a subject; one shorter than 2 s is joined with the next. "
+    "Each counts as one observation, because the frames of a look are right or wrong together.",
+    f"95 %: confidence interval. From {LEAST_CLIPS} clips on it resamples clips, then looks within them, and speaks "
+    "of clips like these. Below that, and in the row of one clip, it resamples looks and speaks of these clips only. "
+    "Percentiles are expanded for small samples; few or equal units get an exact interval. One look has none.",
+    "Baseline: the best one, see the table of baselines. Beaten: by a sign-flip test by clips or looks, uncorrected: "
+    "'not shown' where the FRR is higher and p is not below 0.05, 'no' where it is not higher.",
+    "Coverage: share of pairs with an answer. No hit: share of pairs in which nothing got any attention (no ray hit "
+    "anything); that is no answer, though right where the label is none. FRR given an answer: of the pairs with one.",
+    "Wilson: the 95 % interval if frames were independent. They are not: read the other one.",
     f"{ALL}: the pairs of all clips together, so that longer clips weigh more.",
 )
-
 TERMINAL_NOTE = (
-    "n: labelled (frame, subject) pairs. FRR: share of them with the right answer; no answer is wrong. "
-    "Coverage: share with an answer."
+    "n: labelled (frame, subject) pairs. FRR: share of them with the right answer; no answer is wrong. 95 %: by "
+    f"looks of these clips only, from {LEAST_CLIPS} clips on by clips. Beaten: whether the best baseline is, by a "
+    "test of looks or clips. No hit: share in which no ray hit anything."
 )
 
 
-def render_tables(scores: Scores, reliabilities: Sequence[Reliability] = ()) -> dict[str, str]:
-    """Every table but ``frames.csv``, by file name; those of the ladder and of the truth only where there is one."""
+def render_tables(
+    scores: Scores,
+    reliabilities: Sequence[Reliability] = (),
+    by_subject: Sequence[Reliability] = (),
+    others: Sequence[Table] = (),
+) -> dict[str, str]:
+    """Every table but ``frames.csv``, by file name; ``others`` join the page. Tables without rows are left out."""
     comparisons = compare_configurations(scores)
     compared = comparison_table(comparisons)
-    sections = (paper_table, measures_table, baselines_table, causes_table, subjects_table)
+    sections = (paper_table, measures_table, baselines_table, error_types_table, subjects_table)
     pages = [to_markdown(frr_table(scores)), *(to_markdown(make(scores), level=2) for make in sections)]
-    ladder, measures = ladder_table(scores), stage_measures_table(scores)
-    more = (published_table(scores), ladder, measures, reliability_table(reliabilities))
+    ablation, measures = ablation_table(scores), stage_measures_table(scores)
+    more = (
+        seeds_table(scores),
+        visible_table(scores),
+        nowhere_table(scores),
+        published_table(scores),
+        ablation,
+        measures,
+        reliability_table(reliabilities),
+        subject_reliability_table(by_subject),
+        *others,
+    )
     pages += [to_markdown(table, level=2) for table in more if table.rows]
-    programs = {"ladder.csv": ladder_csv(scores), "measures.csv": measures, "things.csv": thing_measures_table(scores)}
+    programs = {
+        "oracle_ablation.csv": ablation_csv(scores),
+        "measures.csv": measures,
+        "objects.csv": object_measures_table(scores),
+    }
     return {
         "frr.csv": to_csv(scores_table(scores)),
         "frr.md": "\n".join(pages),
         "frr.tex": _latex_tables(scores),
         **{name: to_csv(table) for name, table in programs.items() if table.rows},
-        "compared.csv": to_csv(comparisons_csv(comparisons)),
-        "compared.md": to_markdown(compared),
+        "comparisons.csv": to_csv(comparisons_csv(comparisons)),
+        "comparisons.md": to_markdown(compared),
     }
 
 
@@ -59,27 +88,28 @@ def _latex_tables(scores: Scores) -> str:
     papers = {
         "frr": terminal_table(scores),
         "paper": paper_table(scores),
-        "ladder": terminal_ladder(scores),
+        "oracle_ablation": terminal_ablation(scores),
         "measures": terminal_measures(scores),
     }
     return LATEX_HEAD + "\n".join(to_latex(table, label=f"tab:{name}") for name, table in papers.items() if table.rows)
 
 
 def frr_table(scores: Scores) -> Table:
-    """The main table: FRR of every configuration on every clip, with its intervals and coverage."""
+    """The main table: FRR of every configuration on every clip, with its interval, its best baseline and coverage."""
     return Table(
-        title="Focus recognition rate (FRR) by clip and configuration, 95 % intervals",
-        columns=("Clip", "Configuration", "n", "FRR %", "Wilson", "Bootstrap", "Coverage %", "FRR given pred. %"),
+        title="Focus recognition rate (FRR) by clip and configuration",
+        columns=(
+            *("Clip", "Configuration", "n", "Units", "FRR %", "95 %", "Baseline %", "Beaten", "Coverage %"),
+            *("No hit %", "FRR given answer %", "Wilson"),
+        ),
         words=2,
         rows=tuple(
             (
                 *_names(row),
-                str(row.n),
-                _percent(row.frr),
+                *(str(row.n), str(row.looks), _percent(row.frr), _range(row.interval)),
+                *(_percent(row.baselines[row.best_baseline]), row.beats),
+                *(_percent(row.coverage), _percent(row.no_hit / row.n), _percent(row.frr_predicted)),
                 _range(row.wilson),
-                _range(row.bootstrap),
-                _percent(row.coverage),
-                _percent(row.frr_predicted),
             )
             for row in scores.by_clip()
         ),
@@ -88,20 +118,24 @@ def frr_table(scores: Scores) -> Table:
 
 
 def terminal_table(scores: Scores) -> Table:
-    """What fits a terminal of 100 columns, without oracle rungs: the words that are needed, and the run's own notes."""
-    table, shown = frr_table(scores), without_rungs(scores.configurations)
+    """The columns that fit a terminal of 100 characters, without the oracle ablation, and with short notes."""
+    table, shown = frr_table(scores), without_oracles(scores.scored_configurations)
     return Table(
         title=table.title,
-        columns=table.columns[:-1],
-        rows=tuple(row[:-1] for row in table.rows if row[1] in shown),
+        columns=table.columns[:-2],
+        rows=tuple(row[:-2] for row in table.rows if row[1] in shown),
         words=table.words,
-        notes=(*([TERMINAL_NOTE] if scores.rows else []), *_remarks(scores)),
+        notes=(
+            *([TERMINAL_NOTE] if scores.rows else []),
+            *_remarks(scores),
+            *next_steps(each for each in scores.verdicts if each.configuration in shown),
+        ),
     )
 
 
 def paper_table(scores: Scores) -> Table:
     """Configurations by correct and wrong frames, over all clips, as papers on the subject print it."""
-    shown = without_rungs(scores.configurations)
+    shown = without_oracles(scores.scored_configurations)
     rows = [row for row in scores.by_clip() if row.configuration in shown]
     pooled = [row for row in rows if row.clip is None] or rows
     return Table(
@@ -115,61 +149,139 @@ def paper_table(scores: Scores) -> Table:
 
 
 def measures_table(scores: Scores) -> Table:
-    """Agreement beyond the share of correct frames."""
+    """Agreement beyond the share of correct frames: every metric, then the matching of events."""
+    metrics = load_metrics()
     return Table(
         title="Agreement and events",
-        columns=("Clip", "Configuration", "Macro F1", "Kappa", "Event recall", "Event precision", "Event F"),
+        columns=(
+            *("Clip", "Configuration"),
+            *(metric.title for metric in metrics.values()),
+            *("Event recall", "Event precision", "Event F"),
+        ),
         words=2,
         rows=tuple(
-            (*_names(row), *map(_decimal, (row.macro_f1, row.kappa)), *map(_decimal, row.events.rates))
+            (
+                *_names(row),
+                *(_decimal(row.metrics[name]) for name in metrics),
+                *map(_decimal, row.events.rates),
+            )
             for row in scores.by_clip()
         ),
         notes=(
-            "Macro F1: mean over the labels that occur in the truth. Kappa: Cohen's, with no prediction as an answer "
-            "of its own. Events: longest runs of one label; a true and a found one match if they have the same label "
-            "and overlap, each used once.",
+            " ".join(metric.meaning for metric in metrics.values()) + " Events: longest runs of one label; a true and "
+            "a found one match if they have the same label and overlap, each used once.",
         ),
     )
 
 
 def baselines_table(scores: Scores) -> Table:
-    """What trivial rules score on the same frames."""
+    """What baselines score on the same frames."""
     return Table(
-        title="Trivial rules on the same frames, FRR %",
-        columns=("Clip", "Configuration", "Pipeline", *(rule.capitalize() for rule in RULES)),
+        title="Baselines on the same frames, FRR %",
+        columns=("Clip", "Configuration", "FRR", *(_words(name) for name in BASELINES), "Best", "Beaten"),
         words=2,
         rows=tuple(
-            (*_names(row), _percent(row.frr), *(_percent(row.baselines[rule]) for rule in RULES))
+            (
+                *(*_names(row), _percent(row.frr)),
+                *(_percent(row.baselines[name]) for name in BASELINES),
+                *(_words(row.best_baseline).lower(), row.beats),
+            )
             for row in scores.by_clip()
         ),
         notes=(
             "Commonest: always the subject's commonest label in the clip. Nearest: the box nearest to the eyes. "
-            "Largest: in the image. Central: the box nearest to the camera's axis. The last three choose among what "
-            "the configuration segmented.",
+            "Largest: in the image. Central: the box nearest to the camera's axis. Nearest in angle: the box nearest "
+            "in angle to the measured gaze, or nothing beyond a limit that is best on the other clips (one clip: no "
+            "limit). All but the first choose among what the configuration segmented. Beaten: see the first table.",
         ),
     )
 
 
-def causes_table(scores: Scores) -> Table:
-    """Why frames are wrong; causes that never occur are left out."""
-    rows = scores.by_clip()
-    seen = [cause for cause in CAUSES if any(row.causes[cause] for row in rows)]
+def seeds_table(scores: Scores) -> Table:
+    """How far rates move from seed to seed of the simulated errors; no rows for a run under one seed."""
     return Table(
-        title="Causes of wrong frames",
-        columns=("Clip", "Configuration", "Wrong", *(cause.replace("_", " ") for cause in seen)),
+        title="Over seeds",
+        columns=("Clip", "Configuration", "Seeds", "Mean FRR %", "95 %", "SD over seeds", "Lowest %", "Highest %"),
         words=2,
         rows=tuple(
-            (*_names(row), str(row.n - row.correct), *(str(row.causes[cause]) for cause in seen)) for row in rows
+            (
+                *(*_names(row), str(len(row.seed_rates)), _percent(row.frr), _range(row.interval)),
+                *(f"{100 * statistics.stdev(row.seed_rates):.1f}", _percent(min(row.seed_rates))),
+                _percent(max(row.seed_rates)),
+            )
+            for row in scores.by_clip()
+            if row.seed_rates
         ),
-        notes=tuple(f"{cause.replace('_', ' ').capitalize()}: {CAUSES[cause]}." for cause in seen),
+        notes=(
+            "Each configuration ran under several seeds of its simulated errors. Rates are means over them, and n "
+            "counts all. 95 %: over seeds and clips (below 6 clips, looks); each clip has errors of its own under "
+            "every seed. SD: what one seed more or less does, in points.",
+        ),
+    )
+
+
+def nowhere_table(scores: Scores) -> Table:
+    """How methods that can say "looks at nothing" do at it; no rows where none can, or nobody does."""
+    return Table(
+        title="Looking at nothing",
+        columns=("Clip", "Configuration", "True", "Said", "Both", "Precision %", "Recall %"),
+        words=2,
+        rows=tuple(
+            (
+                *_names(row),
+                *map(str, (row.nowhere.true, row.nowhere.said, row.nowhere.right)),
+                *map(_percent, (row.nowhere.precision, row.nowhere.recall)),
+            )
+            for row in scores.by_clip()
+            if row.nowhere is not None and (row.nowhere.true or row.nowhere.said)
+        ),
+        notes=("Of the configurations whose method can answer that a subject looks at nothing in the scene.",),
+    )
+
+
+def visible_table(scores: Scores) -> Table:
+    """FRR with and without the frames in which something blocks the line of sight; no rows without such labels."""
+    rows = [row for row in scores.by_clip() if row.visible < row.n]
+    return Table(
+        title="FRR with and without blocked lines of sight",
+        columns=("Clip", "Configuration", "n", "Blocked", "FRR %", "FRR % without blocked", "FRR % of blocked"),
+        words=2,
+        rows=tuple(
+            (
+                *_names(row),
+                *(str(row.n), str(row.n - row.visible), _percent(row.frr), _percent(row.frr_visible)),
+                _percent((row.correct - row.visible_correct) / (row.n - row.visible)),
+            )
+            for row in rows
+        ),
+        notes=(
+            "Blocked: the label's note says that something stands between the eyes and the target. The label says "
+            "where the subject's gaze was aimed, which is then not what the subject sees.",
+        ),
+    )
+
+
+def error_types_table(scores: Scores) -> Table:
+    """Why frames are wrong; error types that never occur are left out."""
+    rows = scores.by_clip()
+    seen = [error_type for error_type in ERROR_TYPES if any(row.error_types[error_type] for row in rows)]
+    return Table(
+        title="Error types",
+        columns=("Clip", "Configuration", "Wrong", *(error_type.replace("_", " ") for error_type in seen)),
+        words=2,
+        rows=tuple(
+            (*_names(row), str(row.n - row.correct), *(str(row.error_types[error_type]) for error_type in seen))
+            for row in rows
+        ),
+        notes=tuple(f"{error_type.replace('_', ' ').capitalize()}: {ERROR_TYPES[error_type]}." for error_type in seen),
     )
 
 
 def subjects_table(scores: Scores) -> Table:
     """FRR of every subject."""
     return Table(
-        title="FRR by subject, 95 % intervals",
-        columns=("Clip", "Subject", "Configuration", "n", "FRR %", "Wilson", "Bootstrap", "Coverage %"),
+        title="FRR by subject",
+        columns=("Clip", "Subject", "Configuration", "n", "Units", "FRR %", "95 %", "Coverage %", "No hit %"),
         words=3,
         rows=tuple(
             (
@@ -177,10 +289,11 @@ def subjects_table(scores: Scores) -> Table:
                 str(row.subject),
                 row.configuration,
                 str(row.n),
+                str(row.looks),
                 _percent(row.frr),
-                _range(row.wilson),
-                _range(row.bootstrap),
+                _range(row.interval),
                 _percent(row.coverage),
+                _percent(row.no_hit / row.n),
             )
             for row in scores.by_subject()
         ),
@@ -188,7 +301,7 @@ def subjects_table(scores: Scores) -> Table:
 
 
 def _remarks(scores: Scores) -> list[str]:
-    """The run's own notes, and what its numbers ask for: clips without labels, clips that a trivial rule solves."""
+    """The run's own notes, and what its numbers ask for: clips without labels, clips that a baseline solves."""
     rows = scores.by_clip()
     remarks = list(scores.notes)
     for clip in scores.clips:
@@ -197,18 +310,22 @@ def _remarks(scores: Scores) -> list[str]:
             if not any(note.startswith(f"{clip}: no labels") for note in remarks):
                 remarks.append(f"{clip}: no frame is labelled, not scored; `vfoa annotate {clip}` labels it.")
             continue
-        rate, rule = max((max(row.baselines[rule] for row in of_clip), rule) for rule in RULES)
+        rate, name = max((max(row.baselines[name] for row in of_clip), name) for name in BASELINES)
         best = max(row.frr for row in of_clip)
         if rate >= best:
             remarks.append(
-                f"{clip}: the trivial rule {rule!r} is right in {_percent(rate)} % of the frames, the best "
-                f"configuration in {_percent(best)} %."
+                f"{clip}: the baseline {_words(name).lower()!r} is right in {_percent(rate)} % of the frames, the "
+                f"best configuration in {_percent(best)} %."
             )
     return remarks
 
 
 def _names(row: ScoreRow) -> tuple[str, str]:
     return row.clip or ALL, row.configuration
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ").capitalize()
 
 
 def _percent(share: float) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,14 +11,17 @@ from harness.files import atomic_write
 from harness.report.frames import FrameRows
 from harness.report.page import render_page
 from harness.report.page_data import AttentionLog, Served
+from harness.report.posterior_checks import direction_check_table, prediction_set_table
 from harness.report.reliability import reliability_figure
 from harness.report.stage_times import stage_times_table
 from harness.report.tables import render_tables
-from harness.runs.results import FrameRecord, read_results
-from harness.scores.reference import Reference
-from harness.scores.reliability import BeliefLog
-from harness.scores.score import Scores, score
-from harness.stills.reader import read_stills
+from harness.report.thumbnails.reader import read_thumbnails
+from harness.run.results import FrameRecord, read_results
+from harness.score.direction_checks import DirectionLog
+from harness.score.prediction_sets import SetLog
+from harness.score.reference import Reference
+from harness.score.reliability import BeliefLog
+from harness.score.score import Scores, score
 
 
 def score_run(
@@ -29,9 +33,9 @@ def score_run(
 ) -> Scores:
     """Score a ``results.jsonl`` and write the tables and the page beside it, each whole or not at all.
 
-    ``frr.csv .md .tex``, ``ladder.csv``, ``measures.csv``, ``things.csv``, ``frames.csv``, ``compared.csv .md``,
-    ``report.html``, and ``reliability.svg .png`` where a configuration gives probabilities. Nothing is written unless
-    all of them could be made.
+    ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``frames.csv``,
+    ``comparisons.csv .md``, ``report.html``, and ``reliability.svg .png`` where a
+    configuration gives probabilities. Nothing is written unless all of them could be made.
 
     Parameters
     ----------
@@ -47,17 +51,25 @@ def score_run(
     """
     frames, beliefs, attention = FrameRows(), BeliefLog(_probabilistic(manifest), reference.labels), AttentionLog()
     chosen = records if records is not None else read_results(results)
-    scores = score(attention.watch(beliefs.watch(frames.watch(chosen))), reference)
-    reliabilities = beliefs.reliabilities()
+    sets, directions = SetLog(reference.labels), DirectionLog()
+    watched = directions.watch(sets.watch(beliefs.watch(frames.watch(chosen))))
+    scores = score(attention.watch(watched), reference)
+    reliabilities, checks = beliefs.reliabilities(), directions.checks()
+    scores = replace(scores, notes=(*scores.notes, *(each.sentence() for each in checks if not each.fits)))
     texts = {
-        **render_tables(scores, reliabilities),
+        **render_tables(
+            scores,
+            reliabilities,
+            beliefs.by_subject(),
+            (prediction_set_table(sets.coverages()), direction_check_table(checks)),
+        ),
         "frames.csv": frames.to_csv(scores.verdicts),
         "report.html": _page(results, scores, attention, manifest),
     }
     for name, text in texts.items():
         atomic_write(results.parent / name, text)
     if reliabilities:
-        from harness.figures import write_figure
+        from harness.report.figures import write_figure
 
         write_figure(results.parent / "reliability", reliability_figure(reliabilities))
     return scores
@@ -85,8 +97,8 @@ def _page(
     served: Served | None = None,
 ) -> str:
     tables = [stage_times_table(results.parent / "timings.csv")]
-    stills = read_stills(results.parent, scores.verdicts)
-    return render_page(scores, attention, manifest=manifest, tables=tables, stills=stills, served=served)
+    thumbnails = read_thumbnails(results.parent, scores.verdicts)
+    return render_page(scores, attention, manifest=manifest, tables=tables, thumbnails=thumbnails, served=served)
 
 
 def _probabilistic(manifest: Mapping[str, Any] | None) -> list[str]:

@@ -67,7 +67,7 @@ def test_latex_sets_groups_of_rows_apart() -> None:
     grouped = Table(title="T", columns=("Clip", "Name", "n"), words=2, rows=rows)
     body = to_latex(grouped, label="t").split(r"\midrule")[1].split(r"\bottomrule")[0].split()
     assert [word for word in body if word in (r"\addlinespace", "1", "2", "3")] == ["1", "2", r"\addlinespace", "3"]
-    scattered = Table(title="T", columns=("Rung", "n"), words=1, rows=(("a", "1"), ("b", "2"), ("a", "3")))
+    scattered = Table(title="T", columns=("Step", "n"), words=1, rows=(("a", "1"), ("b", "2"), ("a", "3")))
     assert "addlinespace" not in to_latex(scattered, label="t")
 
 

@@ -5,13 +5,14 @@ from collections.abc import Iterable, Mapping
 from html.parser import HTMLParser
 from typing import Any
 
-from harness.annotations.files import Label, LabelRange, Labels
+from harness.labels.files import Label, LabelRange, Labels
 from harness.report.page import LETTERS, render_page
 from harness.report.page_data import STATES, AttentionLog, confusions, differing_settings
-from harness.runs.results import FrameRecord
-from harness.scores.reference import Reference
-from harness.scores.score import Scores, score
-from harness.stills.reader import BUDGET_BYTES, Stills
+from harness.report.thumbnails.reader import BUDGET_BYTES, Thumbnails
+from harness.run.results import FrameRecord
+from harness.score.reference import Reference
+from harness.score.score import Scores, score
+from harness.score.verdicts import NO_HIT
 from tests.records import answers, frame_record, labels, subject_record, target_record
 
 EVIL = "</script><script>alert(1)</script>"
@@ -57,9 +58,9 @@ def test_strips_say_what_the_verdicts_say() -> None:
     (strip,) = group["strips"]
     assert (group["clip"], group["subject"], strip["config"]) == ("clip", "girl", "one")
     assert strip["frames"] == [1, 2, 3, 4, 5]
-    assert [STATES[each] for each in strip["states"]] == ["correct", "missed", "missed", "no_subject", "unscored"]
+    assert [STATES[each] for each in strip["states"]] == ["correct", "no_hit", "missed", "no_subject", "unscored"]
     assert strip["truth"] == ["cup"] * 4 + [None]
-    assert strip["predicted"] == list(given)
+    assert strip["predicted"] == ["cup", NO_HIT, "dragon", None, "cup"]
     gaze, head, total = strip["values"]["cup"]
     assert gaze == total == [500, None, None, None, 500]
     assert head == [None] * 5
@@ -107,7 +108,9 @@ def test_a_run_as_large_as_the_demo_stays_under_three_megabytes() -> None:
         for frame in range(1, 421)
     ]
     pictures = {("clip", frame): "p" * (BUDGET_BYTES // 100) for frame in range(1, 101)}
-    page = render_page(*_scored(records, {"clip": labels(*["thing 2"] * 348)}), stills=Stills(pictures=pictures))
+    page = render_page(
+        *_scored(records, {"clip": labels(*["thing 2"] * 348)}), thumbnails=Thumbnails(pictures=pictures)
+    )
     assert len(page.encode()) < 3_000_000
 
 
@@ -117,8 +120,8 @@ def test_confusions_count_every_scored_frame_once() -> None:
         {"clip": labels("cup", "cup", "cup", "cup", "ignore", "dragon")},
     )
     (each,) = confusions(scores.verdicts)["clip"]
-    assert each.answers == ("cup", "dragon", "book", "none", "no prediction")
-    assert each.rows == (("cup", (1, 1, 0, 1, 1)), ("dragon", (0, 0, 1, 0, 0)))
+    assert each.answers == ("cup", "dragon", NO_HIT, "book", "no prediction")
+    assert each.rows == (("cup", (1, 1, 1, 0, 1)), ("dragon", (0, 0, 0, 1, 0)))
 
 
 def test_another_instance_of_the_true_name_is_no_agreement() -> None:

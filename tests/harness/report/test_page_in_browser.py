@@ -13,12 +13,12 @@ import pytest
 from PIL import Image
 
 from harness.files import atomic_write
+from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
+from harness.report.thumbnails.writer import picture
 from harness.report.write import score_run
-from harness.runs.results import to_line
-from harness.scores.reference import Reference
-from harness.scores.verdicts import CAUSES
-from harness.stills import Still, StillSubject, lines_path, picture_path
-from harness.stills.writer import picture
+from harness.run.results import to_line
+from harness.score.reference import Reference
+from harness.score.verdicts import ERROR_TYPES
 from tests.browser import chromium, requested, set_width
 from tests.records import answers, labels
 
@@ -32,11 +32,11 @@ GIVEN = {
     "it's two": ("cup", "cup", "dragon", "none", "cup", "cup"),
 }
 PICTURE_RGB = (200, 40, 160)
-SEEN = Still(
+SEEN = Thumbnail(
     frame=2,
     size=(200, 100),
     boxes=[(1, "cup", (20, 30, 60, 70)), (2, "dragon", (120, 30, 160, 70)), (3, "lamp", (180, 10, 190, 30))],
-    subjects=[StillSubject(name="girl", head=(90, 5, 110, 25), focus=2, lines=[("gaze", [100, 15, 140, 50])])],
+    subjects=[ThumbnailSubject(name="girl", head=(90, 5, 110, 25), focus=2, lines=[("gaze", [100, 15, 140, 50])])],
 )
 """What was seen in frame 2, where the truth is the cup and the answer the dragon."""
 
@@ -101,7 +101,7 @@ def test_the_keyboard_goes_from_failure_to_failure_and_shows_each(browser: Chrom
 
     assert not _box(browser).is_displayed()
     browser.execute_script("arguments[0].focus()", _cell(browser, "one", 1))
-    for frame, truth, predicted, cause in (
+    for frame, truth, predicted, error_type in (
         (2, "cup", "dragon", "missed"),
         (4, "none", "cup", "false_attention"),
         (6, "cup", "no prediction", "no_subject"),
@@ -111,7 +111,7 @@ def test_the_keyboard_goes_from_failure_to_failure_and_shows_each(browser: Chrom
         text = _box(browser).text
         assert f"Frame {frame} – wrong" in text
         assert f"Truth: {truth}. Predicted: {predicted}." in text
-        assert CAUSES[cause].lower() in text.lower()
+        assert ERROR_TYPES[error_type].lower() in text.lower()
     browser.switch_to.active_element.send_keys(Keys.ARROW_DOWN)
     assert "Frame 6 – correct" in _box(browser).text
     command = _box(browser).find_element("tag name", "code").text
@@ -132,29 +132,31 @@ def test_pointing_at_a_cell_shows_the_attention_of_its_frame(browser: Chrome) ->
 
 def test_a_wrong_cell_shows_its_frame_with_truth_and_answer_marked(browser: Chrome) -> None:
     browser.execute_script("arguments[0].focus()", _cell(browser, "one", 2))
-    still = _box(browser).find_element("css selector", "svg.still")
-    browser.execute_script("arguments[0].scrollIntoView()", still)
-    shown = np.asarray(Image.open(io.BytesIO(still.screenshot_as_png)).convert("RGB"))
+    thumbnail = _box(browser).find_element("css selector", "svg.thumbnail")
+    browser.execute_script("arguments[0].scrollIntoView()", thumbnail)
+    shown = np.asarray(Image.open(io.BytesIO(thumbnail.screenshot_as_png)).convert("RGB"))
     height, width = shown.shape[:2]
     assert width / height == pytest.approx(2, rel=0.02)
     corner = shown[int(0.9 * height), int(0.3 * width)]
     assert np.abs(corner.astype(int) - PICTURE_RGB).max() < 12  # lossy, but it is that picture
     marked = {
-        role: [still.find_element("css selector", f"rect.{role}").get_dom_attribute(name) for name in ("x", "width")]
+        role: [
+            thumbnail.find_element("css selector", f"rect.{role}").get_dom_attribute(name) for name in ("x", "width")
+        ]
         for role in ("truth", "predicted", "face", "other")
     }
     assert marked == {"truth": ["20", "40"], "predicted": ["120", "40"], "face": ["90", "20"], "other": ["180", "10"]}
-    words = [each.text for each in still.find_elements("tag name", "text")]
+    words = [each.text for each in thumbnail.find_elements("tag name", "text")]
     assert {"✓ truth: cup", "✗ predicted: dragon", "girl", "lamp"} == set(words)
-    dashes = still.find_element("css selector", "rect.predicted").value_of_css_property("stroke-dasharray")
+    dashes = thumbnail.find_element("css selector", "rect.predicted").value_of_css_property("stroke-dasharray")
     assert dashes != "none"
-    assert still.find_element("css selector", "polyline.gaze").get_dom_attribute("points") == "100,15 140,50"
+    assert thumbnail.find_element("css selector", "polyline.gaze").get_dom_attribute("points") == "100,15 140,50"
 
 
 def test_a_cell_without_a_picture_has_none(browser: Chrome) -> None:
     for config, frame in (("one", 4), ("it's two", 2)):
         browser.execute_script("arguments[0].focus()", _cell(browser, config, frame))
-        assert _box(browser).find_elements("css selector", "svg.still") == []
+        assert _box(browser).find_elements("css selector", "svg.thumbnail") == []
 
 
 def test_a_strip_is_one_stop_of_the_tab_key(browser: Chrome) -> None:

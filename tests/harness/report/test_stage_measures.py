@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from harness.report.stage_measures import stage_measures_table, terminal_measures, thing_measures_table
-from harness.runs.results import DisparityMeasure, FrameMeasures, FrameRecord, PersonMeasure, TargetMeasure
-from harness.scores.reference import Reference
-from harness.scores.score import Scores, score
+from harness.report.stage_measures import object_measures_table, stage_measures_table, terminal_measures
+from harness.run.results import FrameRecord
+from harness.score.reference import Reference
+from harness.score.score import Scores, score
+from harness.stages.measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from tests.records import answers, labels
 
 
@@ -47,7 +48,7 @@ def test_medians_shares_and_percentiles_by_clip_and_over_all(scores: Scores) -> 
 
 
 def test_a_true_thing_bears_the_runs_own_name_for_it(scores: Scores) -> None:
-    assert [row[:4] for row in thing_measures_table(scores).rows] == [
+    assert [row[:4] for row in object_measures_table(scores).rows] == [
         ("a", "mug", "one", "3"),
         ("b", "mug", "one", "3"),
     ]
@@ -55,4 +56,4 @@ def test_a_true_thing_bears_the_runs_own_name_for_it(scores: Scores) -> None:
 
 def test_a_run_that_knows_no_truth_has_no_rows() -> None:
     unknown = score(answers(["mug"]), Reference(labels={"clip": labels("mug")}))
-    assert stage_measures_table(unknown).rows == thing_measures_table(unknown).rows == ()
+    assert stage_measures_table(unknown).rows == object_measures_table(unknown).rows == ()

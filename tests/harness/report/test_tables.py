@@ -8,15 +8,15 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from harness.annotations.files import Labels
+from harness.labels.files import Labels
 from harness.report.formats import to_rich
 from harness.report.frames import FrameRows
 from harness.report.tables import frr_table, paper_table, render_tables, terminal_table
 from harness.report.write import score_run
-from harness.runs.results import FrameRecord, to_line
-from harness.scores.reference import Reference
-from harness.scores.score import score
-from harness.scores.verdicts import CAUSES
+from harness.run.results import FrameRecord, to_line
+from harness.score.reference import Reference
+from harness.score.score import score
+from harness.score.verdicts import ERROR_TYPES
 from tests.records import answers, frame_record, labels, subject_record, target_record
 from vfoa.errors import VfoaError
 
@@ -64,7 +64,16 @@ def test_the_papers_table_comes_out_as_printed_there() -> None:
 def test_a_run_gets_all_its_tables_and_its_page_and_nothing_else(results: Path) -> None:
     score_run(results, Reference(labels=PAPER_LABELS, notes=NOTES))
     assert {path.name for path in results.parent.iterdir()} == {
-        *("results.jsonl", "frr.csv", "frr.md", "frr.tex", "frames.csv", "compared.csv", "compared.md", "report.html")
+        *(
+            "results.jsonl",
+            "frr.csv",
+            "frr.md",
+            "frr.tex",
+            "frames.csv",
+            "comparisons.csv",
+            "comparisons.md",
+            "report.html",
+        )
     }
 
 
@@ -87,10 +96,10 @@ def test_results_that_cannot_be_read_leave_the_old_tables(results: Path) -> None
 def test_markdown_begins_with_what_it_is_and_what_must_be_known() -> None:
     page = render_tables(score(_paper_records(), Reference(labels=PAPER_LABELS, notes=NOTES)))["frr.md"]
     lines = page.splitlines()
-    assert lines[0] == "# Focus recognition rate (FRR) by clip and configuration, 95 % intervals"
+    assert lines[0] == "# Focus recognition rate (FRR) by clip and configuration"
     assert lines[2] == "- bandage_2: the right view is re-projected"
     assert lines[3] == (
-        "- bandage_2: the trivial rule 'commonest' is right in 100.0 % of the frames, the best configuration in 76.0 %."
+        "- bandage_2: the baseline 'commonest' is right in 100.0 % of the frames, the best configuration in 76.0 %."
     )
 
 
@@ -109,18 +118,25 @@ def test_the_numbers_for_programs_add_up() -> None:
     for row in rows:
         assert int(row["correct"]) + int(row["wrong"]) == int(row["n"]) == 50
         assert float(row["frr"]) == int(row["correct"]) / 50
-        assert float(row["frr"]) == pytest.approx(float(row["coverage"]) * float(row["frr_predicted"]), abs=1e-6)
-        assert sum(int(row[f"cause_{cause}"]) for cause in CAUSES) == int(row["wrong"])
+        assert float(row["coverage"]) == int(row["predicted"]) / 50
+        assert int(row["predicted"]) + int(row["no_hit"]) == 44  # six frames had no object, so no answer either
+        assert float(row["frr_visible"]) == float(row["frr"])
+        assert sum(int(row[f"error_type_{error_type}"]) for error_type in ERROR_TYPES) == int(row["wrong"])
         assert float(row["wilson_low"]) < float(row["frr"]) < float(row["wilson_high"])
-        assert float(row["bootstrap_low"]) <= float(row["frr"]) <= float(row["bootstrap_high"])
+        assert (row["looks"], row["clips"]) == ("1", "1")
+        assert (row["interval_low"], row["interval_high"]) == ("", "")  # a single look has no interval
+        assert row["beats_baselines"] == "no"
 
 
 def test_comparisons_are_said_in_words() -> None:
     texts = render_tables(score(_paper_records(), Reference(labels=PAPER_LABELS)))
-    sentence = "BM, 2 cones vs BM, 1 cone: 3 frames better, 0 worse, p = 0.25 (p = 0.5 after Holm): not distinguishable"
-    assert sentence in texts["compared.md"]
-    row = next(row for row in _csv(texts["compared.csv"]) if row["sentence"] == sentence)
-    assert (row["better"], row["worse"], row["p"]) == ("3", "0", "0.25")
+    sentence = (
+        "BM, 2 cones vs BM, 1 cone: +6.0 points (no interval from so few looks), 1 joined look of 1 clip, this clip "
+        "only, p = 1 (p = 1 after Holm): cannot be told apart"
+    )
+    assert sentence in texts["comparisons.md"]
+    row = next(row for row in _csv(texts["comparisons.csv"]) if row["sentence"] == sentence)
+    assert (row["better"], row["worse"], row["p"]) == ("3", "0", "1")
 
 
 def test_a_clip_without_labels_is_said_to_be_unscored() -> None:
@@ -147,19 +163,21 @@ def test_the_terminal_shows_n_rate_intervals_and_coverage_in_100_columns() -> No
     console.print(to_rich(terminal_table(score(records, Reference(labels=truth)))))
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert max(map(len, text.splitlines())) <= 100
-    assert [word for word in ("n", "FRR %", "Wilson", "Bootstrap", "Coverage %", "(all)") if word not in text] == []
-    assert re.search(r"\(all\) .* 26 +92\.3 +76–98 +\d+–\d+ +92\.3", text)
+    assert [
+        word for word in ("n", "FRR %", "95 %", "Baseline %", "Coverage %", "No hit %", "(all)") if word not in text
+    ] == []
+    assert re.search(r"\(all\) .* 26 +2 +92\.3 +\d+–\d+ +100\.0 +no +92\.3", text)
 
 
-def test_oracle_rungs_stand_in_the_ladder_and_not_between_the_configurations() -> None:
+def test_the_oracle_ablation_has_a_table_of_its_own_and_is_not_between_the_configurations() -> None:
     names = ("bm", "bm+disparity", "bm+disparity+gaze", "sgbm")
     records = [record for name in names for record in answers(["cup", "can"], configuration=name)]
     scores = score(records, Reference(labels={"clip": labels("cup", "cup")}))
     assert [row[1] for row in terminal_table(scores).rows] == ["bm", "sgbm"]
     assert [row[0] for row in paper_table(scores).rows] == ["bm", "sgbm"]
     texts = render_tables(scores)
-    assert [row["configuration"] for row in _csv(texts["ladder.csv"])] == list(names[:3])
-    (pair,) = _csv(texts["compared.csv"])
+    assert [row["configuration"] for row in _csv(texts["oracle_ablation.csv"])] == list(names[:3])
+    (pair,) = _csv(texts["comparisons.csv"])
     assert (pair["reference"], pair["configuration"]) == ("bm", "sgbm")
     assert pair["p"] == pair["p_holm"]  # one comparison needs no correction
 
@@ -176,7 +194,9 @@ def test_frames_csv_has_a_row_per_frame_subject_and_target(tmp_path: Path) -> No
     path.write_text("".join(map(to_line, records)), encoding="utf-8")
     score_run(path, Reference(labels={"clip": labels("cup", "cup", "cup", "cup")}))
     rows = _csv((tmp_path / "frames.csv").read_text(encoding="utf-8"))
-    shown = [[row[key] for key in ("frame", "subject", "track", "target", "total", "focus", "cause")] for row in rows]
+    shown = [
+        [row[key] for key in ("frame", "subject", "track", "target", "total", "focus", "error_type")] for row in rows
+    ]
     assert shown == [
         ["1", "girl", "1", "cup", "0.2500", "0", "outscored"],
         ["1", "girl", "1", 'can, "old"', "0.5000", "1", "outscored"],

@@ -1,4 +1,4 @@
-"""The observer that keeps a still of every frame."""
+"""The sink that keeps a thumbnail of every frame."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import msgspec
 import numpy as np
 
 from harness.files import replacing
-from harness.recording import ShownFrame
-from harness.recording.cones import cone_wire, reach_m
-from harness.runs.results import FrameRecord
-from harness.stills import Box, Still, StillSubject, lines_path, picture_path
+from harness.record.cones import cone_wire, reach_m
+from harness.report.thumbnails import Box, Thumbnail, ThumbnailSubject, lines_path, picture_path
+from harness.run.frame_sink import FinishedFrame
+from harness.run.results import FrameRecord
 from vfoa.geometry import project
 from vfoa.types import CUES, Attention, Float, FrameResult, Image, Scene, StereoRig
 
@@ -26,8 +26,8 @@ NEAR_M = 0.05
 RIM = 16
 
 
-class StillWriter:
-    """Writes the stills of one clip under one configuration, as a context manager; complete ones replace older ones."""
+class ThumbnailWriter:
+    """Write the thumbnails of one clip and configuration; older ones are replaced when it ends."""
 
     def __init__(self, run: Path, clip: str, configuration: str) -> None:
         self._run, self._clip = run, clip
@@ -48,13 +48,16 @@ class StillWriter:
         if kind is None:
             self._partial.replace(self._path)
 
-    def log(self, shown: ShownFrame) -> None:
+    def write(self, frame: FinishedFrame) -> None:
         """Write one frame."""
-        path = picture_path(self._run, self._clip, shown.frame.index)
+        images = frame.frame
+        if images is None:
+            return
+        path = picture_path(self._run, self._clip, images.index)
         if not path.exists():  # another configuration has written it
             with replacing(path) as draft:  # or is writing it, in another process
-                draft.write_bytes(picture(shown.frame.left))
-        self._file.write(self._encoder.encode(still(shown.frame.rig, shown.result, shown.record)) + b"\n")
+                draft.write_bytes(picture(images.left))
+        self._file.write(self._encoder.encode(thumbnail(images.rig, frame.result, frame.record)) + b"\n")
 
 
 def picture(left: Image) -> bytes:
@@ -66,23 +69,24 @@ def picture(left: Image) -> bytes:
     return encoded.tobytes()
 
 
-def still(rig: StereoRig, result: FrameResult, record: FrameRecord) -> Still:
+def thumbnail(rig: StereoRig, result: FrameResult, record: FrameRecord) -> Thumbnail:
     """Everything seen in a frame, in the pixels of its picture."""
     size = _size(rig.width_px, rig.height_px)
     scale = size[0] / rig.width_px
     attentions = {each.subject.track_id: each for each in result.attentions}
-    return Still(
+    return Thumbnail(
         frame=record.frame,
         size=size,
-        boxes=[(each.instance_id, each.name, _box(each.box_px, scale)) for each in record.targets],
+        boxes=[(each.instance_id, each.name, _box(each.box_px, scale)) for each in record.targets if each.box_px],
         subjects=[
-            StillSubject(
+            ThumbnailSubject(
                 name=each.name,
                 head=_box(each.head_box_px, scale),
                 focus=each.focus,
                 lines=_lines(attentions[each.track_id], result.scene, rig, scale),
             )
             for each in record.subjects
+            if each.head_box_px
         ],
     )
 

@@ -2,13 +2,27 @@ from __future__ import annotations
 
 import pytest
 
-from harness.report.compared import terminal_comparisons
-from harness.scores.comparison import Comparison
+from harness.report.comparisons import terminal_comparisons
+from harness.score.comparison import Comparison
+from harness.score.statistics import Interval
 
 
 def _pair(configuration: str, reference: str, *, better: int = 0, worse: int = 0, p: float = 1.0) -> Comparison:
     return Comparison(
-        reference=reference, configuration=configuration, n=40, better=better, worse=worse, p=p, p_holm=p, family=1
+        reference=reference,
+        configuration=configuration,
+        n=40,
+        looks=8,
+        clips=2,
+        better=better,
+        worse=worse,
+        difference=(better - worse) / 40,
+        interval=Interval(low=-0.1, high=0.1, unit="look"),
+        unit="look",
+        p=p,
+        p_holm=p,
+        family=1,
+        detectable=0.1,
     )
 
 
@@ -31,4 +45,4 @@ def test_what_is_significant_says_in_which_direction() -> None:
         _pair("a", "c", better=0, worse=9, p=0.004),
         _pair("a", "d", better=2, worse=1, p=1.0),
     ]
-    assert [row[2] for row in terminal_comparisons(pairs).rows] == ["better", "worse", "no"]
+    assert [row[2] for row in terminal_comparisons(pairs).rows] == ["better", "worse", "not told apart"]

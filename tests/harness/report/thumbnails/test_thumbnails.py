@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.recording import ShownFrame
-from harness.scores.reference import Reference
-from harness.scores.score import score
-from harness.scores.verdicts import Verdict
-from harness.stills import lines_path, picture_path
-from harness.stills.reader import Stills, read_stills
-from harness.stills.writer import StillWriter, picture, still
-from tests.harness.recording.conftest import ANN, EYES, show
+from harness.report.thumbnails import lines_path, picture_path
+from harness.report.thumbnails.reader import Thumbnails, read_thumbnails
+from harness.report.thumbnails.writer import ThumbnailWriter, picture, thumbnail
+from harness.run.frame_sink import FinishedFrame
+from harness.score.reference import Reference
+from harness.score.score import score
+from harness.score.verdicts import Verdict
+from tests.harness.record.conftest import ANN, EYES, show
 from tests.records import labels
 from vfoa.errors import VfoaError
 from vfoa.geometry import project
@@ -26,35 +26,35 @@ ALL = (1, 2, 3, 4)
 
 
 @pytest.fixture
-def shown() -> list[ShownFrame]:
+def shown() -> list[FinishedFrame]:
     return [show(frame, things=ALL, gaze_at=4) for frame in range(1, 7)]
 
 
 @pytest.fixture
-def run(tmp_path: Path, shown: list[ShownFrame]) -> Path:
-    """A run whose stills two configurations have written."""
+def run(tmp_path: Path, shown: list[FinishedFrame]) -> Path:
+    """A run whose thumbnails two configurations have written."""
     for configuration in ("one", "two cones"):
         _write(tmp_path, shown, configuration)
     return tmp_path
 
 
-def _write(run: Path, shown: Iterable[ShownFrame], configuration: str) -> None:
-    with StillWriter(run, "clip", configuration) as writer:
+def _write(run: Path, shown: Iterable[FinishedFrame], configuration: str) -> None:
+    with ThumbnailWriter(run, "clip", configuration) as writer:
         for each in shown:
-            writer.log(each)
+            writer.write(each)
 
 
-def _verdicts(shown: list[ShownFrame], *truth: str) -> list[Verdict]:
+def _verdicts(shown: list[FinishedFrame], *truth: str) -> list[Verdict]:
     return score((each.record for each in shown), Reference(labels={"clip": labels(*truth, subject=ANN)})).verdicts
 
 
-def _of(stills: Stills) -> list[int]:
-    return [frame for _, frame in stills.pictures]
+def _of(thumbnails: Thumbnails) -> list[int]:
+    return [frame for _, frame in thumbnails.pictures]
 
 
-def test_what_is_drawn_lies_where_the_image_has_it(shown: list[ShownFrame]) -> None:
+def test_what_is_drawn_lies_where_the_image_has_it(shown: list[FinishedFrame]) -> None:
     rig = shown[0].frame.rig
-    seen = still(rig, shown[0].result, shown[0].record)
+    seen = thumbnail(rig, shown[0].result, shown[0].record)
     assert seen.size == (rig.width_px, rig.height_px)
     assert [name for _, name, _ in seen.boxes] == ["Ann Müller/left", "red cup", "red cup", "book#4"]
     assert seen.boxes[1][2] == (20, 20, 39, 39)
@@ -66,53 +66,53 @@ def test_what_is_drawn_lies_where_the_image_has_it(shown: list[ShownFrame]) -> N
         assert eyes in np.reshape(line, (-1, 2)).tolist()
 
 
-def test_a_wide_image_and_all_that_is_drawn_over_it_are_made_small_alike(shown: list[ShownFrame]) -> None:
+def test_a_wide_image_and_all_that_is_drawn_over_it_are_made_small_alike(shown: list[FinishedFrame]) -> None:
     rig = replace(shown[0].frame.rig, width_px=1440, height_px=810)
-    seen = still(rig, shown[0].result, shown[0].record)
+    seen = thumbnail(rig, shown[0].result, shown[0].record)
     small = Image.open(io.BytesIO(picture(np.zeros((810, 1440, 3), dtype=np.uint8))))
     assert seen.size == small.size == (360, 202)
     assert seen.boxes[1][2] == (5, 5, 10, 10)
 
 
-def test_a_line_that_passes_the_camera_is_left_out(shown: list[ShownFrame]) -> None:
+def test_a_line_that_passes_the_camera_is_left_out(shown: list[FinishedFrame]) -> None:
     near = shown[0].result.attentions[0]
     person = replace(near.subject.person, eye_origin_left=np.array([0.0, 0.0, 0.25]))
     towards = replace(person.view.head_pose, direction=np.array([0.0, 0.0, -1.0]))
     subject = replace(near.subject, person=person, head_pose=towards)
     result = replace(shown[0].result, attentions=(replace(near, subject=subject, cones=()),))
-    (ann,) = still(shown[0].frame.rig, result, shown[0].record).subjects
+    (ann,) = thumbnail(shown[0].frame.rig, result, shown[0].record).subjects
     assert [cue for cue, _ in ann.lines] == ["gaze"]
 
 
-def test_wrong_frames_have_their_picture_and_what_was_seen(run: Path, shown: list[ShownFrame]) -> None:
+def test_wrong_frames_have_their_picture_and_what_was_seen(run: Path, shown: list[FinishedFrame]) -> None:
     # the answer is the book in every frame
     verdicts = _verdicts(shown, "red cup", "book#4", "red cup", "ignore", "none", "book#4")
-    stills = read_stills(run, verdicts)
-    assert _of(stills) == [1, 3, 5]
-    assert list(stills.seen) == [("clip", "two cones", frame) for frame in (1, 3, 5)]
-    assert stills.wrong == 3
-    for frame, uri in zip(_of(stills), stills.pictures.values(), strict=True):
+    thumbnails = read_thumbnails(run, verdicts)
+    assert _of(thumbnails) == [1, 3, 5]
+    assert list(thumbnails.seen) == [("clip", "two cones", frame) for frame in (1, 3, 5)]
+    assert thumbnails.wrong == 3
+    for frame, uri in zip(_of(thumbnails), thumbnails.pictures.values(), strict=True):
         assert uri.startswith("data:image/webp;base64,")
         drawn = np.asarray(Image.open(picture_path(run, "clip", frame)).convert("L"), dtype=float)
         left = shown[frame - 1].frame.left.mean(axis=2)
         assert np.corrcoef(drawn.ravel(), left.ravel())[0, 1] > 0.8
 
 
-def test_labels_that_are_edited_later_find_other_pictures(run: Path, shown: list[ShownFrame]) -> None:
-    assert _of(read_stills(run, _verdicts(shown, *["book#4"] * 6))) == []
-    assert _of(read_stills(run, _verdicts(shown, "book#4", "red cup"))) == [2]
+def test_labels_that_are_edited_later_find_other_pictures(run: Path, shown: list[FinishedFrame]) -> None:
+    assert _of(read_thumbnails(run, _verdicts(shown, *["book#4"] * 6))) == []
+    assert _of(read_thumbnails(run, _verdicts(shown, "book#4", "red cup"))) == [2]
 
 
-def test_as_many_as_fit_are_chosen_evenly(run: Path, shown: list[ShownFrame]) -> None:
+def test_as_many_as_fit_are_chosen_evenly(run: Path, shown: list[FinishedFrame]) -> None:
     verdicts = _verdicts(shown, *["red cup"] * 6)
-    whole = read_stills(run, verdicts)
+    whole = read_thumbnails(run, verdicts)
     weight = sum(map(len, whole.pictures.values()))
-    some = read_stills(run, verdicts, budget=weight * 2 // 3)
+    some = read_thumbnails(run, verdicts, budget=weight * 2 // 3)
     assert (_of(whole), _of(some), some.wrong) == ([1, 2, 3, 4, 5, 6], [1, 3, 5], 6)
     assert sum(map(len, some.pictures.values())) <= weight * 2 // 3
 
 
-def test_the_same_run_has_the_same_stills(tmp_path: Path, shown: list[ShownFrame]) -> None:
+def test_the_same_run_has_the_same_stills(tmp_path: Path, shown: list[FinishedFrame]) -> None:
     found: list[dict[str, bytes]] = []
     for name in ("a", "b"):
         _write(tmp_path / name, shown, "one")
@@ -122,8 +122,8 @@ def test_the_same_run_has_the_same_stills(tmp_path: Path, shown: list[ShownFrame
     assert len(found[0]) == 7
 
 
-def test_a_run_that_is_broken_off_leaves_no_lines_that_look_whole(tmp_path: Path, shown: list[ShownFrame]) -> None:
-    def broken() -> Iterator[ShownFrame]:
+def test_a_run_that_is_broken_off_leaves_no_lines_that_look_whole(tmp_path: Path, shown: list[FinishedFrame]) -> None:
+    def broken() -> Iterator[FinishedFrame]:
         yield shown[0]
         raise RuntimeError
 
@@ -132,19 +132,19 @@ def test_a_run_that_is_broken_off_leaves_no_lines_that_look_whole(tmp_path: Path
     assert not lines_path(tmp_path, "clip", "one").exists()
 
 
-def test_a_run_without_stills_has_none(tmp_path: Path, shown: list[ShownFrame]) -> None:
-    assert read_stills(tmp_path, _verdicts(shown, "red cup")) == Stills()
+def test_a_run_without_stills_has_none(tmp_path: Path, shown: list[FinishedFrame]) -> None:
+    assert read_thumbnails(tmp_path, _verdicts(shown, "red cup")) == Thumbnails()
 
 
 @pytest.mark.parametrize("line", [b"{}\n", b'{"frame":"1"}\n', b"not JSON\n", b'{"frame":1}\n'])
-def test_a_damaged_file_is_named(run: Path, shown: list[ShownFrame], line: Any) -> None:
+def test_a_damaged_file_is_named(run: Path, shown: list[FinishedFrame], line: Any) -> None:
     lines_path(run, "clip", "two cones").write_bytes(line)
-    with pytest.raises(VfoaError, match=r"clip__two cones\.jsonl: not the stills"):
-        read_stills(run, _verdicts(shown, "red cup"))
+    with pytest.raises(VfoaError, match=r"clip__two cones\.jsonl: not the thumbnails"):
+        read_thumbnails(run, _verdicts(shown, "red cup"))
 
 
 def test_a_picture_that_cannot_be_written_leaves_no_draft(
-    tmp_path: Path, shown: list[ShownFrame], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, shown: list[FinishedFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> None:
         raise OSError("disk full")

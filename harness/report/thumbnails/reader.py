@@ -1,4 +1,4 @@
-"""Finds the stills of a run's wrong frames; nothing is drawn."""
+"""Finds the thumbnails of a run's wrong frames; nothing is drawn."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from harness.scores.verdicts import Verdict
-from harness.stills import Still, lines_path, picture_path
+from harness.report.thumbnails import Thumbnail, lines_path, picture_path
+from harness.score.verdicts import Verdict
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
     import msgspec
 
 BUDGET_BYTES = 1_000_000
-"""What all stills of a page may weigh: a page stays under 3 MB beside them."""
+"""What all thumbnails of a page may weigh: a page stays under 3 MB beside them."""
 
 _Place = tuple[str, str]
 _Frame = tuple[str, int]
@@ -25,7 +25,7 @@ _T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stills:
+class Thumbnails:
     """What a page shows of the wrong frames. ``pictures`` are data URIs by (clip, frame).
 
     ``seen`` is what a configuration saw, by (clip, configuration, frame); ``wrong`` counts the wrong frames that have a
@@ -33,15 +33,15 @@ class Stills:
     """
 
     pictures: Mapping[_Frame, str] = field(default_factory=dict)
-    seen: Mapping[tuple[str, str, int], Still] = field(default_factory=dict)
+    seen: Mapping[tuple[str, str, int], Thumbnail] = field(default_factory=dict)
     wrong: int = 0
 
 
-def read_stills(run: Path, verdicts: Iterable[Verdict], budget: int = BUDGET_BYTES) -> Stills:
-    """The stills of the frames in which somebody was judged wrong.
+def read_thumbnails(run: Path, verdicts: Iterable[Verdict], budget: int = BUDGET_BYTES) -> Thumbnails:
+    """The thumbnails of the frames in which somebody was judged wrong.
 
     Where all of them weigh more than ``budget`` bytes, every second one is taken, or every third ...: as many as fit.
-    A run without stills has none here.
+    A run without thumbnails has none here.
 
     Raises
     ------
@@ -55,10 +55,10 @@ def read_stills(run: Path, verdicts: Iterable[Verdict], budget: int = BUDGET_BYT
     lines = {place: _lines(lines_path(run, *place), frames) for place, frames in wrong.items()}
     sizes = _sizes(run, lines)
     chosen = _fitting(sizes, budget)
-    return Stills(
+    return Thumbnails(
         pictures={each: _data_uri(picture_path(run, *each)) for each in chosen},
         seen={
-            (clip, configuration, frame): _decode(Still, line, lines_path(run, clip, configuration))
+            (clip, configuration, frame): _decode(Thumbnail, line, lines_path(run, clip, configuration))
             for (clip, configuration), found in lines.items()
             for frame, line in found.items()
             if (clip, frame) in chosen
@@ -117,11 +117,11 @@ def _decode(kind: type[_T], line: bytes, path: Path) -> _T:
     try:
         return _decoders()[kind].decode(line)
     except msgspec.DecodeError as error:
-        raise VfoaError(f"{path}: not the stills of a run: {error}") from None
+        raise VfoaError(f"{path}: not the thumbnails of a run: {error}") from None
 
 
 @cache
 def _decoders() -> Mapping[type[Any], msgspec.json.Decoder[Any]]:
     import msgspec
 
-    return {kind: msgspec.json.Decoder(kind) for kind in (_Numbered, Still)}
+    return {kind: msgspec.json.Decoder(kind) for kind in (_Numbered, Thumbnail)}

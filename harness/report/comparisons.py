@@ -1,0 +1,151 @@
+"""Pairs of configurations, of one run or of several, as tables."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import takewhile
+
+from harness.report.formats import UNKNOWN, Table
+from harness.score.comparison import Comparison, compare
+from harness.score.intervals import LEAST_CLIPS
+from harness.score.mixed_model import OddsRatio
+from harness.score.oracle_ablation import without_oracles
+from harness.score.score import Scores
+from harness.score.sign_flip import SIGNIFICANCE
+
+_TITLE = "Configurations compared on the same frames"
+_NOTES = (
+    "Points: difference of the FRR on the common frames, with its 95 % interval. Better, worse: frames that only the "
+    "first, only the second gets right.",
+    f"p: exact paired permutation test (sign flips), two-sided, by clip from {LEAST_CLIPS} clips on, by look below "
+    "that; a test by look speaks of these clips only. Holm: corrected for all comparisons in this table; significant "
+    f"below {100 * SIGNIFICANCE:.0f} % after it.",
+    "The smallest p that a test can give is 2 / 2^units, 0.031 with six clips: many comparisons at once need more "
+    "clips.",
+    "Detectable: the true difference that would be found significant, before Holm, in 80 of 100 such experiments.",
+)
+
+
+def compare_configurations(scores: Scores) -> tuple[Comparison, ...]:
+    """Compare every two configurations of a run; the oracle ablation has a table of its own."""
+    return compare({name: scores.frames_of(name) for name in without_oracles(scores.scored_configurations)})
+
+
+def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:
+    """A line for each pair. What all names begin with, such as the folder of the one run, is left out."""
+    names = [name for each in comparisons for name in (each.configuration, each.reference)]
+    shared = _shared_folder(names)
+    return Table(
+        title=_TITLE,
+        columns=("Configuration", "Against", "Verdict", "Points", "95 %", "Units", "p", "p (Holm)", "Detectable"),
+        words=3,
+        rows=tuple(
+            (
+                *(name.removeprefix(shared) for name in (each.configuration, each.reference)),
+                "not told apart" if not each.is_significant else each.verdict,
+                *_points(each),
+                _units(each),
+                *(_p(each.p), _p(each.p_holm), _number(each.detectable)),
+            )
+            for each in comparisons
+        ),
+        notes=_NOTES,
+    )
+
+
+def model_table(found: Sequence[OddsRatio]) -> Table:
+    """Odds ratios of the mixed-effects model, and why there is none where there is none."""
+    shared = _shared_folder([name for each in found for name in (each.configuration, each.reference)])
+    refused = [
+        f"{each.configuration.removeprefix(shared)} against {each.reference.removeprefix(shared)}: no model: "
+        f"{each.refusal}."
+        for each in found
+        if each.refusal
+    ]
+    return Table(
+        title="Mixed-effects logistic regression",
+        columns=("Configuration", "Against", "Odds ratio", "95 %", "SD clips", "SD subjects", "SD looks"),
+        words=2,
+        rows=tuple(
+            (
+                *(name.removeprefix(shared) for name in (each.configuration, each.reference)),
+                *(f"{each.ratio:.2f}", f"{each.low:.2f} to {each.high:.2f}"),
+                *(f"{spread:.2f}" for spread in each.spreads),
+            )
+            for each in found
+            if each.refusal is None
+        ),
+        notes=(
+            "Odds of a right frame; random effects of clip, subject and look, with their standard deviations in "
+            "log-odds. "
+            "Fitted by variational Bayes, whose interval is rather too narrow: the permutation test decides.",
+            *refused,
+        ),
+    )
+
+
+def comparison_table(comparisons: Sequence[Comparison]) -> Table:
+    """Pairs of configurations on their common frames, for people."""
+    return Table(
+        title=_TITLE,
+        columns=("In words", "n", "Points", "95 %", "Better", "Worse", "p", "p (Holm)"),
+        words=1,
+        rows=tuple(
+            (
+                *(each.sentence, str(each.n), *_points(each), str(each.better), str(each.worse)),
+                *(_p(each.p), _p(each.p_holm)),
+            )
+            for each in comparisons
+        ),
+        notes=_NOTES,
+    )
+
+
+def comparisons_csv(comparisons: Sequence[Comparison]) -> Table:
+    """The same for programs: differences as shares."""
+    return Table(
+        title="Comparisons",
+        columns=(
+            *("reference", "configuration", "n", "looks", "clips", "better", "worse"),
+            *("difference", "difference_low", "difference_high", "unit", "p", "p_holm", "detectable", "sentence"),
+        ),
+        words=2,
+        rows=tuple(
+            (
+                *(each.reference, each.configuration),
+                *map(str, (each.n, each.looks, each.clips, each.better, each.worse)),
+                *map(_share, (each.difference, each.interval.low, each.interval.high)),
+                *(each.unit, f"{each.p:.6g}", f"{each.p_holm:.6g}", _share(each.detectable), each.sentence),
+            )
+            for each in comparisons
+        ),
+    )
+
+
+def _points(each: Comparison) -> tuple[str, str]:
+    interval = each.interval
+    ends = UNKNOWN if math.isnan(interval.low) else f"{100 * interval.low:+.1f} to {100 * interval.high:+.1f}"
+    return (UNKNOWN if math.isnan(each.difference) else f"{100 * each.difference:+.1f}"), ends
+
+
+def _units(each: Comparison) -> str:
+    return f"{each.clips} clips" if each.unit == "clip" else f"{each.looks} looks"
+
+
+def _number(share: float) -> str:
+    return UNKNOWN if math.isnan(share) else f"{100 * share:.1f}"
+
+
+def _share(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.6f}"
+
+
+def _shared_folder(names: Sequence[str]) -> str:
+    """The folders in which all names stand, with the slash."""
+    levels = zip(*(name.split("/")[:-1] for name in names), strict=False)
+    return "".join(f"{level[0]}/" for level in takewhile(lambda level: len(set(level)) == 1, levels))
+
+
+def _p(p: float) -> str:
+    return "<0.001" if p < 0.001 else f"{p:.2g}"
