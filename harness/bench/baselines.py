@@ -13,13 +13,13 @@ import numpy as np
 from harness.bench.naive import NaiveRecording, naive_clouds
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_frame
-from harness.recording import ShownFrame
-from harness.recording.recorder import Recorder
-from harness.runs.configuration import Configuration
-from harness.runs.executors import compute_with
-from harness.runs.records import to_record
-from harness.runs.sharing import SharedPipeline
-from harness.scores.verdicts import judge
+from harness.record.layers import ClipFiles, layer_names
+from harness.record.recorder import Recorder
+from harness.run.executors.contract import compute_with
+from harness.run.frame_sink import FinishedFrame
+from harness.run.records import to_record
+from harness.stages.configuration import Configuration
+from harness.stages.sharing import SharedPipeline
 from vfoa.errors import VfoaError
 from vfoa.pipeline import Memory, attend
 from vfoa.reconstruction import place_targets
@@ -43,35 +43,37 @@ def compare_with_naive(manifest: ClipManifest, configuration: Configuration, fra
     clouds: list[tuple[float, float]] = []
     logs: list[tuple[float, float]] = []
     with tempfile.TemporaryDirectory() as folder:
-        ours, naive = Path(folder) / "ours.rrd", Path(folder) / "naive.rrd"
+        naive = Path(folder) / "naive.rrd"
+        files = ClipFiles(run=Path(folder), clip=manifest.name)
+        layers = layer_names({configuration.name: configuration.plain()})[configuration.name]
         naive_recording = NaiveRecording(naive)
         subjects, targets = tuple(manifest.subjects), tuple(manifest.targets)
-        clip_and_way = {"clip": manifest.name, "configuration": configuration.name, "rate_hz": None}
-        with Recorder(ours, subjects=subjects, targets=targets, **clip_and_way) as recorder:  # type: ignore[arg-type]
+        with Recorder(files, layers, rate_hz=None, subjects=subjects, targets=targets) as recorder:
             for each in _frames(manifest, configuration, frames):
                 clouds.append(_reconstruct(each, configuration))
                 logs.append(_record(each, recorder, naive_recording))
         naive_recording.close()
-        sizes = [path.stat().st_size / len(frames) for path in (ours, naive)]
+        written = sum(path.stat().st_size for path in files.of(layers))
+        sizes = [size / len(frames) for size in (written, naive.stat().st_size)]
     return [_row("clouds and boxes of all things", clouds), _row("recording, light", logs, sizes)]
 
 
-def _frames(manifest: ClipManifest, configuration: Configuration, frames: Sequence[int]) -> Iterator[ShownFrame]:
+def _frames(manifest: ClipManifest, configuration: Configuration, frames: Sequence[int]) -> Iterator[FinishedFrame]:
     memory, names = Memory(), SubjectNames()
-    for shared in SharedPipeline([configuration], manifest.open()).frames(frames):
+    for shared in SharedPipeline([configuration], manifest.open_images()).frames(frames):
         found = shared.by_configuration[configuration.name]
         if isinstance(found, VfoaError):
             raise found
-        percepts, scene, _ = found
+        percepts, scene, timings = found
         result, memory = attend(scene, memory, configuration.attend)
         named, names = name_frame(result, manifest.subjects, manifest.targets, names)
         record = to_record(manifest.name, configuration.name, result, named, None)
-        verdicts = tuple(judge(record, name, None) for name in manifest.subjects)
-        yield ShownFrame(frame=shared.frame, percepts=percepts, result=result, record=record, verdicts=verdicts)
+        yield FinishedFrame(frame=shared.frame, percepts=percepts, result=result, record=record, timings=timings)
 
 
-def _reconstruct(each: ShownFrame, configuration: Configuration) -> tuple[float, float]:
+def _reconstruct(each: FinishedFrame, configuration: Configuration) -> tuple[float, float]:
     percepts = each.percepts
+    assert percepts is not None, "the clip was opened for its images"
     seen = (percepts.disparity, percepts.instances, percepts.rig)
     started = time.perf_counter()
     place_targets(*seen, configuration.reconstruction)
@@ -80,10 +82,12 @@ def _reconstruct(each: ShownFrame, configuration: Configuration) -> tuple[float,
     return between - started, time.perf_counter() - between
 
 
-def _record(each: ShownFrame, recorder: Recorder, naive: NaiveRecording) -> tuple[float, float]:
+def _record(each: FinishedFrame, recorder: Recorder, naive: NaiveRecording) -> tuple[float, float]:
     started = time.perf_counter()
-    recorder.log(each)
+    recorder.write(each)
     between = time.perf_counter()
+    assert each.frame is not None, "the clip was opened for its images"
+    assert each.percepts is not None, "the clip was opened for its images"
     naive.log(each.frame, each.percepts, each.result)
     return between - started, time.perf_counter() - between
 

@@ -16,7 +16,8 @@ import numpy as np
 from mcap.writer import Writer
 from rich.console import Console
 
-from harness.adapters.mcap.clip import McapClip, McapSettings
+from harness.sources.recordings.clip import McapClip
+from harness.sources.recordings.settings import RecordingSettings
 
 WIDTH, HEIGHT = 160, 120
 STEP_NS = 40_000_000
@@ -66,7 +67,7 @@ def main() -> None:
 
 
 def _read_all(path: Path) -> float:
-    clip = McapClip(McapSettings(recording=path.name), path.parent)
+    clip = McapClip(RecordingSettings(recording=path.name), path.parent)
     for number in clip.frames:
         clip.frame(number)
     return peak_mib()

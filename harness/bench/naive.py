@@ -39,7 +39,8 @@ class NaiveRecording:
         log: Any = self._stream.log
         self._stream.set_time("frame", sequence=frame.index)
         log("left", rr.Image(frame.left))
-        log("right", rr.Image(frame.right))
+        if frame.right is not None:
+            log("right", rr.Image(frame.right))
         log("disparity", rr.DepthImage(percepts.disparity.disparity_px))
         log("instances", rr.SegmentationImage(percepts.instances.ids))
         for target in result.scene.targets:

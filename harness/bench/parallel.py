@@ -15,14 +15,15 @@ from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
-from harness.cache.store import Store
-from harness.recording import Size
+from harness.record import Size
+from harness.record.sink import recordings
 from harness.report.formats import UNKNOWN, Table
-from harness.runs.conduct import conduct, prepare
-from harness.runs.configuration import Configuration
-from harness.runs.executors.cluster import cpu_seconds, local_cluster
-from harness.runs.experiment import Experiment
-from harness.runs.stages import SLOTS
+from harness.run.executors.cluster import cpu_seconds, local_cluster
+from harness.run.experiment import Experiment
+from harness.run.runner import prepare, run_plan
+from harness.stages.cache.store import Store
+from harness.stages.configuration import Configuration
+from harness.stages.slots import SLOTS
 from vfoa.attention import AttentionSettings
 
 CONES_CM = ((10.0,), (10.0, 25.0), (5.0,), (20.0,))
@@ -66,10 +67,10 @@ class _Bench:
         scheduler: str | None = None,
     ) -> Timed:
         """Time a run: in a directory and a cache of its own, unless they are named."""
-        plan = prepare(experiment, limit=self.limit, recording=recording)
+        plan = prepare(experiment, limit=self.limit, sinks=recordings(experiment.configurations, recording))
         store = Store(self.folder / (cache or f"cache of {what}"), PLENTY)
         cpu_before, started = _cpu_seconds(scheduler), time.perf_counter()
-        directory = conduct(
+        directory = run_plan(
             plan,
             self.folder / (out or what),
             workers=workers,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,31 +12,43 @@ import numpy as np
 
 from harness.bench.stereo import StereoQuality, quality
 from harness.clips.manifest import ClipManifest
-from harness.runs.ahead import ahead
-from harness.runs.configuration import Configuration
-from harness.runs.executors import compute_with
-from harness.runs.experiment import load_experiment
-from harness.runs.stages import SLOTS
+from harness.run.executors.contract import compute_with
+from harness.run.experiment import load_experiment
+from harness.stages.configuration import Configuration
+from harness.stages.prefetch import prefetch
+from harness.stages.slots import SLOTS
+from vfoa.onnx import Provider
 from vfoa.pipeline import Memory, Stages, attend, perceive, reconstruct
 from vfoa.types import Disparity, Instances, Percepts, StereoFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """What a row is called and measures: a matcher under a preset, with the experiment's models or without any."""
+    """What a row is called and measures: a matcher under a preset, with the experiment's models or without any.
+
+    ``changes`` are settings over those of the preset, as of ``vfoa run --set``.
+    """
 
     what: str
     matcher: str
     preset: str
     has_models: bool = False
+    changes: tuple[str, ...] = ()
 
 
+BASELINE = "SGBM"
+"""The row that the others' frames per second are divided by."""
+
+_GUIDED = ("stereo.search=guided",)
 ROWS = (
     Row(what="BM", matcher="bm", preset="none"),
-    Row(what="SGBM", matcher="sgbm", preset="none"),
+    Row(what=BASELINE, matcher="sgbm", preset="none"),
+    Row(what="SGBM, guided", matcher="sgbm", preset="none", changes=_GUIDED),
+    Row(what="SGBM, guided, needed region", matcher="sgbm", preset="guided"),
+    Row(what="SGBM, guided, needed region, with models", matcher="sgbm", preset="guided", has_models=True),
     Row(what="BM, realtime", matcher="bm", preset="realtime"),
     Row(what="SGBM, realtime", matcher="sgbm", preset="realtime"),
-    Row(what="the same with models", matcher="sgbm", preset="realtime", has_models=True),
+    Row(what="SGBM, realtime, with models", matcher="sgbm", preset="realtime", has_models=True),
 )
 
 
@@ -52,11 +65,6 @@ class Speed:
     fps: float
     cpu_ms: float
     stereo: StereoQuality | None
-
-    @property
-    def matches_per_second(self) -> float:
-        """At the median."""
-        return 1e3 / self.match_ms[0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +105,13 @@ class _TimedMatcher:
 
 
 def measure_speed(
-    experiment: str, manifest: ClipManifest, frames: Sequence[int], threads: int, *, rounds: int = 3
+    experiment: str,
+    manifest: ClipManifest,
+    frames: Sequence[int],
+    threads: int,
+    *,
+    provider: Provider = "cpu",
+    rounds: int = 3,
 ) -> list[Speed]:
     """Lead the frames through matching, models, reconstruction and attention, with so many threads.
 
@@ -105,7 +119,7 @@ def measure_speed(
     read before; the first frame is left out. Of several rounds through all rows, a row's quickest one counts.
     """
     compute_with(threads)
-    configurations = [_configuration(experiment, manifest.name, row) for row in ROWS]
+    configurations = [_configuration(experiment, manifest.name, row).on(provider) for row in ROWS]
     held = _hold(manifest, configurations[0], frames)
     measured = [
         [_measure(row.what, manifest, each, held, threads) for row, each in zip(ROWS, configurations, strict=True)]
@@ -115,7 +129,7 @@ def measure_speed(
 
 
 def _configuration(experiment: str, clip: str, row: Row) -> Configuration:
-    overrides = (f"stereo.matcher={row.matcher}",)
+    overrides = (f"stereo.matcher={row.matcher}", *row.changes)
     first = load_experiment(experiment, clips=(clip,), overrides=overrides, preset=row.preset).configurations[0]
     if not row.has_models:
         heads = SLOTS["heads"].parse({"detector": "person_mask"}, "bench")
@@ -124,7 +138,7 @@ def _configuration(experiment: str, clip: str, row: Row) -> Configuration:
 
 
 def _hold(manifest: ClipManifest, configuration: Configuration, frames: Sequence[int]) -> _Held:
-    clip = manifest.open()
+    clip = manifest.open_images()
     choice = configuration.choices["segmentation"]
     assert choice is not None
     segmenter = SLOTS["segmentation"].build(choice, clip)
@@ -134,7 +148,7 @@ def _hold(manifest: ClipManifest, configuration: Configuration, frames: Sequence
 
 
 def _measure(what: str, manifest: ClipManifest, configuration: Configuration, held: _Held, threads: int) -> Speed:
-    clip = manifest.open()
+    clip = manifest.open_images()
     built: dict[str, Any] = {
         slot: SLOTS[slot].build(choice, clip) if choice and slot != "segmentation" else None
         for slot, choice in configuration.choices.items()
@@ -148,8 +162,9 @@ def _measure(what: str, manifest: ClipManifest, configuration: Configuration, he
         gaze=built["gaze"],
         region_matcher=matcher if configuration.is_in_region else None,
     )
-    perceived = (perceive(frame, stages) for frame in held.frames)
-    fps, cpu_ms = _follow(ahead(perceived, 1 if threads > 1 else 0), configuration)
+    beside = ThreadPoolExecutor(1) if threads > 1 else None
+    perceived = (perceive(frame, stages, beside=beside) for frame in held.frames)
+    fps, cpu_ms = _follow(prefetch(perceived, 1 if threads > 1 else 0), configuration)
     ms = matcher.milliseconds[1:]
     pairs = [(found, true) for found, true in zip(matcher.found, held.truths, strict=True) if true is not None]
     return Speed(

@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 
 from harness.bench.mcap_memory import HEIGHT, WIDTH, peak_mib, write_recording
-from harness.runs.conduct import conduct
-from harness.runs.experiment import load_experiment
-from harness.runs.plan import prepare
-from harness.signals.coco_panoptic_writer import write_coco_panoptic
+from harness.record.sink import recordings
+from harness.run.experiment import load_experiment
+from harness.run.plan import prepare
+from harness.run.runner import run_plan
+from harness.stages.outputs.coco_panoptic_writer import write_coco_panoptic
 from vfoa.types import Instance, Instances
 
 _EXPERIMENT = """
@@ -62,5 +63,7 @@ def _write_masks(folder: Path, frames: int) -> None:
 
 
 def _run(experiment: Path, out: Path) -> float:
-    conduct(prepare(load_experiment(str(experiment))), out, workers=1, progress=lambda clip: None)
+    loaded = load_experiment(str(experiment))
+    sinks = recordings(loaded.configurations, "light")
+    run_plan(prepare(loaded, sinks=sinks), out, workers=1, progress=lambda clip: None)
     return peak_mib()

@@ -12,20 +12,17 @@ from pathlib import Path
 import numpy as np
 
 from harness.report.rescore import rescore
-from harness.runs.directory import RunDirectory
-from harness.runs.results import (
+from harness.run.directory import RunDirectory
+from harness.run.results import (
     AttentionRecord,
     BoxRecord,
-    DisparityMeasure,
-    FrameMeasures,
     FrameRecord,
-    PersonMeasure,
     SubjectRecord,
-    TargetMeasure,
     TargetRecord,
     read_results,
     to_line,
 )
+from harness.stages.measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from vfoa.types import Float
 
 _THINGS = ("mug", "book", "bottle", "vase", "laptop", "ball")

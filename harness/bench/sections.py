@@ -5,20 +5,25 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from harness.clips.manifest import ClipManifest
 from harness.report.formats import Table
-from harness.runs.experiment import Experiment
+from harness.run.experiment import Experiment
+
+if TYPE_CHECKING:
+    from vfoa.onnx import Provider
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """An experiment by name, the clip that is measured, and its frames."""
+    """An experiment by name, the clip that is measured, its frames, and what networks run on."""
 
     name: str
     experiment: Experiment
     manifest: ClipManifest
     frames: tuple[int, ...]
+    provider: Provider = "cpu"
 
 
 def _stages(bench: Bench) -> list[Table]:
@@ -33,7 +38,7 @@ def _stereo(bench: Bench) -> list[Table]:
     from harness.bench.stereo import measure_stereo
     from harness.bench.tables import stereo_table
 
-    clip = bench.manifest.open()
+    clip = bench.manifest.open_images()
     if clip.truth(bench.frames[0]).disparity is None:
         return []
     return [stereo_table(bench.manifest.name, measure_stereo(clip, bench.experiment.configurations, bench.frames))]
@@ -44,7 +49,7 @@ def _realtime(bench: Bench) -> list[Table]:
     from harness.bench.tables import speed_table
 
     threads = os.cpu_count() or 1
-    speeds = measure_speed(bench.name, bench.manifest, bench.frames, threads)
+    speeds = measure_speed(bench.name, bench.manifest, bench.frames, threads, provider=bench.provider)
     return [speed_table(bench.manifest.name, threads, speeds)]
 
 
@@ -83,11 +88,23 @@ def _gaze_filter(bench: Bench) -> list[Table]:
     return [gaze_filter_table(measure_gaze_filter())]
 
 
+def _posterior(bench: Bench) -> list[Table]:
+    from harness.bench.posterior import measure_posterior, measure_true_claims, posterior_table
+
+    return [posterior_table("table", measure_posterior(), measure_true_claims())]
+
+
 def _memory(bench: Bench) -> list[Table]:
     from harness.bench.run_memory import measure_memory
     from harness.bench.tables import memory_table
 
     return [memory_table([measure_memory(frames) for frames in (200, 2000)])]
+
+
+def _depth_memory(bench: Bench) -> list[Table]:
+    from harness.bench.depth_memory import FORMS, depth_memory_table, measure_depth_memory
+
+    return [depth_memory_table([measure_depth_memory(form) for form in FORMS])]
 
 
 def _parallel(bench: Bench) -> list[Table]:
@@ -109,6 +126,8 @@ SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "sweep": _sweep,
     "scoring": _scoring,
     "gaze_filter": _gaze_filter,
+    "posterior": _posterior,
     "memory": _memory,
+    "depth_memory": _depth_memory,
     "parallel": _parallel,
 }

@@ -9,12 +9,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from harness.clips.manifest import ClipManifest
-from harness.recording import Size
-from harness.runs.configuration import Configuration
-from harness.runs.directory import RunDirectory
-from harness.runs.executors import work_through
-from harness.runs.run import ClipJob, run_clip
-from vfoa.errors import VfoaError
+from harness.record import Size
+from harness.record.sink import recordings
+from harness.report.thumbnails.sink import ThumbnailSinks
+from harness.run.clip_job import ClipJob
+from harness.run.directory import RunDirectory
+from harness.run.executors import work_through
+from harness.run.loop import run_clip
+from harness.run.partial_results import ResultsSinks
+from harness.stages.configuration import Configuration
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,11 +70,11 @@ def measure_stages(
             labels=None,
             configurations=tuple(configurations),
             directory=directory,
-            recording=recording,
+            sinks=(*recordings(configurations, recording), ThumbnailSinks(), ResultsSinks()),
         )
         for outcome in work_through(run_clip, [job], 1, lambda clip: None):
             for error in outcome.failures.values():
-                raise VfoaError(error)
+                raise error
         directory.join(job.pairs)
         return _costs(directory, job)
 
@@ -85,14 +88,14 @@ def _costs(directory: RunDirectory, job: ClipJob) -> list[StageCosts]:
     for clip, configuration in job.pairs:
         own = table[table["configuration"] == configuration]
         by_stage = {stage: _typical(rows["ms"]) for stage, rows in own.groupby("stage")}
-        file = directory.recording((clip, configuration))
+        files = [*directory.path.glob(f"{clip}*.rrd")]
         costs.append(
             StageCosts(
                 configuration=configuration,
                 frames=len(job.frames),
                 stages_ms={stage: by_stage[stage] for stage in STAGES if stage in by_stage},
                 frame_ms=_typical(own.groupby("frame")["ms"].sum()),
-                recording_bytes=file.stat().st_size / len(job.frames) if file.exists() else None,
+                recording_bytes=sum(file.stat().st_size for file in files) / len(job.frames) if files else None,
             )
         )
     return costs

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.adapters import Clip
-from harness.runs.configuration import Configuration
-from harness.runs.stages import SLOTS
+from harness.sources import Clip
+from harness.stages.configuration import Configuration
+from harness.stages.slots import SLOTS
 from vfoa.types import Disparity
 
 OFF_PX = 2.0

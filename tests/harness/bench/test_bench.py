@@ -11,7 +11,7 @@ from harness.bench.realtime import ROWS, measure_speed
 from harness.bench.sections import SECTIONS
 from harness.cli import main
 from harness.clips.manifest import load_manifest
-from harness.runs.experiment import load_experiment
+from harness.run.experiment import load_experiment
 from tests.scenes import make_box, make_rig, rendered_boxes
 from vfoa.reconstruction import ReconstructionSettings, place_targets
 
@@ -39,6 +39,24 @@ def test_speed_is_measured_of_every_row_on_the_same_frames() -> None:
         assert speed.fps > 0
         assert speed.stereo is not None
         assert speed.stereo.frames == len(FRAMES)
+
+
+def test_every_network_of_a_configuration_runs_on_the_provider() -> None:
+    for configuration in load_experiment("default", clips=(CLIP,)).configurations:
+        plain = configuration.on("cuda").plain()
+        assert {plain[slot]["provider"] for slot in ("segmentation", "heads", "head_pose", "gaze")} == {"cuda"}
+        assert "provider" not in plain["stereo"]
+
+
+def test_a_provider_that_is_not_there_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("onnxruntime.get_available_providers", lambda: ["CPUExecutionProvider"])
+    monkeypatch.setattr("sys.argv", ["vfoa", "bench", "--provider", "cuda"])
+    with pytest.raises(SystemExit) as exit_:
+        main()
+    assert exit_.value.code
+    assert "onnxruntime-gpu" in capsys.readouterr().err
 
 
 def test_ours_and_the_naive_way_see_the_same_frames() -> None:

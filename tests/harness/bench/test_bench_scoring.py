@@ -10,8 +10,8 @@ from harness.bench import scoring
 from harness.bench.scoring import time_scoring
 from harness.bench.tables import scoring_table
 from harness.report.rescore import rescore
-from harness.runs.directory import RunDirectory
-from harness.scores.score import Scores
+from harness.run.directory import RunDirectory
+from harness.score.score import Scores
 
 
 def test_every_round_scores_a_whole_run_against_other_labels(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,118 @@
+"""Simulated experiments of which everything is known, to measure what intervals and tests are worth.
+
+A look is right while the gaze's error is smaller than the look's margin. The error is that of the simulated models
+(:mod:`harness.stages.ground_truth.simulated`): half of its variance is a slow bias that is another one after a second.
+Margins differ between clips and between looks, so that some clips are easier than others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.score.intervals import Units
+from harness.score.looks import number_looks
+from harness.score.statistics import Codes, Flags
+from vfoa.types import Float
+
+HZ = 25
+_BIAS_FRAMES, _BIAS_SHARE = 25, 0.5
+_SHORTEST_S, _LONGEST_S = 6, 14
+_MOST_SUBJECTS = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class World:
+    """How hard clips and looks are. ``margin`` is the median margin, in standard deviations of the error.
+
+    ``clip_spread`` and ``look_spread`` are standard deviations of its logarithm; ``advantage`` multiplies the margins
+    of the second configuration: 1 for two equal ones.
+    """
+
+    margin: float
+    clip_spread: float = 0.3
+    look_spread: float = 0.3
+    advantage: float = 1.0
+
+    def rate(self, advantage: float = 1.0) -> float:
+        """The rate over all clips there could be."""
+        return float(_mean_rate(np.array([self.margin * advantage]), np.hypot(self.clip_spread, self.look_spread))[0])
+
+    def difference(self) -> float:
+        """How much better the second configuration is over all clips there could be."""
+        return self.rate(self.advantage) - self.rate()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Simulated:
+    """One experiment: two configurations with errors of their own on the same clips.
+
+    ``clips`` and ``looks`` (n,) are the clip and the look (numbered through) of every frame, ``right`` (2, n) what each
+    configuration gets right. ``rate_here`` is the rate that the first has on these clips in the long run.
+    """
+
+    clips: Codes
+    looks: Codes
+    right: Flags
+    rate_here: float
+
+    def units(self) -> Units:
+        """The looks of the first configuration, with their right frames."""
+        return self._units(self.right[0].astype(np.float64))
+
+    def differences(self) -> Units:
+        """The looks with the second's right frames less the first's."""
+        return self._units(self.right[1].astype(np.float64) - self.right[0])
+
+    def _units(self, values: Float) -> Units:
+        first = np.unique(self.looks, return_index=True)[1]
+        return Units(
+            clips=self.clips[first],
+            frames=np.bincount(self.looks).astype(np.float64),
+            values=np.bincount(self.looks, values).astype(np.float64),
+        )
+
+
+def simulate(world: World, clips: int, look_s: float, rng: np.random.Generator) -> Simulated:
+    """Draw one experiment with looks of ``look_s`` seconds on average, each between half and one and a half of that."""
+    hardness = world.margin * np.exp(world.clip_spread * rng.standard_normal(clips))
+    of_clip: list[tuple[int, Codes, Flags]] = []
+    frames_of = np.zeros(clips)
+    for clip in range(clips):
+        n = int(rng.integers(_SHORTEST_S * HZ, _LONGEST_S * HZ))
+        for _ in range(int(rng.integers(1, _MOST_SUBJECTS + 1))):
+            lengths = rng.uniform(0.5 * look_s, 1.5 * look_s, size=int(2 * n / (HZ * look_s)) + 2) * HZ
+            looks = np.searchsorted(np.cumsum(lengths), np.arange(n), side="right")
+            margins = hardness[clip] * np.exp(world.look_spread * rng.standard_normal(looks[-1] + 1))[looks]
+            sizes = np.linalg.norm(_errors(2, n, rng), axis=2)
+            of_clip.append((clip, looks, sizes < margins * np.array([[1.0], [world.advantage]])))
+            frames_of[clip] += n
+    numbers, total = [], 0
+    for _, looks, _ in of_clip:
+        units = number_looks(looks, np.arange(len(looks), dtype=np.intp), HZ)
+        numbers.append(units + total)
+        total += int(units[-1]) + 1
+    return Simulated(
+        clips=np.concatenate([np.full(len(looks), clip) for clip, looks, _ in of_clip]),
+        looks=np.concatenate(numbers),
+        right=np.concatenate([right for _, _, right in of_clip], axis=1),
+        rate_here=float(np.average(_mean_rate(hardness, world.look_spread), weights=frames_of)),
+    )
+
+
+def _errors(configurations: int, n: int, rng: np.random.Generator) -> Float:
+    """Errors (configurations, n, 2) in the two tangent directions, in standard deviations."""
+    places = np.arange(n) + int(rng.integers(_BIAS_FRAMES))
+    knots, within = np.divmod(places, _BIAS_FRAMES)
+    biases = rng.standard_normal((configurations, knots[-1] + 2, 2))
+    turn = (np.pi / 2 * within / _BIAS_FRAMES)[:, None]
+    bias = np.cos(turn) * biases[:, knots] + np.sin(turn) * biases[:, knots + 1]
+    return np.sqrt(_BIAS_SHARE) * bias + np.sqrt(1 - _BIAS_SHARE) * rng.standard_normal((configurations, n, 2))
+
+
+def _mean_rate(margins: Float, spread: float) -> Float:
+    """The mean rate (m,) at log-normal margins about these (m,): 1 - exp(-x^2 / 2) at a margin x."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(41)
+    each = margins[:, None] * np.exp(spread * nodes)
+    return (1 - np.exp(-(each**2) / 2)) @ weights / weights.sum()

@@ -1,0 +1,167 @@
+"""The adapter of the studio: renders a scenario's frames, and knows the truth of each."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from functools import lru_cache
+from importlib import metadata, resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from pydantic import Field
+
+from harness.sources import Truth
+from harness.studio.gathering import gathering
+from harness.studio.scenario import MEAN_FIXATION_S, SCENARIOS, Scenario, ScenarioName
+from harness.studio.stage import RIG, Stage
+from vfoa.errors import VfoaError
+from vfoa.geometry import disparity_from_depth
+from vfoa.settings import Settings
+from vfoa.types import Disparity, Image, Instances, StereoFrame
+
+if TYPE_CHECKING:
+    from harness.studio.render import Renderer
+    from harness.studio.sight import LinesOfSight
+
+
+class StudioSettings(Settings):
+    """Which scenario, how many frames, and the seed of durations, aims and sensor noise.
+
+    ``mean_fixation_s`` is how long people look at one thing: about 0.3 where somebody searches, seconds in a talk.
+    Of a ``gathering`` the seed also decides who sits where, what stands where, and who looks at what. A longer clip
+    begins with the same frames as a shorter one.
+    """
+
+    scenario: ScenarioName | Literal["gathering"]
+    frames: int = Field(default=60, ge=1, le=100_000)
+    seed: int = Field(default=7, ge=0)
+    mean_fixation_s: float = Field(default=MEAN_FIXATION_S, ge=0.2, le=30)
+
+
+class StudioClip:
+    """A rendered clip. It has no files: ``root`` must be None.
+
+    Frame numbers begin at 1. A person's ``target`` is None during a saccade. Boxes are those of the whole bodies,
+    seen or not, and so reach further back than what stereo can measure; disparity and instances are those of the
+    visible surfaces. Table, walls, floor and curtain are stuff.
+    """
+
+    Settings = StudioSettings
+
+    def __init__(self, settings: StudioSettings, root: Path | None) -> None:
+        if root is not None:
+            raise VfoaError(f"root: found {str(root)!r}; expected none: the studio renders its frames")
+        self._settings = settings
+
+    @property
+    def frames(self) -> range:
+        """1 to the number of frames."""
+        return range(1, self._settings.frames + 1)
+
+    @property
+    def rate_hz(self) -> float:
+        """The scenario's rate."""
+        return _scenario(self._settings).rate_hz
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """That nobody was filmed."""
+        return ("Rendered scene: geometry, heads and gaze are exact; labels say what a gaze is aimed at, seen or not.",)
+
+    def time_ns(self, number: int) -> int:
+        """From the first frame on, at the scenario's rate."""
+        return round(self._index(number) * 1_000_000_000 / self.rate_hz)
+
+    def frame(self, number: int) -> StereoFrame:
+        """Render a pair, or read it from the cache."""
+        left, right = self._pair(self._index(number))
+        return StereoFrame(index=number, time_ns=self.time_ns(number), left=left, right=right, rig=RIG)
+
+    def truth(self, number: int) -> Truth:
+        """Everything is known."""
+        index, stage = self._index(number), _stage(self._settings)
+        seen = _renderer(self._settings).left_geometry(index)
+        disparity = disparity_from_depth(np.where(np.isfinite(seen.depth_m), seen.depth_m, np.nan), RIG)
+        drawn = set(np.unique(seen.ids).tolist())
+        return Truth(
+            disparity=Disparity(disparity_px=disparity.astype(np.float32)),
+            instances=Instances(ids=seen.ids, instances=tuple(each for each in stage.instances if each.id in drawn)),
+            boxes=stage.boxes(index),
+            people=stage.people(index),
+        )
+
+    def blockers(self, number: int) -> dict[str, str]:
+        """By person, what stands between the eyes and the target (:mod:`harness.studio.sight`)."""
+        return _lines_of_sight(self._settings).blockers(self._index(number))
+
+    def digest(self) -> str:
+        """Sha256 of the settings and of everything that draws: this package's own source."""
+        return hashlib.sha256(f"{self._settings.model_dump_json()}\n{_source_digest()}".encode()).hexdigest()
+
+    def _index(self, number: int) -> int:
+        if number not in self.frames:
+            raise VfoaError(
+                f"studio {self._settings.scenario}: no frame {number}; expected 1 to {self._settings.frames}"
+            )
+        return number - 1
+
+    def _pair(self, index: int) -> tuple[Image, Image]:
+        from harness.studio.store import cache_folder, load_pair, save_pair
+
+        path = cache_folder(_cache_key(self.digest())) / f"frame_{index + 1:04d}.bin"
+        if (stored := load_pair(path)) is not None:
+            return stored
+        renderer = _renderer(self._settings)
+        left, right = renderer.image(index, 0), renderer.image(index, 1)
+        save_pair(path, left, right)
+        return left, right
+
+
+@lru_cache(maxsize=4)  # asked for the rate of every frame, and a gathering is drawn anew
+def _scenario(settings: StudioSettings) -> Scenario:
+    usual = gathering(settings.seed) if settings.scenario == "gathering" else SCENARIOS[settings.scenario]
+    return replace(usual, mean_fixation_s=settings.mean_fixation_s)
+
+
+@lru_cache(maxsize=4)
+def _stage(settings: StudioSettings) -> Stage:
+    return Stage(_scenario(settings), settings.frames, settings.seed)
+
+
+@lru_cache(maxsize=1)
+def _lines_of_sight(settings: StudioSettings) -> LinesOfSight:
+    from harness.studio.sight import LinesOfSight
+
+    return LinesOfSight(_stage(settings))
+
+
+@lru_cache(maxsize=1)
+def _renderer(settings: StudioSettings) -> Renderer:
+    # Open3D takes long to import; a clip whose frames are stored is read without it.
+    from harness.studio.render import Renderer
+
+    return Renderer(_stage(settings), settings.seed)
+
+
+@lru_cache(maxsize=1)
+def _source_digest() -> str:
+    """Of this package's files: a version number that cannot be forgotten when the renderer changes."""
+    total = hashlib.sha256()
+    files = [file for file in resources.files(__package__).iterdir() if file.name.endswith(".py")]
+    for file in sorted(files, key=lambda each: each.name):
+        total.update(f"{file.name}\0{hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
+    return total.hexdigest()
+
+
+@lru_cache(maxsize=8)
+def _cache_key(digest: str) -> str:
+    """The clip's digest and the versions of the libraries that computed the pixels."""
+    versions = []
+    for name in ("numpy", "open3d-cpu", "open3d", "opencv-contrib-python-headless"):
+        try:
+            versions.append(f"{name} {metadata.version(name)}")
+        except metadata.PackageNotFoundError:
+            continue
+    return hashlib.sha256("\n".join([digest, *versions]).encode()).hexdigest()

@@ -1,0 +1,112 @@
+"""Two cameras that see a stage, and what their sensors add.
+
+What stands still is cast and lit once. At each frame only the pixels that the moving bodies can cover are cast
+again. Both views shade the same surface points with the same light, so what differs between them is what differs
+in life: the viewpoint, the gain and the noise.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.studio.material import Values
+from harness.studio.raycast import Assembly, Hits, shadow_share
+from harness.studio.stage import RIG, Stage
+from vfoa.types import Image, Map
+
+VIEWS = (0, 1)
+_GAIN = (1.0, 0.92)
+_NOISE_LEVELS = 3.0
+_LENS_SIGMA_PX = 0.55
+_NOISE_MARGIN_PX = 97
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Layer:
+    """What one camera sees: depth (H, W) in metres, inf where nothing is, and instance ids (H, W), 0 for none."""
+
+    depth_m: Map
+    ids: NDArray[np.uint16]
+
+
+class Renderer:
+    """Renders the frames of a stage; each by itself, in any order."""
+
+    def __init__(self, stage: Stage, seed: int) -> None:
+        self._stage, self._seed = stage, seed
+        self._still = Assembly([body for body in stage.bodies if not body.moves])
+        self._moving = Assembly([body for body in stage.bodies if body.moves])
+        self._rays = [_camera_rays(view) for view in VIEWS]
+        self._depths: dict[int, Layer] = {}
+        self._backdrops: dict[int, Values] = {}
+
+    def image(self, frame: int, view: int) -> Image:
+        """What camera ``view`` (0 left, 1 right) delivers: (H, W, 3) uint8 RGB. ``frame`` counts from 0."""
+        seen, hits = self._layer(frame, view)
+        colour = self._backdrop(view).copy()
+        v, u = seen
+        colour[v, u] = hits.shade(np.ones(len(v), dtype=np.float32))
+        return self._sense(colour, frame, view)
+
+    def left_geometry(self, frame: int) -> Layer:
+        """Depth and instance ids of the left view."""
+        (v, u), hits = self._layer(frame, 0)
+        still = self._still_layer(0)
+        depth, ids = still.depth_m.copy(), still.ids.copy()
+        depth[v, u], ids[v, u] = hits.depth_m, hits.ids
+        return Layer(depth_m=depth, ids=ids)
+
+    def _layer(self, frame: int, view: int) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], Hits]:
+        """The moving bodies where they stand before the still ones: pixels (v, u), and the hits there."""
+        placed = self._moving.placed(self._stage.poses(frame))
+        where = placed.covers(view)
+        hits = placed.cast(self._rays[view][where])
+        nearer = hits.depth_m < self._still_layer(view).depth_m[where]
+        v, u = np.nonzero(where)
+        return (v[nearer], u[nearer]), hits.keep(nearer)
+
+    def _still_layer(self, view: int) -> Layer:
+        if view not in self._depths:
+            hits = self._still.placed(self._stage.poses(0)).cast(self._rays[view].reshape(-1, 6))
+            shape = (RIG.height_px, RIG.width_px)
+            self._depths[view] = Layer(depth_m=hits.depth_m.reshape(shape), ids=hits.ids.reshape(shape))
+        return self._depths[view]
+
+    def _backdrop(self, view: int) -> Values:
+        """Linear colour (H, W, 3) of what stands still, in the shadow of everybody as they sit at the beginning."""
+        if view not in self._backdrops:
+            poses = self._stage.poses(0)
+            still, moving = self._still.placed(poses), self._moving.placed(poses)
+            hits = still.cast(self._rays[view].reshape(-1, 6))
+            colour = hits.shade(shadow_share(hits, (still, moving)))
+            self._backdrops[view] = colour.reshape(RIG.height_px, RIG.width_px, 3)
+        return self._backdrops[view]
+
+    def _sense(self, linear: Values, frame: int, view: int) -> Image:
+        """Lens blur, gain, tone curve, and noise that differs in every frame and view."""
+        blurred = cv2.GaussianBlur(linear, (3, 3), _LENS_SIGMA_PX)
+        levels = np.power(np.clip(blurred * np.float32(_GAIN[view]), 0, 1), np.float32(1 / 2.2), dtype=np.float32)
+        shift = np.random.default_rng([self._seed, frame, view]).integers(0, _NOISE_MARGIN_PX, 2)
+        noise = _noise_table()[shift[0] : shift[0] + RIG.height_px, shift[1] : shift[1] + RIG.width_px]
+        return np.clip(levels * np.float32(255) + noise + np.float32(0.5), 0, 255).astype(np.uint8)
+
+
+@cache
+def _noise_table() -> Values:
+    """Sensor noise in levels, larger than an image: every frame cuts its own piece out of it."""
+    size = (RIG.height_px + _NOISE_MARGIN_PX, RIG.width_px + _NOISE_MARGIN_PX, 3)
+    return np.random.default_rng(0).standard_normal(size, dtype=np.float32) * np.float32(_NOISE_LEVELS)
+
+
+def _camera_rays(view: int) -> Values:
+    """Rays (H, W, 6) through the pixels' centres; z of each direction is 1."""
+    v, u = np.mgrid[: RIG.height_px, : RIG.width_px].astype(np.float32)
+    rays = np.zeros((RIG.height_px, RIG.width_px, 6), dtype=np.float32)
+    rays[..., 0] = RIG.baseline_m * view
+    rays[..., 3], rays[..., 4], rays[..., 5] = (u - RIG.cx_px) / RIG.fx_px, (v - RIG.cy_px) / RIG.fy_px, 1
+    return rays
