@@ -12,12 +12,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.adapters import Clip
-from harness.adapters.studio import StudioSettings
 from harness.annotate.server import PageServer
 from harness.annotate.session import Session
-from harness.annotations.labels import IGNORED, Label, Labels, ranges_of
-from harness.runs.results import FrameRecord, to_line
+from harness.labels.labels import IGNORED, Label, Labels, ranges_of
+from harness.run.results import FrameRecord, to_line
+from harness.sources import Clip
+from harness.studio import StudioSettings
 from tests.disk import stereo_pair_folder, write_text
 from tests.records import frame_record, subject_record, target_record
 from tests.repository import REPOSITORY

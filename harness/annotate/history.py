@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from harness.annotate.marks import Stretch, Track, labelled, stretches, to_labels
-from harness.annotations.labels import Labels
+from harness.labels.labels import Labels
 
 Entry = dict[str, Any]
 

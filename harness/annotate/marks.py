@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from itertools import groupby
 from typing import Any
 
-from harness.annotations.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels, is_undecided, ranges_of
+from harness.labels.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels, is_undecided, ranges_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

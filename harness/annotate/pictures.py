@@ -8,9 +8,9 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from harness.adapters import Clip
-from harness.signals.disparity import FileMatcher, FileMatcherSettings
-from harness.signals.saved import DISPARITY
+from harness.run.saved_outputs import DISPARITY
+from harness.sources import Clip
+from harness.stages.outputs.disparity import FileMatcher, FileMatcherSettings
 from vfoa.stereo import MATCHERS, StereoMatcher
 from vfoa.types import Disparity, Image, StereoFrame
 
@@ -23,7 +23,7 @@ _HEAD_MARGIN = 0.35
 
 
 class DisparityView:
-    """A clip's disparity: as a run saved it, else the true one, else semi-global matching on the spot."""
+    """A clip's disparity: as a run saved it, else as measured, else the true one, else semi-global matching."""
 
     def __init__(self, clip: Clip, saved: Path | None) -> None:
         self._clip, self._saved = clip, saved
@@ -34,12 +34,14 @@ class DisparityView:
         if self._saved is not None:
             settings = FileMatcherSettings(root=str(self._saved), pattern=DISPARITY, partial=True)
             return FileMatcher(settings, self._clip).match(frame)
+        if frame.depth_m is not None:
+            return self._match(frame, "sensor")
         known = self._clip.truth(frame.index).disparity
-        return known if known is not None else self._match(frame)
+        return known if known is not None else self._match(frame, "sgbm")
 
-    def _match(self, frame: StereoFrame) -> Disparity:
+    def _match(self, frame: StereoFrame, name: str) -> Disparity:
         if self._matcher is None:
-            matcher = MATCHERS.load("sgbm")
+            matcher = MATCHERS.load(name)
             self._matcher = matcher(matcher.Settings())
         return self._matcher.match(frame)
 

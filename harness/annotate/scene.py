@@ -13,16 +13,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from harness.adapters import Clip
 from harness.annotate.suggestions import Predictions
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_targets
 from harness.config_errors import read_toml
-from harness.runs.directory import RunDirectory
-from harness.runs.results import BoxPx, FrameRecord
-from harness.runs.stages import CLIP_VARIABLE
-from harness.signals.coco_panoptic import CocoPanoptic, CocoPanopticSettings
-from harness.signals.saved import VARIABLE
+from harness.run.directory import RunDirectory
+from harness.run.results import BoxPx, FrameRecord
+from harness.run.saved_outputs import VARIABLE
+from harness.sources import Clip
+from harness.stages.outputs.coco_panoptic import CocoPanoptic, CocoPanopticSettings
+from harness.stages.slots import CLIP_VARIABLE
 from vfoa.types import FrameResult, Instance, Instances, Mask, Scene, StereoFrame, Target
 
 _SMOOTHING_PX = 0.8
@@ -82,14 +82,15 @@ class Scenes:
                 name=names[each.instance_id],
                 label=each.label,
                 score=each.score,
-                box_px=each.box_px,
+                box_px=box,
                 outline=outline(saved.mask(each.instance_id))
                 if saved is not None and each.instance_id in drawn
-                else _rectangle(each.box_px),
+                else _rectangle(box),
             )
             for each in record.targets
+            if (box := each.box_px) is not None
         ]
-        heads = {each.name: each.head_box_px for each in record.subjects if each.name is not None}
+        heads = {each.name: box for each in record.subjects if each.name is not None and (box := each.head_box_px)}
         return SceneView(objects=_small_last(objects), heads_px=heads)
 
     def _of_truth(self, number: int, manifest: ClipManifest) -> SceneView:
@@ -100,13 +101,13 @@ class Scenes:
 
 
 def saved_folder(run: Path, clip: str, predictions: Predictions, slot: str = "segmentation") -> Path | None:
-    """Where ``--save-signals`` put a stage's output for the configuration; None where nothing was saved."""
-    signals = RunDirectory(run).signals
-    for file in sorted(signals.glob("*.toml")):
+    """Where ``--save-outputs`` put a stage's output for the configuration; None where nothing was saved."""
+    folder = RunDirectory(run).stage_outputs
+    for file in sorted(folder.glob("*.toml")):
         for each in read_toml(file).get("configuration", ()):
             if each.get("name") == predictions.configuration and "root" in each.get(slot, {}):
                 root: str = each[slot]["root"]
-                return Path(root.replace(f"${{{VARIABLE}}}", str(signals)).replace(CLIP_VARIABLE, clip))
+                return Path(root.replace(f"${{{VARIABLE}}}", str(folder)).replace(CLIP_VARIABLE, clip))
     return None
 
 
@@ -150,11 +151,12 @@ def _names_of_run(record: FrameRecord, manifest: ClipManifest) -> dict[int, str]
     }
 
 
-def _by_rules(number: int, found: Sequence[tuple[Instance, BoxPx]], manifest: ClipManifest) -> Mapping[int, str]:
+def _by_rules(number: int, found: Sequence[tuple[Instance, BoxPx | None]], manifest: ClipManifest) -> Mapping[int, str]:
     """Names by instance id."""
     empty = np.zeros((0, 3), np.float32)
     targets = tuple(
-        Target(instance=each, box_px=np.array(box_px, float), points_left=empty, box=None) for each, box_px in found
+        Target(instance=each, box_px=None if box is None else np.array(box), points_left=empty, box=None)
+        for each, box in found
     )
     result = FrameResult(scene=Scene(index=number, time_ns=0, targets=targets, people=()), attentions=())
     return name_targets(result, manifest.subjects, manifest.targets, SubjectNames())

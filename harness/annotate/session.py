@@ -8,16 +8,16 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from harness.adapters import Clip
 from harness.annotate import edits, pictures
 from harness.annotate.scene import Scenes, saved_folder
 from harness.annotate.store import LabelStore
 from harness.annotate.suggestions import Predictions
 from harness.annotate.targets import add_target
-from harness.annotations.labels import TO_DECIDE
-from harness.annotations.timeline import timeline_of
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.naming import NameRule
+from harness.labels.labels import TO_DECIDE
+from harness.labels.timeline import timeline_of
+from harness.sources import Clip
 from vfoa.errors import VfoaError
 from vfoa.types import StereoFrame
 
@@ -56,7 +56,7 @@ class Session:
         annotator: str | None = None,
         blind: bool = False,
         uncertain_first: bool = False,
-        open_clip: Callable[[ClipManifest], Clip] = ClipManifest.open,
+        open_clip: Callable[[ClipManifest], Clip] = ClipManifest.open_images,
     ) -> None:
         _check_choices(run, configuration, blind, uncertain_first)
         self.manifest = load_manifest(clip)
@@ -90,7 +90,8 @@ class Session:
             "clip": self.manifest.name,
             "annotator": self._annotator,
             "file": self.path.name,
-            "frames": self._frames,
+            # a browser's numbers have 53 bits; the page only shows these
+            "frames": [number if abs(number) < 2**53 else str(number) for number in self._frames],
             "rate_hz": self._clip.rate_hz,
             "subjects": self._store.subjects,
             "names": self._store.names(),
@@ -204,7 +205,8 @@ class Session:
             return None if box is None else pictures.jpeg(pictures.head(frame.left, box))
         if view == "disparity":
             return pictures.jpeg(pictures.colour(self._disparity.at(frame)))
-        return pictures.jpeg(frame.left if view == "left" else frame.right)
+        image = frame.left if view == "left" else frame.right
+        return None if image is None else pictures.jpeg(image)
 
     def _open_store(self) -> LabelStore:
         path = self.manifest.annotations.place(self._annotator)

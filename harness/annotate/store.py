@@ -15,11 +15,11 @@ from typing import Any
 from harness.annotate.history import Entry, History
 from harness.annotate.journal import Journal
 from harness.annotate.marks import Mark, Stretch, from_labels
-from harness.annotations.files import read_annotations, write_annotations
-from harness.annotations.labels import RESERVED, Labels
-from harness.annotations.rows import check_text
-from harness.annotations.timeline import Timeline
 from harness.files import file_digest
+from harness.labels.files import read_annotations, write_annotations
+from harness.labels.labels import RESERVED, Labels
+from harness.labels.rows import check_text
+from harness.labels.timeline import Timeline
 from vfoa.errors import VfoaError, did_you_mean
 
 LONGEST_PAUSE_S = 30.0

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.annotations.labels import NOWHERE
-from harness.runs.clip_records import read_clip_records
-from harness.runs.results import FrameRecord, SubjectRecord
+from harness.labels.labels import NOWHERE
+from harness.run.clip_records import read_clip_records
+from harness.run.results import FrameRecord, SubjectRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +26,7 @@ class Prediction:
 class Predictions:
     """A run's records of one clip under one configuration, as suggestions to whoever labels it.
 
-    Raises what :func:`~harness.runs.clip_records.read_clip_records` raises.
+    Raises what :func:`~harness.run.clip_records.read_clip_records` raises.
     """
 
     def __init__(self, run: Path, clip: str, configuration: str | None) -> None:

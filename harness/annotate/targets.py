@@ -9,10 +9,10 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from harness.clips.locate import is_packaged
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import NameRule
 from harness.config_errors import parse
+from harness.data_folders import is_packaged
 from harness.files import atomic_write, read_bytes
 from vfoa.errors import VfoaError
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.adapters.studio import StudioClip
-from harness.adapters.studio.stage import RIG
-from harness.annotations.files import format_annotations
-from harness.annotations.labels import IGNORED
+from harness.labels.files import format_annotations
+from harness.labels.labels import IGNORED
+from harness.studio import StudioClip
+from harness.studio.stage import RIG
 from tests.annotating import LOOKS_AROUND, served_by_the_program, shown, true_labels, wait_for
 from tests.browser import chromium
 from tests.calibrations import matrix, write_opencv

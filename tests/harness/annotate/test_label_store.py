@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from harness.annotate import edits
 from harness.annotate.marks import Mark
 from harness.annotate.store import LabelStore, StaleRevisionError
-from harness.annotations.files import read_annotations
-from harness.annotations.labels import TO_DECIDE, Label, Labels
-from harness.annotations.timeline import Timeline
+from harness.labels.files import read_annotations
+from harness.labels.labels import TO_DECIDE, Label, Labels
+from harness.labels.timeline import Timeline
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
@@ -125,7 +125,7 @@ def test_suggestions_go_before_what_is_only_carried_ahead(tmp_path: Path) -> Non
 
 
 def test_what_annotators_differ_in_is_decided_one_difference_at_a_time(tmp_path: Path) -> None:
-    """As `vfoa annotations merge --rule adjudicate` writes it: one range after the other, ignored both."""
+    """As `vfoa labels merge --rule adjudicate` writes it: one range after the other, ignored both."""
     first, second = f"{TO_DECIDE}anna cup, ben book", f"{TO_DECIDE}anna book, ben cup"
     rows = ((1, 2, first), (3, 5, second), (8, 10, "eyes shut"))
     text = "".join(f'{start},{end},ann,ignore,"{note}"\n' for start, end, note in rows)

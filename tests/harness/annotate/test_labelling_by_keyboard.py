@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import tomlkit
 
-from harness.adapters import Clip
-from harness.annotations.files import format_annotations
-from harness.annotations.labels import IGNORED
 from harness.clips.manifest import ClipManifest, load_manifest
+from harness.labels.files import format_annotations
+from harness.labels.labels import IGNORED
+from harness.sources import Clip
 from tests.annotating import LOOKS_AROUND, serve, served_by_the_program, shown, true_labels, wait_for
 from tests.browser import chromium, set_width
 from tests.disk import write_text

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from harness.adapters import Clip, Truth
-from harness.annotations.files import read_annotations
-from harness.annotations.timeline import Timeline
 from harness.clips.manifest import load_manifest
+from harness.labels.files import read_annotations
+from harness.labels.timeline import Timeline
+from harness.sources import Clip, Truth
 from tests.annotating import FRAMES, Page, shown, wait_for
 from tests.browser import chromium, requested, set_width
 from tests.disk import write_text

@@ -68,7 +68,7 @@ def test_a_run_without_saved_masks_shows_its_boxes_and_names(opened: Any, work: 
 def test_a_run_with_saved_masks_shows_their_edges(opened: Any, work: Path) -> None:
     ids = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     ids[32:40, 5:12, 0] = 2
-    folder = work / "run" / "signals" / "noise" / "one"
+    folder = work / "run" / "stage_outputs" / "noise" / "one"
     for number in range(1, 13):
         write_image(folder / "png" / f"frame_{number:04d}.png", ids)
     segments = [{"id": 2, "category_id": 1}]
@@ -77,8 +77,8 @@ def test_a_run_with_saved_masks_shows_their_edges(opened: Any, work: Path) -> No
         "categories": [{"id": 1, "name": "cup", "isthing": 1}],
     }
     write_text(folder / "panoptic.json", json.dumps(content))
-    table = '{ model = "coco_panoptic", root = "${VFOA_SIGNALS}/${CLIP}/one", stuff = "all" }'
-    write_text(work / "run" / "signals" / "e.toml", f'[[configuration]]\nname = "one"\nsegmentation = {table}\n')
+    table = '{ model = "coco_panoptic", root = "${VFOA_STAGE_OUTPUTS}/${CLIP}/one", stuff = "all" }'
+    write_text(work / "run" / "stage_outputs" / "e.toml", f'[[configuration]]\nname = "one"\nsegmentation = {table}\n')
     objects = {each["name"]: each["outline"] for each in opened(run=work / "run").scene(0)["objects"]}
     assert objects["cup"] == [[[5, 32], [5, 39], [11, 39], [11, 32]]]
     assert objects["book"] == [[[40, 28], [60, 28], [60, 46], [40, 46]]]  # no mask: its box

@@ -1,0 +1,78 @@
+"""What a run found as labels, so that other programs can show and correct it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from harness.labels.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels, ranges_of
+from harness.run.results import FrameRecord, SubjectRecord
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Predictions:
+    """A run's labels of one clip, all suggestions; ``notes`` are sentences on what is not in them."""
+
+    labels: Labels
+    notes: tuple[str, ...]
+
+
+def predicted_labels(
+    records: Mapping[int, FrameRecord], names: Collection[str], *, with_probabilities: bool
+) -> Predictions:
+    """One label per frame and person of whom the run predicted something; frames without a prediction have none.
+
+    Parameters
+    ----------
+    records
+        The results of one clip and configuration, by frame number.
+    names
+        The manifest's names of subjects and targets. A predicted object without one is ``ignore``, and the note says
+        which it was.
+    with_probabilities
+        Attention values are probabilities: the note of a range holds their mean over its frames.
+    """
+    found: dict[str, dict[int, tuple[Label, float]]] = {}
+    counts = Counter[str]()
+    for frame, record in sorted(records.items()):
+        for person in record.subjects:
+            name = person.name or f"person#{person.track_id}"
+            of_person = found.setdefault(name, {})
+            if person.missing is not None:
+                counts[f"frames of {name} have no prediction ({person.missing}) and no label"] += 1
+            elif frame not in of_person:  # where two tracks share a name, the first counts, as in the score
+                of_person[frame] = _label(record, person, name, names)
+                counts["labels are 'ignore': the manifest has no name for what was predicted"] += (
+                    of_person[frame][0].target == IGNORED
+                )
+    frames = sorted(records)
+    rows = [
+        _with_probability(row, labels, frames) if with_probabilities else row
+        for name, labels in found.items()
+        for row in ranges_of(name, ((frame, labels[frame][0] if frame in labels else None) for frame in frames))
+    ]
+    return Predictions(
+        labels=Labels(rows), notes=tuple(f"{count} {words}." for words, count in sorted(counts.items()) if count)
+    )
+
+
+def _label(record: FrameRecord, person: SubjectRecord, name: str, names: Collection[str]) -> tuple[Label, float]:
+    """The label, and the probability of what was predicted."""
+    totals = {each.instance_id: each.total for each in person.attention}
+    if person.focus is None:
+        return Label(target=NOWHERE, is_suggested=True), max(0.0, 1 - sum(totals.values()))
+    target = record.target(person.focus).name
+    probability = min(totals.get(person.focus, 0.0), 1.0)
+    if target == name or target not in {*names, *RESERVED}:
+        return Label(target=IGNORED, note=f"predicted {target}", is_suggested=True), probability
+    return Label(target=target, is_suggested=True), probability
+
+
+def _with_probability(row: LabelRange, labels: Mapping[int, tuple[Label, float]], frames: Sequence[int]) -> LabelRange:
+    inside: Iterable[int] = (frame for frame in frames if row.first_frame <= frame <= row.last_frame)
+    mean = float(np.mean([labels[frame][1] for frame in inside]))
+    note = "; ".join(filter(None, (row.label.note, f"probability {mean:.2f}")))
+    return replace(row, label=replace(row.label, note=note))

@@ -1,0 +1,152 @@
+"""What a run predicted goes out to other programs and comes back, exact to the frame."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pympi.Elan import Eaf
+
+from harness.annotate.predictions import predicted_labels
+from harness.annotate.run_labels import export_predictions
+from harness.labels.formats import FORMATS
+from harness.run.directory import RunDirectory
+from harness.run.results import FrameRecord, to_line
+from tests.command import vfoa
+from tests.disk import write_image, write_text
+from tests.exchanges import SUBJECTS, TARGETS, PlainClip, exchange
+from tests.records import frame_record, subject_record, target_record
+from vfoa.errors import VfoaError
+
+RATE_HZ = 29.97
+IDS = {"bird": 1, "cup": 2, "thing#9": 9}
+
+
+def frames_of(girl: list[str | None], first: int = 1) -> dict[int, FrameRecord]:
+    """Records in which the girl is predicted to look at these: None is no prediction, ``none`` nowhere."""
+    targets = [target_record(number, name) for name, number in IDS.items()]
+    found = {}
+    for frame, name in enumerate(girl, start=first):
+        focus = IDS.get(name or "")
+        totals = {} if focus is None else {focus: 0.75}
+        missing = "no_direction" if name is None else None
+        person = subject_record("girl", totals=totals, focus=focus, missing=missing)
+        found[frame] = frame_record(targets, [person], frame=frame)
+    return found
+
+
+def write_run(folder: Path, girl: list[str | None], *, method: str = "bayes") -> Path:
+    records = frames_of(girl)
+    names = {"subjects": {each: {} for each in SUBJECTS}, "targets": {each: {} for each in TARGETS}}
+    times = [round(frame * 1e9 / RATE_HZ) for frame in records]
+    clip = {"name": "clip", "names": names, "frames": list(records), "times_ns": times, "rate_hz": RATE_HZ}
+    run = RunDirectory(folder)
+    run.write_manifest({"clips": [clip], "configurations": {"one": {"attention": {"method": method}}}})
+    write_text(run.results, "".join(map(to_line, records.values())))
+    return folder
+
+
+def test_predictions_are_suggestions_with_their_probability() -> None:
+    found = predicted_labels(frames_of(["bird", "bird", None, "none", "thing#9"]), TARGETS, with_probabilities=True)
+    told = [(row.first_frame, row.last_frame, row.label.target, row.label.note) for row in found.labels.ranges]
+    assert told == [
+        (1, 2, "bird", "probability 0.75"),
+        (4, 4, "none", "probability 1.00"),
+        (5, 5, "ignore", "predicted thing#9; probability 0.75"),
+    ]
+    assert all(row.label.is_suggested for row in found.labels.ranges)
+    assert found.notes == (
+        "1 frames of girl have no prediction (no_direction) and no label.",
+        "1 labels are 'ignore': the manifest has no name for what was predicted.",
+    )
+
+
+@pytest.mark.parametrize("name", ["elan", "boris", "boris-aggregated", "cvat", "csv"])
+@given(girl=st.lists(st.sampled_from(["bird", "cup", "none", None]), min_size=1, max_size=60).filter(any))
+def test_the_round_trip_is_exact_to_the_frame(name: str, tmp_path: Path, girl: list[str | None]) -> None:
+    run = write_run(tmp_path / "run", girl)
+    (written,) = export_predictions(run, name, replace=True)
+    clip = PlainClip(frames=range(1, len(girl) + 1), rate_hz=RATE_HZ)
+    imported = FORMATS.load(name)().read(written.path, exchange(clip))
+    again = [imported.labels.at(frame, "girl") for frame in clip.frames]
+    assert [label.target if label and label.note != "not labelled yet" else None for label in again] == girl
+
+
+def test_pympi_reads_what_was_predicted(tmp_path: Path) -> None:
+    (written,) = export_predictions(write_run(tmp_path, ["bird", "bird", "cup"]), "elan")
+    assert written.path == tmp_path / "labels" / "clip__one.eaf"
+    document = Eaf(str(written.path))
+    assert document.get_annotation_data_for_tier("girl") == [(0, 67, "bird"), (67, 101, "cup")]
+    assert [value for *_, value in document.get_annotation_data_for_tier("girl:state")] == ["suggested"] * 2
+    assert document.get_annotation_data_for_tier("girl:note")[0][2] == "probability 0.75"
+
+
+def test_a_boris_project_is_whole(tmp_path: Path) -> None:
+    (written,) = export_predictions(write_run(tmp_path, ["bird", "cup"]), "boris")
+    project = json.loads(written.path.read_text())
+    assert project["project_format_version"] == "7.0"
+    assert [each["code"] for each in project["behaviors_conf"].values()] == ["bird", "cup"]
+    (observation,) = project["observations"].values()
+    assert [event[:3] for event in observation["events"]] == [
+        [0.0, "girl", "bird"],
+        [0.033, "girl", "bird"],
+        [0.033, "girl", "cup"],
+        [0.066, "girl", "cup"],
+    ]
+
+
+def test_a_corrected_file_is_not_written_over(tmp_path: Path) -> None:
+    run = write_run(tmp_path, ["bird", "cup"])
+    list(export_predictions(run, "elan"))
+    with pytest.raises(VfoaError, match=r"clip__one\.eaf: is there already; expected --replace"):
+        list(export_predictions(run, "elan"))
+
+
+def test_attention_without_probabilities_has_none(tmp_path: Path) -> None:
+    (written,) = export_predictions(write_run(tmp_path, ["bird"], method="cones"), "csv")
+    assert "probability" not in written.path.read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"clip": "clop"}, "no clip 'clop'; did you mean 'clip'"),
+        ({"configuration": "two"}, "no configuration 'two'"),
+    ],
+)
+def test_a_wrong_choice_is_one_line(tmp_path: Path, options: dict[str, str], said: str) -> None:
+    with pytest.raises(VfoaError, match=said):
+        list(export_predictions(write_run(tmp_path, ["bird"]), "elan", **options))  # type: ignore[arg-type]
+
+
+def test_predictions_are_corrected_and_imported(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for side in ("left", "right"):
+        for number in (1, 2, 3):
+            write_image(tmp_path / "pairs" / side / f"{number}.png", np.full((4, 6, 3), 90, np.uint8))
+    camera = "[source.camera]\nfx_px = 9\ncx_px = 3\ncy_px = 2\nbaseline_m = 0.1\n"
+    names = '[subjects.girl]\ncategory = "person"\n[targets.bird]\ncategory = "bird"\n[targets.cup]\ncategory = "cup"\n'
+    head = 'name = "clip"\nadapter = "stereo_folder"\nroot = "../pairs"\n[source]\nleft = "left"\nright = "right"\n'
+    write_text(tmp_path / "datasets" / "clip.toml", f"{head}rate_hz = {RATE_HZ}\n{camera}{names}")
+    write_run(tmp_path / "run", ["bird", "bird", "cup"])
+    code, out, _ = vfoa(monkeypatch, capsys, "labels", "export", "run", "--config", "one", "--format", "elan")
+    assert code == 0
+    document = Eaf(out.strip())
+    document.remove_annotation("girl", 80)
+    document.add_annotation("girl", 67, 100, "none")
+    document.to_file(out.strip())
+    told = ("labels", "import", out.strip(), "--format", "elan", "--clip", "clip")
+    code, _, said = vfoa(monkeypatch, capsys, *told)
+    assert code == 0
+    assert "--confirm takes them as checked" in said
+    assert vfoa(monkeypatch, capsys, *told, "--confirm", "--replace")[0] == 0
+    assert (tmp_path / "annotations" / "clip.csv").read_text().splitlines()[2:] == [
+        "1,2,girl,bird,probability 0.75",
+        "3,3,girl,none,",
+    ]
