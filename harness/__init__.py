@@ -1,1 +1,36 @@
-"""The evaluation harness around :mod:`vfoa`: clips, runs, recordings, scores, reports and the command line."""
+"""The evaluation harness around :mod:`vfoa`: clips, runs, recordings, scores, reports and the command line.
+
+    import harness
+
+    run = harness.run_experiment("demo", limit=20)      # or harness.load_run("runs/demo")
+    print(run.frr[["clip", "configuration", "frr", "interval_low", "interval_high"]])
+    print(run.failures)
+
+Nothing heavy is imported before a name is used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+_HOMES = {
+    "RunResults": "harness.api",
+    "compare_runs": "harness.api",
+    "load_run": "harness.api",
+    "read_rig": "harness.api",
+    "run_experiment": "harness.api",
+}
+"""The module of each public name; ``__init__.pyi`` tells type checkers the same."""
+
+__all__ = ["RunResults", "compare_runs", "load_run", "read_rig", "run_experiment"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'harness' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, TypeVar, get_args
-
-from pydantic import BaseModel, ValidationError
+from typing import Any
 
 from harness.files import read_text
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.errors import VfoaError
+from vfoa.validation import parse
 
-Model = TypeVar("Model", bound=BaseModel)
+__all__ = ["parse", "read_toml"]
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -27,74 +25,3 @@ def read_toml(path: Path) -> dict[str, Any]:
         return tomllib.loads(read_text(path))
     except tomllib.TOMLDecodeError as error:
         raise VfoaError(f"{path}: not TOML: {error}") from None
-
-
-def parse(model: type[Model], data: Any, where: str, table: str = "", beside: Iterable[str] = ()) -> Model:
-    """Check ``data`` against a model.
-
-    Parameters
-    ----------
-    model
-        Any pydantic model.
-    data
-        What was read from a file.
-    where
-        The start of the message, such as a file.
-    table
-        Where ``data`` stands in that file, put before the key: ``"source"`` makes ``source.scene``.
-    beside
-        Keys that the file has in the same table and ``data`` has not: one of them may be what was meant.
-
-    Raises
-    ------
-    VfoaError
-        For one mistake (an unknown key first, since that is often why another is missing): where, the dotted key,
-        what was found and what was expected.
-    """
-    try:
-        return model.model_validate(data)
-    except ValidationError as error:
-        mistakes = sorted(error.errors(include_url=False), key=lambda each: each["type"] != "extra_forbidden")
-        more = f" (and {len(mistakes) - 1} more)" if len(mistakes) > 1 else ""
-        raise VfoaError(f"{where}: {_sentence(model, mistakes[0], table, beside)}{more}") from None
-
-
-def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable[str]) -> str:
-    """One pydantic error as ``key: what was found and expected``."""
-    location, kind = mistake["loc"], mistake["type"]
-    key = ".".join(map(str, (*([table] if table else []), *location)))
-    prefix = f"{key}: " if key else ""
-    if kind == "extra_forbidden":
-        keys = _keys_beside(model, location) | set(beside if len(location) == 1 else ())
-        return f"unknown key {key!r}; {did_you_mean(str(location[-1]), keys)}"
-    if kind == "missing":
-        return f"{prefix}missing, and it is required"
-    if kind == "value_error":  # raised by a validator of ours, which says what was found
-        return f"{prefix}{mistake['ctx']['error']}"
-    message = mistake["msg"].removeprefix("Input should be ")
-    expected = f"expected {message}" if message != mistake["msg"] else message
-    return f"{prefix}{expected}, found {mistake['input']!r}"
-
-
-def _keys_beside(model: type[BaseModel], location: tuple[int | str, ...]) -> set[str]:
-    """The keys that the table holding ``location`` may have.
-
-    A part of the location that is no field (a key of a dict, an index, a tag of a union) leaves the models as they
-    are.
-    """
-    models = {model}
-    for part in location[:-1]:
-        fields = [_named_fields(each)[str(part)] for each in models if part in _named_fields(each)]
-        models = {nested for field in fields for nested in _models_in(field)} or models
-    return {name for each in models for name in _named_fields(each)}
-
-
-def _named_fields(model: type[BaseModel]) -> dict[str, Any]:
-    """The annotations of a model's fields by the name they have in a file."""
-    return {field.alias or name: field.annotation for name, field in model.model_fields.items()}
-
-
-def _models_in(annotation: Any) -> set[type[BaseModel]]:
-    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return {annotation}
-    return {model for argument in get_args(annotation) for model in _models_in(argument)}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from vfoa.errors import VfoaError
 
-_UMASK = os.umask(0)  # to ask is to change it, for all threads: asked once
+_UMASK = os.umask(0)  # reading it changes it for all threads: read once
 os.umask(_UMASK)
 
 
@@ -39,11 +39,11 @@ def read_text(path: Path) -> str:
 
 
 def unreadable(path: Path, error: OSError | ValueError) -> VfoaError:
-    """What to say of a file that the system does not let one read; a ValueError is of a name that no file can have."""
+    """What to say of a file that cannot be read; a ValueError is of an invalid name."""
     if isinstance(error, FileNotFoundError):
         return VfoaError(f"{path}: no such file")
     if isinstance(error, ValueError):
-        return VfoaError(f"{str(path)!r}: no file can be called so: {error}")
+        return VfoaError(f"{str(path)!r}: invalid file name: {error}")
     return VfoaError(f"{path}: cannot be read: {error.strerror or error}")
 
 
@@ -59,12 +59,46 @@ def atomic_write(path: Path, content: str | bytes) -> None:
         os.fsync(file.fileno())
 
 
+def check_new(path: Path, *, replace: bool, hint: str = "") -> None:
+    """Refuse to write where something is: called by every verb that writes where its user says.
+
+    Parameters
+    ----------
+    replace
+        The user agrees that a file there is replaced.
+    hint
+        What else can be done, behind "expected --replace".
+
+    Raises
+    ------
+    VfoaError
+        If a file is there and is not to be replaced, or something that is no plain file.
+    """
+    _check_plain(path)
+    if path.exists() and not replace:
+        raise VfoaError(f"{path}: is there already; expected --replace{hint}")
+
+
+def _check_plain(path: Path) -> None:
+    try:
+        if path.exists() and not path.is_file():
+            raise VfoaError(f"{path}: is no plain file; expected a file to write")
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from None
+
+
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """An empty file beside ``path`` that takes its place when the ``with`` block ends, and is gone after an error.
 
     The folder is made where it is missing.
+
+    Raises
+    ------
+    VfoaError
+        If there is something at ``path`` that is no plain file (a device, a pipe, a folder): it would be lost.
     """
+    _check_plain(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     os.close(handle)

@@ -47,5 +47,5 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep results of stages apart from the user's; rendered frames stay where they are: they are slow to make."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("cache")
-        patch.setattr("harness.cache.store.cache_root", lambda: folder)
+        patch.setattr("harness.remote.cache_root", lambda: folder)
         yield

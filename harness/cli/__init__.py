@@ -1,4 +1,4 @@
-"""The command line: one file per verb, heavy imports inside the verb.
+"""The command line: one file per command, heavy imports inside the command.
 
 A known error is one line on stderr and exit code 2; anything else is a bug and keeps its traceback.
 """
@@ -8,47 +8,75 @@ from __future__ import annotations
 import io
 import os
 import sys
-from typing import NoReturn
+from typing import Annotated, NoReturn
 
 import typer
 
-from harness.cli import annotation_files, cache, clips, models
+from harness.cli import cache, clips, labels, models
 from harness.cli.annotate import annotate
 from harness.cli.bench import bench
 from harness.cli.calibrate import calibrate
 from harness.cli.compare import compare
 from harness.cli.demo import demo
 from harness.cli.export_failure import export_failure
+from harness.cli.export_table import export_table
+from harness.cli.fit import fit
 from harness.cli.init import init
 from harness.cli.live import live
+from harness.cli.plan import plan
 from harness.cli.report import report
 from harness.cli.run import run
 from harness.cli.score import score
+from harness.cli.settings import settings
 from harness.cli.simulate import simulate
 from harness.cli.view import view
 from vfoa.errors import StageError, VfoaError
 
 app = typer.Typer(
     name="vfoa",
-    help="Who looks at what, in metres: run, score and scrub 3D Visual Focus of Attention.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from vfoa import __version__
+
+        typer.echo(f"vfoa {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _vfoa(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Who looks at what, in metres: run, score and scrub 3D Visual Focus of Attention."""
+
+
 app.command(short_help="Run the paper's table on rendered clips; downloads nothing.")(demo)
 app.command(short_help="Run clips under configurations; print the FRR table.")(run)
-app.command(short_help="Run on the newest frames of a source, as they come.")(live)
+app.command(short_help="Run on live frames: two cameras, or a growing recording.")(live)
 app.command(short_help="Score a run again, without images or models.")(score)
-app.command(short_help="Write a run's page, or serve it with its recordings.")(report)
-app.command(short_help="Look at a run's recordings in the Rerun viewer.")(view)
-app.command(short_help="Write the frames around one into a small recording.")(export_failure)
+app.command(short_help="Write a run's report page, or serve it with its recordings.")(report)
+app.command(short_help="Open a run's recordings in the Rerun viewer.")(view)
+app.command(short_help="Write one frame and its neighbours as a small recording.")(export_failure)
 app.command(short_help="Compare configurations, of one run or of several.")(compare)
-app.command(short_help="Measure what each part costs.")(bench)
-app.command(short_help="Label a clip in a page: who looks at what.")(annotate)
+app.command(short_help="Say how many clips it takes to see a difference.")(plan)
+app.command(short_help="Export a run's table with a data sheet.")(export_table)
+app.command(short_help="Fit the posterior's settings to labelled clips.")(fit)
+app.command(short_help="Measure the speed of each stage.")(bench)
+app.command(short_help="Label a clip in the browser: who looks at what.")(annotate)
 app.command(short_help="Calibrate two cameras from pictures of a board.")(calibrate)
 app.command(short_help="Check the paper's five synthetic cases.")(simulate)
 app.command(short_help="Make a working directory with the data folders.")(init)
-app.add_typer(annotation_files.app, name="annotations")
+app.command(short_help="Print every setting: type, unit, default, meaning.")(settings)
+app.add_typer(labels.app, name="labels", short_help="Check, import, export, compare and merge labels.")
+app.add_typer(labels.app, name="annotations", hidden=True)  # as it was called before
 app.add_typer(cache.app, name="cache")
 app.add_typer(clips.app, name="clips")
 app.add_typer(models.app, name="models", short_help="List, fetch, check and export models.")
@@ -60,7 +88,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a file's name need not be text
     try:
-        app()
+        app(prog_name="vfoa")
     except StageError as error:  # of a verb that has no run's directory to keep the traceback in
         print(error.trace, end="", file=sys.stderr)  # noqa: T201
         _refuse(str(error))

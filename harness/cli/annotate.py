@@ -12,21 +12,19 @@ from harness.cli.options import Clip, NoOpen, Port, RunConfiguration
 
 def annotate(
     clip: Clip,
-    run: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="A run whose outlines and suggestions are shown.")
-    ] = None,
+    run: Annotated[Path | None, typer.Option(metavar="RUN", help="Show outlines and suggestions of this run.")] = None,
     config: RunConfiguration = None,
     annotator: Annotated[
         str | None, typer.Option(metavar="ANNOTATOR", help="Label CLIP@ANNOTATOR.csv, not CLIP.csv.")
     ] = None,
     uncertain_first: Annotated[
-        bool, typer.Option("--uncertain-first", help="Begin with the frames in which the run was least sure.")
+        bool, typer.Option("--uncertain-first", help="Go through the frames from the least certain one on.")
     ] = False,
     blind: Annotated[bool, typer.Option("--blind", help="Show no suggestions.")] = False,
     port: Port = 0,
     no_open: NoOpen = False,
 ) -> None:
-    """Serve a page on which to say who looks at what. Every change is saved at once; Ctrl-C ends it."""
+    """Serve the labelling page. Every change is saved at once; Ctrl-C ends it."""
     from harness.annotate.server import PageServer
     from harness.annotate.session import Session
     from harness.local_server import ended_by_sigterm, open_browser

@@ -3,27 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
+if TYPE_CHECKING:
+    from harness.record.composed import Composed
+
 
 def browse(
-    recordings: Iterable[Path],
+    recordings: Iterable[Composed],
     paths: Sequence[str],
     *,
     page: Callable[[], str] | None = None,
     port: int = 0,
     no_open: bool = False,
 ) -> None:
-    """Serve recordings by the names of their files; print the addresses of ``paths``, and open the first of them."""
+    """Serve recordings by their names; print the addresses of ``paths``, and open the first of them."""
     from harness.local_server import ended_by_sigterm, listen, open_browser, serve
-    from harness.recording.catalogue import Catalogue
-    from harness.recording.site import site
-    from harness.recording.web_viewer import web_viewer_files
+    from harness.record.catalogue import Catalogue
+    from harness.record.web_app import site
+    from harness.record.web_viewer import web_viewer_files
 
     with ended_by_sigterm(), listen(port) as listener, Catalogue() as catalogue:
-        app = site({path.stem: path for path in recordings}, catalogue, web_viewer_files(), page=page)
+        app = site({each.name: each for each in recordings}, catalogue, web_viewer_files(), page=page)
         host, bound = listener.getsockname()
         addresses = [f"http://{host}:{bound}{path}" for path in paths]
         typer.echo("\n".join(["Serving until Ctrl-C:", *addresses]))

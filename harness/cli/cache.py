@@ -1,4 +1,4 @@
-"""``vfoa cache``: what is kept of perception."""
+"""``vfoa cache``: the stage cache."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import typer
 from harness.cli.options import Cache, Json
 from harness.cli.printing import print_json, print_table
 
-app = typer.Typer(help="Show and clear what is kept of perception.", no_args_is_help=True)
+app = typer.Typer(help="Show and clear the stage cache.", no_args_is_help=True)
 
 
 @app.command(short_help="Show where the cache is and what it holds.")
@@ -15,10 +15,11 @@ def info(
     cache: Cache = None,
     as_json: Json = False,
 ) -> None:
-    """Show where the cache is, its limit, and what each stage and clip takes."""
+    """Show where the cache is, its limit, and the size of each stage and clip."""
     from dataclasses import asdict
 
-    from harness.cache.store import Store, cache_limit, cache_root
+    from harness.remote import cache_root
+    from harness.stages.cache.store import Store, cache_limit
 
     store = Store(cache or cache_root(), cache_limit())
     usage = store.usage()
@@ -37,8 +38,9 @@ def info(
 
 @app.command()
 def clear(cache: Cache = None) -> None:
-    """Remove every result; what is needed is computed again."""
-    from harness.cache.store import Store, cache_limit, cache_root
+    """Remove every cached result."""
+    from harness.remote import cache_root
+    from harness.stages.cache.store import Store, cache_limit
 
     store = Store(cache or cache_root(), cache_limit())
     total = sum(each.bytes for each in store.usage())

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from harness.adapters.stereo_views import Views
-    from harness.calibration.boards import Board
+    from harness.sources.calibrate.boards import Board
+    from harness.sources.calibrate.solve import StereoCalibration
+    from harness.sources.stereo_views import Views
 
 LAYOUT = (
     "How the views lie in the files, as a manifest of stereo_folder says it: images, images_side_by_side, video ..."
@@ -17,41 +18,58 @@ LAYOUT = (
 
 
 def calibrate(
-    folder: Annotated[Path, typer.Argument(metavar="PICTURES", help="The folder of the pictures or videos.")],
-    columns: Annotated[int, typer.Option(min=2, help="Chessboard: inner corners along it. ChArUco: squares.")],
-    rows: Annotated[int, typer.Option(min=2, help="The same across it.")],
-    square_mm: Annotated[float, typer.Option(min=0.001, help="Side of a square.")],
-    marker_mm: Annotated[float | None, typer.Option(min=0.001, help="ChArUco: side of a marker.")] = None,
-    dictionary: Annotated[str, typer.Option(help="ChArUco: OpenCV's name of the markers.")] = "DICT_5X5_100",
-    legacy: Annotated[bool, typer.Option("--legacy", help="ChArUco: printed by OpenCV before 4.6.")] = False,
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PICTURES|FILE", help="The folder of the pictures or videos; or a calibration to rescale."
+        ),
+    ],
+    square_mm: Annotated[float, typer.Option(min=0.001, help="Side of a square, millimetres.")],
+    columns: Annotated[
+        int | None, typer.Option(min=2, help="Chessboard: inner corners along it. ChArUco: squares.")
+    ] = None,
+    rows: Annotated[int | None, typer.Option(min=2, help="The same across the board.")] = None,
+    marker_mm: Annotated[float | None, typer.Option(min=0.001, help="ChArUco: side of a marker, millimetres.")] = None,
+    dictionary: Annotated[str, typer.Option(help="ChArUco: OpenCV's name of the marker dictionary.")] = "DICT_5X5_100",
+    legacy: Annotated[bool, typer.Option("--legacy", help="ChArUco: the board was made by OpenCV before 4.6.")] = False,
     left: Annotated[str | None, typer.Option(help="Left pictures: a folder, a glob or a pattern; or a video.")] = None,
-    right: Annotated[str | None, typer.Option(help="Right pictures; left*, right* where neither is given.")] = None,
+    right: Annotated[str | None, typer.Option(help="Right pictures. Default: left* and right*.")] = None,
     both: Annotated[str | None, typer.Option(help="Pictures, or a video, that hold both views.")] = None,
     layout: Annotated[str, typer.Option(help=LAYOUT)] = "images",
-    every: Annotated[int, typer.Option(min=1, help="Use each so many-th frame of a video.")] = 1,
-    max_edge_px: Annotated[float, typer.Option(min=1, help="Wider edges of the board are blurred.")] = 4.0,
-    out: Annotated[Path, typer.Option(help="The file to write, .yml or .yaml.")] = Path("stereo.yml"),
+    every: Annotated[int, typer.Option(min=1, help="Use every Nth frame of a video.")] = 1,
+    max_edge_px: Annotated[float, typer.Option(min=1, help="Drop pictures with wider edges: blurred.")] = 4.0,
+    out: Annotated[Path, typer.Option(help="File to write, .yml or .yaml.")] = Path("stereo.yml"),
+    replace: Annotated[bool, typer.Option("--replace", help="Write over a calibration that is there.")] = False,
 ) -> None:
     """Calibrate two cameras from pictures of a chessboard or a ChArUco board (--marker-mm).
 
     Says which pairs were not used, and why. Writes the file that stereo_folder reads, and a rectified pair to look at.
+    Given a file it has written, it rescales its lengths to squares of another side.
     """
-    from harness.adapters.calibration_files.read import read_cameras
-    from harness.adapters.rectification import optics
-    from harness.calibration.files import write_calibration, write_preview
-    from harness.calibration.pictures import Pictures
-    from harness.calibration.preview import rectified_preview
-    from harness.calibration.solve import solve
-    from harness.calibration.views import find_views
+    from harness.files import atomic_write, check_new
+    from harness.sources.calibrate.files import format_calibration, read_back, write_preview
+    from harness.sources.calibrate.pictures import Pictures
+    from harness.sources.calibrate.preview import rectified_preview
+    from harness.sources.calibrate.rescale import rescaled
+    from harness.sources.calibrate.solve import solve
+    from harness.sources.calibrate.views import find_views
 
     _check_name(out)
+    check_new(out, replace=replace, hint=", or another --out")
+    if folder.is_file():
+        atomic_write(out, rescaled(folder, square_mm / 1000))
+        typer.echo(f"{out}: {folder} for squares of {square_mm:g} mm")
+        return
+    board = _board(columns, rows, square_mm, marker_mm, dictionary, legacy)
+    preview = out.with_suffix(".png")
+    check_new(preview, replace=replace, hint=", or another --out")
     if left is right is both is None:
         left, right = "left*", "right*"
     views = _views(folder, {"layout": layout, "left": left, "right": right, "both": both})
     for note in views.notes:
         typer.echo(note)
     pictures = Pictures(views, every)
-    seen, unseen = find_views(pictures, _board(columns, rows, square_mm, marker_mm, dictionary, legacy), max_edge_px)
+    seen, unseen = find_views(pictures, board, max_edge_px)
     for each in sorted((*pictures.dropped, *unseen), key=lambda each: each.number):
         typer.echo(f"frame {each.number} dropped: {each.reason}")
     found = solve(seen, pictures.size_px)
@@ -59,14 +77,26 @@ def calibrate(
         typer.echo(f"frame {each.number} dropped: {each.reason}")
     for number, error in found.errors.items():
         typer.echo(f"frame {number}: RMS {error.rms_px:.3f} px, epipolar error {error.epipolar_px:.3f} px")
-    write_calibration(out, found)
+    text = format_calibration(found, square_mm / 1000)
+    rectified = read_back(text, pictures.size_px)
     shown = next(iter(found.errors))
-    preview = out.with_suffix(".png")
-    rectified = optics(read_cameras([out], lambda: pictures.size_px))
-    write_preview(preview, rectified_preview(rectified, *views.read(shown)))
+    picture = rectified_preview(rectified, *views.read(shown))
+    atomic_write(out, text)  # all that can be refused has been by now
+    write_preview(preview, picture)
+    _print_result(out, preview, shown, found, rectified.calibration.baseline_m)
+
+
+def _print_result(out: Path, preview: Path, shown: int, found: StereoCalibration, baseline_m: float) -> None:
+    from harness.clips.frame_checks import MAX_BASELINE_M, MIN_BASELINE_M
+
     typer.echo(f"{preview}: frame {shown}, rectified")
     errors = f"RMS {found.rms_px:.3f} px, mean epipolar error {found.epipolar_px:.3f} px"
-    typer.echo(f"{out}: {len(found.errors)} pairs, {errors}, baseline {rectified.calibration.baseline_m:.4f} m")
+    typer.echo(f"{out}: {len(found.errors)} pairs, {errors}, baseline {baseline_m:.4f} m")
+    if not MIN_BASELINE_M <= baseline_m <= MAX_BASELINE_M:
+        typer.echo(
+            f"next: measure a square of the board: {baseline_m:.4f} m is no usual distance of two cameras "
+            f"({MIN_BASELINE_M:g} to {MAX_BASELINE_M:g} m); vfoa calibrate {out} --square-mm SIDE --replace rescales it"
+        )
     typer.echo(f"next: look at {preview}: the same thing must lie on the same row on both sides")
     typer.echo(f"next: vfoa clips add PATH --calibration {out}")
 
@@ -80,15 +110,20 @@ def _check_name(out: Path) -> None:
 
 
 def _views(folder: Path, files: dict[str, str | None]) -> Views:
-    from harness.adapters.view_files import ViewFiles
     from harness.config_errors import parse
+    from harness.sources.view_files import ViewFiles
 
     return parse(ViewFiles, files, "calibrate").views(folder)
 
 
-def _board(columns: int, rows: int, square_mm: float, marker_mm: float | None, dictionary: str, legacy: bool) -> Board:
-    from harness.calibration.boards import CharucoBoard, Chessboard
+def _board(
+    columns: int | None, rows: int | None, square_mm: float, marker_mm: float | None, dictionary: str, legacy: bool
+) -> Board:
+    from harness.sources.calibrate.boards import CharucoBoard, Chessboard
+    from vfoa.errors import VfoaError
 
+    if columns is None or rows is None:
+        raise VfoaError("--columns, --rows: missing; expected how many inner corners (ChArUco: squares) the board has")
     square_m = square_mm / 1000
     if marker_mm is None:
         return Chessboard(columns=columns, rows=rows, square_m=square_m)

@@ -19,22 +19,25 @@ if TYPE_CHECKING:
 def add_clip(
     path: Annotated[Path, typer.Argument(metavar="PATH", help="A recording, a folder of images, a scene of Sintel.")],
     name: Annotated[
-        str | None, typer.Option(metavar="NAME", help="What to call the clip; a word made of the path if not given.")
+        str | None, typer.Option(metavar="NAME", help="Name of the clip. Default: made from the path.")
     ] = None,
     adapter: Annotated[
-        str | None, typer.Option(metavar="ADAPTER", help="The adapter that is to read it, where several can.")
+        str | None, typer.Option(metavar="ADAPTER", help="Adapter to read it with, where several can.")
     ] = None,
     overrides: Annotated[
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="A setting of the adapter, such as pass=final."),
     ] = None,
     calibration: Annotated[
-        list[Path] | None, typer.Option(metavar="FILE", help="The calibration file; twice for a file a camera.")
+        list[Path] | None, typer.Option(metavar="FILE", help="Calibration file; give it twice for one file per camera.")
     ] = None,
-    fx: Annotated[float | None, typer.Option(help="Or, of a rectified pair: focal length, pixels.")] = None,
+    fx: Annotated[float | None, typer.Option(help="Of a rectified pair instead: focal length, pixels.")] = None,
     cx: Annotated[float | None, typer.Option(help="Column of the principal point, pixels.")] = None,
     cy: Annotated[float | None, typer.Option(help="Row of the principal point, pixels.")] = None,
-    baseline: Annotated[float | None, typer.Option(help="Distance of the two cameras, metres.")] = None,
+    baseline: Annotated[
+        float | None,
+        typer.Option(help="Distance of the two cameras, metres; alone, it replaces the one of the calibration file."),
+    ] = None,
     subjects: Annotated[
         list[str] | None, typer.Option("--subject", metavar="NAME", help="A person who looks; several: left to right.")
     ] = None,
@@ -44,7 +47,7 @@ def add_clip(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Look at a path, say what was found, and write a manifest and an annotation file to start from."""
+    """Recognise what is at a path; write a manifest and an empty annotation file."""
     from harness.clips.add import add_clip as add
     from harness.toml_text import parse_assignment
 
@@ -70,13 +73,14 @@ def _calibration(given: list[Path] | None, numbers: dict[str, float | None]) -> 
 
     files = [os.path.abspath(os.path.expanduser(file)) for file in given or ()]
     missing = [name.rpartition("_")[0] for name, value in numbers.items() if value is None]
-    if len(missing) == len(numbers):
-        return {"calibration": files[0] if len(files) == 1 else files} if files else {}
+    baseline = {} if numbers["baseline_m"] is None else {"baseline_m": numbers["baseline_m"]}
+    if missing == ["fx", "cx", "cy"] or len(missing) == len(numbers):
+        return baseline | ({"calibration": files[0] if len(files) == 1 else files} if files else {})
     if files:
-        raise VfoaError("--calibration and --fx --cx --cy --baseline: found both; expected one of them")
-    if missing:
-        raise VfoaError(f"--{missing[0]}: missing; expected all of --fx --cx --cy --baseline")
-    return {"camera": numbers}
+        raise VfoaError("--calibration and --fx --cx --cy: found both; expected one of them")
+    if missing and missing != ["baseline"]:
+        raise VfoaError(f"--{missing[0]}: missing; expected all of --fx --cx --cy, and --baseline of a pair")
+    return {"camera": {name: value for name, value in numbers.items() if value is not None}}
 
 
 def _names(given: list[str] | None, category: str | None) -> dict[str, str]:
@@ -86,16 +90,17 @@ def _names(given: list[str] | None, category: str | None) -> dict[str, str]:
 
 
 def _print(added: Added) -> None:
-    rig, rate = added.rig, added.rate_hz
+    rate = added.rate_hz
     typer.echo(f"{added.adapter}: {added.layout}")
     typer.echo(f"  frames       {added.frames}, {added.first_frame} to {added.last_frame}")
-    typer.echo(f"  size         {rig.width_px}x{rig.height_px}")
     typer.echo(f"  rate         {'not known' if rate is None else f'{rate:g} Hz'}")
-    typer.echo(f"  calibration  {added.calibration}: fx {rig.fx_px:.5g} px, baseline {rig.baseline_m:.4g} m")
+    _print_rig(added)
+    if added.has_depth:
+        typer.echo("  depth        measured; a run takes it with --set stereo.matcher=sensor")
     for note in added.notes:
         typer.echo(f"  note         {note}")
     typer.echo(f"wrote {added.manifest}\nwrote {added.annotations}")
-    # Who is in the clip is not seen in its files: without subjects there is nothing to label.
+    # Who is in a clip of images is not seen in its files: without subjects there is nothing to label.
     for verb in ("clips check", "annotate", "run") if added.subjects else ("clips check", "run"):
         typer.echo(f"next: vfoa {verb} {added.name}")
     if not added.subjects:
@@ -103,3 +108,15 @@ def _print(added: Added) -> None:
             f"nobody can be labelled yet: write [subjects.NAME] into {added.manifest.name}, or remove both files and "
             "add the clip again with --subject NAME"
         )
+
+
+def _print_rig(added: Added) -> None:
+    """The camera, or, of a clip without images, who and what was measured."""
+    rig = added.rig
+    if rig is None:
+        typer.echo(f"  people       {', '.join(added.subjects)}")
+        typer.echo(f"  objects      {', '.join(added.targets) or 'none'}")
+        return
+    distance = f", baseline {rig.baseline_m:.4g} m" if added.has_right else ""
+    typer.echo(f"  size         {rig.width_px}x{rig.height_px}")
+    typer.echo(f"  calibration  {added.calibration}: fx {rig.fx_px:.5g} px{distance}")

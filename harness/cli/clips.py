@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.clip_add import add_clip
+from harness.cli.completion import clip_names
 from harness.cli.options import Json
 from harness.cli.printing import print_json, print_table
 
@@ -16,12 +17,12 @@ if TYPE_CHECKING:
     from harness.clips.check import ClipCheck, ClipRow
 
 app = typer.Typer(help="Add clips, list them, and check that they can be used.", no_args_is_help=True)
-app.command(name="add", short_help="Make a clip of a folder, video, recording or scene.")(add_clip)
+app.command(name="add", short_help="Make a clip from a folder, video, recording or scene.")(add_clip)
 
 
-@app.command(name="list", short_help="List every clip that there is.")
+@app.command(name="list", short_help="List every clip.")
 def list_clips(as_json: Json = False) -> None:
-    """List every clip: the working directory's own, then those that came with the package."""
+    """List every clip: those of the working directory, then those of the package."""
     from harness.clips.check import list_clips as find_clips
 
     rows = find_clips()
@@ -34,48 +35,86 @@ def list_clips(as_json: Json = False) -> None:
 @app.command(name="check", short_help="Decode frames; check calibration, rectification, labels.")
 def check_clips(
     clips: Annotated[
-        list[str] | None, typer.Argument(metavar="CLIP", help="Names, or .toml files; all that are at hand if none.")
+        list[str] | None,
+        typer.Argument(
+            metavar="CLIP",
+            help="Clips by name, or .toml files. Default: those of the working directory, else of the package.",
+            autocompletion=clip_names,
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Open clips, decode three frames of each, check calibration, rectification and labels; exit 2 if one fails."""
     from harness.clips.check import check_clip, clips_at_hand
 
-    chosen, elsewhere = (clips, {}) if clips else clips_at_hand()
-    checks = [check_clip(clip) for clip in chosen]
+    at_hand = None if clips else clips_at_hand()
+    checks = [check_clip(clip) for clip in (at_hand.clips if at_hand else clips or ())]
     if as_json:
         print_json([asdict(check) for check in checks])
     else:
         _print_checks(checks)
-        for variable, absent in elsewhere.items():
+        for variable, absent in at_hand.elsewhere.items() if at_hand else ():
             typer.echo(f"not checked, {variable} is not set: {', '.join(absent)}")
+        if at_hand and at_hand.packaged:
+            typer.echo(f"not checked: {len(at_hand.packaged)} clips that came with vfoa; name one to check it")
     if any(check.problems for check in checks):
         raise typer.Exit(2)
 
 
-@app.command(name="fetch", short_help="Download and unpack MPI Sintel.")
+@app.command(name="fetch", short_help="Download MPI Sintel, or Idiap's conversation.")
 def fetch_clips(
-    source: Annotated[str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel.")],
-    out: Annotated[Path | None, typer.Option(help="The folder; $VFOA_DATA/sintel if not given.")] = None,
+    source: Annotated[str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel or idiap_vfoa.")],
+    out: Annotated[Path | None, typer.Option(help="The folder; $VFOA_DATA/SOURCE if not given.")] = None,
 ) -> None:
-    """Download MPI Sintel's official archives and unpack them; a fetch that was cut goes on where it stopped."""
-    from harness.cli.progress import bytes_bar
-    from harness.clips.locate import expand
-    from harness.clips.sintel_archives import ARCHIVES, fetch_sintel
-    from vfoa.errors import VfoaError
+    """Download clips from their own homes. A fetch that was cut goes on where it stopped.
 
-    if source != "sintel":
-        raise VfoaError(f"clips fetch: found {source!r}; expected 'sintel'")
-    root = out or expand("${VFOA_DATA}/sintel", Path.cwd(), "clips fetch")
+    ``sintel``: the official archives of MPI Sintel, unpacked. ``idiap_vfoa``: two files of idiap/vfoa, and its ground
+    truth as labels of the clip ``idiap_vfoa``.
+    """
+    from harness.data_folders import expand
+    from vfoa.errors import VfoaError, did_you_mean
+
+    fetchers = {"sintel": _fetch_sintel, "idiap_vfoa": _fetch_idiap}
+    if source not in fetchers:
+        raise VfoaError(f"clips fetch: no {source!r}; {did_you_mean(source, fetchers)}")
+    root = out or expand(f"${{VFOA_DATA}}/{source}", Path.cwd(), "clips fetch")
+    fetchers[source](root)
+    typer.echo(f"{source}: {root}")
+
+
+def _fetch_sintel(root: Path) -> None:
+    from harness.cli.progress import bytes_bar
+    from harness.clips.sintel_archives import ARCHIVES, fetch_sintel
+
     for part, archive in ARCHIVES.items():
         with bytes_bar(archive) as progress:
             fetch_sintel(root, (part,), progress=progress)
-    typer.echo(f"sintel: {root}")
+
+
+def _fetch_idiap(root: Path) -> None:
+    from harness.annotate.convert import import_labels, open_exchange
+    from harness.cli.progress import bytes_bar
+    from harness.clips.idiap_files import HEADS, LABELS, LICENCE, fetch_idiap_file
+    from harness.clips.manifest import load_manifest
+
+    typer.echo(f"licence: {LICENCE}")
+    for file in (HEADS, LABELS):
+        with bytes_bar(file.name) as progress:
+            path = fetch_idiap_file(root, file, progress=progress)
+        typer.echo(f"{path}: sha256 {file.sha256}")
+    manifest = load_manifest("idiap_vfoa")
+    place = manifest.annotations.place()
+    if place.exists():
+        typer.echo(f"{place}: is there already and is kept")
+        return
+    manifest = manifest.with_root(root)
+    imported = import_labels(root / LABELS.name, "idiap_vfoa", open_exchange(manifest), place, replace=False)
+    typer.echo(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
 
 
 def _print_list(rows: list[ClipRow]) -> None:
     print_table(
-        ["clip", "adapter", "frames", "people", "things", "labels", "licence"],
+        ["clip", "adapter", "frames", "people", "targets", "labels", "licence"],
         [
             [row.name, row.adapter, row.frames, len(row.subjects), len(row.targets), row.labels, row.licence]
             for row in rows
@@ -89,16 +128,16 @@ def _print_list(rows: list[ClipRow]) -> None:
 
 def _print_checks(checks: list[ClipCheck]) -> None:
     print_table(
-        ["clip", "frames", "size", "baseline m", "row error px", "labels", ""],
+        ["clip", "check", "frames", "size", "baseline m", "row error px", "labels"],
         [
             [
                 check.name,
+                "fails" if check.problems else "ok",
                 check.frames,
                 check.size_px and "x".join(map(str, check.size_px)),
                 _rounded(check.baseline_m, 4),
                 _rounded(check.vertical_error_px, 2),
                 check.labels,
-                "fails" if check.problems else "ok",
             ]
             for check in checks
         ],

@@ -19,26 +19,38 @@ class FailOn(StrEnum):
 
 
 def compare(
-    runs: Annotated[list[Path], typer.Argument(help="Directories of finished runs.", metavar="RUN")],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(help="Directories of finished runs, or tables exported from them as JSON.", metavar="RUN"),
+    ],
     baseline: Annotated[
         Path | None, typer.Option(metavar="RUN", help="Compare each configuration with this run's of the same name.")
     ] = None,
-    fail_on: Annotated[FailOn | None, typer.Option(help="Exit with 1 if this happened; needs --baseline.")] = None,
+    fail_on: Annotated[FailOn | None, typer.Option(help="Exit with 1 if this happens; needs --baseline.")] = None,
+    tolerance: Annotated[
+        float,
+        typer.Option(min=0, metavar="POINTS", help="Accept a significant drop of at most this many points of FRR."),
+    ] = 0.0,
+    model: Annotated[
+        bool, typer.Option("--model", help="Also fit a mixed-effects logistic regression (extra: model).")
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Compare configurations on the same frames, by exact McNemar tests with Holm's correction."""
+    """Compare configurations on the same frames: difference, interval, exact permutation test, Holm's correction."""
     from dataclasses import asdict
 
-    from harness.report.compared import terminal_comparisons
-    from harness.scores.run_comparison import compare_runs, compare_with_baseline
+    from harness.report.comparisons import model_table, terminal_comparisons
+    from harness.score.run_comparison import compare_runs, compare_with_baseline, model_runs
     from vfoa.errors import VfoaError
 
     if fail_on is not None and baseline is None:
         raise VfoaError("compare: --fail-on needs --baseline RUN, found none")
+    if model and (baseline is not None or as_json):
+        raise VfoaError("compare: --model does not go with --baseline or --json")
     found = compare_runs(runs) if baseline is None else compare_with_baseline(runs, baseline)
     if as_json:
-        print_json([{**asdict(each), "sentence": each.sentence} for each in found])
+        print_json([{**asdict(each), "verdict": each.verdict, "sentence": each.sentence} for each in found])
     else:
-        print_reports([terminal_comparisons(found)])
-    if fail_on is FailOn.significant_drop and any(each.is_significant_drop for each in found):
+        print_reports([terminal_comparisons(found), *([model_table(model_runs(runs))] if model else [])])
+    if fail_on is FailOn.significant_drop and any(each.is_drop(tolerance / 100) for each in found):
         raise typer.Exit(1)

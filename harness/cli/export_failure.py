@@ -12,23 +12,28 @@ from harness.cli.options import OneClip, OneConfiguration, Recordings
 
 def export_failure(
     run: Recordings,
-    frame: Annotated[int, typer.Option(help="The frame in the middle, in the source's own numbers.")],
+    frame: Annotated[int, typer.Option(help="The frame, in the source's own numbers.")],
     clip: OneClip = None,
     config: OneConfiguration = None,
     margin: Annotated[int, typer.Option(help="Frames to keep on either side.")] = 10,
     out: Annotated[
-        Path | None, typer.Option(metavar="RRD", help="The file to write; named after what it holds if not given.")
+        Path | None,
+        typer.Option(metavar="RRD", help="File to write. Default: named after clip, configuration and frame."),
     ] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Write over the file of --out.")] = False,
 ) -> None:
-    """Write the frames around one of them into a small recording of their own."""
-    from harness.recording import find_recordings
-    from harness.recording.excerpt import write_excerpt
+    """Write one frame and its neighbours as a small recording."""
+    from harness.files import check_new
+    from harness.record.composed import find_clips
+    from harness.record.excerpt import write_excerpt
     from vfoa.errors import VfoaError
 
-    recordings = find_recordings(run, clip, config)
-    if len(recordings) > 1:
-        names = ", ".join(path.stem for path in recordings)
-        raise VfoaError(f"{run}: expected one recording, found {names}: choose with --clip and --config")
-    excerpt = out or Path(f"{recordings[0].stem}__{frame}.rrd")
-    write_excerpt(recordings[0], frame, margin, excerpt)
+    found = find_clips(run, clip, config)
+    pairs = [f"{each.files.clip}, {layers.configuration}" for each in found for layers in each.layers]
+    if len(pairs) > 1:
+        raise VfoaError(f"{run}: expected one recording, found {'; '.join(pairs)}: choose with --clip and --config")
+    recording = found[0].compose()
+    excerpt = out or Path(f"{recording.name}__{frame}.rrd")
+    check_new(excerpt, replace=replace or out is None, hint=", or another --out")
+    write_excerpt(recording, found[0].rate_hz, frame, margin, excerpt)
     typer.echo(f"{excerpt}: {excerpt.stat().st_size / 1e6:.1f} MB")

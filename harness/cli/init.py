@@ -14,8 +14,10 @@ _FOLDERS = {
 }
 
 
-def init(folder: Annotated[Path, typer.Argument(metavar="DIR", help="Made where it is missing.")]) -> None:
-    """Make a working directory with the three data folders; what is there already stays."""
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Directory; it is made if it does not exist.")],
+) -> None:
+    """Make a working directory with the three data folders; existing files stay."""
     from vfoa.errors import VfoaError
 
     for name, use in _FOLDERS.items():

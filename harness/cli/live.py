@@ -17,8 +17,8 @@ from harness.cli.run import Recording
 
 if TYPE_CHECKING:
     from harness.clips.manifest import ClipManifest
-    from harness.live import LiveSource
-    from harness.runs.experiment import Experiment
+    from harness.run.experiment import Experiment
+    from harness.sources.live import LiveSource
 
 SOURCE_HELP = "An .mcap file that is being written, a clip to be played at its own pace, or the left camera."
 SOURCE_OPTION_HELP = "What an .mcap file's topics do not tell, as [source] of a clip: left=/front/left/image ..."
@@ -51,14 +51,15 @@ def live(
     connect: Annotated[
         str | None, typer.Option(metavar="URL", help="Show every frame in the viewer at rerun+http://HOST:PORT/proxy.")
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="End after so many frames.")] = None,
-    threads: Annotated[int, typer.Option(min=0, help="Threads; 0 means one a core.")] = 0,
+    limit: Annotated[int | None, typer.Option(min=1, help="Stop after N frames.")] = None,
+    threads: Annotated[int, typer.Option(min=0, help="Threads; 0: one per core.")] = 0,
 ) -> None:
-    """Run on the newest frames of a source that goes on at its own pace, until it ends or Ctrl-C."""
+    """Run on the newest frame of a live source until it ends or Ctrl-C."""
     from harness.cli.progress import frames_bar
-    from harness.live.conduct import conduct_live
-    from harness.runs.directory import RunDirectory
-    from harness.runs.experiment import load_experiment
+    from harness.report.sinks import composed_sinks
+    from harness.run.directory import RunDirectory
+    from harness.run.experiment import load_experiment
+    from harness.run.live.runner import run_live
     from vfoa.errors import VfoaError
 
     if recording.size is None and (viewer or connect):
@@ -71,14 +72,13 @@ def live(
     stopped = Event()
     watching = _viewer() if viewer else nullcontext(connect)
     with _ended_by_signals(stopped), watching as address, frames_bar(limit or 0, "live") as progress:
-        report = conduct_live(
+        report = run_live(
             opened,
             manifest,
             chosen,
             directory,
             stopped=stopped,
-            recording=recording.size,
-            watched_at=address,
+            sinks=composed_sinks(chosen.configurations, recording.size, watched_at=address),
             limit=limit,
             threads=threads or os.cpu_count() or 1,
             progress=progress,
@@ -88,7 +88,7 @@ def live(
 
 def _viewer() -> AbstractContextManager[str]:
     """The address of a new Rerun viewer, which is closed at the end of the run."""
-    from harness.recording.viewer import listening
+    from harness.record.viewer import listening
 
     return listening()
 
@@ -98,7 +98,7 @@ def _open(
 ) -> tuple[LiveSource, ClipManifest]:
     """The source, and the manifest that says what it is called."""
     from harness.clips.manifest import as_clip_name, load_manifest, make_manifest
-    from harness.live.sources import CameraPair, PlayedClip, open_capture
+    from harness.sources.live_sources import CameraPair, PlayedClip, open_capture
     from vfoa.errors import VfoaError
 
     if settings and (right is not None or not source.endswith(".mcap")):
@@ -115,20 +115,20 @@ def _open(
         data = {"name": name, "adapter": "mcap", "source": {"recording": Path(source).name}}
         return _tail(Path(source), settings), make_manifest(data, Path(f"{name}.toml"))
     manifest = load_manifest(source)
-    return PlayedClip(manifest.open(), str(manifest.path)), manifest
+    return PlayedClip(manifest.open_images(), str(manifest.path)), manifest
 
 
 def _tail(path: Path, settings: tuple[str, ...]) -> LiveSource:
-    from harness.adapters.mcap.clip import McapSettings
-    from harness.adapters.mcap.tail import McapTail
     from harness.config_errors import parse
+    from harness.sources.mcap.tail import McapTail
+    from harness.sources.recordings.settings import RecordingSettings
     from harness.toml_text import parse_assignment
     from vfoa.errors import VfoaError
 
     given = dict(parse_assignment(text, "left=/front/left/image", "--source") for text in settings)
     if unused := sorted(given.keys() & {"recording", "start_s", "end_s"}):
         raise VfoaError(f"live: --source {unused[0]}: means nothing for a recording that grows; expected none")
-    return McapTail(path, parse(McapSettings, given, "live", "--source"))
+    return McapTail(path, parse(RecordingSettings, given, "live", "--source"))
 
 
 def _only(experiment: Experiment, config: str | None) -> Experiment:

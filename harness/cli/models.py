@@ -1,4 +1,4 @@
-"""``vfoa models``: what models there are, bringing them here, and whether they work."""
+"""``vfoa models``: list, fetch, check and export models."""
 
 from __future__ import annotations
 
@@ -8,24 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import Json
+from harness.cli.options import Json, ProviderName
 from harness.cli.printing import print_json, print_table
 
 if TYPE_CHECKING:
-    from harness.models.catalogue import CatalogueEntry
-    from harness.models.check import ModelCheck
+    from harness.stages.weights.catalogue import CatalogueEntry
+    from harness.stages.weights.check import ModelCheck
 
 app = typer.Typer(help="List the models, fetch them, check that they work, export checkpoints.", no_args_is_help=True)
-
-
-class ProviderName(StrEnum):
-    """What a network runs on."""
-
-    cpu = "cpu"
-    cuda = "cuda"
-    tensorrt = "tensorrt"
-    openvino = "openvino"
-    coreml = "coreml"
 
 
 class CheckpointName(StrEnum):
@@ -34,38 +24,38 @@ class CheckpointName(StrEnum):
     gaze360 = "gaze360"
 
 
-@app.command(name="list", short_help="List every model: licence, size, whether it is here.")
+@app.command(name="list", short_help="List every model: licence, size, whether it is on this machine.")
 def list_models(as_json: Json = False) -> None:
-    """List every model of the catalogue: what takes it, its licence, its size, and whether it is here."""
-    from harness.models.catalogue import catalogue
+    """List every model of the catalogue: its stage, licence, size, and whether it is on this machine."""
+    from harness.stages.weights.catalogue import catalogue
 
     models = catalogue()
     if as_json:
         print_json([{"name": name, **entry.model_dump(), "path": _path(entry)} for name, entry in models.items()])
         return
     print_table(
-        ["model", "stage", "size", "licence", "here"],
+        ["model", "stage", "size", "here", "licence"],
         [
-            [name, entry.stage, _size(entry), entry.licence, "yes" if entry.find() else None]
+            [name, entry.stage, _size(entry), "yes" if entry.find() else None, entry.licence]
             for name, entry in models.items()
         ],
         wrapped={"licence"},
     )
 
 
-@app.command(name="fetch", short_help="Fetch models from their own homes.")
+@app.command(name="fetch", short_help="Fetch models from their own sites.")
 def fetch(
     names: Annotated[list[str], typer.Argument(metavar="NAME", help="Names of the catalogue.")],
     accept_licence: Annotated[
         bool, typer.Option("--accept-licence", help="Accept terms that allow no commercial use.")
     ] = False,
 ) -> None:
-    """Fetch models from their own homes into the cache directory; a fetch that was cut goes on where it stopped.
+    """Fetch models from their own sites into the cache directory; an interrupted download resumes.
 
     One that cannot be fetched is named and does not stop the others; the exit code is 2 then.
     """
     from harness.cli.progress import bytes_bar
-    from harness.models.catalogue import fetch_model, find_model
+    from harness.stages.weights.catalogue import fetch_model, find_model
     from vfoa.errors import VfoaError
 
     failed = False
@@ -86,15 +76,16 @@ def fetch(
 @app.command(name="check", short_help="Load models, check their signatures, run each once.")
 def check(
     names: Annotated[
-        list[str] | None, typer.Argument(metavar="NAME", help="Names of the catalogue; all that are here if none.")
+        list[str] | None,
+        typer.Argument(metavar="NAME", help="Names of the catalogue. Default: all that are on this machine."),
     ] = None,
-    provider: Annotated[ProviderName, typer.Option(help="What to run them on.")] = ProviderName.cpu,
+    provider: Annotated[ProviderName, typer.Option(help="Provider of ONNX Runtime to run them on.")] = ProviderName.cpu,
     threads: Annotated[int, typer.Option(min=1, help="Threads of one inference.")] = 1,
     as_json: Json = False,
 ) -> None:
     """Load models, check their signatures, run each once and print provider and ms; exit 2 if one fails."""
-    from harness.models.catalogue import catalogue, find_model
-    from harness.models.check import check_model
+    from harness.stages.weights.catalogue import catalogue, find_model
+    from harness.stages.weights.check import check_model
     from vfoa.onnx import RuntimeSettings
 
     settings = RuntimeSettings(provider=provider.value, threads=threads)
@@ -113,14 +104,14 @@ def check(
         raise typer.Exit(2)
 
 
-@app.command(name="export", short_help="Make a PyTorch checkpoint into an ONNX file.")
+@app.command(name="export", short_help="Export a PyTorch checkpoint to an ONNX file.")
 def export(
-    name: Annotated[CheckpointName, typer.Argument(metavar="NAME", help="The network that the checkpoint fills.")],
+    name: Annotated[CheckpointName, typer.Argument(metavar="NAME", help="Network of the checkpoint.")],
     checkpoint: Annotated[Path, typer.Option(help="The PyTorch checkpoint, or its name in the folders of weights.")],
     out: Annotated[Path, typer.Option(help="The ONNX file to write.")],
 ) -> None:
-    """Make a checkpoint into an ONNX file that gives what PyTorch gives; needs the extra vfoa[export]."""
-    from harness.export import export_gaze360
+    """Export a checkpoint to an ONNX file and compare its answers with PyTorch's; needs vfoa[export]."""
+    from harness.stages.export import export_gaze360
     from vfoa.weights import locate
 
     difference_rad = export_gaze360(locate(str(checkpoint)), out)

@@ -1,34 +1,70 @@
-"""What several verbs take or say in the same words."""
+"""Arguments and options that several commands share."""
 
 from __future__ import annotations
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-Run = Annotated[Path, typer.Argument(metavar="RUN", help="A run's directory.")]
-Recordings = Annotated[Path, typer.Argument(metavar="RUN", help="A run's directory, or one .rrd file.")]
-Clip = Annotated[str, typer.Argument(metavar="CLIP", help="The clip's name, or its .toml file.")]
-OneClip = Annotated[str | None, typer.Option("--clip", metavar="CLIP", help="Only recordings of this clip.")]
+from harness.cli.completion import clip_names, configuration_names, run_directories
+
+Run = Annotated[
+    Path, typer.Argument(metavar="RUN", help="Directory of a run, such as runs/demo.", autocompletion=run_directories)
+]
+Recordings = Annotated[
+    Path,
+    typer.Argument(metavar="RUN", help="Directory of a run, or one .rrd file.", autocompletion=run_directories),
+]
+Clip = Annotated[
+    str, typer.Argument(metavar="CLIP", help="Clip by name, or its .toml file.", autocompletion=clip_names)
+]
+OneClip = Annotated[
+    str | None,
+    typer.Option("--clip", metavar="CLIP", help="Only recordings of this clip.", autocompletion=clip_names),
+]
 OneConfiguration = Annotated[
-    str | None, typer.Option("--config", metavar="CONFIGURATION", help="Only recordings under this configuration.")
+    str | None,
+    typer.Option(
+        "--config",
+        metavar="CONFIGURATION",
+        help="Only recordings under this configuration.",
+        autocompletion=configuration_names,
+    ),
 ]
 RunConfiguration = Annotated[
-    str | None, typer.Option("--config", metavar="CONFIGURATION", help="The run's configuration, where it has several.")
+    str | None,
+    typer.Option(
+        "--config",
+        metavar="CONFIGURATION",
+        help="Configuration of the run, where it has several.",
+        autocompletion=configuration_names,
+    ),
 ]
 Out = Annotated[
     Path | None,
     typer.Option(
-        help="The run's directory; if not given, runs/<experiment>, or beside it where that holds another run."
+        help="Directory of the run. Default: runs/<experiment>, or the next free runs/<experiment>-N if that holds "
+        "another run."
     ),
 ]
-Workers = Annotated[int, typer.Option(min=0, help="Processes, one thread each; 0 means one a core.")]
+Workers = Annotated[int, typer.Option(min=0, help="Number of processes, one thread each; 0: one per core.")]
 Cache = Annotated[
     Path | None,
-    typer.Option(help="Where results of perception are kept; $VFOA_CACHE or the user's cache folder if not given."),
+    typer.Option(help="Directory of the stage cache. Default: $VFOA_CACHE, or the user's cache directory."),
 ]
-Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0 means any that is free.")]
-NoOpen = Annotated[bool, typer.Option("--no-open", help="Print the address alone; open no browser.")]
-Replace = Annotated[bool, typer.Option("--replace", help="Write over labels that are there.")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead.")]
+Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0: any free port.")]
+NoOpen = Annotated[bool, typer.Option("--no-open", help="Print the address; do not open a browser.")]
+Replace = Annotated[bool, typer.Option("--replace", help="Overwrite existing labels.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+
+
+class ProviderName(StrEnum):
+    """What a network runs on."""
+
+    cpu = "cpu"
+    cuda = "cuda"
+    tensorrt = "tensorrt"
+    openvino = "openvino"
+    coreml = "coreml"

@@ -9,6 +9,12 @@ import typer
 
 if TYPE_CHECKING:
     from harness.report.formats import Table
+    from harness.score.score import Scores
+
+_GAP = 2
+"""What rich puts beside each column: a blank, and its part of the frame."""
+_WORDS = 20
+"""The least width in which sentences are readable."""
 
 
 def print_table(
@@ -17,22 +23,44 @@ def print_table(
     wrapped: Collection[str] = (),
     shortened: Collection[str] = (),
 ) -> None:
-    """Print a table; where it is too wide, columns named in ``wrapped`` are broken into lines, ``shortened`` cut."""
+    """Print a table that loses no column and no digit: where it is too wide, in parts that repeat the first column.
+
+    Columns named in ``wrapped`` are broken into lines, and ``shortened`` cut, before that.
+    """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for name in header:
-        table.add_column(name, no_wrap=name not in (*wrapped, *shortened), overflow="fold", min_width=len(name))
-    for row in rows:
-        cells = [Text("-" if cell in (None, "") else str(cell)) for cell in row]
-        for name, cell in zip(header, cells, strict=True):
-            if name in shortened:
-                cell.no_wrap, cell.overflow = True, "ellipsis"
-        table.add_row(*cells)
-    Console().print(table)
+    console = Console()
+    texts = [["-" if cell in (None, "") else str(cell) for cell in row] for row in rows]
+    flexible = {*wrapped, *shortened}
+    widths = [
+        max(len(name), _WORDS if name in wrapped else 0) if name in flexible else max(map(len, (name, *cells)))
+        for name, *cells in zip(header, *texts, strict=True)
+    ]
+    for part in _parts(widths, console.width):
+        table = Table(box=SIMPLE_HEAD, padding=(0, 1, 0, 0))
+        for place in part:
+            name = header[place]
+            table.add_column(name, no_wrap=name not in flexible, overflow="fold", min_width=len(name))
+        for row in texts:
+            cells = [Text(row[place]) for place in part]
+            for place, cell in zip(part, cells, strict=True):
+                if header[place] in shortened:
+                    cell.no_wrap, cell.overflow = True, "ellipsis"
+            table.add_row(*cells)
+        console.print(table)
+
+
+def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
+    """Places of columns that fit beside each other, each part with the first one."""
+    parts = [[0]]
+    for place in range(1, len(widths)):
+        if len(parts[-1]) > 1 and sum(widths[each] + _GAP for each in (*parts[-1], place)) > room:
+            parts.append([0])
+        parts[-1].append(place)
+    return parts
 
 
 def print_report(table: Table) -> None:
@@ -66,7 +94,26 @@ def print_reports(tables: Iterable[Table]) -> None:
 
 
 def print_json(value: object) -> None:
-    """Print JSON, indented; what JSON has no word for (a path) as text."""
+    """Print JSON, indented; what JSON has no word for (a path) as text, numbers without a value as null."""
     import json
 
-    typer.echo(json.dumps(value, indent=2, ensure_ascii=False, default=str))
+    typer.echo(json.dumps(_without_nan(value), indent=2, ensure_ascii=False, default=str))
+
+
+def _without_nan(value: object) -> object:
+    if isinstance(value, dict):
+        return {key: _without_nan(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_nan(each) for each in value]
+    return None if isinstance(value, float) and value != value else value
+
+
+def print_scores(scores: Scores) -> None:
+    """Print the FRR table, and what else fits a terminal, each with what a reader must know of it."""
+    from harness.report.oracle_ablation import terminal_ablation
+    from harness.report.published import published_table
+    from harness.report.stage_measures import terminal_measures
+    from harness.report.tables import seeds_table, terminal_table
+
+    others = (seeds_table(scores), published_table(scores), terminal_ablation(scores), terminal_measures(scores))
+    print_reports((terminal_table(scores), *(table for table in others if table.rows)))

@@ -15,15 +15,15 @@ def report(
     serve: Annotated[
         bool,
         typer.Option(
-            "--serve", help="Serve it on this machine: a click on a cell opens the recording; Ctrl-C ends it."
+            "--serve", help="Serve it on this machine: a click on a frame opens its recording; Ctrl-C ends it."
         ),
     ] = False,
     port: Port = 0,
     no_open: NoOpen = False,
 ) -> None:
-    """Write a run's page from its results and the present annotations, and say where it is."""
+    """Write a run's report page from its results and the present labels."""
     from harness.report.rescore import report_page, rescore
-    from harness.runs.directory import RunDirectory
+    from harness.run.directory import RunDirectory
     from vfoa.errors import VfoaError
 
     directory = RunDirectory(run)
@@ -34,8 +34,9 @@ def report(
         typer.echo(f"Page: {directory.path / 'report.html'}")
         return
     from harness.cli.browse import browse
+    from harness.record.composed import served_recordings
 
-    recordings = directory.recordings()
-    page = partial(report_page, directory, {pair: path.stem for pair, path in recordings.items()})
+    recordings = served_recordings(run)
+    page = partial(report_page, directory, {pair: each.name for pair, each in recordings.items()})
     page()  # what is wrong with the run is said here, and not in the browser
     browse(recordings.values(), ["/"], page=page, port=port, no_open=no_open)

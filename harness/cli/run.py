@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
@@ -10,12 +13,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from harness.cli.completion import clip_names, experiment_and_clip_names, preset_names, setting_assignments
 from harness.cli.options import Cache, Out, Workers
 
 if TYPE_CHECKING:
-    from harness.recording import Size
-    from harness.runs.directory import RunDirectory
-    from harness.runs.experiment import Experiment
+    from harness.record import Size
+    from harness.run.directory import RunDirectory
+    from harness.run.experiment import Experiment
 
 
 class Recording(StrEnum):
@@ -34,54 +38,74 @@ class Recording(StrEnum):
 
 def run(
     what: Annotated[
-        list[str], typer.Argument(help="An experiment (name or .toml file), or clips.", metavar="EXPERIMENT | CLIP")
+        list[str],
+        typer.Argument(
+            help="An experiment (name or .toml file), or clips.",
+            metavar="EXPERIMENT | CLIP",
+            autocompletion=experiment_and_clip_names,
+        ),
     ],
     overrides: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting in every configuration.")
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a setting in every configuration (`vfoa settings` lists all).",
+            autocompletion=setting_assignments,
+        ),
     ] = None,
     preset: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="A bundle of settings over the defaults of every configuration, such as realtime."
+            metavar="NAME",
+            help="A bundle of settings over the defaults of every configuration, such as realtime.",
+            autocompletion=preset_names,
         ),
     ] = None,
     clips: Annotated[
-        list[str] | None, typer.Option("--clip", metavar="CLIP", help="Run this clip instead of the experiment's own.")
+        list[str] | None,
+        typer.Option(
+            "--clip",
+            metavar="CLIP",
+            help="Run this clip instead of the experiment's own.",
+            autocompletion=clip_names,
+        ),
     ] = None,
     out: Out = None,
     workers: Workers = 0,
     threads: Annotated[
-        int, typer.Option(min=0, help="Threads of a single process (--workers 1): read ahead; 0 means one a core.")
+        int, typer.Option(min=0, help="Threads of a single process (--workers 1): read ahead; 0: one per core.")
     ] = 0,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Work on the cluster of this Dask scheduler, tcp://HOST:PORT, instead."),
     ] = None,
-    limit: Annotated[int | None, typer.Option(min=1, help="Run only the first frames of each clip.")] = None,
+    limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
     recording: Annotated[Recording, typer.Option(help="Size of the Rerun recordings.")] = Recording.light,
     oracle: Annotated[
-        bool, typer.Option("--oracle", help="Also replace one stage after another by truth: what does each cost?")
+        bool,
+        typer.Option("--oracle", help="Oracle ablation: replace one stage after another by ground truth."),
     ] = False,
-    save_signals: Annotated[
-        bool, typer.Option("--save-signals", help="Also save what every stage found, to run from without models.")
+    save_outputs: Annotated[
+        bool, typer.Option("--save-outputs", help="Also save every stage's output, to replay without models.")
     ] = False,
     cache: Cache = None,
-    no_cache: Annotated[
-        bool, typer.Option("--no-cache", help="Compute everything, and keep nothing for later.")
-    ] = False,
+    no_cache: Annotated[bool, typer.Option("--no-cache", help="Do not use the stage cache.")] = False,
     annotator: Annotated[
         str | None, typer.Option(metavar="ANNOTATOR", help="Score against CLIP@ANNOTATOR.csv, not CLIP.csv.")
     ] = None,
     retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Try again what failed the last time; all else is taken over.")
+        bool, typer.Option("--retry-failed", help="Run again what failed the last time; reuse finished results.")
     ] = False,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
-    from harness.cache.store import Store, cache_limit, cache_root
+    from harness.cli.printing import print_scores
     from harness.cli.progress import frames_bar
-    from harness.cli.scores import print_scores
+    from harness.remote import cache_root
     from harness.report.rescore import rescore
-    from harness.runs.conduct import conduct, prepare
+    from harness.report.sinks import composed_sinks
+    from harness.run.runner import prepare, run_plan
+    from harness.stages.cache.store import Store, cache_limit
 
     experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
@@ -97,18 +121,23 @@ def run(
             workers=workers,
             limit=limit,
             oracle=oracle,
-            save_signals=save_signals,
+            save_outputs=save_outputs,
             cache=store,
         )
         return
     if oracle:
-        from harness.scores.ladder import with_ladder
+        from harness.score.oracle_ablation import with_oracle_ablation
 
-        experiment = with_ladder(experiment)
-    plan = prepare(experiment, limit=limit, recording=recording.size, save_signals=save_signals)
+        experiment = with_oracle_ablation(experiment)
+    plan = prepare(
+        experiment,
+        limit=limit,
+        sinks=composed_sinks(experiment.configurations, recording.size),
+        save_outputs=save_outputs,
+    )
     notices: list[str] = []
-    with frames_bar(plan.frames, experiment.name) as progress:
-        directory = conduct(
+    with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:
+        directory = run_plan(
             plan,
             wanted,
             workers=workers,
@@ -124,15 +153,35 @@ def run(
     print_scores(scores)
     for notice in notices:
         typer.echo(notice)
-    if save_signals:
-        typer.echo(f"\nSignals: {directory.signals}  (run from them: its {experiment.name}.toml says how)")
+    if save_outputs:
+        typer.echo(f"\nStage outputs: {directory.stage_outputs}  (run from them: its {experiment.name}.toml says how)")
     typer.echo(
         f"\nPage: {directory.path / 'report.html'}"
-        f"\nTables: {directory.path / 'frr.md'} (all of them), frr.csv, frr.tex, compared.md (paired tests)"
+        f"\nTables: {directory.path / 'frr.md'} (all of them), frr.csv, frr.tex, comparisons.md (paired tests)"
         f"\n{'Scrub a failure' if scores.rows else 'Scrub'}: vfoa view {directory.path}"
         f"{' --failures' if scores.rows else ''}"
     )
     _report_failures(directory)
+
+
+@contextmanager
+def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
+    """End with exit code 130 on Ctrl-C, SIGTERM and SIGHUP, and say what is kept and how to go on."""
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    signals = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.signal(number, interrupt) for number in signals}
+    try:
+        yield
+    except KeyboardInterrupt:
+        for notice in notices or ["interrupted before the first frame"]:
+            typer.echo(f"vfoa: {notice}", err=True)
+        raise typer.Exit(130) from None
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _report_failures(directory: RunDirectory) -> None:
@@ -147,8 +196,8 @@ def _report_failures(directory: RunDirectory) -> None:
 
 def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...], preset: str | None) -> Experiment:
     """The experiment that is meant: one by name or file, or the default one on the clips that are named."""
-    from harness.clips.locate import find
-    from harness.runs.experiment import is_experiment, load_experiment
+    from harness.data_folders import find
+    from harness.run.experiment import is_experiment, load_experiment
     from vfoa.errors import VfoaError
 
     if len(what) == 1 and is_experiment(what[0]):
@@ -167,7 +216,7 @@ def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, .
 def _said_of_unknown(name: str) -> str:
     from difflib import get_close_matches
 
-    from harness.clips.locate import names
+    from harness.data_folders import names
 
     experiments, clips = names("experiments"), names("datasets")
     near = get_close_matches(name, [*experiments, *clips], n=1)

@@ -13,12 +13,14 @@ def score(
     run: Run,
     annotator: Annotated[
         str | None,
-        typer.Option(metavar="ANNOTATOR", help="Score against CLIP@ANNOTATOR.csv; the run's own labels if not given."),
+        typer.Option(
+            metavar="ANNOTATOR", help="Score against CLIP@ANNOTATOR.csv. Default: the labels that the run names."
+        ),
     ] = None,
 ) -> None:
-    """Score a run again, from its results and the present annotations alone: no images, no models."""
-    from harness.cli.scores import print_scores
+    """Score a run again from its results and the present labels; needs no images and no models."""
+    from harness.cli.printing import print_scores
     from harness.report.rescore import rescore
-    from harness.runs.directory import RunDirectory
+    from harness.run.directory import RunDirectory
 
     print_scores(rescore(RunDirectory(run), annotator))

@@ -11,7 +11,7 @@ import typer
 def simulate(
     out: Annotated[
         Path | None,
-        typer.Option(help="Write the CSV, the page, the figures and a recording of each case to this directory."),
+        typer.Option(help="Directory for the CSV, the page, the figures and a recording of each case."),
     ] = None,
 ) -> None:
     """Check the paper's five synthetic cases over rays and field of view, and print which statements hold."""
@@ -27,7 +27,7 @@ def simulate(
     n_rays, radius_cm = simulation.best_setting(rows)
     Console().print(f"Best over all cases: {n_rays} rays, radius {radius_cm:g} cm")
     if out is not None:
-        from harness.recording.cases import record_cases
+        from harness.record.cases import record_cases
 
         write_simulation(out, rows, found)
         first, *_ = record_cases(out / "scenes")

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import typer
 
-from harness.cache.store import Store
 from harness.files import atomic_write
-from harness.runs.experiment import Experiment
-from harness.runs.plan import describe, prepare
+from harness.run.experiment import Experiment
+from harness.run.plan import describe, prepare
+from harness.stages.cache.store import Store
 from vfoa.errors import VfoaError
 
 
@@ -22,21 +22,21 @@ def run_sweep(
     workers: int,
     limit: int | None,
     oracle: bool,
-    save_signals: bool,
+    save_outputs: bool,
     cache: Store | None,
 ) -> None:
     """Sweep, write the table and its answers, and print these."""
     from harness.cli.printing import print_report
     from harness.cli.progress import frames_bar
-    from harness.sweep.conduct import conduct_sweep
-    from harness.sweep.report import best_table, effects_table, write_sweep
+    from harness.report.sweep import best_table, effects_table, write_sweep
+    from harness.score.sweep.runner import sweep_plan
 
-    if unfit := [name for name, given in (("--oracle", oracle), ("--save-signals", save_signals)) if given]:
+    if unfit := [name for name, given in (("--oracle", oracle), ("--save-outputs", save_outputs)) if given]:
         raise VfoaError(f"run {experiment.name}: found {unfit[0]}; expected none, since a sweep keeps only scores")
-    plan = prepare(experiment, limit=limit, recording=None)
+    plan = prepare(experiment, limit=limit)
     started = time.monotonic()
     with frames_bar(plan.frames, experiment.name) as progress:
-        sweep = conduct_sweep(plan, workers=workers, progress=progress, cache=cache)
+        sweep = sweep_plan(plan, out, workers=workers, progress=progress, cache=cache)
     seconds = time.monotonic() - started
     write_sweep(out, sweep)
     described = describe(plan)

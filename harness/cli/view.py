@@ -1,13 +1,16 @@
-"""``vfoa view``: look at a recording."""
+"""``vfoa view``: open a recording."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from harness.cli.options import OneClip, OneConfiguration, Recordings
+
+if TYPE_CHECKING:
+    from harness.record.composed import Composed
 
 
 def view(
@@ -15,38 +18,45 @@ def view(
     clip: OneClip = None,
     config: OneConfiguration = None,
     frame: Annotated[int | None, typer.Option(help="Open the first recording at this frame.")] = None,
-    web: Annotated[bool, typer.Option("--web", help="Show it in a browser; Ctrl-C ends it.")] = False,
+    subject: Annotated[str | None, typer.Option(help="Show this person's tab.")] = None,
+    web: Annotated[bool, typer.Option("--web", help="Open it in the browser; Ctrl-C ends it.")] = False,
     failures: Annotated[
-        bool, typer.Option("--failures", help="Go from wrong frame to wrong frame, by keys in this terminal.")
+        bool,
+        typer.Option("--failures", help="Step from one wrong frame to the next by keys; with --web, by links."),
     ] = False,
     compare: Annotated[
         tuple[str, str] | None,
-        typer.Option(metavar="K1 K2", help="Write two configurations of --clip side by side into one, and open that."),
+        typer.Option(metavar="K1 K2", help="Open two configurations of --clip side by side."),
     ] = None,
     screenshot: Annotated[
         Path | None,
-        typer.Option(metavar="PNG", help="Draw the first recording into a file; needs no display."),
+        typer.Option(metavar="PNG", help="Write a screenshot of the first recording; needs no display."),
     ] = None,
 ) -> None:
-    """Open a run's recordings in the Rerun viewer; with several, the first is in front and all are listed."""
-    from harness.cli.failures import step_through
+    """Open a run's recordings in the Rerun viewer: one for each clip, with a tab for each configuration."""
+    from harness.cli.failures import browse_failures, step_through
     from harness.local_server import ended_by_sigterm, sigterm_as_ctrl_c
-    from harness.recording import find_recordings, viewer
+    from harness.record import viewer
+    from harness.record.composed import find_recordings
     from vfoa.errors import VfoaError
 
     if failures:
-        if web or frame is not None or screenshot is not None or compare is not None:
-            raise VfoaError(
-                "view: --failures chooses the frames itself: leave out --web, --frame, --compare and --screenshot"
-            )
+        if frame is not None or screenshot is not None or compare is not None:
+            raise VfoaError("view: --failures chooses the frames itself: leave out --frame, --compare and --screenshot")
+        if web:
+            browse_failures(run, clip, config)
+            return
         with ended_by_sigterm():
             step_through(run, clip, config)
         return
     if web and screenshot is not None:
         raise VfoaError("view: --web draws no file: leave out --screenshot")
-    recordings = find_recordings(run, clip, config) if compare is None else [_side_by_side(run, clip, config, compare)]
+    if compare is None:
+        recordings = find_recordings(run, clip, config, subject)
+    else:
+        recordings = [_compared(run, clip, config, compare)]
     if frame is not None:
-        _expect_frame(run, recordings[0], frame)
+        recordings[0].expect_frame(frame)
     if screenshot is not None:
         with sigterm_as_ctrl_c():
             viewer.screenshot(recordings[0], frame, screenshot)
@@ -57,37 +67,22 @@ def view(
             viewer.show(recordings, frame)
 
 
-def _browse(recordings: list[Path], frame: int | None) -> None:
+def _browse(recordings: list[Composed], frame: int | None) -> None:
     from harness.cli.browse import browse
-    from harness.recording.site import open_path
+    from harness.record.web_app import open_path
 
     first, *others = recordings
-    browse(recordings, [open_path(first.stem, frame), *(open_path(other.stem, None) for other in others)])
+    browse(recordings, [open_path(first.name, frame), *(open_path(other.name, None) for other in others)])
 
 
-def _expect_frame(run: Path, recording: Path, frame: int) -> None:
-    """Refuse a frame that the run does not have; the viewer would go to the nearest and say nothing."""
-    from harness.runs.directory import RunDirectory, pair_of
-    from vfoa.errors import VfoaError
-
-    if not RunDirectory(run).manifest.is_file():
-        return
-    frames = {clip["name"]: clip["frames"] for clip in RunDirectory(run).read_manifest()["clips"]}
-    known = frames[pair_of(recording.stem)[0]]
-    if frame not in known:
-        raise VfoaError(f"{recording}: found no frame {frame}; expected one of {min(known)} to {max(known)}")
-
-
-def _side_by_side(run: Path, clip: str | None, config: str | None, compare: tuple[str, str]) -> Path:
-    """Write the recording of both configurations into the run's directory."""
-    from harness.recording import VERSUS, find_recordings
-    from harness.recording.side_by_side import write_side_by_side
+def _compared(run: Path, clip: str | None, config: str | None, compare: tuple[str, str]) -> Composed:
+    """Two configurations of a clip side by side."""
+    from harness.record.composed import find_clips
     from vfoa.errors import VfoaError
 
     if clip is None or config is not None or compare[0] == compare[1] or run.is_file():
         raise VfoaError("view --compare: expected a run's directory, --clip, no --config, and two configurations")
-    found = {configuration: find_recordings(run, clip, configuration)[0] for configuration in compare}
-    path = run / f"{clip}__{VERSUS.join(compare)}.rrd"
-    write_side_by_side(clip, found, path)
-    typer.echo(f"wrote {path}")
-    return path
+    for configuration in compare:
+        find_clips(run, clip, configuration)
+    (found,) = find_clips(run, clip, None)
+    return found.compare(*compare)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.files import atomic_write, digest_files, file_digest, read_bytes, read_text
+from harness.files import atomic_write, check_new, digest_files, file_digest, read_bytes, read_text
 from vfoa.errors import VfoaError
 
 
@@ -46,5 +46,24 @@ def test_a_digest_sees_contents_and_roles_but_not_paths(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("read", [read_bytes, read_text, file_digest])
 def test_a_name_that_no_file_can_have_is_one_line(tmp_path: Path, read: Callable[[Path], object]) -> None:
-    with pytest.raises(VfoaError, match=r"a\\x00b': no file can be called so: embedded null byte"):
+    with pytest.raises(VfoaError, match=r"a\\x00b': invalid file name: embedded null byte"):
         read(tmp_path / "a\0b")
+
+
+def test_a_file_is_replaced_only_where_that_was_said(tmp_path: Path) -> None:
+    place = tmp_path / "a.csv"
+    check_new(place, replace=False)
+    atomic_write(place, "mine")
+    with pytest.raises(VfoaError, match=r"a\.csv: is there already; expected --replace, or another"):
+        check_new(place, replace=False, hint=", or another")
+    check_new(place, replace=True)
+
+
+@pytest.mark.parametrize("write", [lambda path: atomic_write(path, "x"), lambda path: check_new(path, replace=True)])
+def test_what_is_no_plain_file_is_never_replaced(tmp_path: Path, write: Callable[[Path], object]) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    for path in (tmp_path / "pipe", tmp_path / "folder", Path("/dev/full")):
+        with pytest.raises(VfoaError, match="is no plain file; expected a file to write"):
+            write(path)
+    assert (tmp_path / "pipe").is_fifo()

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -10,8 +11,8 @@ from typer.testing import CliRunner
 
 from harness.cli.clips import app
 from harness.clips.check import clips_at_hand
-from harness.clips.locate import names
 from harness.clips.matching import MATCHED_SIDE_PX, matched_offsets_px
+from harness.data_folders import names
 from tests.disk import write_bytes, write_image, write_text
 
 WIDTH, HEIGHT, DISPARITY = 320, 240, 12
@@ -117,7 +118,7 @@ def test_principal_points_apart_shift_the_disparity(tmp_path: Path) -> None:
 def test_what_cannot_be_measured_is_said(tmp_path: Path) -> None:
     _clip(tmp_path)
     for path in (tmp_path / "datasets" / "wall").rglob("*.png"):
-        write_image(path, np.full((HEIGHT, WIDTH, 3), 128, np.uint8))
+        write_image(path, np.full((HEIGHT, WIDTH, 3), 128 + ("left" in path.parts), np.uint8))
     code, found = _check("wall")
     assert (code, found["vertical_error_px"], found["matches"]) == (0, None, 0)
     assert found["notes"] == [
@@ -142,8 +143,12 @@ def test_the_middle_frame_is_decoded_as_well(tmp_path: Path) -> None:
     [
         ({"labels": LABELS.replace("bird", "brid")}, "wall.csv:3: unknown target 'brid'; did you mean 'bird'?"),
         ({"labels": LABELS.replace("1,3", "1,4")}, "wall.csv:3: frame 4 is outside the clip"),
-        ({"manifest": MANIFEST.replace("0.1", "120.0")}, "the baseline is 120 m; expected metres (millimetres?)"),
+        ({"manifest": MANIFEST.replace("0.1", "120.0")}, "the baseline is 120 m; expected 0.02 to 1 m (millimetres"),
         ({"manifest": MANIFEST.replace("159.5", "800.0")}, "the principal point (800, 119.5) lies outside the image"),
+        (
+            {"manifest": MANIFEST.replace("targets.bird", 'targets."bird#2"')},
+            "'bird#2' is what an object without a name",
+        ),
         ({"manifest": MANIFEST.replace("left =", "lft =")}, "unknown key 'source.lft'; did you mean 'left'?"),
     ],
 )
@@ -155,6 +160,63 @@ def test_a_bad_clip_fails_with_one_line(tmp_path: Path, change: dict[str, str], 
     assert isinstance(problems, list)
     assert message in problems[0]
     assert "\n" not in problems[0]
+
+
+def test_a_baseline_whose_unit_is_said_passes(tmp_path: Path) -> None:
+    far = MANIFEST.replace("0.1", "1.5")
+    _clip(tmp_path, manifest=far)
+    assert _check("wall")[0] == 2
+    _clip(tmp_path, manifest=far.replace("[source]", '[source]\ncalibration_unit = "m"'))
+    assert _check("wall")[0] == 0
+
+
+def test_images_that_decode_and_cannot_be_right(tmp_path: Path) -> None:
+    _clip(tmp_path)
+    for number in (1, 2, 3):
+        left = tmp_path / "datasets" / "wall" / "left" / f"{number}.png"
+        write_bytes(left.parents[1] / "right" / left.name, left.read_bytes())
+    assert "frame 1, 2, 3: left and right are the same image" in str(_check("wall")[1]["problems"])
+    for path in (tmp_path / "datasets" / "wall").rglob("*.png"):  # 12 bits in files of 16
+        write_image(path, cv2.imread(str(path)).astype(np.uint16) << 4)
+    assert "the brightest value of 3 frames is 15 of 255" in str(_check("wall")[1]["problems"])
+
+
+def test_a_misspelt_category_is_said(tmp_path: Path) -> None:
+    _clip(tmp_path, manifest=MANIFEST.replace('"person"', '"persn"').replace('"bird"', '"dragon"'))
+    notes = _check("wall")[1]["notes"]
+    assert notes == ["subjects.girl: no model of COCO's categories knows 'persn'; did you mean 'person'?"]
+
+
+def test_labels_behind_a_broken_link_are_said(tmp_path: Path) -> None:
+    _clip(tmp_path)
+    labels = tmp_path / "annotations" / "wall.csv"
+    labels.unlink()
+    labels.symlink_to("gone.csv")
+    assert "wall.csv: a link to gone.csv, which is not there" in str(_check("wall")[1]["problems"])
+
+
+def test_a_near_scene_names_the_limit_and_a_better_one(tmp_path: Path) -> None:
+    """The wall is 2.5 m away, for 300 px, 0.1 m and 12 px; with a baseline of 0.02 m it is at half a metre."""
+    _clip(tmp_path, manifest=MANIFEST.replace("= 0.1", "= 0.02").replace("= 300.0", "= 200.0"))
+    code, found = _check("wall")
+    assert code == 0
+    (note,) = found["notes"]  # type: ignore[misc]
+    match = re.fullmatch(
+        r"(\d+)% of the matches are nearer than stereo\.min_depth_m = 0\.45, .*=(0\.\d+) reaches them", note
+    )
+    assert match
+    assert int(match[1]) > 90
+    assert 0.85 * 200 * 0.02 / DISPARITY < float(match[2]) < 200 * 0.02 / DISPARITY
+
+
+@pytest.mark.parametrize("columns", [40, 80, 200])
+def test_no_terminal_is_too_narrow_for_a_column(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, columns: int) -> None:
+    _clip(tmp_path)
+    monkeypatch.setenv("COLUMNS", str(columns))
+    printed = CliRunner().invoke(app, ["check", "wall"]).stdout
+    words = printed.split()
+    assert all(word in words for word in ("wall", "ok", "320x240", "0.1000", "0.00", "labels", "baseline"))
+    assert max(map(len, printed.splitlines())) <= columns
 
 
 def test_a_truncated_image_fails_and_is_named(tmp_path: Path) -> None:
@@ -186,12 +248,18 @@ def test_all_clips_are_those_whose_data_is_at_hand(tmp_path: Path, monkeypatch: 
     _clip(tmp_path)
     write_text(tmp_path / "datasets" / "lab.toml", 'name = "lab"\nadapter = "stereo_folder"\nroot = "${LAB}/x"\n')
     (tmp_path / "datasets" / "torn.toml").write_text("name =")
-    here, elsewhere = clips_at_hand()
-    assert {"wall", "torn", "studio_table"} <= set(here)
-    assert elsewhere["LAB"] == ["lab"]
-    assert "sintel_bandage_2" in elsewhere["VFOA_DATA"]
+    found = clips_at_hand()
+    assert (found.clips, found.elsewhere) == (("torn", "wall"), {"LAB": ["lab"]})
+    assert {"studio_table", "sintel_bandage_2"} <= set(found.packaged)
     monkeypatch.setenv("LAB", "/lab")
-    assert "lab" in clips_at_hand()[0]
+    assert "lab" in clips_at_hand().clips
+
+
+def test_without_clips_of_ones_own_those_of_the_package_are_at_hand() -> None:
+    found = clips_at_hand()
+    assert "studio_table" in found.clips
+    assert "sintel_bandage_2" in found.elsewhere["VFOA_DATA"]
+    assert found.packaged == ()
 
 
 def test_the_list_has_one_line_a_clip_in_80_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,32 +7,39 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.runs.results import to_line
+from harness.run.results import to_line
 from tests.records import answers
 from vfoa.errors import VfoaError
 
-FRAMES = 20
+LOOK, LOOKS = 50, 8  # two seconds each: none is joined with another
+FRAMES = LOOK * LOOKS
 
 
 @pytest.fixture(autouse=True)
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A working directory with one clip, whose labels say ``cup`` in every frame."""
+    """A working directory with one clip, whose labels say ``cup`` and ``can`` in turn."""
     for name in ("datasets", "annotations"):
         (tmp_path / name).mkdir()
     (tmp_path / "datasets" / "tabletop.toml").write_text(
         'name = "tabletop"\nadapter = "studio"\nlicence = "MIT"\n'
         '[subjects.girl]\ncategory = "person"\n[targets.cup]\ncategory = "cup"\n'
+        '[targets.can]\ncategory = "can"\n'
     )
     (tmp_path / "annotations" / "tabletop.csv").write_text(
-        f"# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,{FRAMES},girl,cup,\n"
+        "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+        + "".join(f"{LOOK * k + 1},{LOOK * (k + 1)},girl,{_target(k)},\n" for k in range(LOOKS))
     )
     monkeypatch.chdir(tmp_path)
 
 
+def _target(look: int) -> str:
+    return "can" if look % 2 else "cup"
+
+
 def _run(folder: Path, correct: int, configuration: str = "one", frames: range = range(1, FRAMES + 1)) -> str:
-    """A finished run that is right in so many of these frames, the first."""
+    """A finished run that is right in so many of the first 20 frames of every look, and in no other."""
     folder.mkdir()
-    said = ["cup"] * correct + ["none"] * (FRAMES - correct)
+    said = [_target(k // LOOK) if k % LOOK < correct else "none" for k in range(FRAMES)]
     records = [each for each in answers(said, clip="tabletop", configuration=configuration) if each.frame in frames]
     (folder / "results.jsonl").write_text("".join(map(to_line, records)))
     entry = {"name": "tabletop", "manifest": "", "notes": [], "frames": [each.frame for each in records]}
@@ -47,7 +54,8 @@ def test_a_significant_drop_fails_and_a_small_one_does_not(tmp_path: Path) -> No
     guard = ["--baseline", before, "--fail-on", "significant-drop"]
     assert CliRunner().invoke(app, ["compare", worse, *guard]).exit_code == 1
     assert CliRunner().invoke(app, ["compare", worse, "--baseline", before]).exit_code == 0
-    assert CliRunner().invoke(app, ["compare", little, *guard]).exit_code == 0
+    assert CliRunner().invoke(app, ["compare", little, *guard, "--tolerance", "5"]).exit_code == 0
+    assert CliRunner().invoke(app, ["compare", little, *guard, "--tolerance", "3"]).exit_code == 1
 
 
 def test_a_significant_gain_does_not_fail(tmp_path: Path) -> None:
@@ -55,8 +63,8 @@ def test_a_significant_gain_does_not_fail(tmp_path: Path) -> None:
     said = CliRunner().invoke(app, ["compare", better, "--baseline", before, "--fail-on", "significant-drop", "--json"])
     assert said.exit_code == 0
     (one,) = json.loads(said.stdout)
-    assert (one["n"], one["better"], one["worse"]) == (FRAMES, 12, 0)
-    assert one["p"] == pytest.approx(2 / 2**12)
+    assert (one["n"], one["better"], one["worse"]) == (FRAMES, 12 * LOOKS, 0)
+    assert one["p"] == 2 / 2**LOOKS
     assert "significantly better" in one["sentence"]
 
 
@@ -70,8 +78,8 @@ def test_several_runs_against_a_baseline_are_corrected_together(tmp_path: Path) 
     before, *others = (_run(tmp_path / name, n) for name, n in (("before", 8), ("better", 14), ("same", 8)))
     said = CliRunner().invoke(app, ["compare", *others, "--baseline", before, "--json"])
     better, same = json.loads(said.stdout)
-    assert (better["p"], better["p_holm"]) == (2 / 2**6, 4 / 2**6)
-    assert "p = 0.031 (p = 0.062 after Holm): not distinguishable" in better["sentence"]
+    assert (better["p"], better["p_holm"]) == (2 / 2**LOOKS, 4 / 2**LOOKS)
+    assert "p = 0.0078 (p = 0.016 after Holm): significantly better" in better["sentence"]
     assert (same["p"], same["p_holm"]) == (1, 1)
 
 

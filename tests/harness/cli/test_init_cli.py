@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.clips.locate import names
+from harness.data_folders import names
 from tests.command import vfoa
 from vfoa.errors import VfoaError
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.local_server import ended_by_sigterm
-from harness.runs.results import to_line
+from harness.run.results import to_line
 from tests.records import answers
 from vfoa.errors import VfoaError
 
@@ -80,7 +80,7 @@ def served(run: Path, request: pytest.FixtureRequest) -> Iterator[tuple[subproce
 
 @pytest.mark.parametrize(
     ("served", "sign", "said"),
-    [(REPORT, signal.SIGINT, "Run small"), (VIEW, signal.SIGTERM, "clip__one.rrd: not a recording")],
+    [(REPORT, signal.SIGINT, "Run small"), (VIEW, signal.SIGTERM, "clip__one.rrd: not a whole recording")],
     indirect=["served"],
     ids=["report", "view"],
 )

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from harness.clips.manifest import load_manifest
-from harness.runs.conduct import conduct, prepare
-from harness.runs.experiment import load_experiment
+from harness.run.experiment import load_experiment
+from harness.run.runner import prepare, run_plan
 from tests.calibrations import write_opencv
 from tests.disk import write_image, write_text
 
@@ -41,11 +41,11 @@ clips = ["mine"]
 
 [[configuration]]
 name = "only"
-stereo = { matcher = "files", root = "signals", pattern = "disparity/frame_%04d.npy", partial = true }
-segmentation = { model = "coco_panoptic", root = "signals", partial = true }
-heads = { detector = "files", root = "signals" }
-head_pose = { model = "files", root = "signals" }
-gaze = { model = "files", root = "signals" }
+stereo = { matcher = "files", root = "stage_outputs", pattern = "disparity/frame_%04d.npy", partial = true }
+segmentation = { model = "coco_panoptic", root = "stage_outputs", partial = true }
+heads = { detector = "files", root = "stage_outputs" }
+head_pose = { model = "files", root = "stage_outputs" }
+gaze = { model = "files", root = "stage_outputs" }
 """
 
 LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,3,anna,mug,\n"
@@ -58,9 +58,9 @@ def build(folder: Path) -> Path:
     experiment = type(experiment)(
         name=experiment.name, clips=experiment.clips, configurations=experiment.configurations[:1]
     )
-    plan = prepare(experiment, limit=3, recording=None, save_signals=True)
-    saved = conduct(plan, rendered, workers=1, progress=lambda clip: None).signals / "studio_table" / "bm-one"
-    shutil.copytree(saved, project / "signals")
+    plan = prepare(experiment, limit=3, save_outputs=True)
+    saved = run_plan(plan, rendered, workers=1, progress=lambda clip: None).stage_outputs / "studio_table" / "bm-one"
+    shutil.copytree(saved, project / "stage_outputs")
     clip = load_manifest("studio_table").open()
     for number in (1, 2, 3):
         frame = clip.frame(number)

@@ -42,7 +42,7 @@ def mcap(root: Path) -> None:
 
 
 def video(root: Path) -> None:
-    pairs = [np.hstack([moving_picture(k), moving_picture(k)]) for k in range(1, 9)]
+    pairs = [np.hstack([moving_picture(k), np.roll(moving_picture(k), -4, axis=1)]) for k in range(1, 9)]
     write_video(root / "both.mkv", pairs)
     write_text(root / "datasets" / "mine.toml", VIDEO)
 

@@ -29,8 +29,8 @@ CHECK = ("clips", "check", "mine")
 
 ONNX = "weights/yolo.onnx"
 LEFT = "images/left/000002.png"
-MASK = "signals/png/frame_0002.png"
-DISPARITY = "signals/disparity/frame_0002.npy"
+MASK = "stage_outputs/png/frame_0002.png"
+DISPARITY = "stage_outputs/disparity/frame_0002.npy"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -146,14 +146,14 @@ def pixels(path: str, change: Callable[[np.ndarray], np.ndarray]) -> Damage:
 
 
 def _no_categories(root: Path) -> None:
-    path = root / "signals" / "panoptic.json"
+    path = root / "stage_outputs" / "panoptic.json"
     content = json.loads(path.read_text())
     del content["categories"]
     put(path, json.dumps(content))
 
 
 def _no_length(root: Path) -> None:
-    path = root / "signals" / "gaze.csv"
+    path = root / "stage_outputs" / "gaze.csv"
     header, *rows = path.read_text().splitlines()
     columns = header.split(",")
     first = rows[0].split(",")
@@ -163,7 +163,7 @@ def _no_length(root: Path) -> None:
 
 
 def _learned(root: Path) -> None:
-    files = 'model = "coco_panoptic", root = "signals", partial = true'
+    files = 'model = "coco_panoptic", root = "stage_outputs", partial = true'
     replaced("e.toml", files, f'model = "yolo_seg", weights = "{ONNX}"')(root)
     (root / ONNX).parent.mkdir()
 
@@ -276,14 +276,14 @@ _EXPERIMENT = [
     case("experiment with an impossible number", text("e.toml", EXPERIMENT + "attention.n_rays = 0\n"), "n_rays"),
 ]
 
-_SIGNALS = [
+_STAGE_OUTPUTS = [
     case("mask empty", empty(MASK), "frame_0002.png"),
     case("mask cut", cut(MASK), "frame_0002.png"),
     case("mask of another size", image(MASK, np.zeros((10, 10, 3), np.uint8)), "frame_0002.png", "10"),
     case("mask with an unknown id", pixels(MASK, lambda ids: np.full_like(ids, 77)), "frame_0002.png"),
-    case("panoptic.json empty", empty("signals/panoptic.json"), "panoptic.json"),
-    case("panoptic.json cut", cut("signals/panoptic.json"), "panoptic.json"),
-    case("panoptic.json is a list", text("signals/panoptic.json", "[1, 2]"), "panoptic.json"),
+    case("panoptic.json empty", empty("stage_outputs/panoptic.json"), "panoptic.json"),
+    case("panoptic.json cut", cut("stage_outputs/panoptic.json"), "panoptic.json"),
+    case("panoptic.json is a list", text("stage_outputs/panoptic.json", "[1, 2]"), "panoptic.json"),
     case("panoptic.json without categories", _no_categories, "panoptic.json", "categories"),
     case("disparity empty", empty(DISPARITY), "frame_0002.npy"),
     case("disparity cut", cut(DISPARITY), "frame_0002.npy"),
@@ -295,13 +295,13 @@ _SIGNALS = [
         "frame_0002.npy",
     ),
     case("disparity gone", gone(DISPARITY), "frame_0002.npy"),
-    case("heads empty", empty("signals/heads.csv"), "heads.csv"),
-    case("heads lack a column", replaced("signals/heads.csv", "u0_px", "u_px"), "heads.csv", "u0_px"),
-    case("heads with NaN", replaced("signals/heads.csv", "\n2,", "\nnan,"), "heads.csv:3"),
-    case("heads cut", cut("signals/heads.csv"), "heads.csv"),
-    case("gaze empty", empty("signals/gaze.csv"), "gaze.csv"),
+    case("heads empty", empty("stage_outputs/heads.csv"), "heads.csv"),
+    case("heads lack a column", replaced("stage_outputs/heads.csv", "u0_px", "u_px"), "heads.csv", "u0_px"),
+    case("heads with NaN", replaced("stage_outputs/heads.csv", "\n2,", "\nnan,"), "heads.csv:3"),
+    case("heads cut", cut("stage_outputs/heads.csv"), "heads.csv"),
+    case("gaze empty", empty("stage_outputs/gaze.csv"), "gaze.csv"),
     case("gaze of no length", _no_length, "gaze.csv:2"),
-    case("gaze is binary", text("signals/gaze.csv", bytes(range(256))), "gaze.csv"),
+    case("gaze is binary", text("stage_outputs/gaze.csv", bytes(range(256))), "gaze.csv"),
 ]
 
 _WEIGHTS = [
@@ -317,7 +317,7 @@ _OUTPUT = [
     case("output holds something else", lambda root: write_text(root / "out" / "notes.txt", "mine"), "out"),
 ]
 
-REFUSED = [*_IMAGES, *_CALIBRATION, *_MANIFEST, *_ANNOTATIONS, *_EXPERIMENT, *_SIGNALS, *_WEIGHTS, *_OUTPUT]
+REFUSED = [*_IMAGES, *_CALIBRATION, *_MANIFEST, *_ANNOTATIONS, *_EXPERIMENT, *_STAGE_OUTPUTS, *_WEIGHTS, *_OUTPUT]
 SURVIVED = [
     case("annotations with a byte-order mark", text(CSV, b"\xef\xbb\xbf" + LABELS.encode())),
     case("annotations with CRLF", text(CSV, LABELS.replace("\n", "\r\n"))),

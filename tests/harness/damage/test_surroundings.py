@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.adapters.stereo_folder import StereoFolderClip
+from harness.sources.stereo_folder import StereoFolderClip
 from tests.command import vfoa
 from tests.harness.damage.table import RUN
 from vfoa.types import StereoFrame
@@ -92,7 +92,7 @@ def _as_nobody(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
 
 
 @pytest.mark.parametrize(
-    "path", ["images/left/000002.png", "images/stereo.yml", "annotations/mine.csv", "signals/heads.csv", "e.toml"]
+    "path", ["images/left/000002.png", "images/stereo.yml", "annotations/mine.csv", "stage_outputs/heads.csv", "e.toml"]
 )
 def test_a_file_that_may_not_be_read_is_named(
     path: str, open_project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

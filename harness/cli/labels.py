@@ -1,7 +1,8 @@
-"""``vfoa annotations``: labels in and out, and between annotators."""
+"""``vfoa labels``: labels in and out, predictions out, and annotators compared."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,11 +12,13 @@ import typer
 from harness.cli.options import Clip, Replace, RunConfiguration
 
 if TYPE_CHECKING:
-    from harness.adapters import Clip as AdapterClip
-    from harness.annotations.labels import Labels
     from harness.clips.manifest import ClipManifest
+    from harness.labels.labels import Labels
+    from harness.sources import AnyClip
 
-app = typer.Typer(help="Check, exchange and compare who looks at what.", no_args_is_help=True)
+app = typer.Typer(
+    help="Check, import, export, compare and merge labels; export a run's predictions.", no_args_is_help=True
+)
 
 
 class Gaps(StrEnum):
@@ -26,7 +29,7 @@ class Gaps(StrEnum):
 
 
 class MergeRule(StrEnum):
-    """How labels are merged; :mod:`harness.annotations.merge` says what each does."""
+    """How labels are merged; :mod:`harness.labels.merge` says what each does."""
 
     agree = "agree"
     first = "first"
@@ -34,25 +37,30 @@ class MergeRule(StrEnum):
 
 
 Annotators = Annotated[
-    list[str] | None, typer.Argument(metavar="ANNOTATOR", help="All the clip has if not given; CLIP is CLIP.csv.")
+    list[str] | None,
+    typer.Argument(metavar="ANNOTATOR", help="Annotators. Default: all of the clip; CLIP stands for CLIP.csv."),
 ]
 ClipOption = Annotated[str, typer.Option("--clip", metavar="CLIP", help="The clip's name, or its .toml file.")]
 Annotator = Annotated[
-    str | None, typer.Option(metavar="ANNOTATOR", help="Whose labels: CLIP@ANNOTATOR.csv; CLIP.csv if not given.")
+    str | None,
+    typer.Option(metavar="ANNOTATOR", help="Labels of this annotator, CLIP@ANNOTATOR.csv. Default: CLIP.csv."),
 ]
 Format = Annotated[
     str,
     typer.Option(
-        "--format", help="elan, boris, boris-aggregated, cvat, videoattentiontarget, childplay, or another package's."
+        "--format",
+        help="elan, boris, boris-aggregated, cvat, csv, idiap_vfoa, videoattentiontarget, childplay, or a package's.",
     ),
 ]
-Fps = Annotated[float | None, typer.Option(min=0.001, help="The rate the other program has; the clip's if not given.")]
+Fps = Annotated[
+    float | None, typer.Option(min=0.001, help="Frames per second in the other program. Default: the clip's.")
+]
 Offset = Annotated[
     float, typer.Option(help="Where the clip begins in the other program: seconds, or frames if it counts frames.")
 ]
 FromRun = Annotated[
     Path | None,
-    typer.Option("--run", metavar="RUN", help="A run whose heads and boxes are used; the clip's truth if not given."),
+    typer.Option("--run", metavar="RUN", help="Take heads and boxes from this run. Default: the clip's ground truth."),
 ]
 
 
@@ -65,18 +73,25 @@ def import_(
     fps: Fps = None,
     offset: Offset = 0.0,
     rename: Annotated[
-        list[str] | None, typer.Option(metavar="THEIRS=OURS", help="A name that is another one in the manifest.")
+        list[str] | None, typer.Option(metavar="THEIRS=OURS", help="Rename a label: their name to the manifest's.")
     ] = None,
     gaps: Annotated[Gaps, typer.Option(help="What frames without a label, between two labels, mean.")] = Gaps.ignore,
     target: Annotated[
-        str | None, typer.Option(help="In formats of points: what is looked at where nothing that has a name is found.")
+        str | None, typer.Option(help="Formats of points: fallback target, where a point is on nothing with a name.")
     ] = None,
+    attribute: Annotated[str, typer.Option(help="CVAT: the attribute that holds the target.")] = "target",
+    observation: Annotated[
+        str | None, typer.Option(metavar="NAME", help="BORIS: which observation of a file of several.")
+    ] = None,
+    confirm: Annotated[
+        bool, typer.Option("--confirm", help="Take suggestions (a run's predictions) as checked by a person.")
+    ] = False,
     run: FromRun = None,
     config: RunConfiguration = None,
     replace: Replace = False,
 ) -> None:
-    """Read the labels of another program; say what they lose."""
-    from harness.annotation_formats.convert import import_labels, open_exchange
+    """Read the labels of another program; say what is left out."""
+    from harness.annotate.convert import import_labels, open_exchange
     from harness.clips.manifest import load_manifest
 
     manifest = load_manifest(clip)
@@ -89,41 +104,86 @@ def import_(
         run=run,
         configuration=config,
         unnamed=target,
+        attribute=attribute,
+        observation=observation,
     )
     place = manifest.annotations.place(annotator)
-    imported = import_labels(file, format_, exchange, place, replace=replace)
+    imported = import_labels(file, format_, exchange, place, replace=replace, confirm=confirm)
     for note in imported.notes:
         typer.echo(f"- {note}", err=True)
     typer.echo(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
 
 
-@app.command(name="export", short_help="Write labels for another program.")
+@app.command(name="export", short_help="Write labels, or a run's predictions, for another program.")
 def export(
-    clip: Clip,
-    to: Annotated[Path, typer.Argument(metavar="FILE", help="The file to write.")],
+    source: Annotated[
+        str, typer.Argument(metavar="CLIP|RUN", help="A clip's name or .toml file, or a run's directory.")
+    ],
+    to: Annotated[
+        Path | None,
+        typer.Argument(metavar="[FILE]", help="The file to write; of a run RUN/labels/CLIP__CONFIG if not given."),
+    ] = None,
+    *,
     format_: Format,
     annotator: Annotator = None,
+    clip: Annotated[str | None, typer.Option(help="Of a run: only this clip.")] = None,
     fps: Fps = None,
     offset: Offset = 0.0,
     run: FromRun = None,
     config: RunConfiguration = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")] = False,
 ) -> None:
-    """Write labels for another program; say what its format cannot hold."""
-    from harness.annotation_formats.convert import export_labels, open_exchange
+    """Write a clip's labels, or what a run predicted, for another program; say what its format cannot hold.
+
+    Predictions are marked as suggestions where the format can. Corrected and imported with --confirm they are labels.
+    """
+    from harness.annotate.run_labels import export_predictions, is_run
+    from vfoa.errors import VfoaError
+
+    if is_run(Path(source)):
+        if annotator is not None or run is not None:
+            option = "--annotator" if annotator is not None else "--run"
+            raise VfoaError(f"{option}: found it for the predictions of a run; expected it for a clip's labels")
+        for each in export_predictions(
+            Path(source), format_, clip=clip, configuration=config, to=to, fps=fps, offset=offset, replace=replace
+        ):
+            _print_export(each.path, each.notes)
+        return
+    if to is None:
+        raise VfoaError(f"{source}: no run's directory; expected FILE, the file to write the clip's labels to")
+    _export_clip(source, to, format_, annotator, fps, offset, run, config, replace)
+
+
+def _export_clip(
+    name: str,
+    to: Path,
+    format_: str,
+    annotator: str | None,
+    fps: float | None,
+    offset: float,
+    run: Path | None,
+    config: str | None,
+    replace: bool,
+) -> None:
+    from harness.annotate.convert import export_labels, open_exchange
     from harness.clips.manifest import load_manifest
 
-    manifest = load_manifest(clip)
+    manifest = load_manifest(name)
     exchange = open_exchange(manifest, fps=fps, offset=offset, run=run, configuration=config)
-    for note in export_labels(manifest, annotator, format_, exchange, to):
+    _print_export(to, export_labels(manifest, annotator, format_, exchange, to, replace=replace))
+
+
+def _print_export(path: Path, notes: Iterable[str]) -> None:
+    for note in notes:
         typer.echo(f"- {note}", err=True)
-    typer.echo(str(to))
+    typer.echo(str(path))
 
 
 @app.command(name="check", short_help="Read a clip's label files; name the first mistake.")
 def check(clip: Clip, annotator: Annotator = None) -> None:
     """Read a clip's labels, and those of each annotator unless one is named; the first mistake ends it."""
-    from harness.annotations.timeline import timeline_of
     from harness.clips.manifest import load_manifest
+    from harness.labels.timeline import timeline_of
 
     manifest = load_manifest(clip)
     timeline = timeline_of(manifest.open())
@@ -138,20 +198,20 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
 def agreement(
     clip: Clip,
     annotators: Annotators = None,
-    out: Annotated[Path | None, typer.Option(help="Write the tables to this folder too: CSV, and one .md.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Also write the tables to this folder: CSV, and one .md.")] = None,
 ) -> None:
     """Compare annotators: kappa with its interval, per target, confusion, and a list of where they differ."""
-    from harness.annotations.agreement import compare_annotators
     from harness.cli.printing import print_reports
     from harness.clips.manifest import load_manifest
     from harness.files import atomic_write
     from harness.report.agreement import agreement_tables
     from harness.report.formats import to_csv, to_markdown
+    from harness.score.agreement import compare_annotators
 
     manifest = load_manifest(clip)
     opened = manifest.open()
     labels = _labels_by_annotator(manifest, opened, annotators or [])
-    found = compare_annotators(labels, opened.frames, opened.rate_hz, manifest.name)
+    found = compare_annotators(labels, opened.frames, opened.rate_hz)
     tables = agreement_tables(manifest.name, labels, found, opened.frames)
     print_reports(tables.values())
     if out:
@@ -160,7 +220,7 @@ def agreement(
         atomic_write(out / "agreement.md", "\n".join(to_markdown(table, level=2) for table in tables.values()))
 
 
-@app.command(name="merge", short_help="Make one file of several annotators'.")
+@app.command(name="merge", short_help="Merge the labels of several annotators into one file.")
 def merge(
     clip: Clip,
     annotators: Annotators = None,
@@ -171,17 +231,16 @@ def merge(
     replace: Replace = False,
 ) -> None:
     """Make one file of several annotators': agree (else ignore), first (in the order given), or adjudicate."""
-    from harness.annotations.files import write_annotations
-    from harness.annotations.merge import merge_labels, to_decide
     from harness.clips.manifest import load_manifest
-    from vfoa.errors import VfoaError
+    from harness.files import check_new
+    from harness.labels.files import write_annotations
+    from harness.labels.merge import merge_labels, to_decide
 
     manifest = load_manifest(clip)
     opened = manifest.open()
     labels = _labels_by_annotator(manifest, opened, annotators or [])
     place = manifest.annotations.place(to)
-    if place.is_file() and not replace:
-        raise VfoaError(f"{place}: is there already; expected --replace, or another --to")
+    check_new(place, replace=replace, hint=", or another --to")
     merged = merge_labels(labels, opened.frames, rule.value)
     write_annotations(place, merged)
     typer.echo(f"{place}: {len(merged.ranges)} ranges of {', '.join(labels)}")
@@ -189,9 +248,9 @@ def merge(
         typer.echo(f"- {len(left)} ranges are to be decided, the first at frame {left[0].first_frame}.")
 
 
-def _labels_by_annotator(manifest: ClipManifest, clip: AdapterClip, annotators: list[str]) -> dict[str, Labels]:
+def _labels_by_annotator(manifest: ClipManifest, clip: AnyClip, annotators: list[str]) -> dict[str, Labels]:
     """The labels of those named (the clip's own name stands for CLIP.csv), or of all annotators the clip has."""
-    from harness.annotations.timeline import timeline_of
+    from harness.labels.timeline import timeline_of
     from vfoa.errors import VfoaError
 
     names = annotators or list(manifest.annotations.annotators())

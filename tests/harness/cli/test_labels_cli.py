@@ -1,4 +1,4 @@
-"""``vfoa annotations`` as its user meets it, on a rendered clip."""
+"""``vfoa labels`` as its user meets it, on a rendered clip."""
 
 from __future__ import annotations
 
@@ -34,22 +34,43 @@ def test_labels_go_out_and_come_back(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     where = ("--format", name, "--offset", "3")
-    assert vfoa(monkeypatch, capsys, "annotations", "export", CLIP, "out", *where)[0] == 0
-    code, out, _ = vfoa(
-        monkeypatch, capsys, "annotations", "import", "out", "--clip", CLIP, "--annotator", "cat", *where
-    )
+    assert vfoa(monkeypatch, capsys, "labels", "export", CLIP, "out", *where)[0] == 0
+    code, out, _ = vfoa(monkeypatch, capsys, "labels", "import", "out", "--clip", CLIP, "--annotator", "cat", *where)
     assert code == 0
     assert "16 ranges of anna, ben" in out
     labels = folder / "annotations"
     assert (labels / f"{CLIP}@cat.csv").read_bytes() == (labels / f"{CLIP}.csv").read_bytes()
 
 
+def test_the_old_name_of_the_verb_is_kept(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert vfoa(monkeypatch, capsys, "annotations", "check", CLIP) == vfoa(monkeypatch, capsys, "labels", "check", CLIP)
+    assert "annotations" not in vfoa(monkeypatch, capsys, "--help")[1].split()
+
+
+def test_a_file_that_is_read_is_not_written_over(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own = folder / "annotations" / f"{CLIP}.csv"
+    before = own.read_bytes()
+    code, _, said = vfoa(monkeypatch, capsys, "labels", "export", CLIP, str(own), "--format", "boris")
+    assert (code, own.read_bytes()) == (2, before)
+    assert "is there already; expected --replace" in said
+
+
+def test_a_device_is_not_replaced(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    code, _, said = vfoa(monkeypatch, capsys, "labels", "export", CLIP, "/dev/full", "--format", "elan", "--replace")
+    assert (code, said) == (2, "vfoa: /dev/full: is no plain file; expected a file to write\n")
+    assert Path("/dev/full").is_char_device()
+
+
 def test_a_pipe_is_not_written_over(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     os.mkfifo(folder / "pipe")
-    code, _, said = vfoa(monkeypatch, capsys, "annotations", "export", CLIP, "pipe", "--format", "elan")
-    assert (code, said) == (2, "vfoa: pipe: is no file; expected one to write\n")
+    code, _, said = vfoa(monkeypatch, capsys, "labels", "export", CLIP, "pipe", "--format", "elan")
+    assert (code, said) == (2, "vfoa: pipe: is no plain file; expected a file to write\n")
     assert (folder / "pipe").is_fifo()
 
 
@@ -70,7 +91,7 @@ def test_a_pipe_is_not_written_over(
 def test_a_wrong_word_is_one_line_and_exit_code_2(
     arguments: tuple[str, ...], line: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, _, err = vfoa(monkeypatch, capsys, "annotations", *arguments)
+    code, _, err = vfoa(monkeypatch, capsys, "labels", *arguments)
     assert code == 2
     assert line in err
     assert err.count("\n") == 1
@@ -79,13 +100,13 @@ def test_a_wrong_word_is_one_line_and_exit_code_2(
 def test_annotators_are_compared_and_merged(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, out, _ = vfoa(monkeypatch, capsys, "annotations", "agreement", CLIP, "--out", "tables")
+    code, out, _ = vfoa(monkeypatch, capsys, "labels", "agreement", CLIP, "--out", "tables")
     assert code == 0
     assert "Kappa" in out
     assert "bear,none" in (folder / "tables" / "differences.csv").read_text()
     assert (folder / "tables" / "agreement.md").read_text().count("## ") == 4
-    code, out, _ = vfoa(monkeypatch, capsys, "annotations", "merge", CLIP, "anna", "ben", "--to", "both")
+    code, out, _ = vfoa(monkeypatch, capsys, "labels", "merge", CLIP, "anna", "ben", "--to", "both")
     assert code == 0
     assert "are to be decided, the first at frame 1" in out
     assert "to decide: anna bear, ben none" in (folder / "annotations" / f"{CLIP}@both.csv").read_text()
-    assert vfoa(monkeypatch, capsys, "annotations", "check", CLIP)[1].count("@") == 3
+    assert vfoa(monkeypatch, capsys, "labels", "check", CLIP)[1].count("@") == 3

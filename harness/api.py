@@ -1,0 +1,267 @@
+"""The harness for scripts and notebooks: run an experiment, load a finished run, tables as pandas DataFrames."""
+
+from __future__ import annotations
+
+import io
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from harness.report.comparisons import comparisons_csv
+from harness.report.formats import to_csv
+from harness.report.rescore import rescore
+from harness.run.directory import RunDirectory
+from harness.run.experiment import load_experiment
+from harness.score.run_comparison import compare_runs as _compare_runs
+from harness.score.run_comparison import compare_with_baseline
+from harness.toml_text import toml_value
+from vfoa.errors import VfoaError
+from vfoa.types import StereoRig
+
+if TYPE_CHECKING:
+    from rerun.notebook import Viewer
+
+    from harness.record.composed import Composed
+
+_INTEGERS = {"track": "Int64", "instance": "Int64", "focus": "Int64"}
+_WORDS = (
+    *("clip", "subject", "configuration", "reference", "target", "truth", "outcome", "error_type"),
+    *("interval_unit", "unit", "beats_baselines"),
+)
+
+
+class RunResults:
+    """A finished run. Its tables are those on disk, as the run or the last ``vfoa score`` wrote them.
+
+    Parameters
+    ----------
+    path
+        The run's directory.
+
+    Raises
+    ------
+    VfoaError
+        If it is not a run's directory, or the run is not finished.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.directory = RunDirectory(Path(path))
+        self.manifest: dict[str, Any] = self.directory.read_manifest()
+        if "finished" not in self.manifest:
+            raise VfoaError(f"{path}: this run is not finished; the same `vfoa run` again goes on with it")
+
+    def __repr__(self) -> str:
+        return f"RunResults({str(self.path)!r})"
+
+    @property
+    def path(self) -> Path:
+        """The run's directory."""
+        return self.directory.path
+
+    @property
+    def clips(self) -> tuple[str, ...]:
+        """Names of the clips, in the order of the experiment."""
+        return tuple(clip["name"] for clip in self.manifest["clips"])
+
+    @property
+    def configurations(self) -> tuple[str, ...]:
+        """Names of the configurations, in the order of the experiment."""
+        return tuple(self.manifest["configurations"])
+
+    @cached_property
+    def frr(self) -> pd.DataFrame:
+        """``frr.csv``: rates with intervals. Columns: :func:`harness.columns.frr_columns`."""
+        return self._table("frr.csv")
+
+    @cached_property
+    def frames(self) -> pd.DataFrame:
+        """``frames.csv``: every attention value. Columns: :data:`harness.columns.FRAMES_COLUMNS`."""
+        return self._table("frames.csv", "predicted")
+
+    @cached_property
+    def comparisons(self) -> pd.DataFrame:
+        """``comparisons.csv``: every two configurations. Columns: :data:`harness.columns.COMPARISON_COLUMNS`."""
+        return self._table("comparisons.csv")
+
+    @property
+    def failures(self) -> pd.DataFrame:
+        """The wrong frames: clip, configuration, frame, time_s, subject, truth, predicted, error_type."""
+        wrong = self.frames[self.frames["outcome"] == "wrong"]
+        columns = ["clip", "configuration", "frame", "time_s", "subject", "truth", "predicted", "error_type"]
+        return wrong[columns].drop_duplicates(ignore_index=True)
+
+    @property
+    def recordings(self) -> dict[tuple[str, str], tuple[Path, ...]]:
+        """The Rerun recordings that the run has, by clip and configuration: the files of their layers."""
+        return {pair: recording.files for pair, recording in self._recorded().items()}
+
+    def recording(self, clip: str, configuration: str) -> tuple[Path, ...]:
+        """The Rerun recording of a clip under a configuration: the files of its layers, which the viewer merges.
+
+        Raises
+        ------
+        VfoaError
+            If there is none.
+        """
+        return self._recording(clip, configuration).files
+
+    def show(self, clip: str, configuration: str, frame: int | None = None) -> Viewer:
+        """The recording in the Rerun viewer of a notebook; with ``frame``, it opens there.
+
+        Raises
+        ------
+        VfoaError
+            If there is no such recording, or the viewer of notebooks is not installed.
+        """
+        from harness.record.notebook import show_recording
+
+        return show_recording(self._recording(clip, configuration), frame)
+
+    def _recorded(self) -> dict[tuple[str, str], Composed]:
+        from harness.record.composed import served_recordings
+
+        return served_recordings(self.path)
+
+    def _recording(self, clip: str, configuration: str) -> Composed:
+        recordings = self._recorded()
+        if (clip, configuration) not in recordings:
+            known = ", ".join(f"{a} under {b}" for a, b in recordings) or "none"
+            raise VfoaError(f"{self.path}: no recording of {clip!r} under {configuration!r}; recordings: {known}")
+        return recordings[clip, configuration]
+
+    def rescore(self) -> RunResults:
+        """Score the run again with the present annotations (as ``vfoa score``), and load the new tables."""
+        rescore(self.directory)
+        return RunResults(self.path)
+
+    def _table(self, name: str, *words: str) -> pd.DataFrame:
+        path = self.path / name
+        if not path.is_file():
+            raise VfoaError(f"{path}: no such table; `vfoa score {self.path}` writes it")
+        return _read(path, *words)
+
+
+def load_run(path: str | Path) -> RunResults:
+    """Load a finished run, such as ``load_run("runs/demo")``.
+
+    Raises
+    ------
+    VfoaError
+        If it is not a run's directory, or the run is not finished.
+    """
+    return RunResults(path)
+
+
+def run_experiment(
+    name_or_path: str | Path,
+    *,
+    clips: Iterable[str] = (),
+    settings: Mapping[str, Any] | None = None,
+    preset: str | None = None,
+    out: str | Path | None = None,
+    limit: int | None = None,
+    workers: int = 1,
+    recordings: bool = True,
+    cache: bool = True,
+) -> RunResults:
+    """Run an experiment as ``vfoa run`` does, write its tables and report, and load them.
+
+    Parameters
+    ----------
+    name_or_path
+        An experiment by name or as a ``.toml`` file. ``"default"`` with ``clips`` is what ``vfoa run CLIP`` runs.
+    clips
+        Run these clips instead of the experiment's own.
+    settings
+        Values by dotted key, set in every configuration, such as ``{"attention.n_rays": 20}``.
+    preset
+        A bundle of settings by name, such as ``"realtime"``.
+    out
+        The run's directory; ``runs/<experiment>`` if not given.
+    limit
+        Run only the first frames of each clip.
+    workers
+        Processes; 0 means one per core. A script that asks for several needs ``if __name__ == "__main__":``.
+    recordings
+        Whether to write Rerun recordings.
+    cache
+        Whether to reuse stage outputs of earlier runs, and to keep those of this one.
+
+    Raises
+    ------
+    VfoaError
+        If the experiment, a clip or a setting is wrong, ``out`` holds another run, or nothing could be finished.
+    """
+    from harness.remote import cache_root
+    from harness.report.sinks import composed_sinks
+    from harness.run.runner import prepare, run_plan
+    from harness.stages.cache.store import Store, cache_limit
+
+    overrides = tuple(f"{key}={toml_value(value)}" for key, value in (settings or {}).items())
+    experiment = load_experiment(str(name_or_path), clips=tuple(clips), overrides=overrides, preset=preset)
+    if experiment.sweep:
+        raise VfoaError(f"{name_or_path}: a sweep; expected an experiment without [sweep] (`vfoa run` runs sweeps)")
+    plan = prepare(
+        experiment, limit=limit, sinks=composed_sinks(experiment.configurations, "light" if recordings else None)
+    )
+    directory = run_plan(
+        plan,
+        Path("runs") / experiment.name if out is None else Path(out),
+        workers=workers or os.cpu_count() or 1,
+        progress=lambda clip: None,
+        cache=Store(cache_root(), cache_limit()) if cache else None,
+        beside=out is None,
+    )
+    rescore(directory)
+    return RunResults(directory.path)
+
+
+def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = None) -> pd.DataFrame:
+    """Compare configurations on the same frames, as ``vfoa compare`` does.
+
+    Every two configurations of the runs; with ``baseline``, each with that run's of the same name. Columns:
+    :data:`harness.columns.COMPARISON_COLUMNS`.
+
+    Raises
+    ------
+    VfoaError
+        If a run cannot be scored, or the runs have nothing in common.
+    """
+    paths = [Path(run) for run in runs]
+    found = _compare_runs(paths) if baseline is None else compare_with_baseline(paths, Path(baseline))
+    return _read(io.StringIO(to_csv(comparisons_csv(found))))
+
+
+def read_rig(*files: str | Path, size_px: tuple[int, int]) -> StereoRig:
+    """The rig of a rectified pair from calibration files: OpenCV, ROS, Kalibr, KITTI, ZED and others.
+
+    Parameters
+    ----------
+    files
+        One file, or two (left and right of ROS, intrinsics and extrinsics of OpenCV).
+    size_px
+        (width, height) of the images.
+
+    Raises
+    ------
+    VfoaError
+        If the files are of no known kind, or describe images that must be rectified first (``vfoa clips add`` makes a
+        clip that rectifies them on reading).
+    """
+    from harness.sources.calibration import Calibration
+    from harness.sources.calibration_files.read import read_cameras
+
+    cameras = read_cameras([Path(file) for file in files], lambda: size_px)
+    if not isinstance(cameras, Calibration):
+        raise VfoaError(f"{files[0]}: of images before rectification; expected a calibration of a rectified pair")
+    return cameras.rig(*size_px)
+
+
+def _read(source: Path | io.StringIO, *words: str) -> pd.DataFrame:
+    """A table of a run: names (``words`` too) stay text, an empty cell is a missing value, and nothing else is."""
+    kinds = dict.fromkeys((*_WORDS, *words), "str") | _INTEGERS
+    return pd.read_csv(source, keep_default_na=False, na_values=[""], dtype=kinds, encoding="utf-8")

@@ -1,0 +1,41 @@
+"""``vfoa export-table``."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.options import Run
+
+
+class TableFormat(StrEnum):
+    """The formats of :data:`harness.report.export.FORMATS`."""
+
+    csv = "csv"
+    tex = "tex"
+    md = "md"
+    json = "json"
+
+
+def export_table(
+    run: Run,
+    to: Annotated[TableFormat, typer.Option(help="JSON can be given to `vfoa compare` instead of the run.")],
+    out: Annotated[Path | None, typer.Option(help="Write this file; print the table if not given.")] = None,
+) -> None:
+    """Export a run's table with a data sheet: clips, n, units, seeds, versions, digest."""
+    from harness.files import atomic_write
+    from harness.report.export import FORMATS, exported_table
+    from harness.run.directory import RunDirectory
+    from harness.score.finished_run import FinishedRun
+    from harness.score.score import score
+
+    finished = FinishedRun.read(RunDirectory(run))
+    scores = score(finished.records(), finished.reference())
+    text = FORMATS[to.value](scores, exported_table(scores, finished.manifest))
+    if out is None:
+        typer.echo(text, nl=False)
+    else:
+        atomic_write(out, text)

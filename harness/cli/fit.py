@@ -1,0 +1,61 @@
+"""``vfoa fit``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from harness.cli.completion import experiment_and_clip_names
+
+if TYPE_CHECKING:
+    from harness.run.directory import RunDirectory
+
+
+def fit(
+    what: Annotated[
+        str,
+        typer.Argument(
+            metavar="EXPERIMENT | RUN",
+            help="An experiment with labelled clips, or the directory of its run.",
+            autocompletion=experiment_and_clip_names,
+        ),
+    ],
+    out: Annotated[Path | None, typer.Option(help="The file to write; EXPERIMENT-fitted.toml if not given.")] = None,
+    config: Annotated[
+        str | None,
+        typer.Option("--config", metavar="NAME", help="The configuration to fit; the first posterior if none."),
+    ] = None,
+) -> None:
+    """Fit the posterior's settings to labelled clips: errors, bias, how heads follow, dwell times, share of nowhere.
+
+    Each clip is also judged with settings fitted on the others. Use the file with ``vfoa run X --preset FILE``.
+    """
+    from harness.cli.printing import print_reports
+    from harness.files import atomic_write
+    from harness.report.fit import fit_tables, fitted_text
+    from harness.score.fit_posterior import fit_posterior
+    from harness.score.fit_source import read_labelled
+
+    directory = _directory(what)
+    found = read_labelled(directory, config)
+    fitted = fit_posterior(found)
+    path = out or Path(f"{found.experiment}-fitted.toml")
+    atomic_write(path, fitted_text(fitted))
+    print_reports(fit_tables(fitted))
+    typer.echo(f"{path}: vfoa run EXPERIMENT --preset {path}")
+
+
+def _directory(what: str) -> RunDirectory:
+    """The run of that name, or a run of the experiment without recordings."""
+    from harness.cli.progress import frames_bar
+    from harness.run.directory import RunDirectory
+    from harness.run.experiment import load_experiment
+    from harness.run.runner import prepare, run_plan
+
+    if (Path(what) / "manifest.json").is_file():
+        return RunDirectory(Path(what))
+    plan = prepare(load_experiment(what))
+    with frames_bar(plan.frames, plan.experiment.name) as progress:
+        return run_plan(plan, Path("runs") / plan.experiment.name, workers=1, progress=progress, beside=True)

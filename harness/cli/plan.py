@@ -1,0 +1,30 @@
+"""``vfoa plan``."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from harness.cli.options import Json, Run
+
+
+def plan(
+    run: Run,
+    points: Annotated[float, typer.Option(min=0.1, max=100, help="The difference to see, in points of FRR.")] = 5.0,
+    power: Annotated[float, typer.Option(min=0.5, max=0.99, help="The chance to see it.")] = 0.8,
+    as_json: Json = False,
+) -> None:
+    """Say how many clips and looks it takes to see a difference, from the spread of this run."""
+    from dataclasses import asdict
+
+    from harness.cli.printing import print_json, print_reports
+    from harness.report.plan import plan_table, plans
+    from harness.run.directory import RunDirectory
+    from harness.score.finished_run import read_scores
+
+    found = plans(read_scores(RunDirectory(run)), points, power)
+    if as_json:
+        print_json([asdict(each) for each in found])
+    else:
+        print_reports([plan_table(found, points, power)])

@@ -1,0 +1,161 @@
+"""Tables with a header, read strictly: CSV, or Parquet by the file's suffix. A blank cell is an unknown value."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from harness.files import atomic_write, read_bytes, read_text
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.types import Float
+
+_INTEGER = re.compile(r"-?[0-9]{1,19}")
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableRow:
+    """One row: its place for messages, and the cells that are not blank by column."""
+
+    where: str
+    cells: Mapping[str, str]
+
+    def integer(self, column: str) -> int | None:
+        """The whole number in a column; None where it is blank.
+
+        Raises
+        ------
+        VfoaError
+            If it is no whole number.
+        """
+        cell = self.cells.get(column)
+        if cell is not None and not _INTEGER.fullmatch(cell):
+            raise VfoaError(f"{self.where}: {column}: expected a whole number, found {cell!r}")
+        return None if cell is None else int(cell)
+
+    def number(self, column: str) -> float | None:
+        """The number in a column; None where it is blank.
+
+        Raises
+        ------
+        VfoaError
+            If it is no finite number.
+        """
+        cell = self.cells.get(column)
+        if cell is None:
+            return None
+        if not _NUMBER.fullmatch(cell) or not math.isfinite(float(cell)):
+            raise VfoaError(f"{self.where}: {column}: expected a finite number, found {cell!r}")
+        return float(cell)
+
+    def numbers(self, columns: Sequence[str]) -> Float | None:
+        """The numbers (n,) of columns that belong together; None where all are blank.
+
+        Raises
+        ------
+        VfoaError
+            If some are blank, or one is no finite number.
+        """
+        found = [self.number(column) for column in columns]
+        if all(value is None for value in found):
+            return None
+        if None in found:
+            blank = columns[found.index(None)]
+            raise VfoaError(f"{self.where}: {blank}: found nothing; expected all of {', '.join(columns)}, or none")
+        return np.array(found, dtype=np.float64)
+
+
+def read_rows(path: Path, columns: Sequence[str], required: Sequence[str]) -> list[TableRow]:
+    """Read the rows of a table in the file's order; blank lines are left out.
+
+    Parameters
+    ----------
+    columns
+        Every column that the table may have, in any order.
+    required
+        Those it must have.
+
+    Raises
+    ------
+    VfoaError
+        For the first mistake, with file and line: a column that is unknown, missing or repeated, or a wrong number of
+        cells.
+    """
+    rows = _parquet_rows(path) if path.suffix == ".parquet" else _csv_rows(path)
+    header: list[str] = []
+    found = []
+    for where, cells in rows:
+        if not header:
+            header = _checked_header(cells, columns, required, where)
+        elif len(cells) != len(header):
+            raise VfoaError(f"{where}: found {len(cells)} cells; expected {len(header)}, as in the header")
+        else:
+            filled = {column: cell for column, cell in zip(header, cells, strict=True) if cell}
+            found.append(TableRow(where=where, cells=filled))
+    if not header:
+        raise VfoaError(f"{path}:1: no header; expected {','.join(required)},...")
+    return found
+
+
+def read_header(path: Path) -> tuple[str, ...]:
+    """The first row of a table; empty where the file cannot be read as one."""
+    try:
+        rows = _parquet_rows(path) if path.suffix == ".parquet" else _csv_rows(path)
+        return tuple(next(rows)[1])
+    except (VfoaError, StopIteration):
+        return ()
+
+
+def write_rows(path: Path, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """Write a CSV table, whole or not at all: floats exactly, None as a blank."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    atomic_write(path, text.getvalue())
+
+
+def _csv_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
+    """Place and cells of every line that is not blank, the header first."""
+    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+    try:
+        for cells in reader:
+            if cells:
+                yield f"{path}:{reader.line_num}", [cell.strip() for cell in cells]
+    except csv.Error as error:
+        raise VfoaError(f"{path}:{reader.line_num}: not CSV: {error}") from None
+
+
+def _parquet_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
+    import pyarrow as pa  # type: ignore[import-untyped]
+    from pyarrow import parquet
+
+    try:
+        table = parquet.read_table(pa.BufferReader(read_bytes(path)))
+    except pa.ArrowException as error:
+        raise VfoaError(f"{path}: not Parquet: {str(error).splitlines()[0]}") from None
+    yield f"{path}: header", list(table.column_names)
+    for number, values in enumerate(zip(*(column.to_pylist() for column in table.columns), strict=True), start=1):
+        yield f"{path}: row {number}", [_cell(value) for value in values]
+
+
+def _cell(value: object) -> str:
+    """A value of a Parquet column as a CSV file has it; null and NaN are blank."""
+    return "" if value is None or value != value else str(value)
+
+
+def _checked_header(found: list[str], known: Sequence[str], required: Sequence[str], where: str) -> list[str]:
+    if unknown := next((column for column in found if column not in known), None):
+        raise VfoaError(f"{where}: no column {unknown!r} here; {did_you_mean(unknown, known)}")
+    if twice := next((column for column in found if found.count(column) > 1), None):
+        raise VfoaError(f"{where}: the column {twice!r} is there twice")
+    if missing := next((column for column in required if column not in found), None):
+        raise VfoaError(f"{where}: no column {missing!r}; expected {','.join(required)},...")
+    return found

@@ -1,0 +1,96 @@
+"""The settings reference, and what a shell completes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import vfoa as package
+from harness.cli.completion import configuration_names, experiment_and_clip_names
+from harness.run.experiment import load_experiment
+from harness.stages.settings_reference import setting_keys, settings_tables, table_names
+from tests.command import vfoa
+from vfoa.errors import VfoaError
+
+
+@pytest.mark.parametrize("table", settings_tables(), ids=lambda table: table.title)
+def test_every_setting_has_a_meaning(table) -> None:
+    assert [each.key for each in table.settings if not each.meaning] == []
+
+
+def test_the_reference_of_a_stage_has_every_key_of_its_choices() -> None:
+    keys = {each.key.partition(".")[2] for table in settings_tables("stereo.sgbm") for each in table.settings}
+    assert {"min_depth_m", "wls_sigma", "p1", "mode"} <= keys
+    (sgbm,) = settings_tables("stereo.sgbm")
+    by_key = {each.key: each for each in sgbm.settings}
+    assert (by_key["stereo.min_depth_m"].type, by_key["stereo.min_depth_m"].unit) == ("number > 0", "m")
+    assert by_key["stereo.mode"].default == '"3way"'
+    with pytest.raises(VfoaError, match="did you mean 'stereo'"):
+        settings_tables("sterio")
+
+
+def test_every_key_of_the_reference_is_one_that_set_takes() -> None:
+    for table in settings_tables():
+        chosen = [f"{table.table}.{table.choice.replace(' ', '')}"] if table.choice else []
+        optional = [each for each in table.settings if each.default not in ("(required)", "(not set)")]
+        given = [f"{each.key}={each.default}" for each in optional]
+        needed = [f"{each.key}=x" for each in table.settings if each.default == "(required)"]
+        (configuration,) = load_experiment(
+            "default", clips=("studio_table",), overrides=(*chosen, *given, *needed)
+        ).configurations
+        assert configuration.plain()
+
+
+def test_the_command_prints_every_key_of_a_stage(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    _, printed, _ = vfoa(monkeypatch, capsys, "settings", "stereo")
+    for table in settings_tables("stereo"):
+        assert all(each.key in printed for each in table.settings)
+    _, printed, _ = vfoa(monkeypatch, capsys, "settings", "stereo", "--json")
+    assert [each["choice"] for each in json.loads(printed)] == [table.choice for table in settings_tables("stereo")]
+
+
+@pytest.mark.parametrize("words", [("-h",), ("run", "-h"), ("clips", "list", "-h")])
+def test_h_is_help(words: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    code, printed, _ = vfoa(monkeypatch, capsys, *words)
+    assert (code, "Usage: vfoa" in printed) == (0, True)
+
+
+def test_the_version_is_printed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    assert vfoa(monkeypatch, capsys, "--version") == (0, f"vfoa {package.__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [
+        ("vfoa run dem", "demo"),
+        ("vfoa annotate studio_t", "studio_table"),
+        ("vfoa run demo --set stereo.matc", "stereo.matcher="),
+        ("vfoa settings stereo.sg", "stereo.sgbm"),
+    ],
+)
+def test_a_shell_completes_a_line(
+    line: str, offered: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("_VFOA_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", line)
+    monkeypatch.setenv("COMP_CWORD", str(len(line.split()) - 1))
+    _, printed, _ = vfoa(monkeypatch, capsys)
+    assert offered in printed.split()
+
+
+def test_configurations_are_those_of_the_named_run(tmp_path: Path) -> None:
+    context = SimpleNamespace(params={"run": tmp_path})
+    assert configuration_names(context, "") == []
+    (tmp_path / "manifest.json").write_text('{"configurations": {"bm": {}, "sgbm": {}}}', encoding="utf-8")
+    assert configuration_names(context, "s") == ["sgbm"]
+
+
+def test_completion_offers_every_name() -> None:
+    assert set(table_names()) <= {key.partition(".")[0] for key in setting_keys()}
+    assert {"demo", "studio_table"} <= set(experiment_and_clip_names(""))

@@ -1,0 +1,143 @@
+"""The documents: commands that parse, names and links that exist, a notebook that runs."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.main import get_command
+
+import harness
+from harness.cli import app
+from harness.data_folders import names
+from harness.stages.settings_reference import setting_keys
+from scripts.pictures import PICTURES
+from scripts.site_pages import commands_page, settings_page
+from tests.repository import REPOSITORY
+
+PAGES = sorted(
+    path
+    for pattern in (
+        "*.md",
+        "docs/**/*.md",
+        "datasets/*.md",
+        "annotations/*.md",
+        "reports/README.md",
+        ".github/**/*.yml",
+    )
+    for path in REPOSITORY.glob(pattern)
+)
+PLACEHOLDERS = re.compile(r"^(my_\w+|kitchen|dragon|talk|CLIP|NAME|X|PATH|MODEL|[A-Z]{2,}|.*\.(toml|mcap|rrd)|<.*)$")
+"""Names that stand for a reader's own clip or experiment."""
+
+SIMULATED = {
+    "stereo.matcher": "truth",
+    "segmentation.model": "truth",
+    "heads.detector": "truth",
+    "head_pose.model": "simulated",
+    "gaze.model": "simulated",
+}
+
+
+def _shown(text: str) -> Iterator[str]:
+    """Every ``vfoa`` command in code blocks: to be typed as it stands."""
+    for block in re.findall(r"^```(?:console|text)?\n(.*?)^```", text, re.MULTILINE | re.DOTALL):
+        for line in re.sub(r"\\\n\s*", " ", block).splitlines():
+            command = re.sub(r"^(\$ )?([A-Z_]+=\S+ )*", "", line.strip())
+            if command.startswith("vfoa "):
+                yield command
+
+
+def _mentioned(text: str) -> Iterator[str]:
+    """Every ``vfoa`` command in the running text, which may leave out what it needs."""
+    yield from (" ".join(code.split()) for code in re.findall(r"`(vfoa [a-z][^`.]*)`", text))
+
+
+CASES = sorted(
+    {
+        (page.relative_to(REPOSITORY).as_posix(), command, is_whole)
+        for page in PAGES
+        for is_whole, find in ((True, _shown), (False, _mentioned))
+        for command in find(page.read_text(encoding="utf-8"))
+    }
+)
+
+
+@pytest.mark.parametrize(("page", "command", "is_whole"), CASES)
+def test_every_command_of_the_documents_is_one(page: str, command: str, is_whole: bool) -> None:
+    known, words = get_command(app), shlex.split(command, comments=True)[1:]
+    while words and hasattr(known, "commands"):
+        assert words[0] in known.commands, f"{page}: no command {words[0]!r}"
+        known = known.commands[words.pop(0)]
+    required = [word.strip("[]") for word in words]
+    known.make_context("vfoa", required, resilient_parsing=not is_whole)
+    existing = {*names("experiments"), *names("datasets")}
+    if known.name == "run" and words:
+        assert words[0] in existing or PLACEHOLDERS.match(words[0]), f"{page}: no experiment or clip {words[0]!r}"
+    for before, word in pairwise(words):
+        if before == "--set" and known.name == "run":
+            assert word.split("=")[0] in setting_keys()
+        if before == "--clip":
+            assert word in existing or PLACEHOLDERS.match(word)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(REPOSITORY).as_posix())
+def test_every_link_inside_the_repository_leads_to_a_file(page: Path) -> None:
+    text = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+    places = [place.partition("#")[0] for place in re.findall(r"\]\(([^)\s]+)\)", text) if "://" not in place]
+    generated = {"settings.md", "columns.md", "commands.md", "clips.md", "annotations.md", "reports.md"}
+    missing = [place for place in places if place and not page.parent.joinpath(place).exists()]
+    assert [place for place in missing if Path(place).name not in generated] == []
+
+
+def test_every_page_is_in_the_navigation() -> None:
+    text = re.sub(r"^.*?^nav:", "nav:", (REPOSITORY / "mkdocs.yml").read_text(encoding="utf-8"), flags=re.S | re.M)
+    listed = {page for part in yaml.safe_load(text)["nav"] for entry in part.values() for page in _leaves(entry)}
+    pages = {path.relative_to(REPOSITORY / "docs").as_posix() for path in (REPOSITORY / "docs").rglob("*.md")}
+    assert pages - listed == set()
+
+
+def _leaves(entry: object) -> list[str]:
+    if isinstance(entry, list):
+        return [leaf for each in entry for inner in each.values() for leaf in _leaves(inner)]
+    return [str(entry)]
+
+
+def test_the_generated_pages_have_every_setting_and_every_command() -> None:
+    settings, commands = settings_page(), commands_page()
+    assert [
+        key for key in setting_keys() if f"`{key}`" not in settings and f"`{key.split('.')[1]} =" not in settings
+    ] == []
+    assert [
+        name
+        for name, command in get_command(app).commands.items()
+        if not command.hidden
+        if f"## vfoa {name}" not in commands
+    ] == []
+
+
+def test_every_picture_is_drawn_by_the_committed_script() -> None:
+    drawn = {f"{make.__name__}.svg" for make in PICTURES}
+    assert {path.name for path in (REPOSITORY / "docs/pictures").iterdir()} == drawn
+
+
+def test_the_notebook_runs_and_shows_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
+    pytest.importorskip("ipykernel")
+    run = harness.run_experiment("default", clips=["studio_crowd"], settings=SIMULATED, out=tmp_path / "run", limit=5)
+    assert not run.failures.empty
+    monkeypatch.setenv("VFOA_RUN", str(run.path))
+    monkeypatch.setenv("PYTHONPATH", str(REPOSITORY))
+    monkeypatch.setenv("JUPYTER_PREFER_ENV_PATH", "1")
+    notebook = nbformat.read(REPOSITORY / "docs/notebooks/finished_run.ipynb", as_version=4)
+    nbclient.NotebookClient(
+        notebook, timeout=120, kernel_name="python3", resources={"metadata": {"path": tmp_path}}
+    ).execute()
+    kinds = [kind for cell in notebook.cells for output in cell.get("outputs", []) for kind in output.get("data", {})]
+    assert "image/png" in kinds
+    assert "application/vnd.jupyter.widget-view+json" in kinds

@@ -1,0 +1,83 @@
+"""What every project has: a licence, a citation, release notes, one version, and a wheel that works elsewhere."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import sysconfig
+import venv
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+import yaml
+
+import vfoa
+from scripts.release_notes import release_notes
+from tests.repository import REPOSITORY
+
+
+def test_the_version_is_the_same_everywhere() -> None:
+    citation = yaml.safe_load((REPOSITORY / "CITATION.cff").read_text(encoding="utf-8"))
+    assert citation["version"] == vfoa.__version__ == version("vfoa")
+
+
+def test_release_notes_are_a_section_of_the_changelog() -> None:
+    changelog = "# Changelog\n\n## Unreleased\n\n- new\n\n## [0.2.0] - 2026-01-01\n\n### Added\n\n- old\n"
+    assert release_notes(changelog, "Unreleased") == "- new"
+    assert release_notes(changelog, "0.2.0") == "### Added\n\n- old"
+    with pytest.raises(SystemExit, match=r"no version '1\.0'"):
+        release_notes(changelog, "1.0")
+    assert release_notes((REPOSITORY / "CHANGELOG.md").read_text(encoding="utf-8"), "Unreleased")
+
+
+def test_what_continuous_integration_calls_is_there() -> None:
+    workflow = (REPOSITORY / ".github/workflows/ci.yml").read_text(encoding="utf-8")
+    matrix = yaml.safe_load(workflow)["jobs"]["checks"]["strategy"]["matrix"]
+    parts = [*matrix["part"], *(each["part"] for each in matrix["include"])]
+    called = {target for part in parts for target in part.split()}
+    makefile = (REPOSITORY / "Makefile").read_text(encoding="utf-8")
+    assert called <= set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
+    hooks = (REPOSITORY / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    for path in re.findall(r"\btests/[\w/.]+", workflow + hooks):
+        assert (REPOSITORY / path).exists(), path
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The ``vfoa`` program of a wheel in an environment of its own.
+
+    The environment has the wheel's own files and, through one ``.pth`` line, the dependencies that this environment
+    has: nothing is downloaded. Such a line does not read the ``.pth`` files in that folder, so the checkout's editable
+    installation is out of reach.
+    """
+    folder = tmp_path_factory.mktemp("wheel")
+    build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(folder)]
+    subprocess.run(build, cwd=REPOSITORY, check=True, capture_output=True)
+    (wheel,) = folder.glob("vfoa-*.whl")
+    environment = folder / "env"
+    venv.create(environment, with_pip=True)
+    python = environment / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    install = [python, "-m", "pip", "install", "--no-index", "--no-deps", "--disable-pip-version-check", str(wheel)]
+    subprocess.run(install, check=True, capture_output=True)
+    purelib = sysconfig.get_path("purelib", vars={"base": str(environment), "platbase": str(environment)})
+    Path(purelib, "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n", encoding="utf-8")
+    return python.with_name("vfoa.exe" if os.name == "nt" else "vfoa")
+
+
+def _run(program: Path, cwd: Path, *arguments: str) -> str:
+    variables = {key: value for key, value in os.environ.items() if key not in ("PYTHONPATH", "VIRTUAL_ENV")}
+    done = subprocess.run([program, *arguments], cwd=cwd, env=variables, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_wheel_runs_the_demo_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
+    where = _run(installed.with_name("python"), tmp_path, "-c", "import vfoa, harness; print(vfoa.__file__)")
+    assert str(REPOSITORY) not in where
+    printed = _run(installed, tmp_path, "demo", "--limit", "5", "--workers", "1")
+    assert "Focus recognition rate" in printed
+    rows = (tmp_path / "runs/demo/frr.csv").read_text(encoding="utf-8").splitlines()
+    assert sum(",(all),sgbm-two," in row for row in rows) == 5  # four clips, and all together
