@@ -6,7 +6,7 @@ READY  := $(VENV)/.ready
 # What `vfoa models export` needs beside the lock, which leaves it out for its size.
 TORCH  := torch==2.13.0
 
-.PHONY: demo test explore test-export export-extra check lint types format lock clean
+.PHONY: demo test explore test-export export-extra coverage check lint types format lock docs release-notes wheel clean
 
 demo: $(READY)
 	$(BIN)/vfoa demo
@@ -15,16 +15,20 @@ test: $(READY)
 	$(BIN)/python -m pytest
 
 test-export: export-extra
-	$(BIN)/python -m pytest tests/harness/export
+	$(BIN)/python -m pytest tests/harness/stages/export
 
 export-extra: $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check "$(TORCH)"
+
+# How often intervals hold the truth, and tests call equal configurations different: writes reports/coverage.md.
+coverage: $(READY)
+	$(BIN)/python -m harness.bench.coverage
 
 # The properties alone, on other examples than the suite's, and twenty times as many.
 explore: $(READY)
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile=explore --timeout=3600
 
-check: lint types test
+check: lint types docs test
 
 lint: $(READY)
 	$(BIN)/ruff format --check .
@@ -42,6 +46,17 @@ lock: $(READY)
 	$(BIN)/python -m pip install --quiet "uv>=0.5"
 	$(BIN)/uv pip compile --quiet pyproject.toml --group dev --universal --python-version 3.11 \
 	    --no-header --no-annotate --output-file requirements.lock
+
+# The site, into build/site; a warning is an error. Nothing is read from the network.
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 PYTHONPATH=. $(BIN)/mkdocs build --strict --quiet
+
+# make release-notes VERSION=0.1.0; without VERSION, what is unreleased.
+release-notes:
+	@$(PYTHON) scripts/release_notes.py $(VERSION)
+
+wheel: $(READY)
+	$(BIN)/python -m hatchling build --target wheel
 
 $(READY): requirements.lock pyproject.toml system-libraries.sh
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "vfoa needs Python 3.11 or newer: make PYTHON=python3.12 ...")'
