@@ -11,8 +11,9 @@ TORCH  := torch==2.13.0
 demo: $(READY)
 	$(BIN)/vfoa demo
 
+# As many processes as there are cores; the tests of one file stay together, and so do the fixtures they share.
 test: $(READY)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses=auto --dist=loadfile
 
 test-export: export-extra
 	$(BIN)/python -m pytest tests/harness/stages/export
