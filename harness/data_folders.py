@@ -28,9 +28,14 @@ def folders(kind: Kind) -> list[Path]:
     return found
 
 
-def is_packaged(path: Path) -> bool:
-    """Whether a file came with an installed package, where nothing of the user's should be written."""
-    return path.resolve().is_relative_to(_PACKAGE.resolve() / "_data")
+def came_with_program(manifest: Path) -> bool:
+    """Whether a manifest is the program's own, of an installed package or a checkout: nothing is written there.
+
+    Whoever works in the checkout itself changes its own data.
+    """
+    own, *of_program = (folder.resolve() for folder in folders("datasets"))
+    folder = manifest.resolve().parent
+    return folder != own and folder in of_program
 
 
 def find(kind: Kind, name: str) -> Path | None:

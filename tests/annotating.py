@@ -90,13 +90,15 @@ def serve(**choices: Any) -> Iterator[Page]:
 
 
 @contextmanager
-def served_by_the_program(work: Path, name: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def served_by_the_program(
+    work: Path, name: str, installed: Path = REPOSITORY
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """``vfoa annotate`` in a working directory as a process of its own, and the address it prints."""
     program = "from harness.cli import main; main()"
     process = subprocess.Popen(
         [sys.executable, "-c", program, "annotate", name, "--no-open"],
         cwd=work,
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+        env={**os.environ, "PYTHONPATH": str(installed)},
         stdout=subprocess.PIPE,
         text=True,
     )

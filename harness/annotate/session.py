@@ -15,6 +15,7 @@ from harness.annotate.suggestions import Predictions
 from harness.annotate.targets import add_target
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.naming import NameRule
+from harness.data_folders import came_with_program
 from harness.labels.labels import TO_DECIDE
 from harness.labels.timeline import timeline_of
 from harness.sources import Clip
@@ -83,6 +84,13 @@ class Session:
         """The CSV that is written."""
         return self._store.path
 
+    @property
+    def notice(self) -> str | None:
+        """What is read-only, of a clip that came with the program; None of another."""
+        if not came_with_program(self.manifest.path):
+            return None
+        return f"{self.manifest.name} came with vfoa and is read-only: changed labels go to {self.path}."
+
     def about(self) -> dict[str, Any]:
         """What does not change by labelling, as JSON."""
         shown = None if self._blind else self._predictions
@@ -90,6 +98,7 @@ class Session:
             "clip": self.manifest.name,
             "annotator": self._annotator,
             "file": self.path.name,
+            "notice": self.notice,
             # a browser's numbers have 53 bits; the page only shows these
             "frames": [number if abs(number) < 2**53 else str(number) for number in self._frames],
             "rate_hz": self._clip.rate_hz,
@@ -209,13 +218,15 @@ class Session:
         return None if image is None else pictures.jpeg(image)
 
     def _open_store(self) -> LabelStore:
-        path = self.manifest.annotations.place(self._annotator)
+        files = self.manifest.annotations
+        path, found = files.place(self._annotator), files.find(self._annotator)
         return LabelStore(
             path,
             path.parent / ".journal" / f"{path.stem}.jsonl",
             timeline=timeline_of(self._clip),
             subjects=tuple(self.manifest.subjects),
             targets=self.manifest.targets,
+            origin=found if found != path and came_with_program(self.manifest.path) else None,
         )
 
 

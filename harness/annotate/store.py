@@ -43,6 +43,8 @@ class LabelStore:
         The CSV and the journal; neither needs to exist.
     timeline, subjects, targets
         The clip's frames and the manifest's names. A subject may be a target, too.
+    origin
+        Where the labels are while there is no CSV: those that came with the program. The first change copies them.
 
     Raises
     ------
@@ -58,9 +60,11 @@ class LabelStore:
         timeline: Timeline,
         subjects: Sequence[str],
         targets: Iterable[str],
+        origin: Path | None = None,
         clock: Callable[[], float] = time.time,
     ) -> None:
         self.path, self._timeline, self._targets, self._clock = path, timeline, list(targets), clock
+        self._origin = origin
         self._frames = tuple(timeline.frames)
         self._history = History(subjects, self._frames)
         self._journal = Journal(journal, of=str(path))
@@ -240,10 +244,11 @@ class LabelStore:
         self._written, self._digest = labels, self._file_digest()
 
     def _read(self) -> Labels:
-        if not self.path.is_file():
+        path = self.path if self.path.is_file() else self._origin
+        if path is None:
             return Labels(())
         return read_annotations(
-            self.path, timeline=self._timeline, subjects=self.subjects, targets=self._targets, allow_gaps=True
+            path, timeline=self._timeline, subjects=self.subjects, targets=self._targets, allow_gaps=True
         )
 
     def _write(self) -> None:

@@ -12,7 +12,7 @@ from tomlkit.exceptions import TOMLKitError
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import NameRule
 from harness.config_errors import parse
-from harness.data_folders import is_packaged
+from harness.data_folders import came_with_program
 from harness.files import atomic_write, read_bytes
 from vfoa.errors import VfoaError
 
@@ -25,8 +25,8 @@ def add_target(path: Path, name: str, rule: NameRule) -> None:
     VfoaError
         If the name is taken or not a word, the rule contradicts another, or the manifest came with the package.
     """
-    if is_packaged(path):
-        raise VfoaError(f"{path} came with the package; copy it to your own datasets/ to add targets to it")
+    if came_with_program(path):
+        raise VfoaError(f"{path} came with vfoa and is read-only; copy it to your own datasets/ to change its targets")
     text = read_bytes(path).decode()
     if name in tomllib.loads(text).get("targets", {}):
         raise VfoaError(f"{path}: targets.{name}: there already; expected a new name")

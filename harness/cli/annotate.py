@@ -32,6 +32,8 @@ def annotate(
     session = Session(
         clip, run=run, configuration=config, annotator=annotator, blind=blind, uncertain_first=uncertain_first
     )
+    if session.notice:
+        typer.echo(session.notice, err=True)
     server = PageServer(session, port)
     typer.echo(f"{session.path}\n{server.address}")
     if not no_open:

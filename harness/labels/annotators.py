@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.data_folders import folders, is_packaged
+from harness.data_folders import came_with_program, folders
 from vfoa.errors import VfoaError, did_you_mean
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
@@ -45,8 +45,8 @@ class AnnotationFiles:
     def place(self, annotator: str | None = None) -> Path:
         """Where an annotator's file is written.
 
-        That is beside the manifest, or in the working directory for a clip that came with an installed package; never
-        in the file of another clip of this name.
+        That is beside the manifest, or in the working directory for a clip that came with the program; never in the
+        file of another clip of this name.
         """
         return self._beside / f"{self._stem(annotator)}.csv"
 
@@ -57,16 +57,15 @@ class AnnotationFiles:
 
     @property
     def _beside(self) -> Path:
-        if is_packaged(self.manifest):  # the working directory's own labels of such a clip come first
+        if came_with_program(self.manifest):  # the working directory's own labels of such a clip come first
             return Path.cwd() / "annotations"
         return self.manifest.resolve().parent.parent / "annotations"
 
     @property
     def _folders(self) -> list[Path]:
         """Where files are looked for, the first first."""
-        own, *came_with_program = folders("annotations")
-        is_ours = self.manifest.resolve().parent in [folder.resolve() for folder in folders("datasets")[1:]]
-        return [self._beside, own, *(came_with_program if is_ours else ())]
+        own, *of_program = folders("annotations")
+        return [self._beside, own, *(of_program if came_with_program(self.manifest) else ())]
 
     def _stem(self, annotator: str | None) -> str:
         if annotator is None:

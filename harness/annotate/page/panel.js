@@ -18,11 +18,13 @@ export function makePlenty(hasRun) {
   find("plenty").addEventListener("input", () => { find("plenty").lastElementChild.value = plenty(); });
 }
 
-export function drawTitle({ file, configuration, uncertain_first: uncertainFirst, blind }) {
+export function drawTitle({ file, configuration, uncertain_first: uncertainFirst, blind, notice }) {
   find("title").textContent = file;
   document.title = `${file} – vfoa annotate`;
   const said = [configuration && `suggestions of ${configuration}`, uncertainFirst && "least sure first", blind && "blind"];
   find("mode").textContent = said.filter(Boolean).join(", ");
+  find("read-only").textContent = notice || "";
+  find("read-only").hidden = !notice;
 }
 
 export function drawPlace(number, position, total, speed) {
