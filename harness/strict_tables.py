@@ -72,7 +72,9 @@ class TableRow:
         return np.array(found, dtype=np.float64)
 
 
-def read_rows(path: Path, columns: Sequence[str], required: Sequence[str]) -> list[TableRow]:
+def read_rows(
+    path: Path, columns: Sequence[str], required: Sequence[str], *, version: str | None = None
+) -> list[TableRow]:
     """Read the rows of a table in the file's order; blank lines are left out.
 
     Parameters
@@ -81,6 +83,8 @@ def read_rows(path: Path, columns: Sequence[str], required: Sequence[str]) -> li
         Every column that the table may have, in any order.
     required
         Those it must have.
+    version
+        The first line of a CSV file whose format has a version, above the header.
 
     Raises
     ------
@@ -88,7 +92,7 @@ def read_rows(path: Path, columns: Sequence[str], required: Sequence[str]) -> li
         For the first mistake, with file and line: a column that is unknown, missing or repeated, or a wrong number of
         cells.
     """
-    rows = _parquet_rows(path) if path.suffix == ".parquet" else _csv_rows(path)
+    rows = _parquet_rows(path) if path.suffix == ".parquet" and not version else _csv_rows(path, version)
     header: list[str] = []
     found = []
     for where, cells in rows:
@@ -115,22 +119,33 @@ def read_header(path: Path) -> tuple[str, ...]:
 
 def write_rows(path: Path, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     """Write a CSV table, whole or not at all: floats exactly, None as a blank."""
+    atomic_write(path, format_rows(columns, rows))
+
+
+def format_rows(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """The text of a CSV table."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(rows)
-    atomic_write(path, text.getvalue())
+    return text.getvalue()
 
 
-def _csv_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Place and cells of every line that is not blank, the header first."""
-    reader = csv.reader(io.StringIO(read_text(path), newline=""), strict=True)
+def _csv_rows(path: Path, version: str | None = None) -> Iterator[tuple[str, list[str]]]:
+    """Place and cells of every line that is not blank, the header first, below the line of the format's version."""
+    text, above = read_text(path), 0
+    if version is not None:
+        first, _, text = text.partition("\n")
+        above = 1
+        if first.rstrip("\r") != version:
+            raise VfoaError(f"{path}:1: found {first.rstrip()[:80]!r}; expected {version!r}")
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
         for cells in reader:
             if cells:
-                yield f"{path}:{reader.line_num}", [cell.strip() for cell in cells]
+                yield f"{path}:{reader.line_num + above}", [cell.strip() for cell in cells]
     except csv.Error as error:
-        raise VfoaError(f"{path}:{reader.line_num}: not CSV: {error}") from None
+        raise VfoaError(f"{path}:{reader.line_num + above}: not CSV: {error}") from None
 
 
 def _parquet_rows(path: Path) -> Iterator[tuple[str, list[str]]]:

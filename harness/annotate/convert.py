@@ -11,8 +11,10 @@ from harness.annotate.bodies import RunBodies, TrueBodies
 from harness.clips.manifest import ClipManifest
 from harness.files import check_new
 from harness.labels.bodies import Bodies
+from harness.labels.drawn import Drawn, write_drawn
 from harness.labels.files import Labels, write_annotations
 from harness.labels.formats import FORMATS, AnnotationFormat
+from harness.labels.formats.cvat_drawn import read_cvat_drawn
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.timeline import timeline_of
 from harness.run.clip_records import read_clip_records
@@ -90,6 +92,25 @@ def import_labels(
         imported = replace_fields(imported, notes=(*imported.notes, note))
     write_annotations(place, imported.labels)
     return imported
+
+
+def import_drawn(
+    source: Path, name: str, exchange: Exchange, manifest: ClipManifest, *, replace: bool
+) -> tuple[Path, Drawn, tuple[str, ...]]:
+    """Read what was drawn in another program and write it as the clip's: the file, what is in it, what was left out.
+
+    Raises
+    ------
+    VfoaError
+        If the format has no boxes, the file cannot be read as this clip's, or there is one that is not to be replaced.
+    """
+    if name != "cvat":
+        raise VfoaError(f"--drawn: found --format {name}; expected --format cvat, the only one of drawn boxes")
+    place = manifest.annotations.place_drawn()
+    check_new(place, replace=replace)
+    imported = read_cvat_drawn(source, exchange)
+    write_drawn(place, imported.drawn)
+    return place, imported.drawn, imported.notes
 
 
 def export_labels(

@@ -86,12 +86,15 @@ def import_(
     confirm: Annotated[
         bool, typer.Option("--confirm", help="Take suggestions (a run's predictions) as checked by a person.")
     ] = False,
+    drawn: Annotated[
+        bool, typer.Option("--drawn", help="CVAT: read the tracks' boxes and points as CLIP.drawn.csv, not the labels.")
+    ] = False,
     run: FromRun = None,
     config: RunConfiguration = None,
     replace: Replace = False,
 ) -> None:
     """Read the labels of another program; say what is left out."""
-    from harness.annotate.convert import import_labels, open_exchange
+    from harness.annotate.convert import import_drawn, import_labels, open_exchange
     from harness.clips.manifest import load_manifest
 
     manifest = load_manifest(clip)
@@ -107,6 +110,12 @@ def import_(
         attribute=attribute,
         observation=observation,
     )
+    if drawn:
+        path, found, notes = import_drawn(file, format_, exchange, manifest, replace=replace)
+        for note in notes:
+            typer.echo(f"- {note}", err=True)
+        typer.echo(f"{path}: {sum(len(each.keys) for each in found.tracks)} key frames of {', '.join(found.names)}")
+        return
     place = manifest.annotations.place(annotator)
     imported = import_labels(file, format_, exchange, place, replace=replace, confirm=confirm)
     for note in imported.notes:
@@ -181,17 +190,21 @@ def _print_export(path: Path, notes: Iterable[str]) -> None:
 
 @app.command(name="check", short_help="Read a clip's label files; name the first mistake.")
 def check(clip: Clip, annotator: Annotator = None) -> None:
-    """Read a clip's labels, and those of each annotator unless one is named; the first mistake ends it."""
+    """Read a clip's labels (of each annotator unless one is named) and what is drawn; the first mistake ends it."""
     from harness.clips.manifest import load_manifest
     from harness.labels.timeline import timeline_of
 
     manifest = load_manifest(clip)
     timeline = timeline_of(manifest.open())
+    drawn = None if annotator else manifest.drawn(timeline.frames)
     for name in (annotator,) if annotator else (None, *manifest.annotations.annotators()):
         labels = manifest.labels(timeline, name)
         if labels is not None:
             counts = ", ".join(f"{each} {len(labels.of(each))}" for each in labels.subjects) or "no ranges"
             typer.echo(f"{manifest.annotations.place(name)}: {counts}")
+    if drawn is not None:
+        counts = ", ".join(f"{each.name} ({each.kind}) {len(each.keys)}" for each in drawn.tracks) or "nothing"
+        typer.echo(f"{manifest.annotations.place_drawn()}: {counts}")
 
 
 @app.command(name="agreement", short_help="Compare annotators: kappa, confusion, where they differ.")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -13,6 +14,7 @@ from harness.clips.naming import NameRule
 from harness.config_errors import parse, read_toml
 from harness.data_folders import expand, find, folders, names
 from harness.labels.annotators import AnnotationFiles
+from harness.labels.drawn import Drawn, read_drawn
 from harness.labels.files import RESERVED, Labels, read_annotations
 from harness.labels.timeline import Timeline
 from harness.sources import ADAPTERS, Clip, MeasuredClip
@@ -131,6 +133,19 @@ class ClipManifest(Settings):
         if path is None:
             return None
         return self.read(path, timeline).confirmed()
+
+    def drawn(self, frames: Sequence[int] | None) -> Drawn | None:
+        """What is drawn on the clip, checked against its names and, where they are known, its frames; None: nothing.
+
+        Raises
+        ------
+        VfoaError
+            If the file has a mistake.
+        """
+        path = self.annotations.find_drawn()
+        if path is None:
+            return None
+        return read_drawn(path, frames=frames, subjects=self.subjects, targets=self.targets)
 
     def read(self, path: Path, timeline: Timeline | None, *, allow_gaps: bool = False) -> Labels:
         """Everything in one of the clip's annotation files; parameters and errors are :func:`read_annotations`'s."""

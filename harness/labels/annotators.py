@@ -1,4 +1,8 @@
-"""Which annotation files a clip has: ``annotations/<clip>.csv``, which is scored, and ``<clip>@<annotator>.csv``."""
+"""Which annotation files a clip has.
+
+``annotations/<clip>.csv``, which is scored, ``<clip>@<annotator>.csv``, and ``<clip>.drawn.csv``: what is drawn on its
+images.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,17 @@ class AnnotationFiles:
 
     def find(self, annotator: str | None = None) -> Path | None:
         """An annotator's file; None where there is none."""
-        name = f"{self._stem(annotator)}.csv"
+        return self._find(f"{self._stem(annotator)}.csv")
+
+    def find_drawn(self) -> Path | None:
+        """What is drawn on the clip, the same for all annotators; None where there is nothing."""
+        return self._find(f"{self.clip}.drawn.csv")
+
+    def place_drawn(self) -> Path:
+        """Where what is drawn is written: in the folder of :meth:`place`."""
+        return self.place().with_name(f"{self.clip}.drawn.csv")
+
+    def _find(self, name: str) -> Path | None:
         return next((folder / name for folder in self._folders if (folder / name).is_file()), None)
 
     def expect(self, annotator: str) -> Path:

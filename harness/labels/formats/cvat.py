@@ -48,7 +48,7 @@ class CvatVideo:
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read the tracks of subjects; those of other labels are left out, and counted."""
-        root = _root(path)
+        root = read_tracks(path)
         by_subject: dict[str, dict[int, Label]] = {}
         outside, others = 0, Counter[str]()
         for track in root.iter("track"):
@@ -95,7 +95,8 @@ class CvatVideo:
         return (said,) if whole else ()
 
 
-def _root(path: Path) -> ElementTree.Element:
+def read_tracks(path: Path) -> ElementTree.Element:
+    """The root of a file "for video 1.1", or of the one in a ZIP; it has tracks, of one task (:class:`VfoaError`)."""
     root = parse_xml(_content(path), path)
     if root.tag != "annotations" or root.find("image") is not None or root.find("track") is None:
         raise VfoaError(f"{path}: found <{root.tag}> without tracks; expected CVAT for video 1.1")

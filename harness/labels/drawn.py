@@ -1,0 +1,239 @@
+"""What a person drew on a clip's left images: boxes, points and heads at key frames, and where they are in between.
+
+    # vfoa drawn 1
+    frame,name,kind,u0_px,v0_px,u1_px,v1_px,outside
+    1,robot,box,412.5,200,498,301.5,
+    40,robot,box,430,196,520,300,
+    61,robot,box,560,190,640,280,1
+    1,lamp,point,611,88,,,
+    1,anna,head,120,64,171,130,
+
+A track is what one name has of one kind. Between two key frames each coordinate changes linearly with the frame number;
+after the last one, it stays. From a key frame that is ``outside`` until the next one, and before the first, there is
+nothing: as in CVAT. Pixels of the left image, whole numbers at pixels' centres. ``annotations/README.md`` tells it to
+those who draw.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, get_args
+
+from harness.files import atomic_write
+from harness.labels.rows import check_text
+from harness.strict_tables import TableRow, format_rows, read_rows
+from vfoa.errors import VfoaError, did_you_mean
+
+VERSION_LINE = "# vfoa drawn 1"
+BOX = ("u0_px", "v0_px", "u1_px", "v1_px")
+COLUMNS = ("frame", "name", "kind", *BOX, "outside")
+
+Kind = Literal["box", "point", "head"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+Place = tuple[float, ...]
+"""u0, v0, u1, v1 of a box or a head, u, v of a point, in pixels."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeyFrame:
+    """Where something was drawn in one frame; ``outside``: it is gone from this frame on."""
+
+    frame: int
+    place: Place
+    outside: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Track:
+    """The key frames of one name and kind, by ascending frame; ``ValueError`` if they are not, or there are none."""
+
+    name: str
+    kind: Kind
+    keys: tuple[KeyFrame, ...]
+
+    def __post_init__(self) -> None:
+        frames = [each.frame for each in self.keys]
+        if not frames or frames != sorted(set(frames)):
+            raise ValueError(f"Track.keys: expected key frames by ascending frame, found the frames {frames}")
+        if any(len(each.place) != size_of(self.kind) for each in self.keys):
+            raise ValueError(f"Track.keys: expected {size_of(self.kind)} numbers for a {self.kind}")
+
+    @cached_property
+    def _frames(self) -> list[int]:
+        return [each.frame for each in self.keys]
+
+    def at(self, frame: int) -> Place | None:
+        """Where it is in a frame; None where it is not to be seen."""
+        position = bisect_right(self._frames, frame) - 1
+        if position < 0 or self.keys[position].outside:
+            return None
+        return self.place_at(frame)
+
+    def place_at(self, frame: int) -> Place:
+        """Where it is in a frame, or would be if it were not outside; before the first key frame, as in that."""
+        position = max(bisect_right(self._frames, frame) - 1, 0)
+        here = self.keys[position]
+        if frame <= here.frame or position + 1 == len(self.keys):
+            return here.place
+        after = self.keys[position + 1]
+        share = (frame - here.frame) / (after.frame - here.frame)
+        return tuple((1 - share) * a + share * b for a, b in zip(here.place, after.place, strict=True))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shape:
+    """What is drawn in one frame."""
+
+    name: str
+    kind: Kind
+    place: Place
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """Everything that is drawn on a clip: at most one track of each name and kind, in the order of the file."""
+
+    tracks: tuple[Track, ...] = ()
+
+    def __post_init__(self) -> None:
+        found = [(each.name, each.kind) for each in self.tracks]
+        if len(set(found)) != len(found):
+            raise ValueError(f"Drawn.tracks: expected each name and kind once, found {found}")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Whatever is drawn, each name once."""
+        return tuple(dict.fromkeys(each.name for each in self.tracks))
+
+    def at(self, frame: int) -> tuple[Shape, ...]:
+        """Everything that is to be seen in a frame."""
+        places = ((each, each.at(frame)) for each in self.tracks)
+        return tuple(Shape(name=each.name, kind=each.kind, place=place) for each, place in places if place is not None)
+
+    def of(self, name: str, kind: Kind) -> Track | None:
+        """One track."""
+        return next((each for each in self.tracks if (each.name, each.kind) == (name, kind)), None)
+
+
+def size_of(kind: Kind) -> int:
+    """How many numbers place one of this kind."""
+    return 2 if kind == "point" else 4
+
+
+def drawn_of(rows: Mapping[tuple[str, Kind], Iterable[KeyFrame]]) -> Drawn:
+    """Tracks by name, then kind, each sorted by frame; those without key frames are left out."""
+    tracks = (
+        Track(name=name, kind=kind, keys=tuple(sorted(keys, key=lambda each: each.frame)))
+        for (name, kind), keys in sorted((key, list(found)) for key, found in rows.items())
+        if keys
+    )
+    return Drawn(tracks=tuple(tracks))
+
+
+def read_drawn(
+    path: Path, *, frames: Sequence[int] | None, subjects: Collection[str], targets: Collection[str]
+) -> Drawn:
+    """Read what is drawn on a clip.
+
+    Parameters
+    ----------
+    frames
+        The clip's frame numbers, ascending; None where the clip cannot be opened: then they are not checked.
+    subjects, targets
+        The manifest's names. A subject has a head, and a box where others look at the whole person.
+
+    Raises
+    ------
+    VfoaError
+        For the first mistake, with file and line: another version or column, a cell that is no number, an unknown name
+        or kind, a kind that the name cannot have, a frame that the clip does not have, a key frame that comes twice, or
+        a box without an inside.
+    """
+    known = None if frames is None else frozenset(frames)
+    keys: dict[tuple[str, Kind], dict[int, KeyFrame]] = {}
+    for row in read_rows(path, COLUMNS, COLUMNS, version=VERSION_LINE):
+        name, kind = _name(row, subjects, targets), _kind(row)
+        check_kind(name, kind, subjects, [each for other, each in keys if other == name], row.where)
+        key = _key_frame(row, kind)
+        if known is not None and frames is not None and key.frame not in known:
+            raise VfoaError(f"{row.where}: frame {key.frame}: not in the clip; its frames: {frames[0]} to {frames[-1]}")
+        if keys.setdefault((name, kind), {}).setdefault(key.frame, key) is not key:
+            raise VfoaError(f"{row.where}: the {kind} of {name!r} has a key frame {key.frame} already; expected one")
+    return drawn_of({key: found.values() for key, found in keys.items()})
+
+
+def write_drawn(path: Path, drawn: Drawn) -> None:
+    """Write what is drawn on a clip, whole or not at all, as :func:`format_drawn` has it."""
+    atomic_write(path, format_drawn(drawn))
+
+
+def format_drawn(drawn: Drawn) -> str:
+    """The text of a file: rows by name, kind and frame, LF. Reading and writing it again gives the same bytes."""
+    for each in drawn.tracks:
+        check_text((each.name,), "drawn")
+    rows = [
+        (key.frame, track.name, track.kind, *_cells(key.place), "1" if key.outside else "")
+        for track in sorted(drawn.tracks, key=lambda each: (each.name, each.kind))
+        for key in track.keys
+    ]
+    return f"{VERSION_LINE}\n{format_rows(COLUMNS, rows)}"
+
+
+def check_place(kind: Kind, place: Sequence[float], where: str) -> Place:
+    """The numbers of a place, if they are finite and a box has an inside (:class:`VfoaError`)."""
+    if len(place) != size_of(kind) or not all(map(math.isfinite, place)):
+        expected = "u, v" if kind == "point" else "u0, v0, u1, v1"
+        raise VfoaError(f"{where}: found {list(place)}; expected {expected} for a {kind}")
+    if kind != "point" and not (place[0] < place[2] and place[1] < place[3]):
+        raise VfoaError(f"{where}: found the {kind} {_listed(place)}; expected u0 < u1 and v0 < v1")
+    return tuple(float(each) for each in place)
+
+
+def check_kind(name: str, kind: Kind, subjects: Collection[str], others: Collection[Kind], where: str) -> None:
+    """Refuse a head of what is no subject, and a name that is drawn both as a box and as a point."""
+    if kind == "head" and name not in subjects:
+        raise VfoaError(f"{where}: {name!r} is no subject; expected box or point for a target")
+    if other := next((each for each in others if {each, kind} == {"box", "point"}), None):
+        raise VfoaError(f"{where}: {name!r} is drawn as a {other} already; expected one of box and point for a name")
+
+
+def _name(row: TableRow, subjects: Collection[str], targets: Collection[str]) -> str:
+    name, known = row.cells.get("name", ""), [*targets, *subjects]
+    if name not in known:
+        raise VfoaError(f"{row.where}: name: no subject or target {name!r}; {did_you_mean(name, known)}")
+    return name
+
+
+def _kind(row: TableRow) -> Kind:
+    found = row.cells.get("kind", "")
+    kind = next((each for each in KINDS if each == found), None)
+    if kind is None:
+        raise VfoaError(f"{row.where}: kind: found {found!r}; expected {', '.join(KINDS)}")
+    return kind
+
+
+def _key_frame(row: TableRow, kind: Kind) -> KeyFrame:
+    frame, outside = row.integer("frame"), row.cells.get("outside", "")
+    if frame is None:
+        raise VfoaError(f"{row.where}: frame: found nothing; expected a frame number")
+    if outside not in ("", "0", "1"):
+        raise VfoaError(f"{row.where}: outside: found {outside!r}; expected 1, or nothing")
+    if kind == "point" and (extra := next((each for each in BOX[2:] if each in row.cells), None)):
+        raise VfoaError(f"{row.where}: {extra}: found {row.cells[extra]!r}; expected nothing for a point")
+    numbers = row.numbers(BOX[: size_of(kind)])
+    if numbers is None:
+        raise VfoaError(f"{row.where}: found no place; expected {', '.join(BOX[: size_of(kind)])}")
+    return KeyFrame(frame=frame, place=check_place(kind, numbers.tolist(), row.where), outside=outside == "1")
+
+
+def _cells(place: Place) -> list[str]:
+    return [repr(float(each)).removesuffix(".0") for each in place] + [""] * (len(BOX) - len(place))
+
+
+def _listed(place: Sequence[float]) -> str:
+    return ", ".join(f"{each:g}" for each in place)

@@ -1,0 +1,145 @@
+"""Boxes and points of CVAT's tracks ("for video 1.1") as what is drawn on a clip.
+
+    <track label="robot"> <box frame="0" keyframe="1" outside="0" xtl="10" ytl="20" xbr="60" ybr="80"/> ... </track>
+    <track label="lamp">  <points frame="0" keyframe="1" outside="0" points="611.5,88.5"/> ... </track>
+
+A track is of the target or subject that its label names; a subject's box is the head. Only key frames are read, and
+every shape that comes or goes: both programs move boxes linearly in between. CVAT counts pixels from the upper left
+corner of the image, so that its numbers are greater by half a pixel.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.labels.drawn import BOX, Drawn, KeyFrame, Kind, Place, Track, check_kind, check_place, drawn_of
+from harness.labels.formats.cvat import read_tracks
+from harness.labels.formats.exchange import Exchange
+from vfoa.errors import VfoaError
+
+_CORNERS = ("xtl", "ytl", "xbr", "ybr")
+_HALF_PX = 0.5
+_FRAME = re.compile(r"[0-9]{1,18}")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImportedDrawn:
+    """What was drawn in CVAT, and a sentence for all that was left out."""
+
+    drawn: Drawn
+    notes: tuple[str, ...] = ()
+
+
+def read_cvat_drawn(path: Path, exchange: Exchange) -> ImportedDrawn:
+    """Read the tracks of a clip's targets and subjects; those of other labels are left out, and counted.
+
+    Raises
+    ------
+    VfoaError
+        If the file cannot be read, no track is of this clip, a shape is neither a box nor one point, or two tracks of
+        one name are there at the same time.
+    """
+    keys: dict[tuple[str, Kind], list[KeyFrame]] = {}
+    others = Counter[str]()
+    for element in read_tracks(path).iter("track"):
+        where, label = f"{path}: track {element.get('id')!r}", element.get("label", "")
+        name = exchange.names.translate(label)
+        if name not in exchange.targets and name not in exchange.subjects:
+            others[label] += 1
+            continue
+        for kind, found in _tracks(element, name, exchange, where).items():
+            check_kind(name, kind, exchange.subjects, [each for other, each in keys if other == name], where)
+            own = _within(Track(name=name, kind=kind, keys=tuple(found)), exchange)
+            keys[name, kind] = _joined(keys.get((name, kind), []), own, name, where)
+    exchange.names.check(path)
+    drawn = drawn_of({key: found for key, found in keys.items() if not all(each.outside for each in found)})
+    if not drawn.tracks:
+        raise VfoaError(
+            f"{path}: no track is labelled with a target or a subject of this clip; found "
+            f"{', '.join(map(repr, others)) or 'none'}; expected {', '.join([*exchange.targets, *exchange.subjects])} "
+            "(--rename LABEL=OURS)"
+        )
+    counts = ", ".join(f"{count} of {label!r}" for label, count in sorted(others.items()))
+    notes = (f"{path}: tracks of other labels are left out: {counts}.",) if others else ()
+    return ImportedDrawn(drawn=drawn, notes=notes)
+
+
+def _tracks(element: ElementTree.Element, name: str, exchange: Exchange, where: str) -> dict[Kind, list[KeyFrame]]:
+    """The key frames of a track, numbered as in CVAT; a subject's box is a head."""
+    found: dict[Kind, list[KeyFrame]] = {}
+    was_outside: bool | None = None
+    for shape in sorted(element, key=lambda each: _number(each, where)):
+        frame, outside = _number(shape, where), shape.get("outside") == "1"
+        if shape.get("keyframe") == "0" and outside == was_outside:
+            continue
+        was_outside = outside
+        kind, place = _place(shape, f"{where}, frame {frame}")
+        if kind == "box" and name in exchange.subjects:
+            kind = "head"
+        keys = found.setdefault(kind, [])
+        if keys and keys[-1].frame == frame:
+            raise VfoaError(f"{where}: frame {frame}: found two shapes; expected one")
+        keys.append(KeyFrame(frame=frame, place=check_place(kind, place, f"{where}, frame {frame}"), outside=outside))
+    return found
+
+
+def _number(shape: ElementTree.Element, where: str) -> int:
+    number = shape.get("frame", "")
+    if not _FRAME.fullmatch(number):
+        raise VfoaError(f"{where}: <{shape.tag}> has the frame {number[:40]!r}; expected a number")
+    return int(number)
+
+
+def _place(shape: ElementTree.Element, where: str) -> tuple[Kind, Place]:
+    if shape.tag == "box":
+        return "box", tuple(_pixels(shape.get(corner, ""), where) for corner in _CORNERS)
+    points = shape.get("points", "").split(";")
+    if shape.tag != "points" or len(points) != 1:
+        raise VfoaError(f"{where}: found <{shape.tag}> of {len(points)} points; expected a box, or one point")
+    place = tuple(_pixels(each, where) for each in points[0].split(","))
+    return "point", check_place("point", place, where)
+
+
+def _pixels(text: str, where: str) -> float:
+    try:
+        value = float(text) - _HALF_PX
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise VfoaError(f"{where}: found {text[:40]!r}; expected a number of pixels for {', '.join(BOX)}")
+    return value
+
+
+def _within(track: Track, exchange: Exchange) -> list[KeyFrame]:
+    """The key frames in the clip's own numbers; a track that begins before the clip, or ends after it, is cut there."""
+    first, last = exchange.first_number, exchange.first_number + len(exchange.frames) - 1
+    numbers = {each.frame: each.outside for each in track.keys if first <= each.frame <= last}
+    frames = [each.frame for each in track.keys]
+    if frames[0] > last:
+        return []
+    for end, is_beyond in ((first, frames[0] < first), (last, frames[-1] > last)):
+        if is_beyond:
+            numbers.setdefault(end, track.at(end) is None)
+    return [
+        KeyFrame(frame=exchange.frames[number - first], place=track.place_at(number), outside=outside)
+        for number, outside in sorted(numbers.items())
+    ]
+
+
+def _joined(one: list[KeyFrame], other: list[KeyFrame], name: str, where: str) -> list[KeyFrame]:
+    """The key frames of two tracks of one name, of which the earlier has to end where the later begins, or before."""
+    if not one or not other:
+        return one or other
+    before, after = sorted((one, other), key=lambda each: (each[0].frame, each[-1].frame))
+    end = before[-1]
+    if end.frame > after[0].frame or not end.outside:
+        raise VfoaError(
+            f"{where}: {name!r} has another track, which is there in frame {after[0].frame} of the clip, too; "
+            "expected one at a time"
+        )
+    return [*(before[:-1] if end.frame == after[0].frame else before), *after]
