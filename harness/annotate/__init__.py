@@ -8,7 +8,8 @@ store       the three together with the CSV: checked, never lost, never overwrit
 suggestions what a run predicted, and how sure it was
 scene       outlines, heads and names in a frame
 pictures    the views as JPEG
-targets     new targets, written into the manifest
+clip_stores the stores of a clip's annotators
+targets     new, renamed and deleted targets, written into the manifest
 session     all of it for one clip
 app, guard  addresses, and who may ask
 server      the socket and the token

@@ -73,6 +73,22 @@ class NewTarget(Settings):
     rule: NameRule
 
 
+class ChangedTarget(Settings):
+    """Another name, key or colour of a target."""
+
+    name: str
+    new_name: str
+    key: str | None
+    colour: str
+
+
+class DeletedTarget(Settings):
+    """A target that is not needed any more, and what the labels become that have it."""
+
+    name: str
+    to: str | None = None
+
+
 def create_app(session: Session, token: str) -> Starlette:
     """The application for one clip; nobody is answered without the token."""
     files = {path.name: path.read_bytes() for path in (resources.files(__package__) / "page").iterdir()}
@@ -113,7 +129,20 @@ def create_app(session: Session, token: str) -> Starlette:
     def add_target(body: bytes) -> Response:
         new = NewTarget.model_validate_json(body)
         session.add_target(new.name, new.rule)
-        return JSONResponse(session.about())
+        return everything()
+
+    def change_target(body: bytes) -> Response:
+        changed = ChangedTarget.model_validate_json(body)
+        session.change_target(changed.name, new_name=changed.new_name, key=changed.key, colour=changed.colour)
+        return everything()
+
+    def delete_target(body: bytes) -> Response:
+        deleted = DeletedTarget.model_validate_json(body)
+        session.delete_target(deleted.name, deleted.to)
+        return everything()
+
+    def everything() -> Response:
+        return JSONResponse({"about": session.about(), "state": session.state()})
 
     def stale(request: Request, error: Exception) -> Response:
         return JSONResponse({"error": "the labels were changed elsewhere", "state": session.state()}, 409)
@@ -129,6 +158,8 @@ def create_app(session: Session, token: str) -> Starlette:
             Route("/api/change", _posted(change), methods=["POST"]),
             Route("/api/seen", _posted(see), methods=["POST"]),
             Route("/api/target", _posted(add_target), methods=["POST"]),
+            Route("/api/target/change", _posted(change_target), methods=["POST"]),
+            Route("/api/target/delete", _posted(delete_target), methods=["POST"]),
         ],
         middleware=[Middleware(Guard, token=token)],
         exception_handlers={VfoaError: _refused, ValidationError: _malformed, StaleRevisionError: stale},

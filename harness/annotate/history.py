@@ -5,6 +5,8 @@ An entry is one of
     {"base": {subject: stretches}, "frames": n, "revision": r}    begin anew, from a CSV
     {"change": {subject, before, after}}                          marks between two positions
     {"undo": true}    {"redo": true}
+    {"rename": [old, new]}                                        a target's name, in all that was and can be undone
+    {"forget": name}                                              a deleted target: nothing before can be undone
     {"seen": [subject, position]}                                 alone, or beside a change
 
 Each but a lone ``seen`` is a revision.
@@ -13,7 +15,7 @@ Each but a lone ``seen`` is a revision.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from harness.annotate.marks import Stretch, Track, labelled, stretches, to_labels
@@ -34,6 +36,11 @@ class Change:
         """As JSON."""
         before, after = ([each.plain() for each in part] for part in (self.before, self.after))
         return {"subject": self.subject, "before": before, "after": after}
+
+    def renamed(self, old: str, new: str) -> Change:
+        """The same change with another name for a target."""
+        before, after = (tuple(_renamed(each, old, new) for each in part) for part in (self.before, self.after))
+        return Change(subject=self.subject, before=before, after=after)
 
     @classmethod
     def parse(cls, plain: dict[str, Any]) -> Change:
@@ -75,6 +82,11 @@ class History:
         elif "redo" in entry:
             self.done.append(change := self.undone.pop())
             self._place(change.subject, change.after)
+        elif "rename" in entry:
+            self._rename(*entry["rename"])
+        elif "forget" in entry:
+            self.done.clear()
+            self.undone.clear()
         elif "base" not in entry:
             return
         self.revision += 1
@@ -112,6 +124,17 @@ class History:
         for subject, plain in entry["base"].items():
             self._place(subject, [Stretch.parse(each) for each in plain])
 
+    def _rename(self, old: str, new: str) -> None:
+        self.done, self.undone = ([each.renamed(old, new) for each in changes] for changes in (self.done, self.undone))
+        for subject, track in self.tracks.items():
+            self._place(subject, [_renamed(each, old, new) for each in stretches(track, 0, len(track) - 1)])
+
     def _place(self, subject: str, part: Sequence[Stretch]) -> None:
         for each in part:
             self.tracks[subject][each.first : each.last + 1] = [each.mark] * (each.last - each.first + 1)
+
+
+def _renamed(stretch: Stretch, old: str, new: str) -> Stretch:
+    if stretch.mark is None or stretch.mark.target != old:
+        return stretch
+    return replace(stretch, mark=replace(stretch.mark, target=new))

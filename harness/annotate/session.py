@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
-from functools import lru_cache
+from dataclasses import asdict
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
-from harness.annotate import edits, pictures
+from harness.annotate import edits, pictures, targets
+from harness.annotate.clip_stores import open_store, with_others
 from harness.annotate.scene import Scenes, saved_folder
-from harness.annotate.store import LabelStore
 from harness.annotate.suggestions import Predictions
-from harness.annotate.targets import add_target
+from harness.clips.looks import COLOURS, KEYS, looks
 from harness.clips.manifest import ClipManifest, load_manifest
+from harness.clips.manifest_checks import known_categories
 from harness.clips.naming import NameRule
 from harness.data_folders import came_with_program
 from harness.labels.labels import TO_DECIDE
@@ -77,7 +79,8 @@ class Session:
         self._reading, self._changing = threading.Lock(), threading.Lock()
         self._picture = lru_cache(_CACHED_PICTURES)(self._draw)
         self._scene = lru_cache(_CACHED_SCENES)(self._look_at)
-        self._store = self._open_store()
+        self._timeline = timeline_of(self._clip)
+        self._store = open_store(self.manifest, annotator, self._timeline)
 
     @property
     def path(self) -> Path:
@@ -104,6 +107,10 @@ class Session:
             "rate_hz": self._clip.rate_hz,
             "subjects": self._store.subjects,
             "names": self._store.names(),
+            "looks": {name: asdict(look) for name, look in looks(self._rules).items()},
+            "keys": KEYS,
+            "colours": COLOURS,
+            "categories": self._categories,
             "shared": [name for name, rule in self.manifest.targets.items() if rule.is_shared],
             "configuration": shown and shown.configuration,
             "suggestions": {name: self._suggestions(name) for name in self._store.subjects},
@@ -159,10 +166,30 @@ class Session:
     def add_target(self, name: str, rule: NameRule) -> None:
         """Write a new target into the manifest, and allow its name."""
         with self._changing:
-            add_target(self.manifest.path, name, rule)
-            self.manifest = load_manifest(str(self.manifest.path))
+            targets.add_target(self.manifest.path, name, rule)
             self._store.add_target(name)
-            self._scene.cache_clear()
+            self._read_manifest()
+
+    def change_target(self, name: str, *, new_name: str, key: str | None, colour: str) -> None:
+        """Give a target another name, in the labels of all annotators, too, or another key or colour."""
+        with self._changing, with_others(self._store, self.manifest, self._timeline) as stores:
+            targets.change_target(self.manifest.path, name, new_name=new_name, key=key, colour=colour)
+            for store in stores if new_name != name else ():
+                store.rename_target(name, new_name)
+            self._read_manifest()
+
+    def delete_target(self, name: str, to: str | None) -> None:
+        """Take a target out of the manifest; the labels that have it, of all annotators, become ``to``."""
+        with self._changing, with_others(self._store, self.manifest, self._timeline) as stores:
+            uses = sum(store.uses(name) for store in stores)
+            if uses and to is None:
+                raise VfoaError(f"{name!r} is the target of {uses} labels; expected another target for them")
+            for store in stores if to is not None else ():
+                store.check_reassignment(name, to or "")
+            targets.delete_target(self.manifest.path, name)
+            for store in stores:
+                store.delete_target(name) if to is None else store.rename_target(name, to)
+            self._read_manifest()
 
     def scene(self, at: int) -> dict[str, Any]:
         """Outlines and heads at a position, as JSON."""
@@ -193,6 +220,20 @@ class Session:
             if new := edit(self._store.track(subject)):
                 self._store.put(revision, subject, new, seen=seen)
 
+    @property
+    def _rules(self) -> dict[str, NameRule]:
+        return {**self.manifest.targets, **self.manifest.subjects}
+
+    @cached_property
+    def _categories(self) -> list[str]:
+        """What the segmentation models, the clip's ground truth and the run call things."""
+        records = self._predictions.records.values() if self._predictions else ()
+        return sorted(known_categories(self._clip) | {each.label for record in records for each in record.targets})
+
+    def _read_manifest(self) -> None:
+        self.manifest = load_manifest(str(self.manifest.path))
+        self._scene.cache_clear()
+
     def _suggestions(self, subject: str) -> list[tuple[str, float] | None] | None:
         """Name and attention for each frame; None where there is nothing to suggest, or nothing may be shown."""
         if self._predictions is None or self._blind:
@@ -216,18 +257,6 @@ class Session:
             return pictures.jpeg(pictures.colour(self._disparity.at(frame)))
         image = frame.left if view == "left" else frame.right
         return None if image is None else pictures.jpeg(image)
-
-    def _open_store(self) -> LabelStore:
-        files = self.manifest.annotations
-        path, found = files.place(self._annotator), files.find(self._annotator)
-        return LabelStore(
-            path,
-            path.parent / ".journal" / f"{path.stem}.jsonl",
-            timeline=timeline_of(self._clip),
-            subjects=tuple(self.manifest.subjects),
-            targets=self.manifest.targets,
-            origin=found if found != path and came_with_program(self.manifest.path) else None,
-        )
 
 
 def _check_choices(run: Path | None, configuration: str | None, blind: bool, uncertain_first: bool) -> None:

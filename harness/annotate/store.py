@@ -181,6 +181,30 @@ class LabelStore:
         """Allow another name."""
         self._targets.append(name)
 
+    def uses(self, target: str) -> int:
+        """How many (frame, subject) pairs have this target, suggestions and what is only carried included."""
+        return sum(mark is not None and mark.target == target for name in self.subjects for mark in self.track(name))
+
+    def check_reassignment(self, target: str, to: str) -> None:
+        """Refuse another name for all labels of a target where somebody would look at themselves."""
+        if to not in self.names() or to == target:
+            raise VfoaError(
+                f"unknown target {to!r}; {did_you_mean(to, [each for each in self.names() if each != target])}"
+            )
+        if to in self.subjects and any(mark is not None and mark.target == target for mark in self.track(to)):
+            raise VfoaError(f"{to!r} looks at {target!r} and would look at {to!r}; expected another target, or none")
+
+    def rename_target(self, old: str, new: str) -> None:
+        """Another name for a target, in every label and all that can be undone."""
+        renamed = [new if each == old else each for each in self._targets]
+        self._targets = [each for each in dict.fromkeys(renamed) if each not in {*self.subjects, *RESERVED}]
+        self._commit({"rename": [old, new]})
+
+    def delete_target(self, name: str) -> None:
+        """Allow a name no longer, which no label has. What was done before cannot be undone any more."""
+        self._targets.remove(name)
+        self._commit({"forget": name})
+
     def close(self) -> None:
         """Let go of the journal."""
         self._journal.close()

@@ -1,4 +1,7 @@
-"""New targets, written into the clip's manifest; its comments and its order stay."""
+"""Targets in the clip's manifest: new, renamed, with another key or colour, deleted. Comments and order stay.
+
+The first change writes down every name's key and colour, so that none moves from then on.
+"""
 
 from __future__ import annotations
 
@@ -9,41 +12,124 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from harness.clips.manifest import ClipManifest
+from harness.clips.looks import looks
+from harness.clips.manifest import ClipManifest, make_manifest
 from harness.clips.naming import NameRule
 from harness.config_errors import parse
 from harness.data_folders import came_with_program
 from harness.files import atomic_write, read_bytes
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, did_you_mean
 
 
 def add_target(path: Path, name: str, rule: NameRule) -> None:
-    """Write a target's rule at the end of the manifest's targets.
+    """Write a target's rule at the end of the manifest's targets; it gets the next free key and colour.
 
     Raises
     ------
     VfoaError
-        If the name is taken or not a word, the rule contradicts another, or the manifest came with the package.
+        If the name is taken or not a word, the rule contradicts another, or the manifest came with the program.
     """
+    document, manifest = _open(path)
+    if name in manifest.targets:
+        raise VfoaError(f"{path}: targets.{name}: there already; expected a new name")
+    if "targets" not in document:
+        document["targets"] = tomlkit.table(is_super_table=True)
+    targets: Any = document["targets"]
+    targets[name] = _table(rule)
+    _parse(path, document)  # before its look is found among the others'
+    look = looks({**manifest.targets, **manifest.subjects, name: rule})[name]
+    for key, value in (("key", look.key), ("colour", look.colour)):
+        if value is not None:
+            targets[name].setdefault(key, value)
+    _save(path, document)
+
+
+def change_target(path: Path, name: str, *, new_name: str, key: str | None, colour: str) -> None:
+    """Give a target another name, key or colour; a subject, another key or colour. None: no key.
+
+    Raises
+    ------
+    VfoaError
+        If there is no such target, the name or the key is taken, or the manifest came with the program.
+    """
+    document, manifest = _open(path)
+    is_subject = name in manifest.subjects
+    table: Any = document["subjects"] if is_subject else _targets(path, document, name)
+    if key is None:
+        table[name].pop("key", None)
+    else:
+        table[name]["key"] = key
+    table[name]["colour"] = colour
+    if new_name != name:
+        if is_subject:
+            raise VfoaError(f"{path}: subjects.{name}: only targets are renamed here")
+        if new_name in {*manifest.targets, *manifest.subjects}:
+            raise VfoaError(f"{path}: targets.{new_name}: there already; expected a new name")
+        _rename(table, name, new_name)
+    _save(path, document)
+
+
+def delete_target(path: Path, name: str) -> None:
+    """Take a target out of the manifest.
+
+    Raises
+    ------
+    VfoaError
+        If there is no such target, or the manifest came with the program.
+    """
+    document, _ = _open(path)
+    del _targets(path, document, name)[name]
+    _save(path, document)
+
+
+def _open(path: Path) -> tuple[tomlkit.TOMLDocument, ClipManifest]:
+    """The manifest, and its text with every key and colour written down."""
     if came_with_program(path):
         raise VfoaError(f"{path} came with vfoa and is read-only; copy it to your own datasets/ to change its targets")
     text = read_bytes(path).decode()
-    if name in tomllib.loads(text).get("targets", {}):
-        raise VfoaError(f"{path}: targets.{name}: there already; expected a new name")
-    changed = _with_target(path, text, name, rule.model_dump(mode="json", exclude_none=True))
-    parse(ClipManifest, tomllib.loads(changed), str(path))
-    atomic_write(path, changed)
-
-
-def _with_target(path: Path, text: str, name: str, rule: dict[str, Any]) -> str:
+    manifest = make_manifest(tomllib.loads(text), path)
     try:
         document = tomlkit.parse(text)
     except TOMLKitError as error:
         raise VfoaError(f"{path}: not TOML: {error}") from None
-    if "targets" not in document:
-        document["targets"] = tomlkit.table(is_super_table=True)
+    for name, look in looks({**manifest.targets, **manifest.subjects}).items():
+        tables: Any = document["targets" if name in manifest.targets else "subjects"]
+        if look.key is not None and "key" not in tables[name]:
+            tables[name]["key"] = look.key
+        tables[name].setdefault("colour", look.colour)
+    return document, manifest
+
+
+def _save(path: Path, document: tomlkit.TOMLDocument) -> None:
+    _parse(path, document)
+    atomic_write(path, tomlkit.dumps(document))
+
+
+def _parse(path: Path, document: tomlkit.TOMLDocument) -> None:
+    """Refuse what would be no manifest, and a text that does not say what was meant."""
+    plain = tomllib.loads(tomlkit.dumps(document))
+    parse(ClipManifest, plain, str(path))
+    if plain != document.unwrap():
+        raise VfoaError(f"{path}: the targets cannot be changed where they stand; edit the file by hand")
+
+
+def _targets(path: Path, document: tomlkit.TOMLDocument, name: str) -> Any:
+    targets: Any = document.get("targets", {})
+    if name not in targets:
+        raise VfoaError(f"{path}: no target {name!r}; {did_you_mean(name, [*targets])}")
+    return targets
+
+
+def _table(rule: NameRule) -> Any:
     table = tomlkit.table()
-    table.update(rule)
-    targets: Any = document["targets"]
-    targets[name] = table
-    return tomlkit.dumps(document)
+    table.update(rule.model_dump(mode="json", exclude_none=True))
+    return table
+
+
+def _rename(targets: Any, name: str, new_name: str) -> None:
+    """Another name in the same place. Tables that are parted by others are several containers."""
+    for each in getattr(targets, "_tables", [targets]):
+        if name in each:
+            item = each.value.item(name)
+            item.display_name = None  # the header as it was written
+            each.value._replace(name, new_name, item)

@@ -55,6 +55,10 @@ class ClipManifest(Settings):
             raise ValueError(
                 f"targets.{both[0]}: a subject has this name, and is a target by it; expected another name"
             )
+        keys: dict[str, str] = {}
+        for name, rule in (*self.targets.items(), *self.subjects.items()):
+            if rule.key is not None and keys.setdefault(rule.key, name) != name:
+                raise ValueError(f"{name}: key: {rule.key!r} is the key of {keys[rule.key]!r}; expected another one")
         shared = [(rule.category, name) for name, rule in self.targets.items() if rule.is_shared]
         for position, (category, name) in enumerate(shared):
             for earlier, other in shared[:position]:

@@ -27,7 +27,7 @@ def manifest_problems(manifest: ClipManifest) -> list[str]:
 
 def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:
     """Categories that are near to a word of COCO and of nothing in the clip's ground truth."""
-    known = _COCO | _true_categories(clip)
+    known = known_categories(clip)
     notes = []
     for table, rules in (("subjects", manifest.subjects), ("targets", manifest.targets)):
         for name, rule in rules.items():
@@ -39,6 +39,7 @@ def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:
     return notes
 
 
-def _true_categories(clip: Clip) -> frozenset[str]:
+def known_categories(clip: Clip) -> frozenset[str]:
+    """The words of the segmentation models, which are COCO's, and those of the clip's ground truth."""
     instances = clip.truth(clip.frames[0]).instances
-    return frozenset(each.label for each in instances.instances) if instances else frozenset()
+    return _COCO | frozenset(each.label for each in instances.instances) if instances else _COCO

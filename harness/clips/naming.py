@@ -19,6 +19,10 @@ from vfoa.types import Float, FrameResult
 
 PointPx = tuple[float, float]
 
+HUES = ("blue", "orange", "green", "pink", "violet", "brown", "cyan", "yellow", "magenta", "olive")
+PATTERNS = ("plain", "diagonal", "vertical", "horizontal")
+_COLOUR = rf"^({'|'.join(HUES)}) ({'|'.join(PATTERNS)})$"
+
 
 class NameRule(Settings):
     """What bears a name: an instance of ``category`` (the segmenter's word), and which one where there are several.
@@ -26,6 +30,8 @@ class NameRule(Settings):
     At most one of: ``instance``, the id it has in the source; ``from_left``, 1 for the leftmost of its category;
     ``at_px`` (u, v), the nearest to this point; ``box_px`` (u0, v0, u1, v1), the one that overlaps this box most.
     With none of them, a target's name is shared by all of the category, a subject's goes to one person at a time.
+
+    ``key`` and ``colour`` are the name's own on the labelling page, which assigns them (:mod:`harness.clips.looks`).
     """
 
     category: str
@@ -33,6 +39,8 @@ class NameRule(Settings):
     from_left: int | None = Field(default=None, gt=0)
     at_px: tuple[float, float] | None = None
     box_px: tuple[float, float, float, float] | None = None
+    key: str | None = Field(default=None, pattern=r"^(shift\+)?[0-9]$")
+    colour: str | None = Field(default=None, pattern=_COLOUR)
 
     @model_validator(mode="after")
     def _one_choice(self) -> Self:

@@ -155,6 +155,10 @@ def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
         "frames": list(one.frames),
         "times_ns": [one.clip.time_ns(number) for number in one.frames],
         "sha256": one.clip.digest(),
-        "names": one.manifest.model_dump(mode="json", include={"subjects", "targets"}),
+        "names": one.manifest.model_dump(
+            mode="json",
+            include={"subjects", "targets"},
+            exclude={kind: {"__all__": {"key", "colour"}} for kind in ("subjects", "targets")},
+        ),
         "stage_outputs_sha256": provenance.output_digests(experiment, one.manifest.name, one.clip),
     }

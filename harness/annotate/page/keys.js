@@ -40,7 +40,7 @@ function pressed(event) {
   return `${event.ctrlKey || event.metaKey ? "Ctrl+" : ""}${shift}${key}`;
 }
 
-const typing = (element) => element && element.tagName === "INPUT";
+const typing = (element) => element && ["INPUT", "SELECT", "TEXTAREA"].includes(element.tagName);
 
 // What has the focus by the Tab key answers to Enter and Space itself.
 const pressing = (event) => ["Enter", " "].includes(event.key) && document.activeElement.closest("button, summary");

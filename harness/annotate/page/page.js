@@ -48,13 +48,15 @@ export class Page {
 
   take(about) {
     this.about = about;
-    this.names.set(about.names);
+    this.names.set(about);
     panel.drawTitle(about);
   }
 
-  renew(about) {
+  // The targets are others now, and with another name the labels are, too.
+  renew({ about, state }) {
     this.take(about);
     this.stage.scenes.clear();
+    this.update(state, state.revision);
     this.go(this.shown);
   }
 
@@ -164,7 +166,7 @@ export class Page {
   }
 
   chosen(object, point) {
-    if (!this.names.names.includes(object.name)) this.names.ask(object, this.stage.scene.objects);
+    if (!this.names.names.includes(object.name)) this.names.forms.ask(object, this.stage.scene.objects);
     else this.look(object.name, this.about.shared.includes(object.name) ? point : null);
   }
 
@@ -207,7 +209,7 @@ export class Page {
     this.noteForm.close();
   }
 
-  newTarget() { this.names.ask(null, []); }
+  newTarget() { this.names.forms.ask(null, []); }
 
   select(range) {
     this.selection = range;

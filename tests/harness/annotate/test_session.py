@@ -131,11 +131,26 @@ def test_predictions_come_with_their_attention_and_unsure_frames_first(opened: A
     assert about["order"]["ann"] == [8, 9, 10, 11, 7, 3, 5, 6, 2, 0, 1, 4]
 
 
-def test_a_new_target_keeps_comments_and_order(work: Path) -> None:
+def test_the_first_change_writes_down_keys_by_the_old_rule_and_keeps_comments_and_order(work: Path) -> None:
     path = work / "datasets" / "noise.toml"
     add_target(path, "wall clock", NameRule(category="clock", at_px=(1.5, 2)))
-    assert path.read_text() == MANIFEST + '\n[targets."wall clock"]\ncategory = "clock"\nat_px = [1.5, 2.0]\n'
-    assert load_manifest(str(path)).targets["wall clock"] == NameRule(category="clock", at_px=(1.5, 2))
+    text = path.read_text()
+    assert [each for each in text.splitlines() if not each.startswith(("key =", "colour ="))] == [
+        *MANIFEST.splitlines(),
+        "",
+        '[targets."wall clock"]',
+        'category = "clock"',
+        "at_px = [1.5, 2.0]",
+    ]
+    manifest = load_manifest(str(path))
+    found = {name: (rule.key, rule.colour) for name, rule in {**manifest.targets, **manifest.subjects}.items()}
+    assert found == {
+        "cup": ("1", "blue plain"),
+        "book": ("2", "orange diagonal"),
+        "ann": ("3", "green vertical"),
+        "ben": ("4", "pink horizontal"),
+        "wall clock": ("5", "violet plain"),
+    }
 
 
 def test_a_first_target_opens_the_table_of_targets(tmp_path: Path) -> None:
@@ -143,7 +158,8 @@ def test_a_first_target_opens_the_table_of_targets(tmp_path: Path) -> None:
     path = write_text(tmp_path / "x.toml", text)
     add_target(path, "cup", NameRule(category="cup"))
     assert path.read_text().startswith(text)
-    assert load_manifest(str(path)).targets == {"cup": NameRule(category="cup")}
+    (rule,) = load_manifest(str(path)).targets.values()
+    assert (rule.category, rule.key) == ("cup", "2")  # ann, who is a target as well, has the first
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,47 @@
+"""The labels of a clip by every annotator, each with its journal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+
+from harness.annotate.store import LabelStore
+from harness.clips.manifest import ClipManifest
+from harness.data_folders import came_with_program
+from harness.labels.timeline import Timeline
+
+
+def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline) -> LabelStore:
+    """An annotator's labels. Those of a clip that came with the program are copied when they are changed.
+
+    Raises
+    ------
+    VfoaError
+        If the file is wrong, or another process labels it.
+    """
+    files = manifest.annotations
+    path, found = files.place(annotator), files.find(annotator)
+    return LabelStore(
+        path,
+        path.parent / ".journal" / f"{path.stem}.jsonl",
+        timeline=timeline,
+        subjects=tuple(manifest.subjects),
+        targets=manifest.targets,
+        origin=found if found != path and came_with_program(manifest.path) else None,
+    )
+
+
+@contextmanager
+def with_others(store: LabelStore, manifest: ClipManifest, timeline: Timeline) -> Iterator[list[LabelStore]]:
+    """A store and those of the other annotators of its clip, until the block ends. Raises as :func:`open_store`."""
+    files = manifest.annotations
+    places = {annotator: files.place(annotator) for annotator in (None, *files.annotators())}
+    with ExitStack() as stack:
+        yield [
+            store,
+            *(
+                stack.enter_context(closing(open_store(manifest, annotator, timeline)))
+                for annotator, place in places.items()
+                if place != store.path and place.is_file()
+            ),
+        ]

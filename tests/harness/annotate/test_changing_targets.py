@@ -1,0 +1,190 @@
+"""Targets that come, go and are renamed while a clip is being labelled: the keys of the others do not move."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from harness.annotate.session import Session
+from harness.clips.manifest import ClipManifest, load_manifest
+from harness.labels.labels import Labels
+from harness.labels.timeline import Timeline
+from tests.annotating import FRAMES, MANIFEST, Page, shown, wait_for
+from tests.browser import chromium, set_width
+from tests.disk import write_text
+from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
+
+HEAD = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+
+
+@pytest.fixture
+def opened(work: Path) -> Iterator[Any]:
+    sessions: list[Session] = []
+
+    def start(**choices: Any) -> Session:
+        sessions.append(Session(str(work / "datasets" / "noise.toml"), **choices))
+        return sessions[-1]
+
+    yield start
+    for session in sessions:
+        session.close()
+
+
+def _manifest(work: Path) -> ClipManifest:
+    return load_manifest(str(work / "datasets" / "noise.toml"))
+
+
+def _labels(work: Path, annotator: str | None = None) -> Labels:
+    manifest = _manifest(work)
+    found = manifest.annotations.find(annotator)
+    assert found is not None
+    return manifest.read(found, Timeline(frames=FRAMES, times_ns=()))
+
+
+def _said(work: Path, subject: str = "ann", annotator: str | None = None) -> str:
+    """A letter a frame."""
+    found = [_labels(work, annotator).at(frame, subject) for frame in FRAMES]
+    return "".join("." if each is None else each.target[0] for each in found)
+
+
+def _mark(session: Session, first: int, last: int, target: str, subject: str = "ann") -> None:
+    session.mark_range(session.state()["revision"], subject, first, last, target)
+
+
+def test_a_new_name_stands_in_the_labels_of_all_annotators_and_in_what_can_be_undone(opened: Any, work: Path) -> None:
+    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,cup,\n")
+    session = opened()
+    _mark(session, 0, 5, "cup")
+    _mark(session, 2, 3, "book")
+    session.change_target("cup", new_name="mug", key="9", colour="olive plain")
+    assert (_said(work), _said(work, annotator="ben")) == ("mmbbmm......", "mmmm........")
+    session.undo(session.state()["revision"])
+    assert _said(work) == "mmmmmm......"
+    about = session.about()
+    assert about["looks"]["mug"] == {"key": "9", "colour": "olive plain"}
+    assert {name: look["key"] for name, look in about["looks"].items()} == {
+        "mug": "9",
+        "book": "2",
+        "ann": "3",
+        "ben": "4",
+    }
+
+
+def test_a_target_in_use_is_deleted_only_with_another_for_its_labels(opened: Any, work: Path) -> None:
+    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ben,cup,\n")
+    session = opened()
+    with pytest.raises(VfoaError, match="'cup' is the target of 4 labels; expected another target for them"):
+        session.delete_target("cup", None)
+    with pytest.raises(VfoaError, match="'ben' looks at 'cup' and would look at 'ben'"):
+        session.delete_target("cup", "ben")
+    assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
+    session.delete_target("cup", "book")
+    assert _said(work, "ben", "ben") == "bbbb........"
+    assert [*_manifest(work).targets] == ["book"]
+    session.add_target("vase", _manifest(work).targets["book"].model_copy(update={"category": "vase", "key": None}))
+    assert session.about()["looks"]["vase"]["key"] == "1"  # the one that is free
+    assert session.about()["looks"]["book"]["key"] == "2"
+
+
+def test_a_deleted_target_does_not_come_back_by_undo_nor_after_a_restart(opened: Any, work: Path) -> None:
+    session = opened()
+    _mark(session, 0, 3, "cup")
+    _mark(session, 0, 3, "book")
+    session.delete_target("cup", None)
+    assert not session.state()["can_undo"]
+    session.close()
+    again = opened()
+    assert again.state()["tracks"]["ann"][0][:3] == [0, 3, "book"]
+    assert again.state()["revision"] == session.state()["revision"]
+
+
+def test_names_are_not_changed_while_another_annotator_labels_the_clip(opened: Any, work: Path) -> None:
+    other = opened(annotator="ben")
+    _mark(other, 0, 3, "cup")
+    session = opened()
+    with pytest.raises(VfoaError, match=r"noise@ben\.csv is being labelled by another vfoa annotate"):
+        session.change_target("cup", new_name="mug", key="1", colour="blue plain")
+    assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
+
+
+def test_two_names_with_one_key_are_refused(opened: Any, work: Path) -> None:
+    with pytest.raises(VfoaError, match=r"key: '2' is the key of .*; expected another one"):
+        opened().change_target("cup", new_name="cup", key="2", colour="blue plain")
+    assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    with chromium(tmp_path_factory.mktemp("profile")) as browser:
+        set_width(browser, 1280)
+        yield browser
+
+
+def _is_settled(browser: Chrome) -> bool:
+    return bool(browser.execute_script("return document.body.getAttribute('aria-busy') === 'false'"))
+
+
+def _press(browser: Chrome, *keys: str) -> None:
+    from selenium.webdriver import ActionChains
+
+    for key in keys:
+        ActionChains(browser).send_keys(key).perform()
+    wait_for(lambda: _is_settled(browser))
+
+
+def _keys(browser: Chrome) -> dict[str, str]:
+    """The key that each name's button shows."""
+    shown = browser.execute_script(
+        "return [...document.querySelectorAll('#names [data-target]')].map((each) => "
+        "[each.dataset.target, each.firstChild.textContent, each.className])"
+    )
+    return {name: f"{key} {look.replace('look ', '')}" for name, key, look in shown}
+
+
+def test_keys_stay_while_targets_are_added_renamed_and_deleted(
+    browser: Chrome, noise: Callable[..., Page], work: Path
+) -> None:
+    page = noise()
+    browser.get(page.address)
+    wait_for(lambda: shown(browser) is not None and _is_settled(browser))
+    at_first = _keys(browser)
+    right = "\ue014"
+    _press(browser, "1", right, right, "4")
+
+    _press(browser, "t")
+    form = browser.find_element("id", "new-target")
+    form.find_element("name", "name").send_keys("lamp")
+    offered = browser.execute_script("return [...document.querySelectorAll('#categories option')].map((o) => o.value)")
+    assert {"cup", "person", "clock", "wall-brick"} <= set(offered)
+    form.find_element("name", "category").send_keys("lamp\ue007")
+    wait_for(lambda: "lamp" in _keys(browser))
+    assert {name: look for name, look in _keys(browser).items() if name != "lamp"} == at_first
+    _press(browser, right, "5", right)
+
+    browser.find_element("css selector", '[aria-label^="change cup"]').click()
+    form = browser.find_element("id", "target")
+    form.find_element("name", "new_name").clear()
+    form.find_element("name", "new_name").send_keys("mug\ue007")
+    wait_for(lambda: "mug" in _keys(browser))
+    assert _keys(browser)["mug"] == at_first["cup"]
+    _press(browser, "1", right, "2", right, right)
+
+    browser.find_element("css selector", '[aria-label^="change book"]').click()
+    browser.find_element("id", "delete").click()
+    wait_for(lambda: "is the target of" in browser.find_element("id", "notice").text)
+    form.find_element("name", "to").send_keys("lamp")
+    browser.find_element("id", "delete").click()
+    wait_for(lambda: "book" not in _keys(browser))
+    now = _keys(browser)
+    assert {name: now[name] for name in ("ann", "ben", "none", "ignore")} == {
+        name: at_first[name] for name in ("ann", "ben", "none", "ignore")
+    }
+    _press(browser, "2")  # nobody's key any more
+    _press(browser, "1")
+    assert _said(work) == "mmblmllm...."
