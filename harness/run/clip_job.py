@@ -37,6 +37,11 @@ class ClipJob:
     keeps: bool = False
 
     @property
+    def sink_names(self) -> list[str]:
+        """A name for each sink factory: its place and its class."""
+        return [f"{place} {type(factory).__name__}" for place, factory in enumerate(self.sinks, start=1)]
+
+    @property
     def pairs(self) -> list[Pair]:
         """The (clip, configuration) pairs of the job."""
         return [(self.manifest.name, configuration.name) for configuration in self.configurations]

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+from dataclasses import replace
 from types import TracebackType
-from typing import Generic, Self, TypeVar
+from typing import Generic, NamedTuple, Self, TypeVar
 
 from harness.clips.naming import SubjectNames, name_frame
+from harness.run.checkpoint import Checkpoint, SinkState, write_checkpoint
 from harness.run.clip_job import ClipJob
-from harness.run.frame_sink import FinishedFrame, FrameSink, SinkContext
+from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, SinkContext
 from harness.run.records import to_record
 from harness.stages.configuration import Configuration
 from harness.stages.measures import FrameMeasures, Measurer
@@ -18,6 +20,7 @@ from harness.stages.sharing import SharedFrame
 from harness.stages.stage_runner import guarded
 from vfoa.bayes import BayesSettings, frames_awaited, smooth
 from vfoa.errors import StageError, VfoaError
+from vfoa.gaze.temporal import WindowStart
 from vfoa.pipeline import AttendSettings, Memory, attend
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
@@ -34,6 +37,11 @@ class SmoothingBuffer(Generic[T]):
     def __init__(self, settings: AttendSettings) -> None:
         self._settings = settings.attention if isinstance(settings.attention, BayesSettings) else None
         self._waiting: list[tuple[FrameResult, T]] = []
+
+    @property
+    def oldest(self) -> T | None:
+        """The companion of the result that has waited longest; None without any."""
+        return self._waiting[0][1] if self._waiting else None
 
     def add(self, result: FrameResult, companion: T) -> Iterator[tuple[FrameResult, T]]:
         """Take a result; yield those that have waited long enough."""
@@ -55,15 +63,22 @@ class SmoothingBuffer(Generic[T]):
         yield from released
 
 
-_Companion = tuple[StereoFrame | None, Percepts | None, FrameMeasures | None, Timings]
-"""What goes with a result to the sinks."""
+class _Companion(NamedTuple):
+    """What goes with a result to the sinks, and what is needed to attend to its frame again."""
+
+    frame: StereoFrame | None
+    percepts: Percepts | None
+    measures: FrameMeasures | None
+    timings: Timings
+    memory: Memory
+    window: WindowStart | None
 
 
 class ConfigurationRunner:
     """Attends to the frames of a clip in order under one configuration, and hands them to the sinks of its job.
 
     It is a context manager, which opens and closes the sinks. An error ends this configuration alone: ``error`` is None
-    while all is well.
+    while all is well. ``resumed`` is where an earlier run left it: frames up to there are passed over.
     """
 
     def __init__(
@@ -74,9 +89,13 @@ class ConfigurationRunner:
         measurer: Measurer | None,
         *,
         rehearsal: bool = False,
+        resumed: Checkpoint | None = None,
     ) -> None:
         self.error: VfoaError | None = None
-        self.written = 0
+        self.written = resumed.written if resumed else 0
+        self._resumed = resumed
+        self._last = resumed.frame if resumed else None
+        self._window = resumed.window if resumed else None
         self._job, self._configuration, self._measurer = job, configuration, measurer
         self._context = SinkContext(
             manifest=job.manifest,
@@ -86,16 +105,17 @@ class ConfigurationRunner:
             directory=job.directory,
             rehearsal=rehearsal,
         )
-        self._memory, self._names = Memory(), SubjectNames()
+        self._memory, self._names = (resumed.memory, resumed.names) if resumed else (Memory(), SubjectNames())
         self._smoothing: SmoothingBuffer[_Companion] = SmoothingBuffer(configuration.attend)
-        self._sinks: list[FrameSink] = []
+        self._sinks: dict[str, FrameSink] = {}
         self._open_sinks = ExitStack()
 
     def __enter__(self) -> Self:
         try:
-            for factory in self._job.sinks:
-                if (sink := factory.open(self._context)) is not None:
-                    self._sinks.append(self._open_sinks.enter_context(sink))
+            states = self._resumed.sinks if self._resumed else {}
+            for name, factory in zip(self._job.sink_names, self._job.sinks, strict=True):
+                if (sink := factory.open(replace(self._context, resumed=states.get(name)))) is not None:
+                    self._sinks[name] = self._open_sinks.enter_context(sink)
         except VfoaError as error:
             self.fail(error)
         return self
@@ -124,20 +144,23 @@ class ConfigurationRunner:
 
     def attend(self, shared: SharedFrame) -> list[FinishedFrame]:
         """Attend to one frame; return the frames that are finished now: this one, unless smoothing looks ahead."""
-        found = shared.by_configuration[self._configuration.name]
-        if self.error is not None:
+        if self.error is not None or (self._resumed and shared.index <= self._resumed.frame):
             return []
+        found = shared.by_configuration[self._configuration.name]
         if isinstance(found, VfoaError):
             self.fail(found)
             return []
         percepts, scene, timings = found
+        memory = self._memory
+        self._window = shared.windows.get(self._configuration.name)
         try:
             with timed(timings, "attention"):
                 result, self._memory = guarded("attention", attend, scene, self._memory, self._configuration.attend)
             with timed(timings, "measures"):
                 measures = self._measurer.measure(percepts, scene) if self._measurer and percepts else None
             with timed(timings, "attention"):
-                ready = list(self._smoothing.add(result, (shared.frame, percepts, measures, timings)))
+                companion = _Companion(shared.frame, percepts, measures, timings, memory, self._window)
+                ready = list(self._smoothing.add(result, companion))
             return [self._finished(*each) for each in ready]
         except VfoaError as error:
             if isinstance(error, StageError):
@@ -148,17 +171,44 @@ class ConfigurationRunner:
     def hand_over(self, finished: FinishedFrame) -> None:
         """Hand one frame to every sink. Their time counts as ``recording``, but for that of the last one."""
         try:
-            for sink in self._sinks:
+            for sink in self._sinks.values():
                 with timed(finished.timings, "recording"):
                     sink.write(finished)
             self.written += 1
+            self._last = finished.record.frame
         except VfoaError as error:
             self.fail(error)
 
+    def checkpoint(self) -> None:
+        """Write down where this configuration stands, if all of its sinks can go on from there."""
+        states: dict[str, SinkState] = {}
+        for name, sink in self._sinks.items():
+            state = sink.state() if isinstance(sink, ResumableSink) else None
+            if state is None:
+                return
+            states[name] = state
+        if self.error is not None or self._last is None:
+            return
+        waiting = self._smoothing.oldest
+        found = Checkpoint(
+            frame=self._last,
+            written=self.written,
+            memory=waiting.memory if waiting else self._memory,
+            names=self._names,
+            window=waiting.window if waiting else self._window,
+            sinks=states,
+        )
+        write_checkpoint(self._job.directory, (self._job.manifest.name, self._configuration.name), found)
+
     def _finished(self, result: FrameResult, companion: _Companion) -> FinishedFrame:
         """A result with the names of the clip's manifest."""
-        frame, percepts, measures, timings = companion
         manifest = self._job.manifest
         names, self._names = name_frame(result, manifest.subjects, manifest.targets, self._names)
-        record = to_record(manifest.name, self._configuration.name, result, names, measures)
-        return FinishedFrame(frame=frame, percepts=percepts, result=result, record=record, timings=timings)
+        record = to_record(manifest.name, self._configuration.name, result, names, companion.measures)
+        return FinishedFrame(
+            frame=companion.frame,
+            percepts=companion.percepts,
+            result=result,
+            record=record,
+            timings=companion.timings,
+        )

@@ -70,6 +70,10 @@ class RunDirectory:
         """Where the traceback of a (clip, configuration) is kept that ended in a fault of a stage."""
         return self.partial(pair, "traceback.txt")
 
+    def checkpoint(self, pair: Pair) -> Path:
+        """Where an unfinished (clip, configuration) stands (:mod:`harness.run.checkpoint`)."""
+        return self.partial(pair, "checkpoint")
+
     def is_finished(self, pair: Pair) -> bool:
         """Whether a (clip, configuration) is finished."""
         return self.partial(pair, "jsonl").exists()
@@ -110,7 +114,7 @@ class RunDirectory:
 
     def discard(self, pair: Pair) -> None:
         """Remove the partial results of a (clip, configuration) that is not finished."""
-        for suffix in ("jsonl.partial", "csv.partial", "traceback.txt"):
+        for suffix in ("jsonl.partial", "csv.partial", "traceback.txt", "checkpoint"):
             self.partial(pair, suffix).unlink(missing_ok=True)
 
     def remove_partial(self) -> None:

@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 from harness.clips.manifest import ClipManifest
 from harness.labels.files import Labels
+from harness.run.checkpoint import SinkState
 from harness.run.directory import Pair, RunDirectory
 from harness.run.results import FrameRecord
 from harness.stages.memo import Timings
@@ -51,11 +52,21 @@ class FrameSink(Protocol):
         ...
 
 
+@runtime_checkable
+class ResumableSink(FrameSink, Protocol):
+    """A sink that can go on where it was, in another process. A run whose sinks all can writes checkpoints."""
+
+    def state(self) -> SinkState | None:
+        """How far it has written, all of it handed to the operating system; None: not now."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SinkContext:
     """What a sink is opened for: one configuration on one clip.
 
     ``labels`` is None for a clip without. A ``rehearsal`` is one frame into a temporary directory, before a live run.
+    ``resumed`` is the state to go on from: files are cut to what it says, and frames come that follow it.
     """
 
     manifest: ClipManifest
@@ -64,6 +75,7 @@ class SinkContext:
     rate_hz: float | None
     directory: RunDirectory
     rehearsal: bool = False
+    resumed: SinkState | None = None
 
     @property
     def pair(self) -> Pair:

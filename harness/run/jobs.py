@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from harness.run.clip_job import ClipJob, ClipOutcome
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors.contract import Executor, Progress, compute_with
-from harness.run.loop import run_clip
+from harness.run.loop import checkpoints, first_frame, run_clip
 from harness.run.output_sink import OutputSinks
 from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, PreparedClip
@@ -41,9 +41,15 @@ class Done:
 
 
 def run_jobs(
-    plan: Plan, directory: RunDirectory, *, cache: Store | None, executor: Executor, progress: Progress
+    plan: Plan,
+    directory: RunDirectory,
+    *,
+    cache: Store | None,
+    executor: Executor,
+    progress: Progress,
+    tell: Callable[[str], None] = lambda line: None,
 ) -> Done:
-    """Do what is not done of a plan.
+    """Do what is not done of a plan; ``tell`` is told where it goes on.
 
     Where there are clips enough to keep every worker at work, a job is a clip. Else the workers help each other through
     the cache: each perceives stretches of a clip, under all its configurations, so that nothing is decoded or computed
@@ -60,9 +66,10 @@ def run_jobs(
         if not job.configurations:
             skip(job, progress)
     todo = [job for job in jobs if job.configurations]
+    begun = {job.manifest.name: first_frame(job, checkpoints(job, tell)) for job in todo}
     failures: dict[Pair, VfoaError] = {}
     if cache and not plan.save_outputs and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
-        todo = _share(todo, executor, account, progress, failures)
+        todo = _share(todo, begun, executor, account, progress, failures)
         progress = _silent
     for job, outcome in zip(todo, executor.run(run_clip, todo, progress, _lost), strict=True):
         failures.update(outcome.failures)
@@ -71,10 +78,18 @@ def run_jobs(
 
 
 def _share(
-    jobs: Sequence[ClipJob], executor: Executor, account: Account, progress: Progress, failures: dict[Pair, VfoaError]
+    jobs: Sequence[ClipJob],
+    begun: Mapping[str, int],
+    executor: Executor,
+    account: Account,
+    progress: Progress,
+    failures: dict[Pair, VfoaError],
 ) -> list[ClipJob]:
-    """Perceive all, and do at once what can go along with that; return the jobs that are left."""
-    perceived, left = Perceived(jobs, executor, account, progress), list[ClipJob]()
+    """Perceive all, and do at once what can go along with that; return the jobs that are left.
+
+    ``begun`` are the first frames that are needed, by clip.
+    """
+    perceived, left = Perceived(jobs, begun, executor, account, progress), list[ClipJob]()
     compute_with(executor.threads)
     for job in jobs:
         if not (perceived.lacked(job) and _goes_along(job, executor.workers)):

@@ -6,9 +6,12 @@ is read once and each distinct stage runs once. A configuration that fails is dr
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+import time
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import ExitStack, closing
 
+from harness.run import checkpoint
+from harness.run.checkpoint import Checkpoint, read_checkpoint
 from harness.run.clip_job import ClipJob, ClipOutcome
 from harness.run.configuration_runner import ConfigurationRunner
 from harness.run.directory import Pair
@@ -22,7 +25,7 @@ from vfoa.errors import VfoaError
 
 
 def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
-    """Run one clip under all configurations of a job.
+    """Run one clip under all configurations of a job, from their checkpoints where there are any.
 
     Parameters
     ----------
@@ -35,16 +38,50 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         clip = job.manifest.open()
     except VfoaError as error:
         return ClipOutcome(failures=dict.fromkeys(job.pairs, error))
-    chosen = job.frames if numbers is None else numbers
+    resumed = checkpoints(job)
+    first = first_frame(job, resumed)
+    for _ in range(sum(number < first for number in job.frames)):
+        progress(job.manifest.name)
+    chosen = (number for number in (job.frames if numbers is None else numbers) if number >= first)
     if isinstance(clip, MeasuredClip):
-        runners = lead(job, clip.rate_hz, measured_frames(job.configurations, clip, chosen), None, progress)
+        frames = measured_frames(job.configurations, clip, chosen)
+        runners = lead(job, clip.rate_hz, frames, None, progress, resumed=resumed)
         return ClipOutcome(failures=_failures(job, runners))
     perceived, measured = one_at_a_time(clip, 2) if job.read_ahead or job.perceive_ahead else (clip, clip)
-    with closing(SharedPipeline(job.configurations, perceived, job.cache, parallel=job.perceive_ahead > 0)) as pipeline:
-        runners = process(job, perceived, pipeline, chosen, progress, truth=measured)
+    with closing(
+        SharedPipeline(
+            job.configurations,
+            perceived,
+            job.cache,
+            parallel=job.perceive_ahead > 0,
+            begins={name: each.frame + 1 for name, each in resumed.items()},
+            starts={name: each.window for name, each in resumed.items() if each.window},
+        )
+    ) as pipeline:
+        runners = process(job, perceived, pipeline, chosen, progress, truth=measured, resumed=resumed)
     if job.cache:
         job.cache.store.trim()
     return ClipOutcome(failures=_failures(job, runners), tallies=pipeline.take_tallies())
+
+
+def checkpoints(job: ClipJob, tell: Callable[[str], None] = lambda line: None) -> dict[str, Checkpoint]:
+    """Where the configurations of a job stand, by name: those with a checkpoint that fits. ``tell`` is told of each."""
+    frames = frozenset(job.frames)
+    found: dict[str, Checkpoint] = {}
+    for clip, name in job.pairs:
+        read, misfit = read_checkpoint(job.directory, (clip, name), frames, job.sink_names)
+        if read is not None:
+            found[name] = read
+            tell(f"{clip} under {name}: goes on after frame {read.frame}")
+        elif misfit is not None:
+            tell(f"{clip} under {name}: its checkpoint does not fit ({misfit}); it begins with the first frame")
+    return found
+
+
+def first_frame(job: ClipJob, resumed: Mapping[str, Checkpoint]) -> int:
+    """The first frame that a job must read: that of the configuration that is least far."""
+    begin = min(job.frames, default=0)
+    return min(resumed[each.name].first_read if each.name in resumed else begin for each in job.configurations)
 
 
 def process(
@@ -56,6 +93,7 @@ def process(
     *,
     truth: Clip | None = None,
     rehearsal: bool = False,
+    resumed: Mapping[str, Checkpoint] | None = None,
 ) -> list[ConfigurationRunner]:
     """Lead frames through the pipeline to the sinks, until they end or every configuration has failed.
 
@@ -63,6 +101,8 @@ def process(
     ----------
     truth
         The clip to measure against, if another thread reads ``clip``.
+    resumed
+        Where configurations go on, by name.
 
     Returns
     -------
@@ -73,7 +113,7 @@ def process(
     perceived = pipeline.perceive(read)
     reconstructed = prefetch(pipeline.reconstruct(perceived), job.perceive_ahead)
     measurer = Measurer(truth or clip) if job.measured else None
-    return lead(job, clip.rate_hz, reconstructed, measurer, progress, rehearsal=rehearsal)
+    return lead(job, clip.rate_hz, reconstructed, measurer, progress, rehearsal=rehearsal, resumed=resumed)
 
 
 def lead(
@@ -84,12 +124,18 @@ def lead(
     progress: Progress,
     *,
     rehearsal: bool = False,
+    resumed: Mapping[str, Checkpoint] | None = None,
 ) -> list[ConfigurationRunner]:
-    """Attend to frames and hand them to the sinks, until they end or every configuration has failed."""
+    """Attend to frames and hand them to the sinks, until they end or every configuration has failed.
+
+    Checkpoints are written from time to time, unless the frames do not come again.
+    """
+    begun = resumed or {}
     runners = [
-        ConfigurationRunner(job, configuration, rate_hz, measurer, rehearsal=rehearsal)
-        for configuration in job.configurations
+        ConfigurationRunner(job, each, rate_hz, measurer, rehearsal=rehearsal, resumed=begun.get(each.name))
+        for each in job.configurations
     ]
+    written_s = time.monotonic()
     with closing(frames), ExitStack() as sinks:
         for runner in runners:
             sinks.enter_context(runner)
@@ -98,6 +144,10 @@ def lead(
                 for runner in runners:
                     for finished in runner.attend(shared):
                         runner.hand_over(finished)
+                if not job.keeps and time.monotonic() - written_s >= checkpoint.SECONDS:
+                    for runner in runners:
+                        runner.checkpoint()
+                    written_s = time.monotonic()
                 progress(job.manifest.name)
         except VfoaError as error:  # a frame that cannot be read
             for runner in runners:

@@ -1,8 +1,9 @@
 """The results of one configuration on one clip while the run is on: one line per frame, which survives a kill.
 
 The lines of a frame go to the operating system when the frame is finished, its timings before its result. A run that
-continues keeps what a killed run has written up to its last whole line. It computes those frames again, because
-trackers and filters carry more than the lines hold, and compares them with the lines.
+continues keeps what a killed run has written up to its last whole line. It goes on from the last checkpoint
+(:mod:`harness.run.checkpoint`), or from the first frame without one: trackers and filters carry more than the lines
+hold. The frames from there on are computed again, and compared with the lines.
 """
 
 from __future__ import annotations
@@ -11,10 +12,12 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
 
+from harness.run.checkpoint import SinkState
 from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import FinishedFrame, SinkContext
 from harness.run.results import to_line
@@ -24,12 +27,30 @@ LOCK_SECONDS = 10.0
 """How long the last writer of a file may take to end before it counts as another run."""
 
 
-class PartialResults:
-    """Two open files: results and timings. ``kept`` frames were written by an earlier run that was interrupted."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reached:
+    """What a run takes over unseen: so many frames, in so many bytes of results and of timings."""
 
-    def __init__(self, results: BinaryIO, timings: BinaryIO, kept: int) -> None:
+    frames: int = 0
+    results: int = 0
+    timings: int = 0
+
+
+class PartialResults:
+    """Two open files: results and timings. ``kept`` frames were written by an earlier run that was interrupted.
+
+    ``reached`` of them are not computed again.
+    """
+
+    def __init__(self, results: BinaryIO, timings: BinaryIO, kept: int, reached: Reached) -> None:
         self._results, self._timings = results, timings
-        self._kept, self._frames = kept, 0
+        self._kept, self._frames = kept, reached.frames
+
+    def reached(self) -> Reached | None:
+        """What is written by now; None as long as kept frames are compared."""
+        if not self.goes_on:
+            return None
+        return Reached(frames=self._frames, results=self._results.tell(), timings=self._timings.tell())
 
     @property
     def goes_on(self) -> bool:
@@ -58,8 +79,8 @@ class PartialResults:
 
 
 @contextmanager
-def open_partial_results(results: Path, timings: Path) -> Iterator[PartialResults]:
-    """Open partial results to continue them, or begin them.
+def open_partial_results(results: Path, timings: Path, reached: Reached = Reached()) -> Iterator[PartialResults]:
+    """Open partial results to continue them, behind the frames that are ``reached``, or begin them.
 
     Raises
     ------
@@ -69,28 +90,31 @@ def open_partial_results(results: Path, timings: Path) -> Iterator[PartialResult
     results.parent.mkdir(parents=True, exist_ok=True)
     with open(results, "a+b") as kept_results, open(timings, "a+b") as kept_timings:
         _lock(kept_results, results)
-        frames = _cut_results(kept_results)
-        _cut_timings(kept_timings, frames)
-        yield PartialResults(kept_results, kept_timings, frames)
+        more = _cut_results(kept_results, reached.results)
+        _cut_timings(kept_timings, more, reached.timings)
+        yield PartialResults(kept_results, kept_timings, reached.frames + more, reached)
 
 
-def _cut_results(file: BinaryIO) -> int:
-    """Drop a last line that was not finished, go to the start, and return how many lines there are."""
-    file.seek(0)
-    lines = end = 0
+def _cut_results(file: BinaryIO, start: int) -> int:
+    """Drop a last line that was not finished, go to ``start``, and return how many lines there are from there."""
+    file.seek(start)
+    lines, end = 0, start
     for line in file:
         if not line.endswith(b"\n"):
             break
         lines, end = lines + 1, end + len(line)
     file.truncate(end)
-    file.seek(0)
+    file.seek(start)
     return lines
 
 
-def _cut_timings(file: BinaryIO, frames: int) -> None:
-    """Drop the timings of all but the first frames; each frame's stand together, its number in the third column."""
-    file.seek(0)
-    end, seen, last = 0, 0, b""
+def _cut_timings(file: BinaryIO, frames: int, start: int) -> None:
+    """Drop the timings of all but the first frames from ``start`` on.
+
+    Each frame's stand together, with its number in the third column.
+    """
+    file.seek(start)
+    end, seen, last = start, 0, b""
     for line in file:
         number = line.split(b",")[2] if line.count(b",") > 2 else b""
         seen, last = seen + (number != last), number
@@ -118,28 +142,45 @@ def _lock(file: BinaryIO, path: Path) -> None:
 
 
 @contextmanager
-def partial_results(directory: RunDirectory, pair: Pair) -> Iterator[PartialResults]:
+def partial_results(directory: RunDirectory, pair: Pair, reached: Reached = Reached()) -> Iterator[PartialResults]:
     """Open the partial results of a (clip, configuration) where it was interrupted; without an error, finish them."""
     places = [directory.partial(pair, "jsonl"), directory.partial(pair, "csv")]
-    drafts = [place.with_suffix(place.suffix + ".partial") for place in places]
-    with open_partial_results(drafts[0], drafts[1]) as partial:
+    drafts = _drafts(directory, pair)
+    with open_partial_results(*drafts, reached) as partial:
         yield partial
         # the timings first: the results' file is the one that says "finished"
         drafts[1].replace(places[1])
         drafts[0].replace(places[0])
 
 
+def _drafts(directory: RunDirectory, pair: Pair) -> tuple[Path, Path]:
+    return directory.partial(pair, "jsonl.partial"), directory.partial(pair, "csv.partial")
+
+
 class ResultsSink:
     """Writes records and timings into the partial results of one (clip, configuration)."""
 
-    def __init__(self, directory: RunDirectory, pair: Pair) -> None:
-        self._directory, self._pair = directory, pair
+    def __init__(self, directory: RunDirectory, pair: Pair, resumed: SinkState | None = None) -> None:
+        self._directory, self._pair, self._resumed = directory, pair, resumed
+        self._names = [path.relative_to(directory.path).as_posix() for path in _drafts(directory, pair)]
         self._files = ExitStack()
         self._partial: PartialResults
 
     def __enter__(self) -> Self:
-        self._partial = self._files.enter_context(partial_results(self._directory, self._pair))
+        reached = Reached()
+        if self._resumed:
+            results, timings = (self._resumed.files[name] for name in self._names)
+            reached = Reached(frames=self._resumed.values["frames"], results=results, timings=timings)
+        self._partial = self._files.enter_context(partial_results(self._directory, self._pair, reached))
         return self
+
+    def state(self) -> SinkState | None:
+        """How far the files are; None as long as kept frames are compared."""
+        reached = self._partial.reached()
+        if reached is None:
+            return None
+        sizes = dict(zip(self._names, (reached.results, reached.timings), strict=True))
+        return SinkState(files=sizes, values={"frames": reached.frames})
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -162,4 +203,4 @@ class ResultsSinks:
 
     def open(self, context: SinkContext) -> ResultsSink:
         """The results of one configuration on one clip."""
-        return ResultsSink(context.directory, context.pair)
+        return ResultsSink(context.directory, context.pair, context.resumed)

@@ -87,7 +87,7 @@ def run_plan(
         directory.write_manifest(identity)
         try:
             with executor(workers, scheduler, threads=threads, modules=plan.deciding_modules) as chosen:
-                done = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress)
+                done = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress, tell=tell)
         except KeyboardInterrupt:
             tell(
                 f"interrupted: {directory.kept_frames()} frames are kept in {directory.path}; the same command goes on"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from harness.run.clip_job import ClipJob, ClipOutcome
@@ -51,15 +51,26 @@ class GivenUpError(Exception):
 
 
 class Perceived:
-    """What the cache lacks of these jobs' frames: workers begin to perceive it when the first of them is asked for."""
+    """What the cache lacks of these jobs' frames: workers begin to perceive it when the first of them is asked for.
 
-    def __init__(self, jobs: Sequence[ClipJob], executor: Executor, account: Account, progress: Progress) -> None:
+    ``begun`` are the first frames that are needed, by clip.
+    """
+
+    def __init__(
+        self,
+        jobs: Sequence[ClipJob],
+        begun: Mapping[str, int],
+        executor: Executor,
+        account: Account,
+        progress: Progress,
+    ) -> None:
         self._account = account
         self._stretches: list[ClipJob] = []
         self._begins: dict[tuple[str, int], int] = {}
         self._outcomes: list[ClipOutcome] = []
         for job in jobs:
-            lacking = [frame for frame in job.frames if job.cache and job.cache.lacks(frame)]
+            begin = begun[job.manifest.name]
+            lacking = [frame for frame in job.frames if frame >= begin and job.cache and job.cache.lacks(frame)]
             for _ in range(len(job.frames) - len(lacking)):
                 progress(job.manifest.name)
             self._cut(job, lacking, executor.workers)

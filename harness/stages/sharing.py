@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -22,7 +22,7 @@ from harness.stages.slots import OFF, SLOTS, StageChoice
 from harness.stages.stage_runner import StageRunner, build_stage, guarded
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze import TemporalGazeModel
-from vfoa.gaze.temporal import HeadWindow, with_gazes
+from vfoa.gaze.temporal import HeadWindow, WindowStart, with_gazes
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
 from vfoa.tracking import TrackingSettings
@@ -34,12 +34,13 @@ class SharedFrame:
     """A frame with the percepts, the scene and the seconds per stage of each configuration, by its name.
 
     A configuration that has failed, in this frame or an earlier one, has its error instead. A clip of measurements has
-    no images and no percepts.
+    no images and no percepts. ``windows`` say where a temporal gaze must begin to go on from this frame.
     """
 
     index: int
     frame: StereoFrame | None
     by_configuration: Mapping[str, tuple[Percepts | None, Scene, Timings] | VfoaError]
+    windows: Mapping[str, WindowStart] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +72,8 @@ class SharedPipeline:
 
     All stages are built with it. A stage that cannot be built, or fails on a frame, ends the configurations that have
     it. ``cache`` holds outputs of earlier runs; None for no cache. ``parallel`` runs the models of the heads beside the
-    matchers, in a thread of their own.
+    matchers, in a thread of their own. ``begins`` are the first frames of configurations that do not begin with the
+    clip, and ``starts`` those of their windows.
     """
 
     def __init__(
@@ -81,7 +83,10 @@ class SharedPipeline:
         cache: ClipCache | None = None,
         *,
         parallel: bool = False,
+        begins: Mapping[str, int] | None = None,
+        starts: Mapping[str, WindowStart] | None = None,
     ) -> None:
+        self._begins, self._starts = begins or {}, starts or {}
         self._beside = ThreadPoolExecutor(1) if parallel else None
         self._perceive_one = partial(perceive, beside=self._beside)
         self._tallies: dict[str, Tally] = {}
@@ -116,8 +121,10 @@ class SharedPipeline:
             tracking = configuration.attend.tracking
             # heads and crops depend on no more than this, so whoever agrees on it has the same gazes
             seen = (keys["segmentation"], keys["heads"], keys["gaze"], tracking)
+            start = self._starts.get(configuration.name)
             if seen not in self._same_windows:
-                self._same_windows[seen] = HeadWindow(stages.temporal_gaze, self._clip.rate_hz, tracking)
+                self._same_windows[seen] = HeadWindow(stages.temporal_gaze, self._clip.rate_hz, tracking, start)
+            self._same_windows[seen].begin_by(start)
             self._windows[configuration.name] = self._same_windows[seen]
 
     def _stage(self, choice: StageChoice) -> StageRunner:
@@ -193,12 +200,14 @@ class SharedPipeline:
     def _finish(self, perceived: PerceivedFrame) -> SharedFrame:
         self._memo.outputs = perceived.outputs
         found: dict[str, tuple[Percepts | None, Scene, Timings] | VfoaError] = {}
+        index = perceived.frame.index
         for configuration in self._configurations:
-            if configuration.name not in self._failed:
-                with self._isolated(configuration.name, perceived.frame.index):
+            if configuration.name not in self._failed and index >= self._begins.get(configuration.name, index):
+                with self._isolated(configuration.name, index):
                     found[configuration.name] = self._run(configuration, perceived)
+        windows = {name: window.start() for name, window in self._windows.items() if name in found}
         return SharedFrame(
-            index=perceived.frame.index, frame=perceived.frame, by_configuration={**self._failed, **found}
+            index=index, frame=perceived.frame, by_configuration={**self._failed, **found}, windows=windows
         )
 
     def _run(self, configuration: Configuration, perceived: PerceivedFrame) -> tuple[Percepts, Scene, Timings]:

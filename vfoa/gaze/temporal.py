@@ -14,9 +14,18 @@ from vfoa.types import Gaze, HeadView, Image, Percepts, Person, StereoRig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Seen:
-    """The heads of one frame, and the track of each; None: it is not followed."""
+class WindowStart:
+    """Where a window can begin in the middle of a clip: at this frame, with the tracks as they were before it."""
 
+    frame: int
+    tracker: TrackerState
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Seen:
+    """The heads of one frame, and the track of each (None: it is not followed); the tracks before it."""
+
+    before: TrackerState
     rig: StereoRig
     views: tuple[HeadView, ...]
     tracks: tuple[int | None, ...]
@@ -36,6 +45,8 @@ class HeadWindow:
         Of the clip, None if not known.
     tracking
         How heads are followed.
+    start
+        The frame to begin at; those before it are left out. None: the first.
 
     Raises
     ------
@@ -43,10 +54,16 @@ class HeadWindow:
         If the model cannot say its stride at this rate.
     """
 
-    def __init__(self, model: TemporalGazeModel, rate_hz: float | None, tracking: TrackingSettings) -> None:
-        self._model, self._tracking = model, tracking
+    def __init__(
+        self,
+        model: TemporalGazeModel,
+        rate_hz: float | None,
+        tracking: TrackingSettings,
+        start: WindowStart | None = None,
+    ) -> None:
+        self._model, self._tracking, self._start = model, tracking, start
         self._stride = model.stride(rate_hz)
-        self._tracker = TrackerState()
+        self._tracker = start.tracker if start else TrackerState()
         self._seen: dict[int, _Seen] = {}
 
     @property
@@ -54,13 +71,21 @@ class HeadWindow:
         """How far beyond a frame's number the frames must have been read before its gazes can be known."""
         return REACH * self._stride
 
+    def begin_by(self, start: WindowStart | None) -> None:
+        """Begin early enough for another user as well, before the first frame is added; None: with the clip."""
+        if self._start and (start is None or start.frame < self._start.frame):
+            self._start, self._tracker = start, start.tracker if start else TrackerState()
+
     def add(self, percepts: Percepts) -> None:
         """Take in the next frame; its views hold the model's crops."""
+        if self._start and percepts.index < self._start.frame:
+            return
+        before = self._tracker
         people = tuple(Person(view=view, instance_id=None, eye_origin_left=None) for view in percepts.views)
         tracked, self._tracker = track_people(people, self._tracker, self._tracking)
         track_of = {id(person): track for track, person in tracked}
         tracks = tuple(track_of.get(id(person)) for person in people)
-        self._seen[percepts.index] = _Seen(rig=percepts.rig, views=percepts.views, tracks=tracks)
+        self._seen[percepts.index] = _Seen(before=before, rig=percepts.rig, views=percepts.views, tracks=tracks)
 
     def gazes(self, index: int) -> tuple[Gaze | None, ...]:
         """The gazes in a frame, in the order of its views; None for a head that is not followed.
@@ -73,6 +98,11 @@ class HeadWindow:
             None if track is None else self._gaze(index, view, track, seen.rig)
             for view, track in zip(seen.views, seen.tracks, strict=True)
         )
+
+    def start(self) -> WindowStart:
+        """Where a window must begin to have the gazes of the frame that was asked about last, and of all after it."""
+        first = min(self._seen)
+        return WindowStart(frame=first, tracker=self._seen[first].before)
 
     def _gaze(self, index: int, view: HeadView, track: int, rig: StereoRig) -> Gaze:
         numbers = range(index - self.look_ahead, index + self.look_ahead + 1, self._stride)

@@ -24,4 +24,4 @@ class ThumbnailSinks:
         """The thumbnails of one configuration on one clip."""
         from harness.report.thumbnails.writer import ThumbnailWriter
 
-        return ThumbnailWriter(context.directory.path, *context.pair)
+        return ThumbnailWriter(context.directory.path, *context.pair, resumed=context.resumed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
@@ -13,6 +14,7 @@ import numpy as np
 from harness.files import replacing
 from harness.record.cones import cone_wire, reach_m
 from harness.report.thumbnails import Box, Thumbnail, ThumbnailSubject, lines_path, picture_path
+from harness.run.checkpoint import SinkState
 from harness.run.frame_sink import FinishedFrame
 from harness.run.results import FrameRecord
 from vfoa.geometry import project
@@ -29,8 +31,8 @@ RIM = 16
 class ThumbnailWriter:
     """Write the thumbnails of one clip and configuration; older ones are replaced when it ends."""
 
-    def __init__(self, run: Path, clip: str, configuration: str) -> None:
-        self._run, self._clip = run, clip
+    def __init__(self, run: Path, clip: str, configuration: str, resumed: SinkState | None = None) -> None:
+        self._run, self._clip, self._resumed = run, clip, resumed
         self._path = lines_path(run, clip, configuration)
         self._partial = self._path.with_name(self._path.name + ".partial")
         self._encoder = msgspec.json.Encoder()
@@ -38,8 +40,20 @@ class ThumbnailWriter:
 
     def __enter__(self) -> Self:
         picture_path(self._run, self._clip, 0).parent.mkdir(parents=True, exist_ok=True)
-        self._file = self._partial.open("wb")
+        self._file = self._partial.open("r+b" if self._resumed else "wb")
+        if self._resumed:
+            self._file.truncate(self._resumed.files[self._name])
+            self._file.seek(0, os.SEEK_END)
         return self
+
+    def state(self) -> SinkState:
+        """How far the lines are; pictures have a file each."""
+        self._file.flush()
+        return SinkState(files={self._name: self._file.tell()})
+
+    @property
+    def _name(self) -> str:
+        return self._partial.relative_to(self._run).as_posix()
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+from collections.abc import Iterable
 from typing import Any
 
 import msgspec
@@ -19,49 +20,55 @@ from numpy.typing import NDArray
 from vfoa.stereo.region import Region
 from vfoa.types import Disparity, Gaze, Head, HeadPose, Instance, Instances, StereoRig
 
-_TYPES = {each.__name__: each for each in (Disparity, Gaze, Head, HeadPose, Instance, Instances, Region, StereoRig)}
 _TYPE = "$type"
 _ARRAY, _SCALAR = 1, 2
 
 
-def encode(value: object) -> bytes:
-    """A stage's output as bytes.
+class Codec:
+    """Values of these frozen dataclasses as bytes and back; also tuples, arrays, numbers, text and None."""
 
-    Raises
-    ------
-    TypeError
-        If something in it is none of the pipeline's values, an array, a number, text, a tuple or None.
-    """
-    return msgspec.msgpack.encode(_plain(value), enc_hook=_pack)
+    def __init__(self, types: Iterable[type[Any]]) -> None:
+        self._types = {each.__name__: each for each in types}
+
+    def encode(self, value: object) -> bytes:
+        """A value as bytes.
+
+        Raises
+        ------
+        TypeError
+            If something in it is of another type.
+        """
+        return msgspec.msgpack.encode(self._plain(value), enc_hook=_pack)
+
+    def decode(self, data: bytes) -> Any:
+        """What :meth:`encode` was given: the same types, every bit the same."""
+        return self._value(msgspec.msgpack.decode(data, ext_hook=_unpack))
+
+    def digest(self, *values: object) -> str:
+        """Hexadecimal digest of what values hold, whichever objects they are. Raises as :meth:`encode` does."""
+        total = hashlib.blake2b(digest_size=16)
+        total.update(msgspec.msgpack.encode(self._plain(values), enc_hook=_raw))
+        return total.hexdigest()
+
+    def _plain(self, value: object) -> object:
+        if dataclasses.is_dataclass(value) and self._types.get(type(value).__name__) is type(value):
+            fields = {field.name: self._plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+            return {_TYPE: type(value).__name__, **fields}
+        if isinstance(value, tuple | list):
+            return [self._plain(each) for each in value]
+        if value is None or type(value) in (bool, int, float, str) or isinstance(value, np.ndarray | np.generic):
+            return value
+        raise TypeError(f"expected the pipeline's values, arrays and numbers, found {type(value).__name__}")
+
+    def _value(self, plain: Any) -> Any:
+        if isinstance(plain, dict):
+            found = {name: self._value(each) for name, each in plain.items() if name != _TYPE}
+            return self._types[plain[_TYPE]](**found)
+        return tuple(self._value(each) for each in plain) if isinstance(plain, list) else plain
 
 
-def decode(data: bytes) -> Any:
-    """What :func:`encode` was given: the same types, every bit the same."""
-    return _value(msgspec.msgpack.decode(data, ext_hook=_unpack))
-
-
-def content_digest(*values: object) -> str:
-    """Hexadecimal digest of what values hold, whichever objects they are. Raises as :func:`encode` does."""
-    total = hashlib.blake2b(digest_size=16)
-    total.update(msgspec.msgpack.encode(_plain(values), enc_hook=_raw))
-    return total.hexdigest()
-
-
-def _plain(value: object) -> object:
-    if dataclasses.is_dataclass(value) and _TYPES.get(type(value).__name__) is type(value):
-        fields = {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-        return {_TYPE: type(value).__name__, **fields}
-    if isinstance(value, tuple | list):
-        return [_plain(each) for each in value]
-    if value is None or type(value) in (bool, int, float, str) or isinstance(value, np.ndarray | np.generic):
-        return value
-    raise TypeError(f"expected the pipeline's values, arrays and numbers, found {type(value).__name__}")
-
-
-def _value(plain: Any) -> Any:
-    if isinstance(plain, dict):
-        return _TYPES[plain[_TYPE]](**{name: _value(each) for name, each in plain.items() if name != _TYPE})
-    return tuple(_value(each) for each in plain) if isinstance(plain, list) else plain
+_outputs = Codec((Disparity, Gaze, Head, HeadPose, Instance, Instances, Region, StereoRig))
+encode, decode, content_digest = _outputs.encode, _outputs.decode, _outputs.digest
 
 
 def _raw(value: object) -> msgspec.msgpack.Ext:

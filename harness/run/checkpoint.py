@@ -1,0 +1,162 @@
+"""Where a configuration stands on a clip, so that a run that is killed goes on from there.
+
+A checkpoint is a file beside the partial results, written anew from time to time: what ``attend`` remembers, the names
+so far, and how far each sink has written its files. It holds values and no code. A run that continues reads it back,
+attends to no frame before it, and gives the same results to the last bit. One that does not fit the files is left out,
+with a reason; then every frame is attended to again.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from harness.clips.naming import SubjectNames
+from harness.files import atomic_write
+from harness.run.directory import Pair, RunDirectory
+from harness.stages.cache.values import Codec
+from vfoa.bayes import BeliefState
+from vfoa.gaze.temporal import WindowStart
+from vfoa.gaze_filter import CueFilter, GazeFilterState
+from vfoa.pipeline import Memory
+from vfoa.posterior.filter import Belief
+from vfoa.posterior.gaze_error import GazeError
+from vfoa.posterior.grid import GazeHypotheses, HeadHypotheses
+from vfoa.posterior.head_motion import HeadMotion
+from vfoa.posterior.looks import Looks
+from vfoa.tracking import Track, TrackerState
+
+VERSION = 1
+"""Of the format. A checkpoint of another version is left out."""
+
+SECONDS = 10.0
+"""The least time between two checkpoints of a run."""
+
+_TAIL = 1 << 16
+"""Bytes at the end of a file's part that are checked."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SinkState:
+    """How far a sink has come. ``files`` are bytes by path below the run's directory: what was written of each.
+
+    ``values`` are what else it needs to go on.
+    """
+
+    files: Mapping[str, int]
+    values: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checkpoint:
+    """All that one configuration carries over ``frame``, the last of ``written`` frames that every sink has taken.
+
+    ``window`` is where a temporal gaze model must begin again. ``sinks`` are by their name in the job.
+    """
+
+    frame: int
+    written: int
+    memory: Memory
+    names: SubjectNames
+    window: WindowStart | None
+    sinks: Mapping[str, SinkState]
+
+    @property
+    def first_read(self) -> int:
+        """The first frame that must be read to go on; it may be attended to already."""
+        return self.frame + 1 if self.window is None else self.window.frame
+
+
+@dataclass(frozen=True, slots=True)
+class _Layout:
+    """An array whose axes are in this order in memory: the order of a sum, and so its last bit, depends on it."""
+
+    order: tuple[int, ...]
+    array: Any
+
+
+_PARTS = (Checkpoint, SinkState, Memory, TrackerState, Track, GazeFilterState, CueFilter, BeliefState, Belief)
+_BELIEF = (GazeHypotheses, HeadHypotheses, Looks, GazeError, HeadMotion)
+
+
+_ITEMS = "$items"
+
+
+class _CheckpointCodec(Codec):
+    """Also mappings, and arrays with the order of their axes."""
+
+    def __init__(self) -> None:
+        super().__init__((*_PARTS, *_BELIEF, SubjectNames, WindowStart, _Layout))
+
+    def _plain(self, value: object) -> object:
+        if isinstance(value, np.ndarray) and not value.flags.c_contiguous:
+            order = tuple(int(axis) for axis in np.argsort([-abs(stride) for stride in value.strides], kind="stable"))
+            return super()._plain(_Layout(order, np.ascontiguousarray(value.transpose(order))))
+        if isinstance(value, Mapping):
+            return {_ITEMS: [[self._plain(key), self._plain(each)] for key, each in value.items()]}
+        return super()._plain(value)
+
+    def _value(self, plain: Any) -> Any:
+        if isinstance(plain, dict) and _ITEMS in plain:
+            return {self._value(key): self._value(each) for key, each in plain[_ITEMS]}
+        value = super()._value(plain)
+        return value.array.transpose(np.argsort(value.order)) if isinstance(value, _Layout) else value
+
+
+_codec = _CheckpointCodec()
+
+
+def write_checkpoint(directory: RunDirectory, pair: Pair, found: Checkpoint) -> None:
+    """Write a checkpoint in place of the last one: whole, or not at all."""
+    files = {name: size for state in found.sinks.values() for name, size in state.files.items()}
+    tails = {name: _tail(directory.path / name, size) for name, size in files.items()}
+    body = _codec.encode((found, tails))
+    head = f"vfoa checkpoint {VERSION} {zlib.crc32(body):08x}\n".encode()
+    atomic_write(directory.checkpoint(pair), head + body)
+
+
+def read_checkpoint(
+    directory: RunDirectory, pair: Pair, frames: Collection[int], sinks: Collection[str]
+) -> tuple[Checkpoint | None, str | None]:
+    """The checkpoint of a (clip, configuration), None where there is none, or none that fits; and why it does not.
+
+    ``frames`` are those of the run, ``sinks`` the names of its sinks.
+    """
+    try:
+        head, _, body = directory.checkpoint(pair).read_bytes().partition(b"\n")
+    except OSError:
+        return None, None
+    if head != f"vfoa checkpoint {VERSION} {zlib.crc32(body):08x}".encode():
+        return None, f"expected format {VERSION} with a right checksum"
+    try:
+        found, tails = _codec.decode(body)
+    except Exception as error:  # a right checksum, but nothing that this program has written
+        return None, f"{type(error).__name__}: {error}"
+    return (found, None) if (why := _misfit(found, tails, directory, frames, sinks)) is None else (None, why)
+
+
+def _misfit(
+    found: object, tails: Mapping[str, int], directory: RunDirectory, frames: Collection[int], sinks: Collection[str]
+) -> str | None:
+    if not isinstance(found, Checkpoint) or found.frame not in frames:
+        return "expected a frame of this run"
+    if not found.sinks.keys() <= set(sinks):
+        return f"expected the sinks {', '.join(sorted(sinks))}, found {', '.join(sorted(found.sinks))}"
+    for state in found.sinks.values():
+        for name, size in state.files.items():
+            path = directory.path / name
+            if not path.is_file() or path.stat().st_size < size or _tail(path, size) != tails.get(name):
+                return f"{name} is not as it was written"
+    return None
+
+
+def _tail(path: Path, size: int) -> int:
+    """The checksum of the last bytes of the first ``size`` bytes of a file."""
+    with path.open("rb") as file:
+        file.seek(max(0, size - _TAIL))
+        return zlib.crc32(file.read(min(size, _TAIL)))

@@ -1,0 +1,185 @@
+"""Runs that are killed behind a checkpoint: no frame is attended to again, and every byte is the same."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from harness.report.sinks import composed_sinks
+from harness.run import checkpoint, configuration_runner
+from harness.run.directory import RunDirectory
+from harness.run.experiment import load_experiment
+from harness.run.runner import prepare, run_plan
+from tests import graphs
+from tests.disk import write_text
+
+FRAMES = 14
+
+# tracks, filtered gazes, a window over frames, beliefs, frames that wait for later ones: all that is carried along
+EXPERIMENT = """
+clips = ["studio_table"]
+defaults.stereo.matcher = "truth"
+defaults.segmentation.model = "truth"
+defaults.heads.detector = "truth"
+defaults.head_pose.model = "simulated"
+
+[[configuration]]
+name = "filtered"
+gaze.model = "simulated"
+gaze_filter.cues = "both"
+
+[[configuration]]
+name = "window"
+gaze = {{ model = "gaze360", weights = "{weights}", stride = 1 }}
+attention = {{ method = "bayes", smoothing = "forward" }}
+
+[[configuration]]
+name = "late"
+gaze.model = "simulated"
+attention = {{ method = "bayes", smoothing = "both", look_ahead_s = 0.12 }}
+"""
+
+# checkpoints after every frame up to KEPT, and a kill after KILLED frames
+KILLED_RUN = """
+import os, signal, sys
+from pathlib import Path
+from harness.report.sinks import composed_sinks
+from harness.run import checkpoint
+from harness.run.experiment import load_experiment
+from harness.run.runner import prepare, run_plan
+
+experiment, out, frames, kept, killed = sys.argv[1], Path(sys.argv[2]), *map(int, sys.argv[3:6])
+recording = sys.argv[6] if len(sys.argv) > 6 else None
+done = 0
+checkpoint.SECONDS = 0.0
+
+def progress(clip):
+    global done
+    done += 1
+    if done == kept:
+        checkpoint.SECONDS = 1e9
+    if done == killed:
+        os.kill(os.getpid(), signal.SIGKILL)
+
+loaded = load_experiment(experiment)
+plan = prepare(loaded, limit=frames, sinks=composed_sinks(loaded.configurations, recording))
+run_plan(plan, out, workers=1, progress=progress)
+"""
+
+
+@pytest.fixture(scope="module")
+def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("checkpoint")
+    weights = Path(graphs.seven_levels(folder / "levels.onnx")).as_posix()
+    return write_text(folder / "stateful.toml", EXPERIMENT.format(weights=weights))
+
+
+def _run(experiment: Path, out: Path, told: list[str] | None = None, recording: Any = None) -> RunDirectory:
+    loaded = load_experiment(str(experiment))
+    plan = prepare(loaded, limit=FRAMES, sinks=composed_sinks(loaded.configurations, recording))
+    tell = told.append if told is not None else lambda line: None
+    return run_plan(plan, out, workers=1, progress=lambda clip: None, tell=tell)
+
+
+@pytest.fixture(scope="module")
+def unbroken(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> RunDirectory:
+    return _run(experiment, tmp_path_factory.mktemp("runs") / "unbroken")
+
+
+def _kill(experiment: Path, out: Path, kept: int, killed: int) -> None:
+    arguments = [str(experiment), str(out), *map(str, (FRAMES, kept, killed))]
+    done = subprocess.run([sys.executable, "-c", KILLED_RUN, *arguments], check=False, capture_output=True, text=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+
+
+def _files(directory: RunDirectory) -> dict[str, bytes]:
+    """All that a run leaves and that does not tell the time."""
+    told = {directory.timings, directory.manifest}
+    found = (path for path in directory.path.rglob("*") if path.is_file() and path not in told)
+    return {path.relative_to(directory.path).as_posix(): path.read_bytes() for path in found}
+
+
+@pytest.mark.parametrize(("kept", "killed"), [(1, 2), (9, 12), (13, 13)])
+def test_a_killed_run_goes_on_from_its_checkpoint(
+    kept: int,
+    killed: int,
+    experiment: Path,
+    unbroken: RunDirectory,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    out, told, attended = tmp_path / "out", list[str](), list[int]()
+    _kill(experiment, out, kept, killed)
+    real = configuration_runner.attend
+
+    def counted(scene: Any, *rest: Any) -> Any:
+        attended.append(scene.index)
+        return real(scene, *rest)
+
+    monkeypatch.setattr(configuration_runner, "attend", counted)
+    directory = _run(experiment, out, told)
+    assert _files(directory) == _files(unbroken)
+    assert directory.timings.read_text().count(",attention,") == 3 * FRAMES
+    for name in ("filtered", "window"):
+        assert f"studio_table under {name}: goes on after frame {kept}" in told
+    # two configurations go on behind the checkpoint, the one that looks ahead from the frames that still waited
+    again = [frame for frame in attended if frame <= kept]
+    assert len(attended) - len(again) == 3 * (FRAMES - kept)
+    assert len(again) == len(set(again)) < FRAMES
+
+
+@pytest.fixture(scope="module")
+def killed(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("killed") / "out"
+    _kill(experiment, out, 5, 6)
+    return out
+
+
+@pytest.mark.parametrize(
+    ("damage", "expected"),
+    [
+        (lambda head, body: head.replace(b" 1 ", b" 0 ") + body, "expected format 1"),
+        (lambda head, body: head + body[:-1] + b"\0", "expected format 1 with a right checksum"),
+    ],
+    ids=["version", "content"],
+)
+def test_a_checkpoint_that_cannot_be_read_is_left_out(
+    damage: Any, expected: str, experiment: Path, unbroken: RunDirectory, killed: Path, tmp_path: Path
+) -> None:
+    told: list[str] = []
+    shutil.copytree(killed, tmp_path / "out")
+    path = RunDirectory(tmp_path / "out").checkpoint(("studio_table", "filtered"))
+    head, _, body = path.read_bytes().partition(b"\n")
+    path.write_bytes(damage(head + b"\n", body))
+    directory = _run(experiment, tmp_path / "out", told)
+    assert _files(directory) == _files(unbroken)
+    (line,) = [line for line in told if "does not fit" in line]
+    assert line.startswith(f"studio_table under filtered: its checkpoint does not fit ({expected}")
+
+
+def test_a_checkpoint_whose_results_were_changed_is_left_out(
+    experiment: Path, unbroken: RunDirectory, killed: Path, tmp_path: Path
+) -> None:
+    told: list[str] = []
+    shutil.copytree(killed, tmp_path / "out")
+    results = RunDirectory(tmp_path / "out").partial(("studio_table", "filtered"), "jsonl.partial")
+    results.write_bytes(b"".join(results.read_bytes().splitlines(keepends=True)[:3]))
+    directory = _run(experiment, tmp_path / "out", told)
+    assert _files(directory) == _files(unbroken)
+    assert any("filtered.jsonl.partial is not as it was written" in line for line in told)
+
+
+def test_an_array_keeps_the_order_of_its_axes(tmp_path: Path) -> None:
+    values = np.random.default_rng(0).normal(size=(3, 4, 5))
+    for array in (values, values.T, values.transpose(1, 0, 2), values[:, 1], values[::2], np.float64(0.1)):
+        back = checkpoint._codec.decode(checkpoint._codec.encode(array))
+        assert back.dtype == array.dtype
+        assert np.array_equal(back, array)
+        assert np.argsort(back.strides).tolist() == np.argsort(array.strides).tolist()
