@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _INTEGERS = {"track": "Int64", "instance": "Int64", "focus": "Int64"}
 _WORDS = (
     *("clip", "subject", "configuration", "reference", "target", "truth", "outcome", "error_type"),
-    *("interval_unit", "unit", "beats_baselines"),
+    *("interval_unit", "unit", "beats_baselines", "partner", "source", "measure", "from_target"),
 )
 
 
@@ -86,6 +86,11 @@ class RunResults:
     def comparisons(self) -> pd.DataFrame:
         """``comparisons.csv``: every two configurations. Columns: :data:`harness.columns.COMPARISON_COLUMNS`."""
         return self._table("comparisons.csv")
+
+    @cached_property
+    def behaviour(self) -> pd.DataFrame:
+        """``behaviour.csv``: looks and who shares them. Columns: :data:`harness.columns.BEHAVIOUR_COLUMNS`."""
+        return self._table("behaviour.csv")
 
     @property
     def failures(self) -> pd.DataFrame:

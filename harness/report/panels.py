@@ -40,6 +40,8 @@ PANELS = Registry(
     builtin={
         "subjects": "harness.report.tables:subjects_table",
         "agreement": "harness.report.tables:measures_table",
+        "behaviour": "harness.report.behaviour:behaviour_table",
+        "transitions": "harness.report.behaviour:transitions_table",
         "baselines": "harness.report.tables:baselines_table",
         "stages": "harness.report.stage_measures:stage_measures_table",
         "objects": "harness.report.stage_measures:object_measures_table",

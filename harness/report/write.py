@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from harness.files import atomic_write
+from harness.report.behaviour import behaviour_csv
+from harness.report.formats import to_csv
 from harness.report.frames import FrameRows
 from harness.report.page import render_page
 from harness.report.page_data import AttentionLog, Served
@@ -34,7 +36,7 @@ def score_run(
     """Score a ``results.jsonl`` and write the tables and the page beside it, each whole or not at all.
 
     ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``frames.csv``,
-    ``comparisons.csv .md``, ``report.html``, and ``reliability.svg .png`` where a
+    ``behaviour.csv``, ``comparisons.csv .md``, ``report.html``, and ``reliability.svg .png`` where a
     configuration gives probabilities. Nothing is written unless all of them could be made.
 
     Parameters
@@ -64,6 +66,7 @@ def score_run(
             (prediction_set_table(sets.coverages()), direction_check_table(checks)),
         ),
         "frames.csv": frames.to_csv(scores.verdicts),
+        "behaviour.csv": to_csv(behaviour_csv(scores)),
         "report.html": _page(results, scores, attention, manifest),
     }
     for name, text in texts.items():

@@ -33,7 +33,8 @@ class Outcomes:
     attention, ``nowhere`` those in which the subject looks at nothing, ``says_nowhere`` those in which the method says
     so, ``blocked`` those whose line of sight the label calls blocked. ``baselines`` (n, baselines) says which baseline
     was right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is the smallest angle from the
-    gaze to a box's centre, NaN where not known. ``error_types`` are those of the wrong frames.
+    gaze to a box's centre, NaN where not known. ``error_types`` are those of the wrong frames. ``all_positions`` (m,)
+    are those of all verdicts; ``rate_hz`` is the rate of the clip's frames, None where it is not known.
     """
 
     clip: str
@@ -53,6 +54,8 @@ class Outcomes:
     baselines: Flags
     angles_rad: Float
     error_types: tuple[str, ...]
+    all_positions: Codes
+    rate_hz: float | None
 
 
 class _Hits(NamedTuple):
@@ -222,6 +225,8 @@ def _outcomes(
         baselines=np.array(baselines, dtype=np.bool_).reshape(-1, len(BASELINES)),
         angles_rad=np.array([each.hits.angle_rad for each in scored], dtype=np.float64),
         error_types=tuple(verdict.error_type for verdict in verdicts if verdict.error_type is not None),
+        all_positions=np.array([places[each.verdict.frame] for each in in_order], dtype=np.intp),
+        rate_hz=rate,
     )
 
 

@@ -1,0 +1,156 @@
+"""Behaviour: how long, how often and in which order people look at what, and together with whom.
+
+By the labels and by each configuration, side by side (:mod:`harness.score.sequences`). A look is a longest run of one
+target. A transition leads from a look to the next, at another target. Mutual gaze: two subjects look at each other.
+Joint attention: two subjects look at one target that is neither of the two. A look at such a target is followed if the
+partner, who looked elsewhere when it began, begins to look there within 2 s; the latency is from the one beginning to
+the other. Looks that the ends of a clip cut are as long as they are seen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from harness.labels.files import NOWHERE
+from harness.score.behaviour_evidence import Evidence, Key, by_clips, clip_evidence
+from harness.score.outcomes import Outcomes
+from harness.score.ratios import pooled_ratios
+from harness.score.sequences import read_sequences
+from harness.score.statistics import Interval
+
+MEASURES: Mapping[str, str] = {
+    "time_share": "share of the known time spent on the target",
+    "looks": "number of looks at the target",
+    "looks_per_min": "looks at the target per minute of known time",
+    "look_length_s": "mean length of a look at the target; without a target, of any look",
+    "transitions": "number of transitions from one target to another",
+    "transitions_per_min": "transitions per minute of known time",
+    "mutual_gaze_share": "share of the time known of both in which they look at each other",
+    "mutual_gazes": "number of mutual gazes",
+    "mutual_gaze_length_s": "mean length of a mutual gaze",
+    "joint_attention_share": "share of the time known of both in which they look at one target that is neither of them",
+    "joint_attentions": "number of joint attentions",
+    "joint_attention_length_s": "mean length of a joint attention",
+    "followed_share": "share of the partner's looks that the subject follows, of those it can follow",
+    "following_latency_s": "mean time from the beginning of a partner's look to that of the look that follows it",
+}
+"""Each measure with its meaning, in their order."""
+
+_Kind = Literal["share", "mean", "rate", "count"]
+_KINDS: Mapping[str, _Kind] = {
+    "time_share": "share",
+    "looks": "count",
+    "looks_per_min": "rate",
+    "look_length_s": "mean",
+    "transitions": "count",
+    "transitions_per_min": "rate",
+    "mutual_gaze_share": "share",
+    "mutual_gazes": "count",
+    "mutual_gaze_length_s": "mean",
+    "joint_attention_share": "share",
+    "joint_attentions": "count",
+    "joint_attention_length_s": "mean",
+    "followed_share": "share",
+    "following_latency_s": "mean",
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BehaviourRow:
+    """One measure of a subject, or of a subject and a partner, by one source.
+
+    ``clip`` is None over all clips: subject and partner are None there, too. ``before`` is the target that a transition
+    leaves. ``n`` counts the frames, looks, transitions, or joint states that the value is of. ``interval`` is None for
+    what is counted.
+    """
+
+    clip: str | None
+    subject: str | None
+    partner: str | None
+    source: str
+    measure: str
+    before: str | None
+    target: str | None
+    value: float
+    n: int
+    interval: Interval | None
+
+
+def measure_behaviour(outcomes: Iterable[Outcomes], *, by_clip: bool = True) -> list[BehaviourRow]:
+    """Every measure of every subject and pair, and over all clips where there are several.
+
+    What no source sees in a clip, such as a transition, has no row there; what one source sees has a row for each.
+    In order of clip, subject, partner, measure, target and source.
+    """
+    codes: dict[str, int] = {NOWHERE: 0}
+    sequences = read_sequences(outcomes, codes)
+    names = list(codes)
+    evidence = [each for found in by_clips(sequences) for each in clip_evidence(found, names)]
+    rows = _rows(evidence, lambda each: (each.clip, each.subject, each.partner)) if by_clip else []
+    if len({each.clip for each in sequences}) > 1:
+        rows += _rows(evidence, lambda each: (None, None, None))
+    return rows
+
+
+_Who = tuple[str | None, str | None, str | None]
+
+
+def _rows(evidence: Iterable[Evidence], who: Callable[[Evidence], _Who]) -> list[BehaviourRow]:
+    """The rows of all evidence of whom ``who`` gives the same."""
+    groups: dict[tuple[_Who, str], dict[str, list[Evidence]]] = {}
+    for each in evidence:
+        groups.setdefault((who(each), each.measure), {}).setdefault(each.source, []).append(each)
+    return [
+        row
+        for ((clip, subject, partner), measure), sources in groups.items()
+        for row in _group_rows((clip, subject, partner), measure, sources)
+    ]
+
+
+def _group_rows(who: _Who, measure: str, sources: Mapping[str, list[Evidence]]) -> list[BehaviourRow]:
+    keys = list(dict.fromkeys(key for found in sources.values() for each in found for key in each.keys))
+    by_source = {source: _pooled(found, keys, measure) for source, found in sources.items()}
+    return [
+        BehaviourRow(
+            clip=who[0],
+            subject=who[1],
+            partner=who[2],
+            source=source,
+            measure=measure,
+            before=before,
+            target=target,
+            value=values[place],
+            n=counts[place],
+            interval=intervals[place] if intervals else None,
+        )
+        for place, (before, target) in enumerate(keys)
+        for source, (values, counts, intervals) in by_source.items()
+    ]
+
+
+def _pooled(
+    found: Sequence[Evidence], keys: Sequence[Key], measure: str
+) -> tuple[list[float], list[int], list[Interval]]:
+    """The value of each key, what it is of, and its interval (none for what is counted)."""
+    clips: dict[str, int] = {}
+    column = {key: place for place, key in enumerate(keys)}
+    sizes, values = (np.zeros((sum(len(each.sizes) for each in found), len(keys))) for _ in range(2))
+    codes = np.zeros(len(sizes), dtype=np.intp)
+    begin = 0
+    for each in found:
+        rows, columns = slice(begin, begin + len(each.sizes)), [column[key] for key in each.keys]
+        sizes[rows, columns], values[rows, columns] = each.sizes, each.values
+        codes[rows] = clips.setdefault(each.clip, len(clips))
+        begin = rows.stop
+    kind = _KINDS[measure]
+    total = values.sum(axis=0)
+    counts = [round(each) for each in (total if kind in ("rate", "count") else sizes.sum(axis=0)).tolist()]
+    if kind == "count":
+        return total.tolist(), counts, []
+    ratios = pooled_ratios(codes, sizes, values, shares=kind == "share")
+    ends = zip(ratios.low.tolist(), ratios.high.tolist(), strict=True)
+    return ratios.value.tolist(), counts, [Interval(low=low, high=high, unit=ratios.unit) for low, high in ends]
