@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 import rerun as rr
@@ -29,10 +30,20 @@ class FrameLog:
         self._now: set[str] = set()
         self._kept: dict[str, object] = {}
         self._logged: set[int] = set()
+        self._logged_to: int | None = None
+
+    def state(self) -> dict[str, Any]:
+        """What another log needs to go on with the next frame. The numbers that wait are sent."""
+        self.close()
+        return {"logged_to": max(self._logged, default=self._logged_to), "before": sorted(self._before)}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on where another log was."""
+        self._logged_to, self._before = state["logged_to"], set(state["before"])
 
     def begin(self, frame: int, time_ns: int) -> bool:
         """Set the time of all that follows: the source's frame number and time. False: that frame is logged already."""
-        if frame in self._logged:
+        if frame in self._logged or (self._logged_to is not None and frame <= self._logged_to):
             return False
         self._logged.add(frame)
         self._time = (frame, time_ns)

@@ -61,6 +61,14 @@ class ImageLog:
         for path, video in self._videos.items():
             self._packets(path, video.finish())
 
+    def pause(self) -> bool:
+        """Log all images so far, so that another run can go on with the next one; False where that is no key frame."""
+        if any(len(times) % self._key_every for times in self._times.values()):
+            return False
+        self.close()
+        self._videos, self._times = {}, {}
+        return True
+
     def _image(self, path: str, image: Image, frame: StereoFrame) -> None:
         if self._size == "full":
             self._log.log(path, _encoded(image, ".png", "image/png"))

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import datetime
+import os
+import warnings
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import rerun as rr
+from rerun.chunk import RrdReader
 
 from harness.record import entities
 from harness.record.frame_log import FrameLog
@@ -24,11 +28,14 @@ class LayerFile:
 
     After an error or a kill only the partial file is left; Rerun can read its frames. The file is opened by the first
     call of :meth:`open`. With ``watched_at``, the address of a viewer, that viewer is shown each frame as well.
+
+    A run that goes on writes a partial file of its own, ``<path>.partial-1``, and so on; the last one takes in the
+    others when it is closed as complete.
     """
 
     def __init__(self, path: Path, files: ClipFiles, *, watched_at: str | None = None) -> None:
         self._path, self._watched_at = path, watched_at
-        self._partial = path.with_name(path.name + ".partial")
+        self._kept: list[tuple[Path, int]] = []
         self.stream = rr.RecordingStream(
             files.application_id,
             recording_id=files.recording_id,
@@ -44,6 +51,29 @@ class LayerFile:
         self._frames = 0
 
     @property
+    def _partial(self) -> Path:
+        """The file that is written: behind those that earlier runs left."""
+        number = f"-{len(self._kept)}" if self._kept else ""
+        return self._path.with_name(f"{self._path.name}.partial{number}")
+
+    def state(self) -> dict[str, Any]:
+        """What another run needs to go on: the bytes of each partial file, all written out, and its parts."""
+        parts = {name: log.state() for name, log in self._logs.items()}
+        files = {path.name: size for path, size in self._kept}
+        if self._opened:
+            self.stream.flush()
+            files[self._partial.name] = self._partial.stat().st_size
+        return {"files": files, "parts": parts}
+
+    def resume(self, state: Mapping[str, Any]) -> None:
+        """Go on behind partial files, unless it goes on behind more of them already; before it is opened."""
+        kept = [(self._path.with_name(name), size) for name, size in state["files"].items()]
+        if not self._opened and sum(size for _, size in kept) > sum(size for _, size in self._kept):
+            self._kept = kept
+            for name, part in state["parts"].items():
+                self.part(name).resume(part)
+
+    @property
     def is_open(self) -> bool:
         """Whether the file was begun."""
         return self._opened
@@ -55,6 +85,8 @@ class LayerFile:
         self._opened = True
         rr.set_strict_mode(True)  # without it, Rerun drops bad data with a warning
         self._path.parent.mkdir(parents=True, exist_ok=True)
+        for path, size in self._kept:
+            os.truncate(path, size)
         if self._watched_at is None:
             self.stream.save(self._partial, default_blueprint=layout)
         else:
@@ -80,10 +112,23 @@ class LayerFile:
             self.open()
         if self._opened:
             self._send_numbers()
+            if complete:
+                self._take_in()
             self.stream.flush()
         self.stream.disconnect()
         if complete:
             self._partial.replace(self._path)
+            for path in self._path.parent.iterdir():
+                if path.name.startswith(f"{self._path.name}.partial"):
+                    path.unlink()
+
+    def _take_in(self) -> None:
+        """Write what earlier runs left into the file, chunk by chunk."""
+        for path, _ in self._kept:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", rr.error_utils.RerunWarning)  # of a file that was not closed
+                for chunk in RrdReader(path).stream():
+                    self.stream.send_chunks(chunk)
 
     def _send_numbers(self) -> None:
         for log in self._logs.values():

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 from harness.record import Size, entities
 from harness.record.attention import log_attention
@@ -17,6 +17,7 @@ from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, LayerNames
 from harness.record.reconstruction import log_disparity, log_targets
 from harness.record.verdicts import log_verdicts
+from harness.run.checkpoint import SinkState
 from harness.run.frame_sink import FinishedFrame
 from harness.run.results import FrameRecord
 from harness.score.verdicts import Verdict
@@ -42,6 +43,24 @@ class SharedLayers:
         self._reconstructions: dict[str, LayerFile] = {}
         self._users = 0
         self._complete: set[str] = set()
+
+    def state(self, layers: LayerNames) -> dict[str, Any] | None:
+        """What another run needs to go on with a configuration's shared layers; None where that is not possible."""
+        if not self._image_log.pause():
+            return None
+        found = {"images": self._images.state()}
+        if layers.reconstruction in self._reconstructions:
+            found[layers.reconstruction] = self._reconstructions[layers.reconstruction].state()
+        return {"layers": found, "colours": list(self.colours.known)}
+
+    def resume(self, layers: LayerNames, state: Mapping[str, Any]) -> None:
+        """Go on where one of the configurations left the layers: the farthest one counts."""
+        for name in state["colours"]:
+            self.colours.class_of(name)
+        self._images.resume(state["layers"]["images"])
+        if layers.reconstruction in state["layers"]:
+            layer = self._layer_of(layers.reconstruction)
+            layer.resume(state["layers"][layers.reconstruction])
 
     @classmethod
     def join(
@@ -78,7 +97,8 @@ class SharedLayers:
             log_masks(masks, layers.masks, frame.percepts, frame.record, self.colours, self.size)
             masks.end()
         name = layers.reconstruction
-        layer = self._reconstruction(name)
+        layer = self._layer_of(name)
+        layer.open()
         log = layer.part(name)
         if log.begin(index, time_ns):
             if frame.frame is not None and frame.percepts is not None:
@@ -87,10 +107,9 @@ class SharedLayers:
             log.end()
             layer.end_frame()
 
-    def _reconstruction(self, name: str) -> LayerFile:
+    def _layer_of(self, name: str) -> LayerFile:
         if name not in self._reconstructions:
             layer = LayerFile(self.files.reconstruction(name), self.files, watched_at=self.watched_at)
-            layer.open()
             self._reconstructions[name] = layer
         return self._reconstructions[name]
 
@@ -112,6 +131,8 @@ class Recorder:
         The address of a viewer that is shown every frame as it is logged; None for none.
     judge
         Gives the verdicts that a watching viewer is shown; without a viewer they are a layer of their own.
+    resumed
+        Where an earlier run left the files.
     """
 
     def __init__(
@@ -125,7 +146,9 @@ class Recorder:
         targets: Sequence[str] = (),
         watched_at: str | None = None,
         judge: Judge | None = None,
+        resumed: SinkState | None = None,
     ) -> None:
+        self._resumed = resumed
         self._files, self._layers = files, layers
         self._rate_hz, self._size, self._subjects = rate_hz, size, tuple(subjects)
         self._names = (*targets, *subjects)
@@ -140,7 +163,19 @@ class Recorder:
     def __enter__(self) -> Self:
         self._shared = SharedLayers.join(self._files, self._size, self._rate_hz, self._names, self._watched_at)
         self._layer = LayerFile(self.path, self._files, watched_at=self._watched_at)
+        if self._resumed:
+            self._layer.resume(self._resumed.values["own"])
+            self._shared.resume(self._layers, self._resumed.values["shared"])
         return self
+
+    def state(self) -> SinkState | None:
+        """How far the files are, all written out; None between key frames of the videos, and where a viewer watches."""
+        shared = None if self._watched_at else self._shared.state(self._layers)
+        if shared is None:
+            return None
+        own = self._layer.state()
+        files = {name: size for each in (own, *shared["layers"].values()) for name, size in each["files"].items()}
+        return SinkState(files=files, values={"own": own, "shared": shared})
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -48,6 +48,7 @@ class RecordingSinks:
             targets=tuple(manifest.targets),
             watched_at=None if context.rehearsal else self.watched_at,
             judge=lambda record: _judged(record, subjects, context.labels),
+            resumed=context.resumed,
         )
 
 

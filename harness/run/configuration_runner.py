@@ -179,16 +179,17 @@ class ConfigurationRunner:
         except VfoaError as error:
             self.fail(error)
 
-    def checkpoint(self) -> None:
-        """Write down where this configuration stands, if all of its sinks can go on from there."""
+    def checkpoint(self) -> bool:
+        """Write down where this configuration stands; False where not all of its sinks can go on from there."""
+        sinks = {name: sink for name, sink in self._sinks.items() if isinstance(sink, ResumableSink)}
+        if self.error is not None or self._last is None or len(sinks) < len(self._sinks):
+            return False
         states: dict[str, SinkState] = {}
-        for name, sink in self._sinks.items():
-            state = sink.state() if isinstance(sink, ResumableSink) else None
+        for name, sink in sinks.items():
+            state = sink.state()
             if state is None:
-                return
+                return False
             states[name] = state
-        if self.error is not None or self._last is None:
-            return
         waiting = self._smoothing.oldest
         found = Checkpoint(
             frame=self._last,
@@ -199,6 +200,7 @@ class ConfigurationRunner:
             sinks=states,
         )
         write_checkpoint(self._job.directory, (self._job.manifest.name, self._configuration.name), found)
+        return True
 
     def _finished(self, result: FrameResult, companion: _Companion) -> FinishedFrame:
         """A result with the names of the clip's manifest."""

@@ -144,15 +144,20 @@ def lead(
                 for runner in runners:
                     for finished in runner.attend(shared):
                         runner.hand_over(finished)
-                if not job.keeps and time.monotonic() - written_s >= checkpoint.SECONDS:
-                    for runner in runners:
-                        runner.checkpoint()
+                due = not job.keeps and time.monotonic() - written_s >= checkpoint.SECONDS
+                if due and _checkpoint(runners):
                     written_s = time.monotonic()
                 progress(job.manifest.name)
         except VfoaError as error:  # a frame that cannot be read
             for runner in runners:
                 runner.fail(error)
     return runners
+
+
+def _checkpoint(runners: list[ConfigurationRunner]) -> bool:
+    """Write the checkpoint of each configuration; whether there is one now."""
+    written = [runner.checkpoint() for runner in runners]
+    return any(written)
 
 
 def _failures(job: ClipJob, runners: list[ConfigurationRunner]) -> dict[Pair, VfoaError]:

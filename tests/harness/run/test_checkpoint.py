@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 
 from harness.report.sinks import composed_sinks
 from harness.run import checkpoint, configuration_runner
@@ -50,6 +51,7 @@ attention = {{ method = "bayes", smoothing = "both", look_ahead_s = 0.12 }}
 KILLED_RUN = """
 import os, signal, sys
 from pathlib import Path
+from harness.record import images
 from harness.report.sinks import composed_sinks
 from harness.run import checkpoint
 from harness.run.experiment import load_experiment
@@ -68,6 +70,7 @@ def progress(clip):
     if done == killed:
         os.kill(os.getpid(), signal.SIGKILL)
 
+images.KEY_FRAME_S = 0.2
 loaded = load_experiment(experiment)
 plan = prepare(loaded, limit=frames, sinks=composed_sinks(loaded.configurations, recording))
 run_plan(plan, out, workers=1, progress=progress)
@@ -93,8 +96,8 @@ def unbroken(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> RunD
     return _run(experiment, tmp_path_factory.mktemp("runs") / "unbroken")
 
 
-def _kill(experiment: Path, out: Path, kept: int, killed: int) -> None:
-    arguments = [str(experiment), str(out), *map(str, (FRAMES, kept, killed))]
+def _kill(experiment: Path, out: Path, kept: int, killed: int, *recording: str) -> None:
+    arguments = [str(experiment), str(out), *map(str, (FRAMES, kept, killed)), *recording]
     done = subprocess.run([sys.executable, "-c", KILLED_RUN, *arguments], check=False, capture_output=True, text=True)
     assert done.returncode == -signal.SIGKILL, done.stderr
 
@@ -174,6 +177,42 @@ def test_a_checkpoint_whose_results_were_changed_is_left_out(
     directory = _run(experiment, tmp_path / "out", told)
     assert _files(directory) == _files(unbroken)
     assert any("filtered.jsonl.partial is not as it was written" in line for line in told)
+
+
+def _logged(recording: Path) -> set[tuple[str, int, str]]:
+    """What a recording holds: entity, frame and component."""
+    found = set()
+    for chunk in RrdReader(recording).stream():
+        batch = chunk.to_record_batch()
+        if "frame" not in batch.schema.names:
+            continue
+        frames = batch.column("frame").cast("int64").to_pylist()
+        for name in batch.schema.names:
+            if ":" in name:
+                rows = batch.column(name).is_valid().to_pylist()
+                kept = [frame for frame, row in zip(frames, rows, strict=True) if row]
+                found |= {(chunk.entity_path, frame, name) for frame in kept}
+    return found
+
+
+def test_a_recording_goes_on_behind_a_key_frame(
+    experiment: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("harness.record.images.KEY_FRAME_S", 0.2)  # five frames
+    told: list[str] = []
+    whole = _run(experiment, tmp_path / "whole", recording="light")
+    for kept, killed in ((5, 7), (10, 12)):  # killed twice: three partial files become one
+        _kill(experiment, tmp_path / "out", kept, killed, "light")
+    assert len(list((tmp_path / "out").glob("studio_table.rrd.partial*"))) == 2
+    directory = _run(experiment, tmp_path / "out", told, recording="light")
+    assert "studio_table under filtered: goes on after frame 10" in told
+    assert directory.results.read_bytes() == whole.results.read_bytes()
+    names = sorted(path.name for path in whole.path.glob("*.rrd*"))
+    assert sorted(path.name for path in directory.path.glob("*.rrd*")) == names
+    for name in names:
+        found, expected = _logged(directory.path / name), _logged(whole.path / name)
+        assert expected <= found, name
+        assert {component.partition(":")[0] for _, _, component in found - expected} <= {"Pinhole"}  # logged once more
 
 
 def test_an_array_keeps_the_order_of_its_axes(tmp_path: Path) -> None:
