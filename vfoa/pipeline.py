@@ -1,6 +1,7 @@
 """The whole pipeline on one screen.
 
     perceive     images -> percepts: disparity, instances, heads, head poses, gazes. Stateless, slow, cached.
+                 What a person drew joins the instances and heads that models found, and is cut out by depth.
     reconstruct  percepts -> scene: clouds, boxes and eye origins in metres. Stateless.
     attend       scene, memory -> result, memory: tracks, filtered cues, cones, attention. Ordered and cheap.
 
@@ -16,6 +17,7 @@ from dataclasses import dataclass, field
 
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
+from vfoa.drawn import Drawing, Placed
 from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
@@ -37,7 +39,7 @@ class Stages:
     """The models and matchers of one configuration. None: that cue is not measured.
 
     Gaze is estimated from one frame or from several: at most one of the two models is there. With a region matcher,
-    only the region of things and heads is matched, by that.
+    only the region of things and heads is matched, by that. ``drawing`` is what a person drew, None for nothing.
     """
 
     matcher: StereoMatcher
@@ -47,6 +49,7 @@ class Stages:
     gaze: GazeModel | None
     temporal_gaze: TemporalGazeModel | None = None
     region_matcher: RegionMatcher | None = None
+    drawing: Drawing | None = None
 
 
 def perceive(frame: StereoFrame, stages: Stages, *, beside: Executor | None = None) -> Percepts:
@@ -56,16 +59,22 @@ def perceive(frame: StereoFrame, stages: Stages, *, beside: Executor | None = No
     """
     instances = stages.segmenter.segment(frame)
     heads = stages.heads.detect(frame, instances)
+    drawn: tuple[Placed, ...] = ()
+    if stages.drawing:
+        drawn = stages.drawing.place(frame, instances)
+        heads = stages.drawing.add_heads(frame, heads, drawn)
     if beside is None:
-        disparity = _match(frame, instances, heads, stages)
+        disparity = _match(frame, instances, heads, drawn, stages)
         views = _view(frame, heads, stages)
     else:
         viewed = beside.submit(copy_context().run, _view, frame, heads, stages)
         try:
-            disparity = _match(frame, instances, heads, stages)
+            disparity = _match(frame, instances, heads, drawn, stages)
         finally:
             wait([viewed])  # no stage runs on after an error
         views = viewed.result()
+    if stages.drawing:
+        instances = stages.drawing.add_masks(frame, instances, drawn, disparity)
     return Percepts(
         index=frame.index,
         time_ns=frame.time_ns,
@@ -76,9 +85,12 @@ def perceive(frame: StereoFrame, stages: Stages, *, beside: Executor | None = No
     )
 
 
-def _match(frame: StereoFrame, instances: Instances, heads: tuple[Head, ...], stages: Stages) -> Disparity:
+def _match(
+    frame: StereoFrame, instances: Instances, heads: tuple[Head, ...], drawn: tuple[Placed, ...], stages: Stages
+) -> Disparity:
     if stages.region_matcher:
-        return stages.region_matcher.match_region(frame, needed_region(instances, heads, frame.rig))
+        windows = [each.window for each in drawn]
+        return stages.region_matcher.match_region(frame, needed_region(instances, heads, frame.rig, windows))
     return stages.matcher.match(frame)
 
 

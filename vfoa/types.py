@@ -182,7 +182,8 @@ class Disparity:
 class Instance:
     """One segment: a thing (countable, such as a cup) or stuff (such as sky).
 
-    ``id`` is its value in :attr:`Instances.ids`; ``category_id`` is the source's own number for ``label``.
+    ``id`` is its value in :attr:`Instances.ids`; ``category_id`` is the source's own number for ``label``. ``name`` is
+    who or what it is, where the source knows: of what a person drew. None: rules on labels and places say it.
     """
 
     id: int
@@ -190,6 +191,7 @@ class Instance:
     category_id: int
     is_thing: bool
     score: float
+    name: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

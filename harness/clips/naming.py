@@ -85,13 +85,15 @@ def name_frame(
 
 
 def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> SubjectNames:
-    """Give names to the tracks of one frame that have none yet; a track keeps its name.
+    """Give names to the tracks of one frame that have none yet; a track keeps its name, unless its source knows it.
 
     A name whose track has ended goes to the unnamed person nearest to where it was last seen; a name that was never
     given goes by its rule. People whose instance is not known (or not of the category) get none.
     """
     people = _people(result)
-    by_track = dict(memory.by_track)
+    told = {person.own_name: person.key for person in people if person.own_name in rules}
+    by_track = {track: name for track, name in memory.by_track.items() if name not in told}
+    by_track |= {track: name for name, track in told.items() if name is not None}
     taken = {by_track[person.key] for person in people if person.key in by_track}
     free = {name: rule for name, rule in rules.items() if name not in taken}
     unnamed = [person for person in people if person.key not in by_track]
@@ -105,7 +107,7 @@ def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> Su
 
 
 def name_targets(result: FrameResult, subjects: Rules, targets: Rules, memory: SubjectNames) -> dict[int, str]:
-    """Name every instance of a frame: by the subject it is, by the rules of the targets, or as ``label#id``."""
+    """Name every instance of a frame: by the subject it is, by its own name, by the rules, or as ``label#id``."""
     things = [
         _Candidate(key=each.instance.id, instance_id=each.instance.id, label=each.instance.label, box_px=each.box_px)
         for each in result.scene.targets
@@ -114,11 +116,15 @@ def name_targets(result: FrameResult, subjects: Rules, targets: Rules, memory: S
     for person in _people(result):
         if person.key in memory.by_track and person.instance_id is not None:
             names[person.instance_id] = memory.by_track[person.key]
+    for each in result.scene.targets:
+        own, known = each.instance.name, {**subjects, **targets}
+        if own in known and own not in names.values():
+            names.setdefault(each.instance.id, own)
     unseen = {name: rule for name, rule in subjects.items() if name not in names.values()}
     names |= _assign(_returning(unseen, memory), _without(things, names), things)
     unseen = {name: rule for name, rule in unseen.items() if name not in memory.last_seen_px}
     names |= _assign(unseen, _without(things, names), things)
-    exact = {name: rule for name, rule in targets.items() if not rule.is_shared}
+    exact = {name: rule for name, rule in targets.items() if not rule.is_shared and name not in names.values()}
     names |= _assign(exact, _without(things, names), things)
     shared = {rule.category: name for name, rule in targets.items() if rule.is_shared}
     names |= {thing.key: shared[thing.label] for thing in _without(things, names) if thing.label in shared}
@@ -130,12 +136,14 @@ class _Candidate:
     """Something that may get a name: ``key`` is its track or instance id, ``label`` None where it is not known.
 
     ``box_px`` is None without an image: then only the category and the source's own id can tell candidates apart.
+    ``own_name`` is the name of its instance, where the source gave one.
     """
 
     key: int
     instance_id: int | None
     label: str | None
     box_px: Float | None
+    own_name: str | None = None
 
     @property
     def center_px(self) -> PointPx | None:
@@ -146,17 +154,21 @@ class _Candidate:
 
 
 def _people(result: FrameResult) -> list[_Candidate]:
-    labels = {target.instance.id: target.instance.label for target in result.scene.targets}
-    subjects = [attention.subject for attention in result.attentions]
-    return [
-        _Candidate(
-            key=subject.track_id,
-            instance_id=subject.person.instance_id,
-            label=labels.get(subject.person.instance_id) if subject.person.instance_id is not None else None,
-            box_px=None if subject.person.head is None else subject.person.head.box_px,
+    instances = {target.instance.id: target.instance for target in result.scene.targets}
+    people = []
+    for subject in (attention.subject for attention in result.attentions):
+        instance_id, head = subject.person.instance_id, subject.person.head
+        instance = None if instance_id is None else instances.get(instance_id)
+        people.append(
+            _Candidate(
+                key=subject.track_id,
+                instance_id=instance_id,
+                label=None if instance is None else instance.label,
+                box_px=None if head is None else head.box_px,
+                own_name=None if instance is None else instance.name,
+            )
         )
-        for subject in subjects
-    ]
+    return people
 
 
 def _without(candidates: Iterable[_Candidate], named: Mapping[int, str]) -> list[_Candidate]:

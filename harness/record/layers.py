@@ -23,7 +23,7 @@ Plain = Mapping[str, Any]
 """A configuration as JSON values, as the manifest of a run has it."""
 
 _MASKS = ("segmentation",)
-_RECONSTRUCTION = ("stereo", "segmentation", "heads", "reconstruction")
+_RECONSTRUCTION = ("stereo", "segmentation", "heads", "drawn", "reconstruction")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,8 +48,17 @@ def _first_alike(configurations: Mapping[str, Plain], tables: Iterable[str]) -> 
     """For each configuration the first one with equal settings in these tables."""
     first: dict[str, str] = {}
     tables = tuple(tables)
-    keys = {name: json.dumps([each.get(table) for table in tables]) for name, each in configurations.items()}
+    keys = {
+        name: json.dumps([each.get(table) for table in (*tables, *_of_drawn(each))])
+        for name, each in configurations.items()
+    }
     return {name: first.setdefault(key, name) for name, key in keys.items()}
+
+
+def _of_drawn(configuration: Plain) -> tuple[str, ...]:
+    """The tables on which masks that are drawn depend, too: they are cut out by depth."""
+    drawn = configuration.get("drawn") or {}
+    return ("drawn", "stereo") if drawn.get("targets") or drawn.get("heads") else ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

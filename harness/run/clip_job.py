@@ -11,6 +11,7 @@ from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import SinkFactory
 from harness.stages.cache.stage import ClipCache, Tally
 from harness.stages.configuration import Configuration
+from harness.stages.drawn import DrawnClip
 from vfoa.errors import VfoaError
 
 
@@ -18,10 +19,10 @@ from vfoa.errors import VfoaError
 class ClipJob:
     """A clip under some configurations: settings, paths and factories only, since it is pickled.
 
-    Each finished frame goes to the ``sinks`` in their order. ``cache`` is None where no stage output is stored.
-    ``read_ahead`` and ``perceive_ahead`` are how many frames a thread reads, and another one perceives, before they are
-    needed; 0 for no thread. Stages are compared with the ground truth if ``measured``. ``keeps``: frames do not come
-    again, so that those that were finished before an error are complete.
+    Each finished frame goes to the ``sinks`` in their order. ``drawn`` is what a person drew on the clip. ``cache`` is
+    None where no stage output is stored. ``read_ahead`` and ``perceive_ahead`` are how many frames a thread reads, and
+    another one perceives, before they are needed; 0 for no thread. Stages are compared with the ground truth if
+    ``measured``. ``keeps``: frames do not come again, so that those that were finished before an error are complete.
     """
 
     manifest: ClipManifest
@@ -30,6 +31,7 @@ class ClipJob:
     configurations: tuple[Configuration, ...]
     directory: RunDirectory
     sinks: tuple[SinkFactory, ...] = ()
+    drawn: DrawnClip | None = None
     cache: ClipCache | None = None
     read_ahead: int = 0
     perceive_ahead: int = 0

@@ -153,6 +153,7 @@ def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | 
         configurations=tuple(todo),
         directory=directory,
         sinks=(*plan.sinks, *outputs, ResultsSinks()),
+        drawn=one.drawn,
     )
     if store is None or isinstance(one.clip, MeasuredClip):  # nothing to perceive
         return job

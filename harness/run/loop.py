@@ -53,6 +53,7 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
             job.configurations,
             perceived,
             job.cache,
+            drawn=job.drawn,
             parallel=job.perceive_ahead > 0,
             begins={name: each.frame + 1 for name, each in resumed.items()},
             starts={name: each.window for name, each in resumed.items() if each.window},

@@ -17,6 +17,7 @@ from harness.run.experiment import Experiment
 from harness.run.frame_sink import SinkFactory
 from harness.sources import Clip, MeasuredClip
 from harness.stages.configuration import Configuration
+from harness.stages.drawn import DrawnClip, check_drawn
 from harness.stages.slots import SLOTS
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
@@ -24,12 +25,13 @@ from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreparedClip:
-    """A clip that was opened and whose labels were read."""
+    """A clip that was opened and whose labels, and what is drawn on it if that is used, were read."""
 
     manifest: ClipManifest
     clip: Clip | MeasuredClip
     frames: tuple[int, ...]
     labels: Labels | None
+    drawn: DrawnClip | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,21 +82,36 @@ def prepare(
     VfoaError
         For the first thing that is missing or wrong.
     """
-    clips = tuple(_prepare_clip(name, limit, experiment.annotator) for name in experiment.clips)
+    clips = tuple(_prepare_clip(name, limit, experiment) for name in experiment.clips)
     if all(isinstance(one.clip, MeasuredClip) for one in clips):
         experiment = replace(
             experiment, configurations=tuple(each.without_stages() for each in experiment.configurations)
         )
-    said = (*_said_of_names(clips, experiment.configurations), *_said_of_near(clips, experiment.configurations))
+    said = (
+        *_said_of_names(clips, experiment.configurations),
+        *_said_of_drawn(clips),
+        *_said_of_near(clips, experiment.configurations),
+    )
     noted = replace(experiment, notes=(*experiment.notes, *said))
     return Plan(experiment=noted, clips=clips, sinks=tuple(sinks), save_outputs=save_outputs)
 
 
-def _prepare_clip(name: str, limit: int | None, annotator: str | None) -> PreparedClip:
+def _prepare_clip(name: str, limit: int | None, experiment: Experiment) -> PreparedClip:
     manifest = load_manifest(name)
     clip = manifest.open()
-    labels = manifest.labels(timeline_of(clip), annotator)
-    return PreparedClip(manifest=manifest, clip=clip, frames=tuple(clip.frames)[:limit], labels=labels)
+    labels = manifest.labels(timeline_of(clip), experiment.annotator)
+    drawn = None if isinstance(clip, MeasuredClip) else _drawn(manifest, clip, experiment)
+    return PreparedClip(manifest=manifest, clip=clip, frames=tuple(clip.frames)[:limit], labels=labels, drawn=drawn)
+
+
+def _drawn(manifest: ClipManifest, clip: Clip, experiment: Experiment) -> DrawnClip | None:
+    """What is drawn on a clip, where some configuration uses it."""
+    if not any(each.uses_drawn for each in experiment.configurations):
+        return None
+    drawn = manifest.drawn(clip.frames)
+    for each in experiment.configurations:
+        check_drawn(manifest.name, drawn, each)
+    return DrawnClip.of(manifest, drawn) if drawn else None
 
 
 def _said_of_names(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
@@ -108,6 +125,14 @@ def _said_of_names(clips: Iterable[PreparedClip], configurations: Iterable[Confi
                 f"{clip.manifest.name}: the manifest finds {', '.join(names)} by their ids in the source, "
                 f"which are not those of {' and '.join(networks)}: the names can be wrong."
             )
+
+
+def _said_of_drawn(clips: Iterable[PreparedClip]) -> Iterator[str]:
+    """A sentence where a person drew what models find elsewhere: a reader of the table must know."""
+    for one in clips:
+        if one.drawn is not None:
+            keys = sum(len(each.keys) for each in one.drawn.drawn.tracks)
+            yield f"{one.manifest.name}: drawn by hand: {', '.join(one.drawn.drawn.names)} ({keys} key frames)."
 
 
 def _said_of_near(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
@@ -155,6 +180,7 @@ def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
         "frames": list(one.frames),
         "times_ns": [one.clip.time_ns(number) for number in one.frames],
         "sha256": one.clip.digest(),
+        "drawn_sha256": None if one.drawn is None else one.drawn.digest,
         "names": one.manifest.model_dump(
             mode="json",
             include={"subjects", "targets"},

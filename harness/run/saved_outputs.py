@@ -69,13 +69,20 @@ def write_experiment(folder: Path, experiment: Experiment, *, partial: bool) -> 
 
 def _key(slot: str, configuration: Configuration) -> str:
     choices = [configuration.choices[each] for each in _READS[slot]]
-    return json.dumps([choice.plain() if choice else None for choice in choices], sort_keys=True)
+    if configuration.uses_drawn and slot != "stereo":
+        drawn = configuration.drawn.model_dump(mode="json")
+        choices += [configuration.choices["stereo"]] if slot == "segmentation" else []  # masks are cut out by depth
+    else:
+        drawn = None
+    return json.dumps([drawn, *(choice.plain() if choice else None for choice in choices)], sort_keys=True)
 
 
 def _tables(configuration: Configuration, configurations: Sequence[Configuration], partial: bool) -> Iterator[str]:
     for table, settings in configuration.plain().items():
         if table in SLOTS:
             yield f"{table} = {toml_value(_source(table, configuration, configurations, partial))}"
+        elif table == "drawn":  # the masks and heads that were saved have it
+            yield f"{table} = {toml_value({**settings, 'targets': False, 'heads': False})}"
         else:
             yield f"{table} = {toml_value(settings)}"
 

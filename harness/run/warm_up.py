@@ -39,10 +39,11 @@ def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
 
 def _open(job: ClipJob) -> SharedPipeline:
     global _opened
-    wanted = (job.manifest, job.configurations, job.cache, job.directory)
+    wanted = (job.manifest, job.configurations, job.cache, job.drawn, job.directory)
     if _opened is None or _opened[0] != wanted:
         _opened = None  # two sets of models need not fit
-        _opened = (wanted, SharedPipeline(job.configurations, job.manifest.open_images(), job.cache))
+        clip = job.manifest.open_images()
+        _opened = (wanted, SharedPipeline(job.configurations, clip, job.cache, drawn=job.drawn))
     return _opened[1]
 
 

@@ -11,9 +11,10 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from harness.config_errors import parse
-from harness.stages.slots import SLOTS, StageChoice
+from harness.stages.slots import DRAWN, SLOTS, StageChoice
 from vfoa.attention import AttentionSettings
 from vfoa.bayes import BayesSettings
+from vfoa.drawn import DrawnSettings
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.nearest import NearestSettings
@@ -26,13 +27,14 @@ if TYPE_CHECKING:
     from vfoa.onnx import Provider
 
 STEPS: Mapping[str, Mapping[str, type[Settings]]] = {
+    "drawn": {"": DrawnSettings},
     "reconstruction": {"": ReconstructionSettings},
     "tracking": {"": TrackingSettings},
     "gaze_filter": {"": GazeFilterSettings},
     "attention": {"cones": AttentionSettings, "bayes": BayesSettings, "nearest": NearestSettings},
 }
-"""The steps after perception: the settings of each by its ``method``, which only attention has. The first is the
-default."""
+"""What is drawn, and the steps after perception: the settings of each by its ``method``, which only attention has. The
+first is the default."""
 
 _TABLES = (*SLOTS, *STEPS)
 Tables = Mapping[str, Mapping[str, Any]]
@@ -43,13 +45,15 @@ Tables = Mapping[str, Mapping[str, Any]]
 class Configuration:
     """Every setting of one way to run the pipeline. ``choices`` has one entry per slot, None for one switched off.
 
-    ``factors`` are the labels of its place in a grid by dotted key; empty where there was no grid.
+    ``factors`` are the labels of its place in a grid by dotted key; empty where there was no grid. ``drawn`` is
+    switched on for what a stage leaves to it altogether.
     """
 
     name: str
     choices: Mapping[str, StageChoice | None]
     reconstruction: ReconstructionSettings
     attend: AttendSettings
+    drawn: DrawnSettings = field(default_factory=DrawnSettings)
     factors: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -57,6 +61,11 @@ class Configuration:
         """Whether disparities are asked for only where things and heads are."""
         stereo = self.choices["stereo"]
         return stereo is not None and getattr(stereo.settings, "region", None) == "needed"
+
+    @property
+    def uses_drawn(self) -> bool:
+        """Whether anything that is drawn on a clip is used."""
+        return self.drawn.targets or self.drawn.heads
 
     def for_clip(self, clip: str) -> Configuration:
         """The configuration with the clip's name filled in where a stage's ``root`` asks for it."""
@@ -76,7 +85,8 @@ class Configuration:
         """The configuration as JSON values, every default written out: what a run's manifest records."""
         stages = {name: choice.plain() if choice else None for name, choice in self.choices.items()}
         attend = self.attend.model_dump(mode="json")
-        return {**stages, "reconstruction": self.reconstruction.model_dump(mode="json"), **attend}
+        drawn = self.drawn.model_dump(mode="json")
+        return {**stages, "drawn": drawn, "reconstruction": self.reconstruction.model_dump(mode="json"), **attend}
 
 
 def dotted_tables(changes: Iterable[tuple[str, Any]], where: str) -> dict[str, dict[str, Any]]:
@@ -145,6 +155,7 @@ def make_configuration(name: str, tables: Tables, factors: Mapping[str, str], wh
     configuration = Configuration(
         name=name,
         choices=choices,
+        drawn=_switched_on(steps.pop("drawn"), choices),
         reconstruction=steps.pop("reconstruction"),
         attend=AttendSettings(**steps),
         factors=factors,
@@ -155,6 +166,13 @@ def make_configuration(name: str, tables: Tables, factors: Mapping[str, str], wh
             f'{list(configuration.reconstruction.stuff)}; expected stereo.region = "frame"'
         )
     return configuration
+
+
+def _switched_on(drawn: DrawnSettings, choices: Mapping[str, StageChoice | None]) -> DrawnSettings:
+    """What is drawn is used where a stage leaves everything to it, whatever its table says."""
+    alone = {slot for slot, choice in choices.items() if choice is not None and choice.name == DRAWN}
+    on = {"targets": drawn.targets or "segmentation" in alone, "heads": drawn.heads or "heads" in alone}
+    return drawn.model_copy(update=on)
 
 
 def _settings_of(step: str, table: Mapping[str, Any]) -> type[Settings]:

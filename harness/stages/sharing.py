@@ -17,15 +17,16 @@ from typing import Any
 from harness.sources import Clip
 from harness.stages.cache.stage import ClipCache, Tally
 from harness.stages.configuration import Configuration
+from harness.stages.drawn import DrawnClip
 from harness.stages.memo import Output, StageMemo, Timings, timed
 from harness.stages.slots import OFF, SLOTS, StageChoice
 from harness.stages.stage_runner import StageRunner, build_stage, guarded
+from vfoa.drawn import DrawnSettings
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze import TemporalGazeModel
 from vfoa.gaze.temporal import HeadWindow, WindowStart, with_gazes
 from vfoa.pipeline import Stages, perceive
 from vfoa.reconstruction import place_people, place_targets
-from vfoa.tracking import TrackingSettings
 from vfoa.types import Percepts, Scene, StereoFrame, Target
 
 
@@ -71,9 +72,9 @@ class SharedPipeline:
     """``perceive`` and ``reconstruct`` for every configuration of one clip.
 
     All stages are built with it. A stage that cannot be built, or fails on a frame, ends the configurations that have
-    it. ``cache`` holds outputs of earlier runs; None for no cache. ``parallel`` runs the models of the heads beside the
-    matchers, in a thread of their own. ``begins`` are the first frames of configurations that do not begin with the
-    clip, and ``starts`` those of their windows.
+    it. ``cache`` holds outputs of earlier runs; None for no cache. ``drawn`` is what a person drew on the clip; None
+    for nothing. ``parallel`` runs the models of the heads beside the matchers, in a thread of their own. ``begins`` are
+    the first frames of configurations that do not begin with the clip, and ``starts`` those of their windows.
     """
 
     def __init__(
@@ -82,10 +83,13 @@ class SharedPipeline:
         clip: Clip,
         cache: ClipCache | None = None,
         *,
+        drawn: DrawnClip | None = None,
         parallel: bool = False,
         begins: Mapping[str, int] | None = None,
         starts: Mapping[str, WindowStart] | None = None,
     ) -> None:
+        self._drawn = drawn
+        self._drawings: dict[DrawnSettings, StageRunner] = {}
         self._begins, self._starts = begins or {}, starts or {}
         self._beside = ThreadPoolExecutor(1) if parallel else None
         self._perceive_one = partial(perceive, beside=self._beside)
@@ -94,10 +98,10 @@ class SharedPipeline:
         self._memo = StageMemo()
         self._failed: dict[str, VfoaError] = {}
         self._built: dict[str, StageRunner] = {}
-        self._same: dict[tuple[str, ...], Stages] = {}
+        self._same: dict[tuple[object, ...], Stages] = {}
         self._stages: dict[str, Stages] = {}
         self._windows: dict[str, HeadWindow] = {}
-        self._same_windows: dict[tuple[str | TrackingSettings, ...], HeadWindow] = {}
+        self._same_windows: dict[tuple[object, ...], HeadWindow] = {}
         for configuration in configurations:
             with self._isolated(configuration.name):
                 self._build(configuration)
@@ -115,12 +119,15 @@ class SharedPipeline:
             if choice and choice.key not in self._built:
                 self._built[choice.key] = self._stage(choice)
         chosen = {slot: self._built.get(key) for slot, key in keys.items()}
-        stages = self._same.setdefault(tuple(keys.values()), _stages(chosen, in_region=configuration.is_in_region))
+        drawing = self._drawing(configuration)
+        drawn = configuration.drawn if drawing else None
+        built = _stages(chosen, drawing, in_region=configuration.is_in_region)
+        stages = self._same.setdefault((*keys.values(), drawn), built)
         self._stages[configuration.name] = stages
         if stages.temporal_gaze:
             tracking = configuration.attend.tracking
             # heads and crops depend on no more than this, so whoever agrees on it has the same gazes
-            seen = (keys["segmentation"], keys["heads"], keys["gaze"], tracking)
+            seen = (keys["segmentation"], keys["heads"], keys["gaze"], drawn, tracking)
             start = self._starts.get(configuration.name)
             if seen not in self._same_windows:
                 self._same_windows[seen] = HeadWindow(stages.temporal_gaze, self._clip.rate_hz, tracking, start)
@@ -130,6 +137,16 @@ class SharedPipeline:
     def _stage(self, choice: StageChoice) -> StageRunner:
         stored = self._cache.outputs_of(choice, self._tallies) if self._cache else None
         return build_stage(choice, self._clip, self._memo, stored)
+
+    def _drawing(self, configuration: Configuration) -> StageRunner | None:
+        """What is drawn, as a configuration uses it; its time is charged to the segmentation."""
+        settings = configuration.drawn
+        if self._drawn is None or not configuration.uses_drawn:
+            return None
+        if settings not in self._drawings:
+            shapes = self._drawn.shapes(settings)
+            self._drawings[settings] = StageRunner(shapes, slot="segmentation", name="drawn", memo=self._memo)
+        return self._drawings[settings]
 
     def take_tallies(self) -> dict[str, Tally]:
         """What the cache gave and what was computed since this was last asked, by the stage's key."""
@@ -231,7 +248,7 @@ def _scene(*found: Any) -> Scene:
     return guarded("reconstruction", place_people, *found)
 
 
-def _stages(chosen: Mapping[str, Any], *, in_region: bool) -> Stages:
+def _stages(chosen: Mapping[str, Any], drawing: Any, *, in_region: bool) -> Stages:
     matcher, segmenter, heads = chosen["stereo"], chosen["segmentation"], chosen["heads"]
     if matcher is None or segmenter is None or heads is None:
         missing = next(slot for slot in ("stereo", "segmentation", "heads") if chosen[slot] is None)
@@ -246,4 +263,5 @@ def _stages(chosen: Mapping[str, Any], *, in_region: bool) -> Stages:
         gaze=None if temporal else gaze,
         temporal_gaze=gaze if temporal else None,
         region_matcher=matcher if in_region else None,
+        drawing=drawing,
     )

@@ -25,6 +25,8 @@ from vfoa.settings import Settings
 if TYPE_CHECKING:
     from vfoa.onnx import Provider
 
+DRAWN = "drawn"
+"""The name of the stages that leave everything to what is drawn on the clip."""
 OFF = "none"
 """The name that switches a stage off. Without matcher, segmentation or heads only clips of measurements can be run."""
 
@@ -150,6 +152,7 @@ SLOTS: dict[str, Slot] = {
             of_clip={
                 "truth": "harness.stages.ground_truth.oracle:TruthSegmenter",
                 "coco_panoptic": "harness.stages.outputs.coco_panoptic:CocoPanoptic",
+                DRAWN: "harness.stages.drawn:DrawnMasks",
             },
         ),
         Slot(
@@ -159,6 +162,7 @@ SLOTS: dict[str, Slot] = {
             of_clip={
                 "truth": "harness.stages.ground_truth.oracle:TruthHeads",
                 "files": "harness.stages.outputs.heads:FileHeads",
+                DRAWN: "harness.stages.drawn:DrawnHeads",
             },
         ),
         Slot(

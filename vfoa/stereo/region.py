@@ -68,8 +68,8 @@ def whole(rig: StereoRig) -> Region:
     return Region(u0=0, v0=0, u1=rig.width_px, v1=rig.height_px)
 
 
-def needed_region(instances: Instances, heads: Iterable[Head], rig: StereoRig) -> Region:
-    """The smallest region with all objects and all heads; empty if there are none."""
+def needed_region(instances: Instances, heads: Iterable[Head], rig: StereoRig, drawn: Iterable[Window] = ()) -> Region:
+    """The smallest region with all objects, all heads and all that is drawn; empty if there is nothing."""
     needed = np.not_equal(instances.ids, 0)
     for each in instances.instances:
         if not each.is_thing:
@@ -78,6 +78,7 @@ def needed_region(instances: Instances, heads: Iterable[Head], rig: StereoRig) -
     for head in heads:
         u0, v0, u1, v1 = head.box_px
         windows.append(window_of(u0, v0, u1, v1, rig))
+    windows += drawn
     seen = [(rows, columns) for rows, columns in windows if rows.start < rows.stop and columns.start < columns.stop]
     return Region(
         u0=min((columns.start for _, columns in seen), default=0),

@@ -122,6 +122,7 @@ class CocoPanoptic:
             category_id=category.id,
             is_thing=bool(category.isthing),
             score=segment.score,
+            name=segment.name,
         )
 
 
@@ -130,6 +131,7 @@ class _Segment(BaseModel):
     category_id: int
     iscrowd: int = 0
     score: float = Field(default=1.0, allow_inf_nan=False)
+    name: str | None = None
 
 
 class _Annotation(BaseModel):

@@ -26,8 +26,8 @@ def write_coco_panoptic(root: Path, frames: Iterable[tuple[int, Instances]]) -> 
 class CocoPanopticWriter:
     """Writes ``root/panoptic.json`` and ``root/png/frame_<number>.png``, one a frame: id = R + 256 G + 65536 B.
 
-    Each segment has its ``score`` beside what COCO asks for. Instances without a pixel are left out. The JSON comes
-    last, so that what it names is there.
+    Each segment has its ``score`` beside what COCO asks for, and its ``name`` where a person drew it. Instances without
+    a pixel are left out. The JSON comes last, so that what it names is there.
     """
 
     def __init__(self, root: Path) -> None:
@@ -76,6 +76,7 @@ def _segments(instances: Instances) -> list[dict[str, Any]]:
             "bbox": _bbox(mask),
             "area": int(np.count_nonzero(mask)),
             "score": each.score,
+            **({} if each.name is None else {"name": each.name}),
         }
         for each, mask in masks
         if mask.any()

@@ -223,3 +223,22 @@ def test_without_an_image_the_source_s_ids_and_categories_name() -> None:
     assert names.targets == {1: "anna", 2: "ben", 3: "robot", 4: "cup#4"}, "no place from the left without an image"
     later, _ = name_frame(measured([(1, "person"), (2, "person")], [(9, 1)]), subjects, targets, memory)
     assert later.subjects == {9: "anna"}, "a name comes back with the source's id"
+
+
+def test_a_name_that_the_source_gives_stands_over_the_rules() -> None:
+    """What a person drew is known by its name, wherever it is and whatever else has its category."""
+    rules = {"anna": NameRule(category="person", from_left=1), "ben": NameRule(category="person", from_left=2)}
+    targets = {"mug": NameRule(category="cup", from_left=1), "glass": NameRule(category="cup", from_left=2)}
+    things = [(1, "person", (10, 10)), (2, "person", (90, 10)), (3, "cup", (30, 50)), (4, "cup", (70, 50))]
+    result = frame(things, [(1, 1, (10, 10)), (2, 2, (90, 10))])
+    own = {1: "ben", 3: "glass"}
+    drawn = tuple(
+        replace(each, instance=replace(each.instance, name=own.get(each.instance.id))) for each in result.scene.targets
+    )
+    names, memory = name_frame(
+        replace(result, scene=replace(result.scene, targets=drawn)), rules, targets, SubjectNames()
+    )
+    assert names.subjects == {1: "ben"}
+    assert {names.targets[key] for key in (1, 3)} == {"ben", "glass"}
+    assert "mug" not in (names.targets[3], names.targets[1])
+    assert memory.by_track == {1: "ben"}

@@ -1,0 +1,130 @@
+"""A clip that no segmenter and no detector knows: drawn at four key frames, run, named, scored, replayed."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness.clips.manifest import load_manifest
+from harness.labels.drawn import KeyFrame, Kind, drawn_of, read_drawn, write_drawn
+from harness.report.rescore import rescore
+from harness.run.directory import RunDirectory
+from harness.run.experiment import load_experiment
+from harness.run.results import read_results
+from harness.run.runner import prepare, run_plan
+from harness.run.saved_outputs import VARIABLE
+from harness.sources import Truth
+from harness.stages.cache.store import Store
+from harness.studio import StudioClip
+from tests.disk import write_text
+from tests.repository import REPOSITORY
+from vfoa.errors import VfoaError
+from vfoa.types import Mask
+
+CLIP = "studio_talk"
+EXPERIMENT = f"""
+clips = ["{CLIP}"]
+[[configuration]]
+name = "drawn"
+stereo = {{ matcher = "sgbm", min_depth_m = 0.8, wls = false, region = "needed" }}
+segmentation.model = "drawn"
+heads.detector = "drawn"
+head_pose.model = "truth"
+gaze.model = "truth"
+"""
+
+
+def _box_of(mask: Mask) -> tuple[float, ...]:
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    return float(columns[0]) - 0.5, float(rows[0]) - 0.5, float(columns[-1]) + 0.5, float(rows[-1]) + 0.5
+
+
+@pytest.fixture
+def drawn_clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A working directory with the clip and what somebody drew on it: the file of what is drawn."""
+    for kind, suffix in (("datasets", "toml"), ("annotations", "csv")):
+        (tmp_path / kind).mkdir()
+        shutil.copy(REPOSITORY / kind / f"{CLIP}.{suffix}", tmp_path / kind)
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "exp.toml", EXPERIMENT)
+    manifest = load_manifest(CLIP)
+    clip = manifest.open()
+    keys: dict[tuple[str, Kind], list[KeyFrame]] = {}
+    for frame in (1, 21, 40, 60):
+        truth = clip.truth(frame)
+        assert truth.instances is not None
+        assert truth.people is not None
+        for name, rule in manifest.targets.items():
+            place = _box_of(truth.instances.mask(rule.instance or 0))
+            keys.setdefault((name, "box"), []).append(KeyFrame(frame=frame, place=place))
+        for person in truth.people:
+            place = tuple(person.head_box_px.tolist())
+            keys.setdefault((person.name, "head"), []).append(KeyFrame(frame=frame, place=place))
+    write_drawn(manifest.annotations.place_drawn(), drawn_of(keys))
+    return manifest.annotations.place_drawn()
+
+
+def _run(
+    out: str, *, limit: int | None = None, workers: int = 1, what: str = "exp.toml", save: bool = False
+) -> RunDirectory:
+    plan = prepare(load_experiment(what), limit=limit, save_outputs=save)
+    cache = Store(Path("cache"), 10**9) if workers > 1 else None
+    return run_plan(plan, Path(out), workers=workers, progress=lambda clip: None, cache=cache)
+
+
+def test_four_key_frames_are_enough_for_a_clip_without_masks(drawn_clip: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole_truth = StudioClip.truth
+
+    def without_masks(clip: StudioClip, number: int) -> Truth:
+        return replace(whole_truth(clip, number), instances=None)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(StudioClip, "truth", without_masks)
+        directory = _run("run")
+    rescore(directory)
+    with (directory.path / "frr.csv").open() as file:
+        rates = {row["subject"]: (int(row["n"]), float(row["frr"])) for row in csv.DictReader(file)}
+    assert {*rates} == {"(all)", "anna", "ben"}
+    assert rates["(all)"][0] == 99
+    assert min(rate for _, rate in rates.values()) > 0.9
+    manifest = json.loads(directory.manifest.read_text())
+    assert manifest["notes"] == [f"{CLIP}: drawn by hand: anna, bear, ben, bowl, mug, plant (24 key frames)."]
+
+
+def test_results_are_the_same_with_workers_and_from_what_was_saved(
+    drawn_clip: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = _run("one", limit=2, save=True)
+    two = _run("two", limit=2, workers=2)
+    assert one.results.read_bytes() == two.results.read_bytes()
+    for record in read_results(one.results):
+        assert {each.name for each in record.targets} == {"mug", "bear", "bowl", "plant", "anna", "ben"}
+        assert {each.name for each in record.subjects} == {"anna", "ben"}
+    monkeypatch.setenv(VARIABLE, str(one.stage_outputs.absolute()))
+    drawn_clip.unlink()
+    replayed = _run("replayed", limit=2, what=str(one.stage_outputs / "exp.toml"))
+    assert replayed.results.read_bytes() == one.results.read_bytes()
+
+
+def test_what_is_drawn_is_an_input_of_the_run(drawn_clip: Path) -> None:
+    first = _run("run", limit=1)
+    assert _run("run", limit=1).path == first.path
+    names = {"subjects": ("anna", "ben"), "targets": ("mug", "bear", "bowl", "plant")}
+    drawn = read_drawn(drawn_clip, frames=None, **names)
+    write_drawn(drawn_clip, replace(drawn, tracks=drawn.tracks[:-1]))
+    with pytest.raises(VfoaError, match=rf"holds another run \(different: notes, drawn_sha256 of {CLIP}\)"):
+        _run("run", limit=1)
+    write_drawn(drawn_clip, drawn)
+    assert _run("run", limit=1).path == first.path
+
+
+def test_nothing_but_what_is_drawn_needs_something_drawn(drawn_clip: Path) -> None:
+    drawn_clip.unlink()
+    with pytest.raises(VfoaError, match=f"{CLIP}: segmentation = 'drawn', and no targets are drawn on the clip"):
+        _run("run", limit=1)

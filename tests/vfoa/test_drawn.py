@@ -1,0 +1,193 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from harness.studio import StudioClip, StudioSettings
+from tests.scenes import make_rig
+from vfoa.drawn import DrawnSettings, DrawnShape, DrawnShapes, depth_mode
+from vfoa.geometry import disparity_from_depth
+from vfoa.types import Disparity, Head, Instance, Instances, StereoFrame
+
+RIG = make_rig(64, 48)
+USED = DrawnSettings(targets=True, heads=True)
+CUP, PERSON = (
+    Instance(id=7, label="cup", category_id=47, is_thing=True, score=0.9),
+    Instance(id=9, label="person", category_id=1, is_thing=True, score=0.9),
+)
+Box = tuple[float, float, float, float]
+
+
+def shape(name: str, box: Box, kind: Literal["box", "point", "head"] = "box", label: str = "cup") -> DrawnShape:
+    return DrawnShape(name=name, label=label, category_id=1001, kind=kind, box_px=box)
+
+
+def _frame() -> StereoFrame:
+    black = np.zeros((48, 64, 3), np.uint8)
+    return StereoFrame(index=1, time_ns=0, left=black, right=black, rig=RIG)
+
+
+def _depths(*parts: tuple[tuple[slice, slice], float]) -> Disparity:
+    """Of parts of the image at these depths, before a wall."""
+    depth = np.full((48, 64), 4.0)
+    for part, depth_m in parts:
+        depth[part] = depth_m
+    return Disparity(disparity_px=disparity_from_depth(depth, RIG).astype(np.float32))
+
+
+def _of_model(**instances: tuple[Instance, tuple[slice, slice]]) -> Instances:
+    ids = np.zeros((48, 64), np.uint16)
+    for instance, part in instances.values():
+        ids[part] = instance.id
+    return Instances(ids=ids, instances=tuple(instance for instance, _ in instances.values()))
+
+
+def _draw(
+    shapes: Sequence[DrawnShape],
+    disparity: Disparity,
+    *,
+    model: Instances | None = None,
+    heads: Sequence[Head] = (),
+    settings: DrawnSettings = USED,
+) -> tuple[Instances, tuple[Head, ...]]:
+    """What the pipeline does with shapes, in its order."""
+    drawing, frame = DrawnShapes(settings, lambda _: shapes), _frame()
+    instances = model or _of_model()
+    placed = drawing.place(frame, instances)
+    found = drawing.add_heads(frame, heads, placed)
+    return drawing.add_masks(frame, instances, placed, disparity), found
+
+
+def test_a_box_is_cut_out_by_the_depth_of_its_middle() -> None:
+    cup = (slice(12, 30), slice(22, 40))
+    found, _ = _draw([shape("mug", (19.5, 9.5, 42.5, 32.5))], _depths((cup, 1.0)))
+    expected = np.zeros((48, 64), bool)
+    expected[cup] = True
+    assert [(each.name, each.label, each.is_thing) for each in found.instances] == [("mug", "cup", True)]
+    assert np.array_equal(found.mask(found.instances[0].id), expected)
+
+
+def test_pixels_of_unknown_depth_belong_to_nothing_and_a_box_without_depth_has_no_pixels() -> None:
+    disparity = _depths(((slice(12, 30), slice(22, 40)), 1.0)).disparity_px.copy()
+    disparity[20:25] = np.nan
+    box = shape("mug", (21.5, 11.5, 39.5, 29.5))
+    found, _ = _draw([box], Disparity(disparity_px=disparity))
+    assert not found.ids[20:25].any()
+    assert found.ids[12, 22]
+    empty, _ = _draw([box], Disparity(disparity_px=np.full((48, 64), np.nan, np.float32)))
+    assert [each.name for each in empty.instances] == ["mug"]
+    assert not empty.ids.any()
+
+
+def test_of_two_boxes_the_nearer_hides_the_farther_whatever_their_order() -> None:
+    near, far = (slice(10, 30), slice(10, 30)), (slice(5, 40), slice(5, 60))
+    shapes = [shape("near", (9.5, 9.5, 29.5, 29.5)), shape("far", (4.5, 4.5, 59.5, 39.5))]
+    for order in (shapes, shapes[::-1]):
+        found, _ = _draw(order, _depths((far, 2.0), (near, 1.0)))
+        ids = {each.name: each.id for each in found.instances}
+        assert found.ids[20, 20] == ids["near"]
+        assert found.ids[20, 50] == ids["far"]
+
+
+def test_a_point_is_a_disc_in_its_band_of_depth() -> None:
+    lamp = (slice(0, 48), slice(30, 64))
+    found, _ = _draw([shape("lamp", (34, 20, 34, 20), "point")], _depths((lamp, 1.0)))
+    v, u = np.nonzero(found.ids)
+    assert len(v) > 60
+    assert u.min() == 30  # the disc would begin at 28
+    assert ((u - 34) ** 2 + (v - 20) ** 2 <= 6**2).all()
+
+
+def test_a_head_that_no_detector_finds_is_a_head_with_a_person() -> None:
+    part = (slice(5, 25), slice(10, 25))
+    found, heads = _draw([shape("anna", (9.5, 4.5, 24.5, 24.5), "head", "person")], _depths((part, 1.0)))
+    (anna,) = found.instances
+    assert (anna.name, anna.label) == ("anna", "person")
+    assert [(head.box_px.tolist(), head.instance_id) for head in heads] == [([9.5, 4.5, 24.5, 24.5], anna.id)]
+    assert found.ids[15, 17] == anna.id
+    assert found.ids[5, 10] == 0  # a head is round
+
+
+def test_a_head_that_is_detected_stays_and_learns_whose_it_is() -> None:
+    model = _of_model(anna=(PERSON, (slice(5, 48), slice(5, 30))))
+    seen = Head(box_px=np.array([10.0, 5, 24, 24]), score=0.7, landmarks_px=np.ones((5, 2)))
+    drawn = shape("anna", (9.5, 4.5, 24.5, 24.5), "head", "person")
+    found, heads = _draw([drawn], _depths(), model=model, heads=[seen])
+    assert [(each.id, each.name) for each in found.instances] == [(9, "anna")]
+    assert np.array_equal(found.ids, model.ids)
+    (head,) = heads
+    assert head.instance_id == 9
+    assert head.landmarks_px is not None
+
+
+def test_a_box_about_the_model_s_own_instance_names_it() -> None:
+    model = _of_model(cup=(CUP, (slice(12, 30), slice(22, 40))))
+    depths = _depths(((slice(12, 30), slice(22, 40)), 1.0))
+    found, _ = _draw([shape("mug", (20, 10, 41, 31))], depths, model=model)
+    assert [(each.id, each.name) for each in found.instances] == [(7, "mug")]
+    assert np.array_equal(found.ids, model.ids)
+
+
+def test_what_is_drawn_wins_over_the_same_object_under_another_label() -> None:
+    model = _of_model(cup=(CUP, (slice(12, 30), slice(22, 40))), person=(PERSON, (slice(0, 48), slice(44, 64))))
+    depths = _depths(((slice(12, 32), slice(22, 42)), 1.0))
+    found, _ = _draw([shape("robot", (20, 10, 43, 33), label="robot")], depths, model=model)
+    assert [(each.id, each.name) for each in found.instances] == [(9, None), (10, "robot")]
+    assert set(np.unique(found.ids)) == {0, 9, 10}
+
+
+def test_what_is_not_asked_for_is_not_there() -> None:
+    gone = shape("ben", (-30, 2, -10, 12), "head", "person")  # it has left the image
+    shapes = [shape("mug", (20, 10, 41, 31)), shape("anna", (2, 2, 12, 12), "head", "person"), gone]
+    instances, heads = _draw(shapes, _depths(), settings=DrawnSettings(targets=True))
+    assert [each.name for each in instances.instances] == ["mug"]
+    assert heads == ()
+    instances, heads = _draw(shapes, _depths(), settings=DrawnSettings(heads=True))
+    assert [each.name for each in instances.instances] == ["anna"]
+    assert len(heads) == 1
+
+
+@given(
+    depth_m=st.floats(0.3, 30),
+    noise=st.floats(0, 0.01),
+    others=st.lists(st.tuples(st.floats(0.3, 1e11), st.integers(1, 20)), max_size=3),
+    seed=st.integers(0, 99),
+)
+def test_the_mode_is_the_depth_of_most(
+    depth_m: float, noise: float, others: list[tuple[float, int]], seed: int
+) -> None:
+    apart = [(other, count) for other, count in others if abs(np.log(other / depth_m)) > 0.2]
+    most = depth_m * np.exp(noise * np.random.default_rng(seed).uniform(-1, 1, 100))
+    samples = np.concatenate([most, *(np.full(count, other) for other, count in apart)])
+    assert depth_mode(samples, 0.05) == pytest.approx(depth_m, rel=0.05)
+
+
+def test_boxes_on_a_rendered_scene_become_masks() -> None:
+    """On true depth, the masks of boxes about the true masks: all of a compact thing, most of a slanted one."""
+    clip = StudioClip(StudioSettings(scenario="table", frames=60, seed=7), None)
+    frame, truth = clip.frame(1), clip.truth(1)
+    assert truth.instances is not None
+    assert truth.disparity is not None
+    shapes, true = [], {}
+    for each in truth.instances.instances:
+        mask = truth.instances.mask(each.id)
+        rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+        if each.is_thing and each.label != "person" and len(rows):
+            box = (columns[0] - 0.5, rows[0] - 0.5, columns[-1] + 0.5, rows[-1] + 0.5)
+            shapes.append(shape(each.label, box, label=each.label))
+            true[each.label] = mask
+    drawing = DrawnShapes(USED, lambda _: shapes)
+    nothing = Instances(ids=np.zeros_like(truth.instances.ids), instances=())
+    found = drawing.add_masks(frame, nothing, drawing.place(frame, nothing), truth.disparity)
+    overlaps = {}
+    for each in found.instances:
+        mask = found.mask(each.id)
+        overlaps[each.label] = np.count_nonzero(mask & true[each.label]) / np.count_nonzero(mask | true[each.label])
+    assert {*overlaps} == {"laptop", "cup", "book", "bottle", "vase"}
+    assert min(overlaps.values()) > 0.5
+    assert np.median(list(overlaps.values())) > 0.7

@@ -1,0 +1,260 @@
+"""Boxes, points and heads that a person drew, as instances and heads: cut out by depth, since a box is no outline.
+
+A box holds an object and what is around it. Its middle shows the object, as a rule:
+
+mode   the depth that most pixels of the middle have: the fullest bins of a histogram of ln z
+band   pixels of the whole box within a margin of that depth belong to the object
+
+The margin is a share of the depth (stereo is the less exact the farther away) or, if that is more, a share of the box's
+shorter side in metres (an object is about as deep as it is wide or high). A point is a small disc, a head the ellipse
+in its box. Pixels of unknown depth belong to nothing: no cloud could use them.
+
+Where the model has an instance of the same label in the box, at the point or about the head, that instance gets the
+name that is drawn, and keeps its mask. Otherwise what is drawn is a new instance. It wins over masks of the model where
+they overlap; a thing that loses half of its pixels to it was the same object under another label, and is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from vfoa.geometry import box_iou, depth_from_disparity
+from vfoa.pixels import Window, window_of
+from vfoa.settings import Settings
+from vfoa.types import Disparity, Float, Head, Instance, Instances, Mask, StereoFrame, StereoRig
+
+SAME_HEAD = 0.3
+"""A detected head that overlaps a drawn one less (intersection over union) is another one's."""
+
+SAME_OBJECT = 0.5
+"""How much a box has to overlap that of a model's instance (intersection over union), or which share of a head has to
+lie on a person, to be of it; and the share of its pixels that another instance may lose to what is drawn."""
+
+
+class DrawnSettings(Settings):
+    """What of a clip's ``CLIP.drawn.csv`` is used beside the models, and how a drawn box is cut out by depth."""
+
+    targets: bool = False
+    """Add the drawn boxes and points to the segmenter's masks. With ``segmentation.model = "drawn"`` there is nothing
+    else."""
+    heads: bool = False
+    """Add the drawn heads where the detector finds none. With ``heads.detector = "drawn"`` there is nothing else."""
+    middle: float = Field(default=0.5, gt=0, le=1)
+    """The part of a box, in width and height, whose most frequent depth is taken for the object's."""
+    depth_share: float = Field(default=0.05, gt=0, lt=1)
+    """Pixels belong to the object within this share of its depth ..."""
+    size_share: float = Field(default=0.5, ge=0)
+    """... or within this share of the box's shorter side in metres, if that is more."""
+    point_radius_px: float = Field(default=6, ge=1)
+    """Radius of the disc that stands for a point."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnShape:
+    """What is drawn in one frame, with the label that the manifest's rule asks for.
+
+    ``box_px`` (u0, v0, u1, v1) is the box of a target or of a head; of a point, a box without extent.
+    """
+
+    name: str
+    label: str
+    category_id: int
+    kind: Literal["box", "point", "head"]
+    box_px: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Placed:
+    """A shape with the id of its instance; ``is_new`` if that has to be cut out, else it is one of the model's.
+
+    ``window`` is the part of the image in which its pixels are.
+    """
+
+    shape: DrawnShape
+    instance_id: int
+    is_new: bool
+    window: Window
+
+
+class Drawing(Protocol):
+    """What a person drew on a clip, as :func:`vfoa.pipeline.perceive` asks for it."""
+
+    def place(self, frame: StereoFrame, instances: Instances) -> tuple[Placed, ...]:
+        """What is drawn in a frame, and the instances that it is or will be."""
+        ...
+
+    def add_heads(self, frame: StereoFrame, heads: Sequence[Head], drawn: tuple[Placed, ...]) -> tuple[Head, ...]:
+        """The heads that were detected, and those drawn where none was."""
+        ...
+
+    def add_masks(
+        self, frame: StereoFrame, instances: Instances, drawn: tuple[Placed, ...], disparity: Disparity
+    ) -> Instances:
+        """The instances of the model, and those drawn."""
+        ...
+
+
+class DrawnShapes:
+    """The shapes of a clip by frame, cut out by depth."""
+
+    def __init__(self, settings: DrawnSettings, shapes_at: Callable[[int], Sequence[DrawnShape]]) -> None:
+        self._settings, self._shapes_at = settings, shapes_at
+
+    def place(self, frame: StereoFrame, instances: Instances) -> tuple[Placed, ...]:
+        """What is drawn in a frame; heads come last, so that a box drawn of the same person is theirs."""
+        use = {"head": self._settings.heads, "box": self._settings.targets, "point": self._settings.targets}
+        shapes = [each for each in self._shapes_at(frame.index) if use[each.kind]]
+        placed: list[Placed] = []
+        free = max((each.id for each in instances.instances), default=0) + 1
+        for shape in sorted(shapes, key=lambda each: each.kind == "head"):
+            window = self._window(shape, frame.rig)
+            if instances.ids[window].size == 0:  # it has left the image
+                continue
+            known = _drawn_already(shape, placed) or _known_instance(shape, window, instances, placed)
+            placed.append(Placed(shape=shape, instance_id=known or free, is_new=known is None, window=window))
+            free += known is None
+        return tuple(placed)
+
+    def add_heads(self, frame: StereoFrame, heads: Sequence[Head], drawn: tuple[Placed, ...]) -> tuple[Head, ...]:
+        """The heads that were detected, with the person's instance where one is drawn about them; then those drawn."""
+        found = list(heads)
+        for each in (placed for placed in drawn if placed.shape.kind == "head"):
+            box_px = np.array(each.shape.box_px, dtype=np.float64)
+            overlaps = [box_iou(head.box_px, box_px) for head in found]
+            best = int(np.argmax(overlaps)) if overlaps else -1
+            if best >= 0 and overlaps[best] >= SAME_HEAD:
+                found[best] = replace(found[best], instance_id=each.instance_id)
+            else:
+                found.append(Head(box_px=box_px, score=1.0, instance_id=each.instance_id))
+        return tuple(found)
+
+    def add_masks(
+        self, frame: StereoFrame, instances: Instances, drawn: tuple[Placed, ...], disparity: Disparity
+    ) -> Instances:
+        """The instances of the model and those drawn, of which the nearer hides the farther."""
+        if not drawn:
+            return instances
+        cuts = []
+        for each in (placed for placed in drawn if placed.is_new):
+            depth_m = depth_from_disparity(disparity.disparity_px[each.window], frame.rig)
+            if (cut := self._cut(each, depth_m, frame.rig)) is not None:
+                cuts.append((*cut, each))
+        ids = instances.ids.copy()
+        for _, mask, each in sorted(cuts, key=lambda cut: -cut[0]):
+            ids[each.window][mask] = each.instance_id
+        names = {each.instance_id: each.shape.name for each in drawn if not each.is_new}
+        lost = {
+            each.id for each in instances.instances if each.id not in names and _drawn_over(each, instances.ids, ids)
+        }
+        ids[np.isin(ids, list(lost))] = 0
+        kept = [each for each in instances.instances if each.id not in lost]
+        named = [replace(each, name=names.get(each.id, each.name)) for each in kept]
+        return Instances(ids=ids, instances=(*named, *(_instance(each) for each in drawn if each.is_new)))
+
+    def _window(self, shape: DrawnShape, rig: StereoRig) -> Window:
+        u0, v0, u1, v1 = shape.box_px
+        grown = self._settings.point_radius_px if shape.kind == "point" else 0.0
+        return window_of(u0 - grown, v0 - grown, u1 + grown, v1 + grown, rig)
+
+    def _cut(self, placed: Placed, depth_m: Float, rig: StereoRig) -> tuple[float, Mask] | None:
+        """The depth of what is drawn and its pixels in its window; None where no depth is known."""
+        settings, (u0, v0, u1, v1) = self._settings, placed.shape.box_px
+        if placed.shape.kind == "point":
+            radius = settings.point_radius_px
+            width, height = 2 * radius, 2 * radius
+        else:
+            width, height = u1 - u0, v1 - v0
+        across, down = _offsets(placed, (width, height))
+        inside = np.isfinite(depth_m)
+        if placed.shape.kind != "box":
+            inside &= across**2 + down**2 <= 1
+        is_middle = (np.abs(across) <= settings.middle) & (np.abs(down) <= settings.middle)
+        samples = depth_m[inside & is_middle]
+        if not len(samples):
+            samples = depth_m[inside]
+        if not len(samples):
+            return None
+        mode = depth_mode(samples, settings.depth_share)
+        side_m = mode * min(width / rig.fx_px, height / rig.fy_px)
+        margin = max(settings.depth_share * mode, settings.size_share * side_m)
+        return mode, inside & (np.abs(np.where(inside, depth_m, np.inf) - mode) <= margin)
+
+
+def depth_mode(depths_m: NDArray[np.floating], share: float) -> float:
+    """The depth that most of these (N,) have, metres; the nearest of several.
+
+    Bins of a histogram of ln z are half of ``share`` wide. The three in a row that hold most are taken, and the median
+    of the depths in them.
+    """
+    logs = np.log(np.asarray(depths_m, dtype=np.float64))
+    bins = ((logs - logs.min()) / (share / 2)).astype(np.intp)
+    bins -= bins.min()
+    counts = dict(zip(*np.unique(bins, return_counts=True), strict=True))
+    fullest = max(counts, key=lambda each: (sum(counts.get(each + by, 0) for by in (-1, 0, 1)), -each))
+    return float(np.exp(np.median(logs[np.abs(bins - fullest) <= 1])))
+
+
+def _offsets(placed: Placed, size: tuple[float, float]) -> tuple[Float, Float]:
+    """How far each column (1, w) and row (h, 1) of a window is from the shape's middle, in half its sides."""
+    u0, v0, u1, v1 = placed.shape.box_px
+    rows, columns = placed.window
+    across = (np.arange(columns.start, columns.stop, dtype=np.float64) - (u0 + u1) / 2) / (size[0] / 2)
+    down = (np.arange(rows.start, rows.stop, dtype=np.float64) - (v0 + v1) / 2) / (size[1] / 2)
+    return across[None, :], down[:, None]
+
+
+def _drawn_already(shape: DrawnShape, placed: Sequence[Placed]) -> int | None:
+    """The instance of the same name: a head belongs to the box that is drawn of its person."""
+    return next((each.instance_id for each in placed if each.shape.name == shape.name), None)
+
+
+def _known_instance(shape: DrawnShape, window: Window, instances: Instances, placed: Sequence[Placed]) -> int | None:
+    """The model's instance of the same label that fits what is drawn best, and well enough; none that is taken."""
+    taken = {each.instance_id for each in placed}
+    same = [each.id for each in instances.instances if each.label == shape.label and each.id not in taken]
+    if not same:
+        return None
+    if shape.kind == "box":
+        fits = {each: _overlap(instances.mask(each), np.array(shape.box_px)) for each in same}
+    elif shape.kind == "head":
+        fits = {each: float(np.mean(instances.ids[window] == each)) for each in same}
+    else:
+        u, v = (
+            min(max(round(at), 0), size - 1) for at, size in zip(shape.box_px, instances.ids.shape[::-1], strict=False)
+        )
+        fits = {each: float(instances.ids[v, u] == each) for each in same}
+    best = max(same, key=lambda each: fits[each])
+    return best if fits[best] >= SAME_OBJECT else None
+
+
+def _overlap(mask: Mask, box_px: Float) -> float:
+    """Intersection over union of a mask's extent and a box."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return 0.0
+    extent = np.array([columns[0], rows[0], columns[-1] + 1, rows[-1] + 1]) - 0.5
+    return box_iou(extent, box_px)
+
+
+def _drawn_over(instance: Instance, before: NDArray[np.uint16], after: NDArray[np.uint16]) -> bool:
+    """Whether a thing of the model lost half of its pixels to what is drawn; stuff is what things stand on."""
+    had, has = (int(np.count_nonzero(ids == instance.id)) for ids in (before, after))
+    return instance.is_thing and had > 0 and has <= (1 - SAME_OBJECT) * had
+
+
+def _instance(placed: Placed) -> Instance:
+    shape = placed.shape
+    return Instance(
+        id=placed.instance_id,
+        label=shape.label,
+        category_id=shape.category_id,
+        is_thing=True,
+        score=1.0,
+        name=shape.name,
+    )
