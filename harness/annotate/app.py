@@ -15,6 +15,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from harness.annotate.drawing import Draw
 from harness.annotate.guard import Guard
 from harness.annotate.pictures import View
 from harness.annotate.session import Session
@@ -141,6 +142,16 @@ def create_app(session: Session, token: str) -> Starlette:
         session.delete_target(deleted.name, deleted.to)
         return everything()
 
+    def drawn(request: Request) -> Response:
+        return JSONResponse(session.drawn())
+
+    def draw(body: bytes) -> Response:
+        try:
+            session.draw(Draw.model_validate_json(body))
+        except StaleRevisionError:
+            return JSONResponse({"error": "something else was drawn elsewhere", "state": session.drawn()}, 409)
+        return JSONResponse(session.drawn())
+
     def everything() -> Response:
         return JSONResponse({"about": session.about(), "state": session.state()})
 
@@ -156,6 +167,8 @@ def create_app(session: Session, token: str) -> Starlette:
             Route("/api/scene/{at:int}", scene),
             Route("/picture/{view}/{at:int}", picture),
             Route("/api/change", _posted(change), methods=["POST"]),
+            Route("/api/drawn", drawn),
+            Route("/api/draw", _posted(draw), methods=["POST"]),
             Route("/api/seen", _posted(see), methods=["POST"]),
             Route("/api/target", _posted(add_target), methods=["POST"]),
             Route("/api/target/change", _posted(change_target), methods=["POST"]),

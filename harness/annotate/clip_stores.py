@@ -1,10 +1,11 @@
-"""The labels of a clip by every annotator, each with its journal."""
+"""The labels of a clip by every annotator, and what is drawn on it, each with its journal."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 
+from harness.annotate.drawing import DrawingStore
 from harness.annotate.store import LabelStore
 from harness.clips.manifest import ClipManifest
 from harness.data_folders import came_with_program
@@ -26,6 +27,20 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
         path.parent / ".journal" / f"{path.stem}.jsonl",
         timeline=timeline,
         subjects=tuple(manifest.subjects),
+        targets=manifest.targets,
+        origin=found if found != path and came_with_program(manifest.path) else None,
+    )
+
+
+def open_drawing(manifest: ClipManifest, frames: Sequence[int]) -> DrawingStore:
+    """What is drawn on a clip, the same for all annotators. Raises as :class:`DrawingStore`."""
+    files = manifest.annotations
+    path, found = files.place_drawn(), files.find_drawn()
+    return DrawingStore(
+        path,
+        path.parent / ".journal" / f"{path.stem}.jsonl",
+        frames=frames,
+        subjects=manifest.subjects,
         targets=manifest.targets,
         origin=found if found != path and came_with_program(manifest.path) else None,
     )

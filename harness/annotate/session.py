@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from harness.annotate import edits, pictures, targets
-from harness.annotate.clip_stores import open_store, with_others
+from harness.annotate.clip_stores import open_drawing, open_store, with_others
+from harness.annotate.drawing import Draw
 from harness.annotate.scene import Scenes, saved_folder
 from harness.annotate.suggestions import Predictions
 from harness.clips.looks import COLOURS, KEYS, looks
@@ -80,7 +81,12 @@ class Session:
         self._picture = lru_cache(_CACHED_PICTURES)(self._draw)
         self._scene = lru_cache(_CACHED_SCENES)(self._look_at)
         self._timeline = timeline_of(self._clip)
-        self._store = open_store(self.manifest, annotator, self._timeline)
+        self._drawing = open_drawing(self.manifest, self._frames)
+        try:
+            self._store = open_store(self.manifest, annotator, self._timeline)
+        except BaseException:
+            self._drawing.close()
+            raise
 
     @property
     def path(self) -> Path:
@@ -158,6 +164,17 @@ class Session:
         with self._changing:
             self._store.redo(revision)
 
+    def drawn(self) -> dict[str, Any]:
+        """What is drawn, as JSON; as it is in the file, if that was changed elsewhere."""
+        with self._changing:
+            self._drawing.refresh()
+            return self._drawing.state()
+
+    def draw(self, draw: Draw) -> None:
+        """Draw on the image, or take that back."""
+        with self._changing:
+            self._drawing.make(draw)
+
     def see(self, subject: str, at: int) -> None:
         """Note that a subject's frames were seen up to a position."""
         with self._changing:
@@ -169,6 +186,7 @@ class Session:
             targets.add_target(self.manifest.path, name, rule)
             self._store.add_target(name)
             self._read_manifest()
+            self._drawing.set_names(self.manifest.targets)
 
     def change_target(self, name: str, *, new_name: str, key: str | None, colour: str) -> None:
         """Give a target another name, in the labels of all annotators, too, or another key or colour."""
@@ -177,6 +195,7 @@ class Session:
             for store in stores if new_name != name else ():
                 store.rename_target(name, new_name)
             self._read_manifest()
+            self._drawing.set_names(self.manifest.targets, (name, new_name))
 
     def delete_target(self, name: str, to: str | None) -> None:
         """Take a target out of the manifest; the labels that have it, of all annotators, become ``to``."""
@@ -190,6 +209,7 @@ class Session:
             for store in stores:
                 store.delete_target(name) if to is None else store.rename_target(name, to)
             self._read_manifest()
+            self._drawing.set_names(self.manifest.targets, (name, None))
 
     def scene(self, at: int) -> dict[str, Any]:
         """Outlines and heads at a position, as JSON."""
@@ -204,6 +224,7 @@ class Session:
     def close(self) -> None:
         """Let go of the files."""
         self._store.close()
+        self._drawing.close()
 
     def _edit(
         self,
