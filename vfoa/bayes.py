@@ -20,8 +20,9 @@ from pydantic import Field
 
 from vfoa.attention import boxes_of_others
 from vfoa.geometry import unit
-from vfoa.posterior.filter import Belief, Measured, Scenery, update
+from vfoa.posterior.filter import Belief, Measured, Scenery, answered, update
 from vfoa.posterior.fit_of_directions import fit_of
+from vfoa.posterior.looks import Keys
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.posterior.smoothing import likeliest_path, smoothed
 from vfoa.types import CUES, Attention, Float, FrameResult, NoAttention, Subject, Target, TargetAttention
@@ -123,7 +124,7 @@ def _smoothed_track(window: Sequence[FrameResult], track: int, settings: BayesSe
     path = likeliest_path(beliefs) if settings.smoothing == "viterbi" else [None] * len(known)
     found = {}
     for (index, attention, belief), probability, key in zip(known, smoothed(beliefs), path, strict=True):
-        revised = _with_probabilities(attention, dict(zip(belief.keys, probability.tolist(), strict=True)))
+        revised = _with_probabilities(attention, belief.keys, answered(belief, probability, settings))
         found[index] = replace(revised, focus=key, tied=()) if settings.smoothing == "viterbi" else revised
     return found
 
@@ -158,7 +159,7 @@ def _infer(
         TargetAttention(instance_id=each.instance.id, gaze=shares[0], head=shares[1], total=1.0) for each in others
     )
     attention = Attention(subject=subject, values=unknown, belief=belief, fit=fit_of(belief, measured))
-    return _with_probabilities(attention, dict(zip(belief.keys, belief.probabilities.tolist(), strict=True)))
+    return _with_probabilities(attention, belief.keys, answered(belief, belief.probabilities, settings))
 
 
 def measured_cues(subject: Subject, settings: BayesSettings) -> Measured | None:
@@ -186,8 +187,9 @@ def _seconds(before_ns: int | None, now_ns: int | None, settings: BayesSettings)
     return (now_ns - before_ns) / 1e9
 
 
-def _with_probabilities(attention: Attention, probability: Mapping[int | None, float]) -> Attention:
-    """The attention with these probabilities, divided between the cues as before, and the focus that follows."""
+def _with_probabilities(attention: Attention, keys: Keys, probabilities: Float) -> Attention:
+    """The attention with these probabilities (T,), divided between the cues as before, and the focus that follows."""
+    probability = dict(zip(keys, probabilities.tolist(), strict=True))
     values = []
     for value in attention.values:
         total = probability.get(value.instance_id, 0.0)

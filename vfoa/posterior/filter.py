@@ -125,6 +125,17 @@ def update(
     return _pruned(belief)
 
 
+def answered(belief: Belief, probabilities: Float, settings: PosteriorSettings) -> Float:
+    """The answer (T,) where the model has these probabilities (T,): flatter with a gaze of unknown error.
+
+    Heads alone need no such correction: their likelihood is flattened already (``head_evidence``).
+    """
+    if settings.error == "told" or belief.error is None:
+        return probabilities
+    flat = probabilities ** (1 / settings.temperature)
+    return np.asarray(flat / flat.sum())
+
+
 @dataclass(frozen=True, slots=True)
 class _Flow:
     """How probability goes from the targets before to those of the frame, of every pair of hypotheses."""

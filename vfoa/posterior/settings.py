@@ -41,6 +41,9 @@ class GazeErrorSettings(Settings):
     """Time within which the drifting part is forgotten."""
     tails: float = Field(default=5.0, gt=2)
     """Degrees of freedom of the Student distribution of the errors."""
+    temperature: float = Field(default=1.4, ge=1, le=10)
+    """Where a gaze of ``unknown`` error was measured, probabilities are raised to the power 1 / temperature: the model
+    is also wrong in ways that it has no hypothesis for (temperature scaling, Guo et al. 2017)."""
     evidence: float = Field(default=0.7, gt=0, le=1)
     """Power of what every frame but the first says of the error (not of the target): errors last in more ways than
     the model has, so that frames in a row say less of them than as many apart."""
