@@ -38,6 +38,14 @@ def read_text(path: Path) -> str:
         raise VfoaError(f"{path}:{line}: not UTF-8 text: found byte {error.object[error.start]:#04x}") from None
 
 
+def is_file(path: Path) -> bool:
+    """Whether a plain file is there; False also for what can be no file's name."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def unreadable(path: Path, error: OSError | ValueError) -> VfoaError:
     """What to say of a file that cannot be read; a ValueError is of an invalid name."""
     if isinstance(error, FileNotFoundError):

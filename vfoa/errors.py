@@ -9,8 +9,24 @@ from collections.abc import Iterable
 class VfoaError(Exception):
     """Bad input. The message is one line: the file, key, row or topic, what was found, what was expected.
 
-    The command line prints it and exits with 2. Any other exception is a bug and keeps its traceback.
+    The command line prints it and exits with 2. Any other exception is a bug and keeps its traceback. A message may
+    quote a file or a library: line ends and control characters in it are escaped, and the middle of a long one is left
+    out.
     """
+
+    def __init__(self, line: str = "") -> None:
+        super().__init__(_one_line(line))
+
+
+_LONGEST = 2000
+"""Characters of a message."""
+
+
+def _one_line(text: str) -> str:
+    if not text.isprintable():
+        text = "".join(each if each.isprintable() else each.encode("unicode_escape").decode() for each in text)
+    half = _LONGEST // 2
+    return text if len(text) <= _LONGEST else f"{text[:half]} [...] {text[-half:]}"
 
 
 class StageError(VfoaError):

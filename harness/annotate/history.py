@@ -104,7 +104,8 @@ class History:
 
     def fits(self, base: Entry) -> bool:
         """Whether a base is of a clip with these frames and subjects."""
-        return base.get("frames") == len(self._frames) and {*base["base"]} == {*self.subjects}
+        tracks = base["base"]
+        return base.get("frames") == len(self._frames) and isinstance(tracks, dict) and {*tracks} == {*self.subjects}
 
     def labels(self) -> Labels:
         """What stands in the CSV."""
@@ -131,6 +132,8 @@ class History:
 
     def _place(self, subject: str, part: Sequence[Stretch]) -> None:
         for each in part:
+            if not 0 <= each.first <= each.last < len(self._frames):
+                raise ValueError(f"positions {each.first} to {each.last} of {len(self._frames)} frames")
             self.tracks[subject][each.first : each.last + 1] = [each.mark] * (each.last - each.first + 1)
 
 

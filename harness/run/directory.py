@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.files import atomic_write
+from harness.files import atomic_write, unreadable
 from harness.run.lock import LOCK
+from harness.run.manifest_shape import check_manifest
 from vfoa.errors import StageError, VfoaError, did_you_mean
 
 Pair = tuple[str, str]
@@ -84,14 +85,17 @@ class RunDirectory:
         Raises
         ------
         VfoaError
-            If the directory is not a run's.
+            If the directory is not a run's, or the manifest is not what a run writes.
         """
         try:
-            return json.loads(self.manifest.read_text(encoding="utf-8"))
+            found = json.loads(self.manifest.read_text(encoding="utf-8"))
         except FileNotFoundError:
             raise VfoaError(f"{self.path}: expected a run's directory, found {self._what_is_there()}") from None
-        except ValueError as error:
+        except OSError as error:
+            raise unreadable(self.manifest, error) from None
+        except (ValueError, RecursionError) as error:
             raise VfoaError(f"{self.manifest}: not a run's manifest: {error}") from None
+        return check_manifest(found, str(self.manifest))
 
     def _what_is_there(self) -> str:
         """Why this is no run's directory, and which ones are in it or, where it is missing, beside it."""

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.clips.manifest import ClipManifest, load_manifest
-from harness.files import digest_files
+from harness.files import digest_files, is_file
 from harness.labels.timeline import Timeline
 from harness.run.directory import Pair, RunDirectory
 from harness.run.published import Published
@@ -50,6 +50,8 @@ class FinishedRun:
         manifest = directory.read_manifest()
         if "finished" not in manifest:
             raise VfoaError(f"{directory.path}: this run is not finished; the same `vfoa run` again goes on with it")
+        if missing := next((key for key in ("clips", "configurations") if not manifest.get(key)), None):
+            raise VfoaError(f"{directory.manifest}: {missing}: missing, and it is required")
         return cls(directory=directory, manifest=manifest)
 
     def records(self) -> Iterator[FrameRecord]:
@@ -86,7 +88,7 @@ class FinishedRun:
         labels = {name: each for name, each in found.items() if each is not None and each.ranges}
         of_clips: dict[str, list[str]] = {}
         for clip in run["clips"]:
-            for note in clip["notes"]:
+            for note in clip.get("notes", ()):
                 of_clips.setdefault(note, []).append(clip["name"])
         by_one = [f"Scored against the labels of {annotator!r}."] if annotator else []
         shared = [f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()]
@@ -95,7 +97,7 @@ class FinishedRun:
         return Reference(
             labels=labels,
             frames={clip["name"]: clip["frames"] for clip in run["clips"]},
-            notes=(*_left_out(run)[2], *run["notes"], *by_one, *shared, *changed, *unlabelled),
+            notes=(*_left_out(run)[2], *run.get("notes", ()), *by_one, *shared, *changed, *unlabelled),
             says_nowhere=frozenset(
                 name for name, each in run["configurations"].items() if _says_nowhere(each.get("attention", {}))
             ),
@@ -156,8 +158,8 @@ def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:
 
 def _manifest(clip: dict[str, Any]) -> ClipManifest:
     """The clip's manifest where the run found it, or, if it has moved since, by name."""
-    place = Path(clip["manifest"])
-    return load_manifest(place if place.is_file() else clip["name"])
+    place = Path(clip.get("manifest", ""))
+    return load_manifest(place if is_file(place) else clip["name"])
 
 
 def _timeline(clip: dict[str, Any]) -> Timeline | None:

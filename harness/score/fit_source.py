@@ -19,7 +19,7 @@ def read_labelled(directory: RunDirectory, configuration: str | None) -> Labelle
     """
     run = FinishedRun.read(directory)
     known = run.manifest["configurations"]
-    posteriors = [name for name, each in known.items() if each["attention"].get("method") == "bayes"]
+    posteriors = [name for name, each in known.items() if each.get("attention", {}).get("method") == "bayes"]
     chosen = configuration or next(iter((*posteriors, *known)))
     if chosen not in known:
         raise VfoaError(f"{directory.path}: no configuration {chosen!r}; {did_you_mean(chosen, known)}")
@@ -27,9 +27,9 @@ def read_labelled(directory: RunDirectory, configuration: str | None) -> Labelle
     for record in run.records():
         if record.configuration == chosen:
             by_clip.setdefault(record.clip, []).append(record)
-    attention = known[chosen]["attention"]
+    attention = known[chosen].get("attention", {})
     return LabelledRecords(
-        experiment=run.manifest["experiment"],
+        experiment=run.manifest.get("experiment", ""),
         by_clip=by_clip,
         labels=run.reference().labels,
         attention=attention if attention.get("method") == "bayes" else {},

@@ -42,7 +42,7 @@ class Slot:
 
     def __contains__(self, name: object) -> bool:
         """Whether this slot takes the name."""
-        return name == OFF or name in self.of_clip or name in self.library
+        return isinstance(name, str) and (name == OFF or name in self.of_clip or name in self.library)
 
     def parse(self, table: Mapping[str, Any], where: str) -> StageChoice | None:
         """Read ``{key: name, **settings}``; None for a stage that is switched off.

@@ -34,8 +34,11 @@ def load_pair(path: Path) -> tuple[Image, Image] | None:
     if hashlib.sha256(png).digest() != digest:
         _log.warning("%s: damaged; the frame is rendered again", path)
         return None
-    both = cv2.cvtColor(cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
-    left, right = np.split(both.astype(np.uint8, copy=False), 2)
+    both = _decoded(png)
+    if both is None or len(both) % 2:  # a right checksum of what no pair is
+        _log.warning("%s: damaged; the frame is rendered again", path)
+        return None
+    left, right = np.split(both, 2)
     return left, right
 
 
@@ -47,3 +50,11 @@ def save_pair(path: Path, left: Image, right: Image) -> None:
         atomic_write(path, hashlib.sha256(png).digest() + png)
     except OSError as error:
         _log.warning("%s: rendered frames are not kept: %s", path.parent, error)
+
+
+def _decoded(png: bytes) -> Image | None:
+    try:
+        pixels = cv2.imdecode(np.frombuffer(png, dtype=np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error:
+        return None
+    return None if pixels is None else cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)

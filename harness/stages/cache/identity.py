@@ -80,7 +80,7 @@ def difference(parts: Mapping[str, Any], stored: Iterable[Mapping[str, Any]]) ->
     """Why there are no results yet: how the identity differs from the nearest one that is stored."""
     flat = dict(_flattened(parts))
     same_stage = [dict(_flattened(each)) for each in stored if each.get("stage") == parts["stage"]]
-    same_clip = [each for each in same_stage if each["clip"] == parts["clip"]]
+    same_clip = [each for each in same_stage if each.get("clip") == parts["clip"]]
     if not same_clip:
         return "first time on this clip" if same_stage else "first time"
     nearest = min((_differing(flat, each) for each in same_clip), key=len)
