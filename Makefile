@@ -6,7 +6,7 @@ READY  := $(VENV)/.ready
 # What `vfoa models export` needs beside the lock, which leaves it out for its size.
 TORCH  := torch==2.13.0
 
-.PHONY: demo test explore test-export export-extra coverage check lint types format lock docs release-notes wheel clean
+.PHONY: demo test explore fuzz test-export export-extra coverage check lint types format lock docs release-notes wheel clean
 
 demo: $(READY)
 	$(BIN)/vfoa demo
@@ -28,6 +28,11 @@ coverage: $(READY)
 # The properties alone, on other examples than the suite's, and twenty times as many.
 explore: $(READY)
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile=explore --timeout=3600
+
+# Every parser on files that are almost right, CASES of them each, with a table of what was found; FUZZ="--only labels --seed 2" for more.
+CASES  ?= 100000
+fuzz: $(READY)
+	$(BIN)/python -m tests.fuzz.campaign --cases $(CASES) $(FUZZ)
 
 check: lint types docs test
 

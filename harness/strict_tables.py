@@ -154,10 +154,11 @@ def _parquet_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
 
     try:
         table = parquet.read_table(pa.BufferReader(read_bytes(path)))
-    except pa.ArrowException as error:
-        raise VfoaError(f"{path}: not Parquet: {str(error).splitlines()[0]}") from None
+        columns = [column.to_pylist() for column in table.columns]
+    except (pa.ArrowException, OSError, ValueError, OverflowError) as error:
+        raise VfoaError(f"{path}: not Parquet: {(str(error).splitlines() or [''])[0]}") from None
     yield f"{path}: header", list(table.column_names)
-    for number, values in enumerate(zip(*(column.to_pylist() for column in table.columns), strict=True), start=1):
+    for number, values in enumerate(zip(*columns, strict=True), start=1):
         yield f"{path}: row {number}", [_cell(value) for value in values]
 
 

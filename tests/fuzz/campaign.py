@@ -14,6 +14,7 @@ import os
 import sys
 import tempfile
 import time
+import warnings
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -93,6 +94,7 @@ def _work(sender: Connection, name: str, first: int, last: int, seed: int, until
     parser = next(each for each in PARSERS if each.name == name)
     os.environ["OPENCV_LOG_LEVEL"] = "SILENT"
     devnull = os.open(os.devnull, os.O_WRONLY)
+    warnings.simplefilter("error")  # a warning is a line more than the one that is promised
     os.dup2(devnull, 1), os.dup2(devnull, 2)
     os.fsync = lambda file: None  # type: ignore[assignment]  # thousands of small files that nobody keeps
     with tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as folder:

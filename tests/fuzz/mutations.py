@@ -11,6 +11,7 @@ import json
 import re
 import struct
 import tomllib
+import warnings
 import zipfile
 from collections.abc import Callable, Sequence
 from random import Random
@@ -309,7 +310,8 @@ def _zip(rng: Random, data: bytes, corpus: Sequence[bytes]) -> bytes:
     else:
         members[at] = name, (_xml if what < 6 and b"<" in content[:100] else _word)(rng, content, [content])
     packed = io.BytesIO()
-    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file:
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of a name that is there twice
         for name, content in members:
             file.writestr(zipfile.ZipInfo(name or "a"), content)
     return packed.getvalue()

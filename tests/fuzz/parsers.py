@@ -49,7 +49,7 @@ class Parser:
     read: Callable[[Path], Any]
     more: tuple[Callable[[Path], Any], ...] = ()
     names_file: bool = True
-    suite_cases: int = 200
+    suite_cases: int = 150
 
     @property
     def folder(self) -> str:
@@ -119,19 +119,27 @@ def _formats() -> Iterator[Parser]:
 
 PARSERS: Sequence[Parser] = (
     Parser("manifest", "mine.toml", "toml", seeds.manifest, load_manifest, (seeds.measured_manifest, seeds.recorded)),
-    Parser("experiment", "e.toml", "toml", seeds.experiment, lambda path: load_experiment(str(path))),
+    Parser("experiment", "e.toml", "toml", seeds.experiment, lambda path: load_experiment(str(path)), suite_cases=100),
     Parser("fitted settings", "fitted.toml", "toml", seeds.fitted, read_fitted),
     Parser("labels", "mine.csv", "csv", seeds.labels, _annotations),
     *_formats(),
     Parser("BORIS project", "theirs.boris", "json", seeds.boris_project, _labels("boris")),
     Parser("BORIS project, packed", "theirs.boris.gz", "binary", seeds.boris_packed, _labels("boris")),
-    Parser("BORIS workbook", "theirs.xlsx", "zip", seeds.boris_workbook, _labels("boris")),
+    Parser("BORIS workbook", "theirs.xlsx", "zip", seeds.boris_workbook, _labels("boris"), suite_cases=50),
     Parser("VideoAttentionTarget labels", "girl.txt", "csv", seeds.attention_target, _labels("videoattentiontarget")),
     Parser("Idiap labels, arrays", "a_gt.npz", "zip", seeds.idiap_arrays, states.idiap_labels),
     Parser("Idiap labels, table", "labels.csv", "csv", seeds.idiap_table, states.idiap_labels),
     Parser("journal of labels", "journal.jsonl", "jsonl", states.write_journal, states.open_labels),
     Parser("results", "results.jsonl", "jsonl", seeds.results, lambda path: list(read_results(path))),
-    Parser("run manifest", "manifest.json", "json", states.write_run_manifest, states.open_run),
+    Parser(
+        "run manifest",
+        "manifest.json",
+        "json",
+        states.write_run_manifest,
+        states.open_run,
+        names_file=False,
+        suite_cases=50,
+    ),
     Parser("thumbnails", "clip__one.jsonl", "jsonl", states.write_thumbnails, states.open_thumbnails),
     Parser("exported table", "table.json", "json", states.write_exported, ExportedTable.read),
     Parser("cache entry", "entry.bin", "binary", states.write_entry, states.load_entry, names_file=False),
@@ -141,7 +149,7 @@ PARSERS: Sequence[Parser] = (
     Parser("heads table", "heads.csv", "csv", seeds.heads, states.read_saved_heads),
     Parser("COCO panoptic", "panoptic.json", "json", states.write_coco, states.read_coco),
     Parser("measured people", "people.csv", "csv", seeds.people, states.open_tables),
-    Parser("measured objects", "objects.csv", "csv", seeds.objects, states.open_tables),
+    Parser("measured objects", "objects.csv", "csv", seeds.objects, states.open_tables, names_file=False),
     Parser("measured people, Parquet", "people.parquet", "binary", seeds.people_parquet, states.open_tables),
     Parser("Idiap tracker", "tracker.csv", "csv", seeds.idiap_tracker, states.open_idiap),
     Parser("list of stamps", "rgb.txt", "text", seeds.stamps, read_stamped_list),
@@ -190,7 +198,14 @@ PARSERS: Sequence[Parser] = (
     Parser("MCAP of a video", "take.mcap", "binary", seeds.video_mcap, states.read_recording),
     Parser("ROS 1 bag", "take.bag", "binary", seeds.depth_bag("bag"), states.read_recording),
     Parser("ROS 2 bag", "take.db3", "binary", seeds.depth_bag("db3"), states.read_recording),
-    Parser("ROS 2 bag's metadata", "metadata.yaml", "yaml", states.write_metadata, states.read_with_metadata),
+    Parser(
+        "ROS 2 bag's metadata",
+        "metadata.yaml",
+        "yaml",
+        states.write_metadata,
+        states.read_with_metadata,
+        suite_cases=50,
+    ),
     *(
         Parser(f"message: {name}", "message.bin", "binary", write, states.read_message(name))
         for name, write in states.MESSAGES.items()

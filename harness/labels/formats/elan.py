@@ -24,6 +24,10 @@ _DATE = "1970-01-01T00:00:00+00:00"
 """The format wants a date; the same labels are to give the same bytes."""
 
 
+_FARTHEST_MS = 2**53
+"""Beyond it, seconds as a floating point number are not exact."""
+
+
 class Elan:
     """Reads tiers named after subjects; others are left out, and said. Writes format 2.8."""
 
@@ -121,6 +125,10 @@ def _aligned(document: Any, tier: str, path: Path) -> list[tuple[int, int, str]]
     found = _annotations(document, tier, path)
     if any(start is None or end is None for start, end, _ in found):
         raise VfoaError(f"{path}: tier {tier!r} has an annotation without times; expected time-aligned annotations")
+    if far := next((each for each in found if max(abs(each[0]), abs(each[1])) > _FARTHEST_MS), None):
+        raise VfoaError(
+            f"{path}: tier {tier!r} has an annotation at {far[0]} to {far[1]} ms; expected a time in a film"
+        )
     return found
 
 

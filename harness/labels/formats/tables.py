@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-import zipfile
-import zlib
+import warnings
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
@@ -48,15 +47,14 @@ def _workbook_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     from openpyxl import load_workbook
 
     try:
-        book = load_workbook(path, read_only=True, data_only=True)
-        sheet = book.worksheets[0]
-        for line, row in enumerate(sheet.iter_rows(values_only=True), start=1):
-            cells = [_cell(each) for each in row]
-            if any(cells):
-                yield line, cells
-        book.close()
-    except (zipfile.BadZipFile, KeyError, ValueError, IndexError, OSError, SyntaxError, zlib.error) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # openpyxl's, of what it leaves out: styles, extensions
+            book = load_workbook(path, read_only=True, data_only=True)
+            rows = [[_cell(each) for each in row] for row in book.worksheets[0].iter_rows(values_only=True)]
+            book.close()
+    except Exception as error:  # of openpyxl, and of the ZIP, XML and dates that it reads
         raise VfoaError(f"{path}: not a workbook that can be read: {error}") from None
+    yield from ((line, cells) for line, cells in enumerate(rows, start=1) if any(cells))
 
 
 def _cell(value: object) -> str:

@@ -37,7 +37,8 @@ def data_files(part: Path) -> tuple[Path, ...]:
     """The files that hold a part's messages."""
     if part.is_file():
         return (part,)
-    return tuple(part / Path(name).name for name in _metadata(part).get("relative_file_paths", []))
+    names = _metadata(part).get("relative_file_paths", [])
+    return tuple(part / Path(name).name for name in names if isinstance(name, str))
 
 
 def open_reader(part: Path) -> Any:
@@ -52,12 +53,20 @@ def open_reader(part: Path) -> Any:
     try:
         reader = Ros1Reader(part) if part.is_file() and _starts(part, _ROS1) else Ros2Reader(part)
         reader.open()
+        _check_connections(reader)
     except Exception as error:  # of rosbags, struct, SQLite, YAML, the decompressors
         text = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
         is_unindexed = "not indexed" in text or "index looks damaged" in text
         hint = "; its recorder was killed: rosbag reindex writes the index" if is_unindexed else ""
         raise VfoaError(f"{part}: cannot be read as a bag: {text}{hint}") from None
     return reader
+
+
+def _check_connections(reader: Any) -> None:
+    """A bag's metadata is YAML, in which a topic or a type can be anything."""
+    for connection in reader.connections:
+        if not isinstance(connection.topic, str) or not isinstance(connection.msgtype, str):
+            raise TypeError(f"found the topic {connection.topic!r} of type {connection.msgtype!r}; expected names")
 
 
 def _parts(path: Path) -> tuple[Path, ...]:

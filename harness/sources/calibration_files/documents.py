@@ -51,7 +51,7 @@ def numbers(value: Any, where: str, count: int | None = None) -> Float:
     given = value["data"] if isinstance(value, Mapping) and "data" in value else value
     try:
         found = np.asarray(given, dtype=np.float64).reshape(-1)  # also of "1e-05", which YAML 1.1 takes for a word
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise VfoaError(f"{where}: found {given!r}; expected numbers") from None
     if (count is not None and found.size != count) or not np.isfinite(found).all():
         expected = "finite numbers" if count is None else f"{count} finite numbers"
@@ -93,7 +93,7 @@ def _read_xml(path: Path) -> dict[str, Any]:
     root = parse_xml(read_bytes(path), path)
     try:
         return {child.tag: _value(child) for child in root}
-    except (KeyError, TypeError, ValueError):
+    except (LookupError, TypeError, ValueError):
         raise VfoaError(f"{path}: an opencv-matrix whose data are not as many numbers as its size says") from None
 
 

@@ -78,7 +78,7 @@ def _from_json(path: Path, size_px: tuple[int, int]) -> RawCamera:
         names = [name if name in document else {"ppx": "cx", "ppy": "cy"}[name] for name in ("ppx", "ppy")]
         values: list[Any] = [document[name] for name in ("fx", "fy", *names)]
         return lens(_k(path, np.array(values, np.float64)), size)
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, OverflowError):
         raise VfoaError(f"{path}: found {', '.join(map(str, document))}; expected {FORMATS}") from None
 
 

@@ -40,7 +40,10 @@ def rectify_pose(
         raise VfoaError(f"{where}: left is {left.model}, right {right.model}; expected one distortion model")
     if translation.shape != (3,) or not np.isfinite(translation).all() or not translation.any():
         raise VfoaError(f"{where}: T: found {translation.tolist()}; expected three finite numbers that are not all 0")
-    r1, r2, p1, p2 = _rectification(left, right, rotation, translation, size_px)
+    try:
+        r1, r2, p1, p2 = _rectification(left, right, rotation, translation, size_px)
+    except cv2.error as error:
+        raise VfoaError(f"{where}: OpenCV finds no rectification for these cameras: {str(error).strip()}") from None
     if abs(p2[1, 3]) > abs(p2[0, 3]):
         raise VfoaError(
             f"{where}: T: {translation.tolist()}: the cameras stand above each other; expected side by side"

@@ -79,6 +79,10 @@ class IdiapClip(FramesOfMeasurements):
         )
 
 
+_NEAREST_M, _FARTHEST_M = 1e-6, 1e6
+"""Between them a head has a direction from the camera."""
+
+
 def _is_tracker_output(path: Path) -> bool:
     try:
         with path.open(encoding="utf-8") as file:
@@ -103,8 +107,9 @@ def _person(where: str, cells: list[str]) -> tuple[int, MeasuredPerson]:
         eyes_m, (tilt, pan) = np.array(cells[_POSITION], float), np.radians(np.array(cells[_ANGLES], float))
     except ValueError as error:
         raise VfoaError(f"{where}: {error}; expected numbers in {','.join(COLUMNS)}") from None
-    if not (np.isfinite(eyes_m).all() and eyes_m.any() and math.isfinite(tilt) and math.isfinite(pan)):
-        raise VfoaError(f"{where}: expected a finite place other than the camera's, and finite angles")
+    beside_m = math.hypot(eyes_m[0], eyes_m[2])  # straight above the camera, nobody is to its left or right
+    if not (beside_m > _NEAREST_M and math.hypot(*eyes_m) < _FARTHEST_M and math.isfinite(tilt) and math.isfinite(pan)):
+        raise VfoaError(f"{where}: expected a finite place beside the camera, and finite angles")
     pose = HeadPose(direction=head_direction(eyes_m, tilt, pan))
     return int(cells[0]), MeasuredPerson(name=cells[1], eyes_m=eyes_m, head_pose=pose)
 

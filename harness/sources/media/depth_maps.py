@@ -14,7 +14,8 @@ MILLIMETRES = 1000.0
 
 def depth_map(counts: NDArray[Any], counts_per_m: float) -> Map:
     """Depth (H, W) float32 in metres; NaN where the sensor has 0, NaN, infinity or a negative number."""
-    values = counts.astype(np.float32) / np.float32(counts_per_m)
+    with np.errstate(all="ignore"):  # of numbers that are none, which a damaged file has
+        values = counts.astype(np.float32) / np.float32(counts_per_m)
     return np.where((values > 0) & np.isfinite(values), values, np.float32(np.nan))
 
 

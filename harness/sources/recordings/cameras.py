@@ -12,6 +12,7 @@ from harness.sources.recordings.containers import Messages
 from harness.sources.recordings.messages import camera
 from harness.sources.recordings.topics import Place, Topic
 from harness.sources.rectification import Optics, RawCalibration, RawCamera, optics
+from vfoa.errors import VfoaError
 
 
 class Cameras(Protocol):
@@ -64,6 +65,8 @@ class RecordedCameras:
 def camera_at(topic: Topic, stamp_ns: int, container: Messages, where: str) -> RawCamera:
     """A camera's last calibration at a time, or its first one where that came later."""
     after = bisect.bisect_right(topic.places, stamp_ns, key=_stamp)
+    if not topic.places:
+        raise VfoaError(f"{where}: {topic.name}: no calibration in it can be read")
     place = topic.places[max(after - 1, 0)]
     return camera(topic.type, container.read(topic, place), f"{where}: {topic.name}")
 
