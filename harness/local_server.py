@@ -1,47 +1,84 @@
-"""A web server for one person on one machine: bound to 127.0.0.1, and ended with the process that runs it."""
+"""A web server for one person on one machine: 127.0.0.1, a token, bounded, and ended with the process that runs it."""
 
 from __future__ import annotations
 
 import os
+import secrets
 import signal
 import socket
 import sys
 import webbrowser
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
-    import uvicorn
-    from starlette.applications import Starlette
-    from starlette.routing import BaseRoute
+    from starlette.types import ASGIApp
 
 HOST = "127.0.0.1"
-NAMES = (HOST, "localhost")
-"""What a request may call this machine. A page from elsewhere whose name leads here calls it by that name."""
 
 
-def local_app(routes: Sequence[BaseRoute]) -> Starlette:
-    """An application that answers only to this machine's own names."""
-    from starlette.applications import Starlette
-    from starlette.middleware import Middleware
-    from starlette.middleware.trustedhost import TrustedHostMiddleware
+class LocalServer:
+    """Serves an application behind a :class:`harness.guard.Guard`, on a port that is taken from the start.
 
-    return Starlette(
-        routes=list(routes), middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=NAMES, www_redirect=False)]
-    )
-
-
-def listen(port: int) -> socket.socket:
-    """A socket that listens on 127.0.0.1; port 0 is any that is free.
+    Its end waits ``patience_s`` for what it is answering.
 
     Raises
     ------
     VfoaError
         If the port is taken or not allowed.
     """
+
+    def __init__(self, app: ASGIApp, port: int = 0, *, patience_s: int = 1) -> None:
+        import uvicorn
+
+        from harness.connections import BoundedConnection
+        from harness.guard import Guard
+
+        self._token = secrets.token_urlsafe(24)
+        config = uvicorn.Config(
+            Guard(app, self._token),
+            http=BoundedConnection,
+            log_level="warning",
+            access_log=False,
+            lifespan="off",
+            ws="none",
+            proxy_headers=False,
+            timeout_graceful_shutdown=patience_s,
+        )
+        self._server = uvicorn.Server(config)
+        self._listener = _listen(port)
+        self.port: int = self._listener.getsockname()[1]
+
+    @property
+    def address(self) -> str:
+        """Where ``/`` is, with the token."""
+        return self.address_of("/")
+
+    def address_of(self, path: str) -> str:
+        """Where a path is that a person opens, with the token."""
+        return f"http://{HOST}:{self.port}{path}{'&' if '?' in path else '?'}token={self._token}"
+
+    def run(self) -> None:
+        """Serve until Ctrl-C, SIGTERM where :func:`ended_by_sigterm` is on, or :meth:`stop`."""
+        try:
+            self._server.run(sockets=[self._listener])
+        finally:
+            self.close()
+
+    def stop(self) -> None:
+        """End :meth:`run`, from another thread."""
+        self._server.should_exit = True
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self._listener.close()
+
+
+def _listen(port: int) -> socket.socket:
+    """A socket that listens on 127.0.0.1; port 0 is any that is free."""
     listener = socket.socket()
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -51,21 +88,6 @@ def listen(port: int) -> socket.socket:
         raise VfoaError(f"--port {port}: cannot listen on {HOST}: {error.strerror}") from None
     listener.listen()
     return listener
-
-
-def make_server(app: Starlette, *, patience_s: int = 1) -> uvicorn.Server:
-    """A server; its end waits this long for what it is answering."""
-    import uvicorn
-
-    config = uvicorn.Config(
-        app, log_level="warning", access_log=False, lifespan="off", ws="none", timeout_graceful_shutdown=patience_s
-    )
-    return uvicorn.Server(config)
-
-
-def serve(app: Starlette, listener: socket.socket) -> None:
-    """Answer until Ctrl-C, or until SIGTERM where :func:`ended_by_sigterm` is on."""
-    make_server(app).run(sockets=[listener])
 
 
 @contextmanager

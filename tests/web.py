@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING
 
-from harness.local_server import listen, make_server
+from harness.local_server import LocalServer
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -83,14 +83,13 @@ def _handler(site: Site) -> type[BaseHTTPRequestHandler]:
 
 
 @contextmanager
-def running(app: Starlette) -> Iterator[str]:
-    """Run an application on 127.0.0.1 until the block ends; gives its address."""
-    listener = listen(0)
-    server = make_server(app)
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
+def running(app: Starlette) -> Iterator[LocalServer]:
+    """Run an application on 127.0.0.1 until the block ends."""
+    server = LocalServer(app)
+    thread = threading.Thread(target=server.run)
     thread.start()
     try:
-        yield f"http://127.0.0.1:{listener.getsockname()[1]}/"
+        yield server
     finally:
-        server.should_exit = True
+        server.stop()
         thread.join()

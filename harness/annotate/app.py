@@ -10,13 +10,11 @@ from pydantic import ValidationError
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
-from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from harness.annotate.drawing import Draw
-from harness.annotate.guard import Guard
 from harness.annotate.pictures import View
 from harness.annotate.session import Session
 from harness.annotate.store import OutsideClipError, StaleRevisionError
@@ -25,7 +23,6 @@ from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-_LARGEST_BODY = 100_000
 
 
 class Change(Settings):
@@ -90,8 +87,8 @@ class DeletedTarget(Settings):
     to: str | None = None
 
 
-def create_app(session: Session, token: str) -> Starlette:
-    """The application for one clip; nobody is answered without the token."""
+def create_app(session: Session) -> Starlette:
+    """The application for one clip, to be served by a :class:`harness.local_server.LocalServer`."""
     files = {path.name: path.read_bytes() for path in (resources.files(__package__) / "page").iterdir()}
 
     def page_file(request: Request) -> Response:
@@ -174,7 +171,6 @@ def create_app(session: Session, token: str) -> Starlette:
             Route("/api/target/change", _posted(change_target), methods=["POST"]),
             Route("/api/target/delete", _posted(delete_target), methods=["POST"]),
         ],
-        middleware=[Middleware(Guard, token=token)],
         exception_handlers={VfoaError: _refused, ValidationError: _malformed, StaleRevisionError: stale},
     )
 
@@ -185,8 +181,6 @@ def _posted(answer: Callable[[bytes], Response]) -> Callable[[Request], Any]:
     async def endpoint(request: Request) -> Response:
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
             raise HTTPException(415, "expected JSON")
-        if int(request.headers.get("content-length", _LARGEST_BODY + 1)) > _LARGEST_BODY:
-            raise HTTPException(413, f"expected at most {_LARGEST_BODY} bytes")
         return await run_in_threadpool(answer, await request.body())
 
     return endpoint

@@ -20,16 +20,15 @@ def browse(
     no_open: bool = False,
 ) -> None:
     """Serve recordings by their names; print the addresses of ``paths``, and open the first of them."""
-    from harness.local_server import ended_by_sigterm, listen, open_browser, serve
-    from harness.record.catalogue import Catalogue
+    from harness.local_server import LocalServer, ended_by_sigterm, open_browser
     from harness.record.web_app import site
     from harness.record.web_viewer import web_viewer_files
 
-    with ended_by_sigterm(), listen(port) as listener, Catalogue() as catalogue:
-        app = site({each.name: each for each in recordings}, catalogue, web_viewer_files(), page=page)
-        host, bound = listener.getsockname()
-        addresses = [f"http://{host}:{bound}{path}" for path in paths]
+    with ended_by_sigterm():
+        app = site({each.name: each for each in recordings}, web_viewer_files(), page=page)
+        server = LocalServer(app, port)
+        addresses = [server.address_of(path) for path in paths]
         typer.echo("\n".join(["Serving until Ctrl-C:", *addresses]))
         if not no_open:
             open_browser(addresses[0])
-        serve(app, listener)
+        server.run()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -12,11 +11,10 @@ import pyarrow.compute as pc  # type: ignore[import-untyped]
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
 from harness.files import replacing
-from harness.record import entities
+from harness.record import entities, program
 from harness.record.composed import Composed
 from harness.record.images import key_frame_every
 from harness.record.reading import reading
-from harness.record.viewer import viewer_binary
 from vfoa.errors import VfoaError
 
 
@@ -91,6 +89,6 @@ def _at(row: pa.RecordBatch, frame: int, time: pa.Scalar) -> pa.RecordBatch:
 
 
 def _rrd(*arguments: str) -> None:
-    done = subprocess.run([viewer_binary(), "rrd", *arguments], capture_output=True, text=True, check=False)
+    done = program.run(["rrd", *arguments])
     if done.returncode != 0:
         raise VfoaError(f"rerun rrd {arguments[0]}: {done.stderr.strip()}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import subprocess
 import tempfile
@@ -12,23 +11,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
-import rerun_cli
 from rerun.experimental import ViewerClient
 
 from harness.files import atomic_write
 from harness.local_server import HOST
+from harness.record import program
 from harness.record.composed import Composed
 from vfoa.errors import VfoaError
 
 _CONNECT_S = 30.0
 _DRAWN_S = 60.0
 _POLL_S = 0.3
-
-
-def viewer_binary() -> Path:
-    """The viewer inside the Rerun package. The ``rerun`` command is a wrapper: ending it would leave the viewer."""
-    name = "rerun.exe" if os.name == "nt" else "rerun"
-    return Path(rerun_cli.__file__).with_name(name)
 
 
 def show(recordings: Sequence[Composed], frame: int | None) -> None:
@@ -169,27 +162,10 @@ def _settled_picture(client: ViewerClient) -> bytes:
 @contextmanager
 def _viewer(options: Sequence[str]) -> Iterator[tuple[subprocess.Popen[bytes], ViewerClient]]:
     port = free_port()
-    command = [str(viewer_binary()), "--bind", HOST, "--port", str(port), "--hide-welcome-screen", *options]
+    arguments = ["--bind", HOST, "--port", str(port), "--hide-welcome-screen", *options]
     # a file, since a pipe that nobody reads would stop the viewer once it is full
-    with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=said)
-        with stopped_at_end(process):
-            yield process, _connect(process, port, said)
-
-
-@contextmanager
-def stopped_at_end(process: subprocess.Popen[bytes]) -> Iterator[None]:
-    """End a process when the block ends, whatever ended it."""
-    try:
-        yield
-    finally:
-        if process.poll() is None:
-            process.terminate()
-        try:
-            process.wait(timeout=10)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+    with tempfile.TemporaryFile() as said, program.started(arguments, said) as process:
+        yield process, _connect(process, port, said)
 
 
 def _connect(process: subprocess.Popen[bytes], port: int, said: BinaryIO) -> ViewerClient:

@@ -1,19 +1,21 @@
-"""Recordings in a browser: the web viewer, the way to it, and a page whose cells lead there, all under one address."""
+"""Recordings in a browser: the web viewer, the files it reads, and a page whose cells lead there, under one address."""
 
 from __future__ import annotations
 
 import re
+import tempfile
 from collections.abc import Callable, Mapping
-from typing import Protocol
-from urllib.parse import quote
+from pathlib import Path
+from urllib.parse import quote, urlencode
 
+from rerun.chunk import RrdReader
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
-from starlette.routing import BaseRoute, Route
+from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.routing import Route
 
-from harness.local_server import local_app
 from harness.record.composed import Composed
+from harness.record.reading import reading
 from harness.record.web_viewer import WebFile
 from vfoa.errors import VfoaError
 
@@ -22,39 +24,23 @@ VIEWER = "/viewer/"
 PAGE_POLICY = "frame-ancestors 'none'"
 """The rest of the page's policy stands in the page."""
 
-_FRAME = re.compile(r"-?[0-9]{1,19}")
-_HEADERS = {
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Cache-Control": "no-cache",
-}
+VIEWER_POLICY = (
+    "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; connect-src 'self'; "
+    f"img-src 'self' data: blob:; worker-src 'self' blob:; base-uri 'none'; form-action 'none'; {PAGE_POLICY}"
+)
 
-
-class Addresses(Protocol):
-    """What is wanted of a :class:`harness.record.catalogue.Catalogue`."""
-
-    @property
-    def origin(self) -> str:
-        """Where a browser reaches it."""
-        ...
-
-    def address(self, recording: Composed, frame: int | None) -> str:
-        """What the viewer opens."""
-        ...
+_FRAME = re.compile(r"-?[0-9]{1,18}")
+_BINARY = "application/octet-stream"
 
 
 def site(
-    recordings: Mapping[str, Composed],
-    catalogue: Addresses,
-    viewer: Mapping[str, WebFile],
-    *,
-    page: Callable[[], str] | None = None,
+    recordings: Mapping[str, Composed], viewer: Mapping[str, WebFile], *, page: Callable[[], str] | None = None
 ) -> Starlette:
-    """The application; nothing in it writes, and no path of a request becomes a path of a file.
+    """The application, to be served by a :class:`harness.local_server.LocalServer`; nothing in it writes.
 
     ``/`` is the page (without one: the first recording), ``/open?recording=NAME&frame=N`` leads to the viewer at a
-    frame, and ``/viewer/`` is the viewer, which may ask this server and the catalogue for things and nobody else.
+    frame, ``/viewer/`` is the viewer, and ``/files/NUMBER/`` has the files of a recording, in parts if wanted (HTTP
+    Range). No path of a request becomes a path of a file: recordings and their files are counted.
 
     Parameters
     ----------
@@ -65,11 +51,12 @@ def site(
     page
         Makes the page anew each time it is asked for.
     """
+    numbered = list(recordings.values())
 
     def show_page(request: Request) -> Response:
         if page is None:
-            return RedirectResponse(open_path(next(iter(recordings)), None), headers=_HEADERS)
-        return HTMLResponse(page(), headers={**_HEADERS, "Content-Security-Policy": PAGE_POLICY})
+            return RedirectResponse(open_path(next(iter(recordings)), None))
+        return HTMLResponse(page(), headers={"Content-Security-Policy": PAGE_POLICY})
 
     def open_recording(request: Request) -> Response:
         name, frame = request.query_params.get("recording", ""), request.query_params.get("frame")
@@ -77,30 +64,67 @@ def site(
             return _refusal(404, f"There is no recording {name!r} here.")
         if frame is not None and not _FRAME.fullmatch(frame):
             return _refusal(400, f"frame: expected a number, found {frame!r}.")
-        address = catalogue.address(recordings[name], None if frame is None else int(frame))
-        return RedirectResponse(
-            f"{VIEWER}?persist=0&hide_welcome_screen&url={quote(address, safe='')}", headers=_HEADERS
-        )
+        recording = recordings[name]
+        _check_files(recording)
+        place = f"/files/{numbered.index(recording)}"
+        query = [("files", f"{place}/{number}.rrd") for number in range(len(recording.files))]
+        if recording.make_layout is not None:
+            query.append(("layout", f"{place}/layout.rbl"))
+        if frame is not None:
+            query.append(("frame", frame))
+        return RedirectResponse(f"{VIEWER}?{urlencode(query)}")
+
+    def recorded_file(request: Request) -> Response:
+        number, file = request.path_params["number"], request.path_params["file"]
+        if number >= len(numbered) or file >= len(numbered[number].files):
+            return _refusal(404, "There is no such recording here.")
+        path = numbered[number].files[file]
+        _check_there(path)
+        return FileResponse(path, media_type=_BINARY)
+
+    def layout(request: Request) -> Response:
+        number = request.path_params["number"]
+        made = numbered[number].layout() if number < len(numbered) else None
+        if made is None:
+            return _refusal(404, "There is no such layout here.")
+        with tempfile.TemporaryDirectory() as scratch:
+            made.save(numbered[number].application_id, str(Path(scratch) / "layout.rbl"))
+            return Response((Path(scratch) / "layout.rbl").read_bytes(), media_type=_BINARY)
 
     def viewer_file(request: Request) -> Response:
-        found = viewer.get(request.path_params.get("name", "index.html"))
+        found = viewer.get(request.path_params.get("name", "viewer.html"))
         if found is None:
             return _refusal(404, "The viewer has no such file.")
-        policy = {"Content-Security-Policy": _viewer_policy(catalogue.origin)}
-        return Response(found.content, media_type=found.media_type, headers={**_HEADERS, **policy})
+        headers = {"Content-Security-Policy": VIEWER_POLICY}
+        return Response(found.content, media_type=found.media_type, headers=headers)
 
-    routes: list[BaseRoute] = [
-        Route("/", _told(show_page)),
-        Route("/open", _told(open_recording)),
-        Route(VIEWER, viewer_file),
-        Route(VIEWER + "{name}", viewer_file),
-    ]
-    return local_app(routes)
+    return Starlette(
+        routes=[
+            Route("/", _told(show_page)),
+            Route("/open", _told(open_recording)),
+            Route("/files/{number:int}/{file:int}.rrd", _told(recorded_file)),
+            Route("/files/{number:int}/layout.rbl", _told(layout)),
+            Route(VIEWER, viewer_file),
+            Route(VIEWER + "{name}", viewer_file),
+        ]
+    )
 
 
 def open_path(name: str, frame: int | None) -> str:
     """Where the site opens a recording."""
     return f"/open?recording={quote(name, safe='')}" + ("" if frame is None else f"&frame={frame}")
+
+
+def _check_files(recording: Composed) -> None:
+    for file in recording.files:
+        _check_there(file)
+        with reading(file):
+            RrdReader(file).recordings()
+
+
+def _check_there(file: Path) -> None:
+    if not file.is_file():
+        raise VfoaError(f"{file}: found no such recording; was the run made without it?")
 
 
 def _told(answer: Callable[[Request], Response]) -> Callable[[Request], Response]:
@@ -116,18 +140,4 @@ def _told(answer: Callable[[Request], Response]) -> Callable[[Request], Response
 
 
 def _refusal(status: int, text: str) -> Response:
-    return PlainTextResponse(text + "\n", status_code=status, headers=_HEADERS)
-
-
-def _viewer_policy(catalogue: str) -> str:
-    return "; ".join(
-        (
-            "default-src 'none'",
-            "script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval'",
-            "style-src 'unsafe-inline'",
-            f"connect-src 'self' {catalogue}",
-            "img-src 'self' data: blob:",
-            "worker-src 'self' blob:",
-            PAGE_POLICY,
-        )
-    )
+    return PlainTextResponse(text + "\n", status_code=status)

@@ -1,6 +1,6 @@
-"""The web viewer inside the Rerun package, as files that a server of one's own can give out.
+"""The web viewer inside the Rerun package, and the page that opens a recording in it, as files to give out.
 
-Rerun's own server for it gives no policy along, and the viewer then asks three hosts on the network: for a font, for
+Rerun's own server for it gives no policy along, and its page then asks three hosts on the network: for a font, for
 the newest version, and to tell that it was started.
 """
 
@@ -9,14 +9,18 @@ from __future__ import annotations
 import subprocess
 import time
 from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
 
 import httpx
 
 from harness.local_server import HOST
-from harness.record.viewer import free_port, stopped_at_end, viewer_binary
+from harness.record import program
+from harness.record.viewer import free_port
 from vfoa.errors import VfoaError
 
-NAMES = ("index.html", "re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
+NAMES = ("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")
+_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
 _STARTED_S = 30.0
 _POLL_S = 0.05
 
@@ -30,7 +34,7 @@ class WebFile:
 
 
 def web_viewer_files() -> dict[str, WebFile]:
-    """The viewer's page and what it loads, by name. They are taken from Rerun's server, which is stopped again.
+    """The page ``viewer.html`` and what it loads, by name. The viewer is taken from Rerun's server, then stopped.
 
     Raises
     ------
@@ -39,14 +43,22 @@ def web_viewer_files() -> dict[str, WebFile]:
     """
     port = free_port()
     ports = ["--port", str(free_port()), "--web-viewer-port", str(port)]
-    process = subprocess.Popen(
-        [str(viewer_binary()), "--serve-web", "--bind", HOST, *ports],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    with stopped_at_end(process), httpx.Client(base_url=f"http://{HOST}:{port}", trust_env=False) as client:
+    address = f"http://{HOST}:{port}"
+    with (
+        program.started(["--serve-web", "--bind", HOST, *ports]) as process,
+        httpx.Client(base_url=address, trust_env=False) as client,
+    ):
         _wait_for(process, client)
-        return {name: _fetched(client, name) for name in NAMES}
+        return page_files() | {name: _fetched(client, name) for name in NAMES}
+
+
+def page_files() -> dict[str, WebFile]:
+    """The files of the page itself."""
+    folder = resources.files(__package__) / "viewer_page"
+    return {
+        file.name: WebFile(content=file.read_bytes(), media_type=_TYPES[Path(file.name).suffix])
+        for file in folder.iterdir()
+    }
 
 
 def _wait_for(process: subprocess.Popen[bytes], client: httpx.Client) -> None:

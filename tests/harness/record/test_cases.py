@@ -8,7 +8,7 @@ import pytest
 
 from harness.record import entities
 from harness.record.cases import record_cases
-from harness.record.viewer import viewer_binary
+from harness.record.program import viewer_binary
 from vfoa.simulation import CASES, RADII_CM, simulate
 
 

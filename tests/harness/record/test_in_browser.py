@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.record.catalogue import Catalogue
 from harness.record.composed import find_clips
 from harness.record.web_app import site
 from harness.record.web_viewer import web_viewer_files
@@ -50,10 +49,8 @@ def report(frames: list[Any], record_run: Callable[..., Any]) -> Iterator[str]:
     scores = score(attention.watch(shown.record for shown in frames), Reference(labels={"clip": truth}))
     served = Served(run="/a/run", recordings={("clip", "two cones"): recording.name})
     page = render_page(scores, attention, served=served)
-    with Catalogue() as catalogue:
-        app = site({recording.name: recording}, catalogue, web_viewer_files(), page=lambda: page)
-        with running(app) as address:
-            yield address
+    with running(site({recording.name: recording}, web_viewer_files(), page=lambda: page)) as server:
+        yield server.address
 
 
 def _click(browser: Chrome, frame: int) -> None:

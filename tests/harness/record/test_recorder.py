@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from harness.record import entities, frame_log
 from harness.record.layers import ClipFiles
+from harness.record.program import viewer_binary
 from harness.record.recorder import Recorder
-from harness.record.viewer import viewer_binary
 from tests.harness.record.conftest import CONFIGURATION, LAYERS, verdict
 
 ANN = "Ann Müller/left"

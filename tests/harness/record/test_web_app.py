@@ -1,70 +1,69 @@
+"""What the server of recordings gives, and what not; who is answered at all is in tests/harness/test_servers.py."""
+
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import httpx
 import pytest
 
-from harness.record.composed import Composed
+from harness.guard import TOKEN_HEADER
+from harness.record.composed import Composed, find_clips
 from harness.record.web_app import open_path, site
-from harness.record.web_viewer import WebFile
+from harness.record.web_viewer import page_files
 from tests.web import running
-from vfoa.errors import VfoaError
 
-FILES = {"clip__it's two": "clip__it's two.rrd", "bad": "bad.txt"}
 PAGE = "<!doctype html><title>page</title>"
+NAME = "clip__it's two"
 
 
-class Addresses:
-    """A catalogue that says what it was asked."""
-
-    origin = "http://127.0.0.1:9"
-
-    def address(self, recording: Composed, frame: int | None) -> str:
-        if recording.files[0].suffix != ".rrd":
-            raise VfoaError(f"{recording.files[0]}: not a recording")
-        return f"rerun+http://127.0.0.1:9/{recording.name}#when=frame@{frame}"
-
-
-@pytest.fixture(scope="module")
-def client() -> Iterator[httpx.Client]:
-    recordings = {name: Composed(name=name, files=(Path("run") / file,)) for name, file in FILES.items()}
-    viewer = {"index.html": WebFile(content=b"<canvas>", media_type="text/html")}
-    app = site(recordings, Addresses(), viewer, page=lambda: PAGE)
-    with running(app) as address, httpx.Client(base_url=address, trust_env=False) as client:
-        yield client
+@pytest.fixture
+def client(frames: list[Any], record_run: Callable[..., Any]) -> Iterator[httpx.Client]:
+    """A recording of three layers, one that is broken, one that is gone, and files beside them."""
+    recorded = record_run(frames)
+    (broken := recorded.run / "broken.rrd").write_bytes(b"RRF2 and no more")
+    recordings = {
+        NAME: find_clips(recorded.run, None, None)[0].compose(),
+        "bad": Composed(name="bad", files=(broken,)),
+        "gone": Composed(name="gone", files=(recorded.run / "gone.rrd",)),
+    }
+    with running(site(recordings, page_files(), page=lambda: PAGE)) as server:
+        headers = {TOKEN_HEADER: server.address.partition("token=")[2]}
+        with httpx.Client(base_url=f"http://127.0.0.1:{server.port}", headers=headers, trust_env=False) as client:
+            client.recorded = recorded  # type: ignore[attr-defined]
+            yield client
 
 
 def test_a_recording_opens_in_the_viewer_at_a_frame(client: httpx.Client) -> None:
-    answer = client.get(open_path("clip__it's two", -3))
-    assert answer.is_redirect
+    answer = client.get(open_path(NAME, -3))
     assert answer.next_request is not None
     target = answer.next_request.url
-    assert (target.host, target.path) == ("127.0.0.1", "/viewer/")
-    assert target.params["url"] == "rerun+http://127.0.0.1:9/clip__it's two#when=frame@-3"
-    assert client.get(open_path("clip__it's two", None)).headers["location"].endswith("None")
+    assert (target.host, target.path, target.params["frame"]) == ("127.0.0.1", "/viewer/", "-3")
+    given = [client.get(url).content for url in target.params.get_list("files")]
+    assert given == [path.read_bytes() for path in client.recorded.paths]  # type: ignore[attr-defined]
+    assert client.get(target.params["layout"]).content.startswith(b"RRF2")
+    assert "viewer.js" in client.get(target).text
+    assert "frame" not in client.get(open_path(NAME, None)).headers["location"]
 
 
-def test_without_a_page_the_first_recording_is_in_front() -> None:
-    with running(site({"one": Composed(name="one", files=(Path("one.rrd"),))}, Addresses(), {})) as address:
-        assert httpx.get(address, trust_env=False).headers["location"] == "/open?recording=one"
+def test_a_recording_is_given_in_parts(client: httpx.Client) -> None:
+    whole = client.recorded.paths[0].read_bytes()  # type: ignore[attr-defined]
+    part = client.get("/files/0/0.rrd", headers={"Range": "bytes=10-19"})
+    assert (part.status_code, part.content) == (206, whole[10:20])
+    assert part.headers["content-range"] == f"bytes 10-19/{len(whole)}"
 
 
-@pytest.mark.parametrize("host", ["evil.example", "evil.example:8000", "127.0.0.1.evil.example", "192.168.1.2", ""])
-def test_a_request_to_another_name_is_refused(client: httpx.Client, host: str) -> None:
-    for path in ("/", "/viewer/", "/open?recording=bad"):
-        assert client.get(path, headers={"Host": host}).status_code == 400
-
-
-@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.1:8000", "localhost:8000", "LOCALHOST"])
-def test_this_machines_own_names_are_served(client: httpx.Client, host: str) -> None:
-    assert client.get("/", headers={"Host": host}).text == PAGE
+def test_without_a_page_the_first_recording_is_in_front(client: httpx.Client) -> None:
+    with running(site({"one": Composed(name="one", files=())}, {})) as server:
+        headers = {TOKEN_HEADER: server.address.partition("token=")[2]}
+        answer = httpx.get(f"http://127.0.0.1:{server.port}/", headers=headers, trust_env=False)
+        assert answer.headers["location"] == "/open?recording=one"
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH"])
 def test_nothing_but_reading_is_allowed(client: httpx.Client, method: str) -> None:
-    for path in ("/", "/open?recording=bad", "/viewer/"):
+    for path in ("/", "/open?recording=bad", "/viewer/", "/files/0/0.rrd"):
         assert client.request(method, path).status_code == 405
 
 
@@ -75,9 +74,18 @@ def test_nothing_but_reading_is_allowed(client: httpx.Client, method: str) -> No
         ("/viewer/..%2f..%2fetc%2fpasswd", 404),
         ("/viewer/%2e%2e/page.py", 404),
         ("/etc/passwd", 404),
+        ("/files/0/..%2fmanifest.json", 404),
+        ("/files/0/../manifest.json", 404),
+        ("/files/0/9.rrd", 404),
+        ("/files/9/0.rrd", 404),
+        ("/files/9/layout.rbl", 404),
+        ("/files/1/layout.rbl", 404),
+        ("/files/2/0.rrd", 500),
+        ("/files/0/-1.rrd", 404),
         ("/open?recording=../run/clip", 404),
         ("/open", 404),
         ("/open?recording=bad&frame=5", 500),
+        ("/open?recording=gone&frame=5", 500),
         ("/open?recording=clip__it's%20two&frame=x", 400),
         ("/open?recording=clip__it's%20two&frame=99999999999999999999", 400),
         ("/open?recording=clip__it's%20two&frame=%0d%0aSet-Cookie:a", 400),
@@ -89,7 +97,8 @@ def test_what_is_not_there_is_not_given(client: httpx.Client, path: str, status:
     assert "root:" not in answer.text
 
 
-def test_the_viewer_may_ask_the_catalogue_and_nobody_else(client: httpx.Client) -> None:
+def test_the_viewer_may_ask_this_server_and_nobody_else(client: httpx.Client) -> None:
     policy = dict(each.split(" ", 1) for each in client.get("/viewer/").headers["content-security-policy"].split("; "))
-    assert policy["connect-src"] == "'self' http://127.0.0.1:9"
+    assert policy["connect-src"] == "'self'"
     assert policy["default-src"] == "'none'"
+    assert "unsafe-inline" not in str(policy)

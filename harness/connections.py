@@ -1,0 +1,61 @@
+"""Connections to a server of this program: so many, each for as long as its client says what it wants.
+
+A client that connects and says nothing, or stops in the middle of a request, costs a server without limits its file
+descriptors, until it answers nobody.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import cast
+
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+MOST = 64
+"""Connections at once. A browser opens six to a host."""
+
+REQUEST_S = 20.0
+"""Seconds that a client may take for a request, from its connection or from the answer before."""
+
+_LOOK_S = 1.0
+
+
+class BoundedConnection(H11Protocol):
+    """A connection that is closed when its client is too slow, or when others need its place.
+
+    What gives way is the connection whose client has owed the rest of a request for longest; one that is being
+    answered stays. Where all are being answered, the new one is closed.
+    """
+
+    _owed_since = 0.0
+    _look: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Take the connection, and a place."""
+        super().connection_made(transport)
+        self._owed_since = self.loop.time()
+        self._keep_watch()
+        if len(self.connections) > MOST:
+            owing = [each for each in cast("set[BoundedConnection]", self.connections) if each._owes()]
+            min(owing, key=lambda each: each._owed_since, default=self).transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Give the place back."""
+        if self._look is not None:
+            self._look.cancel()
+        super().connection_lost(exc)
+
+    def on_response_complete(self) -> None:
+        """From here on the client owes its next request."""
+        self._owed_since = self.loop.time()
+        super().on_response_complete()
+
+    def _owes(self) -> bool:
+        """Whether the rest of a request is still to come."""
+        return self.cycle is None or self.cycle.response_complete or self.cycle.more_body
+
+    def _keep_watch(self) -> None:
+        if self._owes() and self.loop.time() - self._owed_since > REQUEST_S:
+            self.transport.abort()
+        else:
+            self._look = self.loop.call_later(_LOOK_S, self._keep_watch)

@@ -1,0 +1,136 @@
+"""Who may talk to a server of this program: a browser or program on this machine that knows the token, and nobody else.
+
+Another site that is open in the same browser can send requests to this machine, under any host name it owns. So the
+host must be a loopback name, the origin the server's own, and the token must be there, by cookie or header.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import secrets
+from urllib.parse import urlencode
+
+from starlette.datastructures import MutableHeaders
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+TOKEN_HEADER = "x-vfoa-token"
+LARGEST_BODY = 100_000
+"""Bytes of a request's body at most."""
+
+BODY_S = 10.0
+"""Seconds that a request's body may take."""
+
+ENTRANCES = ("/", "/open")
+"""Where an address may hold the token: what a person opens from the terminal."""
+
+_LOOPBACK = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?")
+_HEADERS = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+class Guard:
+    """Refuses requests before the application sees them, and sets the headers of every answer.
+
+    The application gets a request's body whole: never more than :data:`LARGEST_BODY` bytes, whatever the request says
+    of its length.
+    """
+
+    def __init__(self, app: ASGIApp, token: str) -> None:
+        self._app, self._token = app, token
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        if scope["type"] != "http":
+            return
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in _HEADERS.items():
+                    headers.setdefault(name, value)
+            await send(message)
+
+        request = Request(scope, receive)
+        answer: ASGIApp | None = self._refusal(request) or self._entrance(request)
+        if answer is None and request.method not in ("GET", "HEAD"):
+            answer, receive = await _receive_body(request)
+        await (answer or self._app)(scope, receive, send_with_headers)
+
+    def _refusal(self, request: Request) -> Response | None:
+        if not _LOOPBACK.fullmatch(request.headers.get("host", "")):
+            return _refused("this server answers to loopback names only", 421)
+        origin = request.headers.get("origin")
+        if origin is not None and origin != f"http://{request.headers['host']}":
+            return _refused("requests from other origins are refused", 403)
+        if request.headers.get("sec-fetch-site", "none") not in ("none", "same-origin"):
+            return _refused("requests from other sites are refused", 403)
+        if not any(secrets.compare_digest(given.encode(), self._token.encode()) for given in self._given(request)):
+            return _refused("open the address that vfoa printed: it holds the token", 403)
+        return None
+
+    def _given(self, request: Request) -> list[str]:
+        """Every token the request shows; that in the address counts for what a person opens alone."""
+        found = [request.headers.get(TOKEN_HEADER), request.cookies.get(_cookie(request))]
+        if _is_entrance(request):
+            found.append(request.query_params["token"])
+        return [each for each in found if each]
+
+    def _entrance(self, request: Request) -> Response | None:
+        """The first visit: the token moves from the address into a cookie, so that it stays in no history."""
+        if not _is_entrance(request):
+            return None
+        others = urlencode([(name, value) for name, value in request.query_params.multi_items() if name != "token"])
+        answer = RedirectResponse(request.url.path + (f"?{others}" if others else ""), 303)
+        answer.set_cookie(_cookie(request), self._token, httponly=True, samesite="strict")
+        return answer
+
+
+async def _receive_body(request: Request) -> tuple[Response | None, Receive]:
+    """A refusal, or None and what gives the body to the application."""
+    too_large = _refused(f"expected a body of at most {LARGEST_BODY} bytes", 413)
+    if int(request.headers.get("content-length", 0)) > LARGEST_BODY:
+        return too_large, request.receive
+    body, more = bytearray(), True
+    try:
+        async with asyncio.timeout(BODY_S):
+            while more:
+                message = await request.receive()
+                if message["type"] == "http.disconnect":
+                    return _refused("the request was cut", 400), request.receive
+                body += message.get("body", b"")
+                more = message.get("more_body", False)
+                if len(body) > LARGEST_BODY:
+                    return too_large, request.receive
+    except TimeoutError:
+        return _refused(f"expected the whole body within {BODY_S:.0f} s", 408), request.receive
+    rest: list[Message] = [{"type": "http.request", "body": bytes(body), "more_body": False}]
+
+    async def receive() -> Message:
+        return rest.pop() if rest else await request.receive()
+
+    return None, receive
+
+
+def _refused(text: str, status: int) -> Response:
+    return PlainTextResponse(text + "\n", status)
+
+
+def _is_entrance(request: Request) -> bool:
+    return request.method == "GET" and request.url.path in ENTRANCES and "token" in request.query_params
+
+
+def _cookie(request: Request) -> str:
+    """Cookies know hosts, not ports: each server has its own name."""
+    return f"vfoa_{request.url.port}"

@@ -1,0 +1,70 @@
+"""Rerun's own program, the viewer: where it is, and how it is started so that it asks nobody on the network.
+
+Left alone it sends usage statistics and looks up the newest version, and it has no option against either.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+import rerun_cli
+
+_NOWHERE = "http://127.0.0.1:9"
+"""A proxy that does not answer: what is asked of the network is refused here."""
+
+
+def viewer_binary() -> Path:
+    """The viewer inside the Rerun package. The ``rerun`` command is a wrapper: ending it would leave the viewer."""
+    name = "rerun.exe" if os.name == "nt" else "rerun"
+    return Path(rerun_cli.__file__).with_name(name)
+
+
+@contextmanager
+def started(arguments: Sequence[str], said: IO[bytes] | int = subprocess.DEVNULL) -> Iterator[subprocess.Popen[bytes]]:
+    """The program with these arguments, until the block ends, whatever ends it; ``said`` takes its stderr."""
+    with _offline() as environment:
+        command = [str(viewer_binary()), *arguments]
+        process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=said)
+        try:
+            yield process
+        finally:
+            _stop(process)
+
+
+def run(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
+    """Run the program to its end."""
+    with _offline() as environment:
+        command = [str(viewer_binary()), *arguments]
+        return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
+@contextmanager
+def _offline() -> Iterator[dict[str, str]]:
+    """The environment in which it asks nobody: statistics off in a configuration of its own, a proxy that is none."""
+    with tempfile.TemporaryDirectory(prefix="vfoa-") as folder:
+        analytics = Path(folder) / "rerun" / "analytics.json"
+        analytics.parent.mkdir()
+        off = {"analytics_enabled": False, "analytics_id": "", "metadata": {}}
+        paths = {"config_file_path": str(analytics), "data_dir_path": str(analytics.parent)}
+        analytics.write_text(json.dumps(off | paths), encoding="utf-8")
+        inherited = {name: value for name, value in os.environ.items() if name.lower() != "no_proxy"}
+        proxies = ("all_proxy", "http_proxy", "https_proxy")
+        nowhere = dict.fromkeys([*proxies, *map(str.upper, proxies)], _NOWHERE)
+        yield inherited | nowhere | {"XDG_CONFIG_HOME": folder}
+
+
+def _stop(process: subprocess.Popen[bytes]) -> None:
+    if process.poll() is None:
+        process.terminate()
+    try:
+        process.wait(timeout=10)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
