@@ -35,8 +35,11 @@ class BoundedConnection(H11Protocol):
         super().connection_made(transport)
         self._owed_since = self.loop.time()
         self._keep_watch()
-        if len(self.connections) > MOST:
-            owing = [each for each in cast("set[BoundedConnection]", self.connections) if each._owes()]
+        open_ones = [
+            each for each in cast("set[BoundedConnection]", self.connections) if not each.transport.is_closing()
+        ]
+        if len(open_ones) > MOST:
+            owing = [each for each in open_ones if each._owes()]
             min(owing, key=lambda each: each._owed_since, default=self).transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:

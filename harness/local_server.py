@@ -41,7 +41,7 @@ class LocalServer:
         config = uvicorn.Config(
             Guard(app, self._token),
             http=BoundedConnection,
-            log_level="warning",
+            log_level="error",
             access_log=False,
             lifespan="off",
             ws="none",
