@@ -17,12 +17,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """An experiment by name, the clip that is measured, its frames, and what networks run on."""
+    """An experiment by name, the clip that is measured, its frames, and what networks run on.
+
+    ``limit`` is how many frames were asked for, where a section makes a clip of that length.
+    """
 
     name: str
     experiment: Experiment
     manifest: ClipManifest
     frames: tuple[int, ...]
+    limit: int
     provider: Provider = "cpu"
 
 
@@ -107,6 +111,12 @@ def _depth_memory(bench: Bench) -> list[Table]:
     return [depth_memory_table([measure_depth_memory(form) for form in FORMS])]
 
 
+def _recording(bench: Bench) -> list[Table]:
+    from harness.bench.recording_size import measure_recordings, recordings_table
+
+    return [recordings_table(measure_recordings(bench.limit))]
+
+
 def _parallel(bench: Bench) -> list[Table]:
     from harness.bench.parallel import by_matcher, measure_parallel, parallel_table
 
@@ -129,5 +139,6 @@ SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "posterior": _posterior,
     "memory": _memory,
     "depth_memory": _depth_memory,
+    "recording": _recording,
     "parallel": _parallel,
 }

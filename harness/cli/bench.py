@@ -47,7 +47,14 @@ def bench(
     chosen = replace(loaded, configurations=tuple(each.on(provider.value) for each in loaded.configurations))
     manifest = load_manifest(chosen.clips[0])
     frames = tuple(manifest.open().frames[:limit])
-    given = Bench(name=experiment, experiment=chosen, manifest=manifest, frames=frames, provider=provider.value)
+    given = Bench(
+        name=experiment,
+        experiment=chosen,
+        manifest=manifest,
+        frames=frames,
+        limit=limit,
+        provider=provider.value,
+    )
     tables = []
     for name in only or SECTIONS:
         for table in SECTIONS[name](given):

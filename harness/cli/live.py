@@ -62,6 +62,8 @@ def live(
     from harness.run.live.runner import run_live
     from vfoa.errors import VfoaError
 
+    if recording is Recording.failures:
+        raise VfoaError("live: --recording failures needs labels, which a live source has not; expected light or full")
     if recording.size is None and (viewer or connect):
         raise VfoaError("live: --recording none leaves nothing for a viewer: leave out --viewer and --connect")
     opened, manifest = _open(source, right, calibration, tuple(settings or ()))

@@ -22,17 +22,25 @@ if TYPE_CHECKING:
     from harness.run.experiment import Experiment
 
 
+AROUND = 5
+
+
 class Recording(StrEnum):
     """How much a recording holds."""
 
     light = "light"
     full = "full"
+    failures = "failures"
     none = "none"
 
     @property
     def size(self) -> Size | None:
         """The size as the harness has it: None for no recording."""
-        sizes: dict[Recording, Size] = {Recording.light: "light", Recording.full: "full"}
+        sizes: dict[Recording, Size] = {
+            Recording.light: "light",
+            Recording.full: "full",
+            Recording.failures: "light",
+        }
         return sizes.get(self)
 
 
@@ -81,7 +89,16 @@ def run(
         typer.Option(metavar="ADDRESS", help="Work on the cluster of this Dask scheduler, tcp://HOST:PORT, instead."),
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
-    recording: Annotated[Recording, typer.Option(help="Size of the Rerun recordings.")] = Recording.light,
+    recording: Annotated[
+        Recording,
+        typer.Option(help="Size of the Rerun recordings; failures: whole around wrong frames, thin elsewhere."),
+    ] = Recording.light,
+    around: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help=f"Whole frames before and after a wrong one (--recording failures). Default: {AROUND}."
+        ),
+    ] = None,
     oracle: Annotated[
         bool,
         typer.Option("--oracle", help="Oracle ablation: replace one stage after another by ground truth."),
@@ -132,7 +149,7 @@ def run(
     plan = prepare(
         experiment,
         limit=limit,
-        sinks=composed_sinks(experiment.configurations, recording.size),
+        sinks=composed_sinks(experiment.configurations, recording.size, around=_around(recording, around)),
         save_outputs=save_outputs,
     )
     notices: list[str] = []
@@ -162,6 +179,19 @@ def run(
         f"{' --failures' if scores.rows else ''}"
     )
     _report_failures(directory)
+
+
+def _around(recording: Recording, around: int | None) -> int | None:
+    """How many frames about a wrong one are recorded whole; None: all frames are."""
+    from vfoa.errors import VfoaError
+
+    if recording is Recording.failures:
+        return AROUND if around is None else around
+    if around is not None:
+        raise VfoaError(
+            f"run: --around: means nothing with --recording {recording.value}; expected --recording failures"
+        )
+    return None
 
 
 @contextmanager

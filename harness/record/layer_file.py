@@ -15,6 +15,7 @@ from rerun.chunk import RrdReader
 from harness.record import entities
 from harness.record.frame_log import FrameLog
 from harness.record.layers import ClipFiles
+from harness.record.thinning import Whole, thin
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
@@ -45,7 +46,8 @@ class LayerFile:
         # the source's frame number and time are the only timelines
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
-        self._name = files.clip
+        self._files = files
+        self._layout: rrb.Blueprint | None = None
         self._logs: dict[str, FrameLog] = {}
         self._opened = False
         self._frames = 0
@@ -82,7 +84,7 @@ class LayerFile:
         """Begin the file, with the layout that the viewer opens it in; nothing if it is open."""
         if self._opened:
             return
-        self._opened = True
+        self._opened, self._layout = True, layout
         rr.set_strict_mode(True)  # without it, Rerun drops bad data with a warning
         self._path.parent.mkdir(parents=True, exist_ok=True)
         for path, size in self._kept:
@@ -91,7 +93,7 @@ class LayerFile:
             self.stream.save(self._partial, default_blueprint=layout)
         else:
             self.stream.set_sinks(rr.FileSink(self._partial), rr.GrpcSink(self._watched_at), default_blueprint=layout)
-        self.stream.send_recording_name(self._name)
+        self.stream.send_recording_name(self._files.clip)
         self.stream.log(entities.WORLD, rr.ViewCoordinates.RDF, static=True)
 
     def part(self, name: str) -> FrameLog:
@@ -106,8 +108,8 @@ class LayerFile:
         if self._frames % _FLUSHED_EVERY == 0:
             self.stream.flush()
 
-    def close(self, *, complete: bool) -> None:
-        """End the file; a complete one takes its place."""
+    def close(self, *, complete: bool, whole: Whole | None = None) -> None:
+        """End the file; a complete one takes its place, whole or (with ``whole``) thin elsewhere."""
         if complete:
             self.open()
         if self._opened:
@@ -117,6 +119,8 @@ class LayerFile:
             self.stream.flush()
         self.stream.disconnect()
         if complete:
+            if whole:
+                thin(self._partial, self._files, self._layout, whole)
             self._partial.replace(self._path)
             for path in self._path.parent.iterdir():
                 if path.name.startswith(f"{self._path.name}.partial"):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, ClassVar, Self
@@ -16,6 +17,7 @@ from harness.record.labels import Colours
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, LayerNames
 from harness.record.reconstruction import log_disparity, log_targets
+from harness.record.thinning import Judged, Whole
 from harness.record.verdicts import log_verdicts
 from harness.run.checkpoint import SinkState
 from harness.run.frame_sink import FinishedFrame
@@ -43,6 +45,8 @@ class SharedLayers:
         self._reconstructions: dict[str, LayerFile] = {}
         self._users = 0
         self._complete: set[str] = set()
+        self._wrong: dict[str, set[int]] = {}
+        self._times_ns: dict[int, int] = {}
 
     def state(self, layers: LayerNames) -> dict[str, Any] | None:
         """What another run needs to go on with a configuration's shared layers; None where that is not possible."""
@@ -73,18 +77,24 @@ class SharedLayers:
         shared._users += 1
         return shared
 
-    def leave(self, layers: LayerNames, *, complete: bool) -> None:
+    def leave(self, layers: LayerNames, *, complete: bool, judged: Judged) -> None:
         """End one configuration's use of the layers; the last one closes the files."""
         self._users -= 1
+        self._wrong.setdefault(layers.reconstruction, set()).update(judged.wrong)
+        self._times_ns.update(judged.times_ns)
         if complete:
             self._complete.add(layers.reconstruction)
         if self._users == 0:
             del self._open[self.files]
             if self._complete:
                 self._image_log.close()
-            self._images.close(complete=bool(self._complete))
+            of_any = set().union(*self._wrong.values())
+            self._images.close(complete=bool(self._complete), whole=self._whole(of_any, judged))
             for name, layer in self._reconstructions.items():
-                layer.close(complete=name in self._complete)
+                layer.close(complete=name in self._complete, whole=self._whole(self._wrong.get(name, ()), judged))
+
+    def _whole(self, wrong: Collection[int], judged: Judged) -> Whole | None:
+        return replace(judged, wrong={*wrong}, times_ns=dict(sorted(self._times_ns.items()))).whole()
 
     def write(self, frame: FinishedFrame, layers: LayerNames) -> None:
         """Log what a frame shows in the shared layers of a configuration, unless it is logged already."""
@@ -133,6 +143,9 @@ class Recorder:
         Gives the verdicts that a watching viewer is shown; without a viewer they are a layer of their own.
     resumed
         Where an earlier run left the files.
+    around
+        Frames before and after each wrong one that are recorded whole, the others being thin
+        (:mod:`harness.record.thinning`); None: all frames are whole.
     """
 
     def __init__(
@@ -147,12 +160,14 @@ class Recorder:
         watched_at: str | None = None,
         judge: Judge | None = None,
         resumed: SinkState | None = None,
+        around: int | None = None,
     ) -> None:
         self._resumed = resumed
         self._files, self._layers = files, layers
         self._rate_hz, self._size, self._subjects = rate_hz, size, tuple(subjects)
         self._names = (*targets, *subjects)
-        self._watched_at, self._judge = watched_at, judge if watched_at else None
+        self._watched_at, self._judge = watched_at, judge
+        self._judged = Judged(around=around)
         self._extra = load_entities()
 
     @property
@@ -166,6 +181,7 @@ class Recorder:
         if self._resumed:
             self._layer.resume(self._resumed.values["own"])
             self._shared.resume(self._layers, self._resumed.values["shared"])
+            self._judged.resume(self._resumed.values["judged"])
         return self
 
     def state(self) -> SinkState | None:
@@ -175,13 +191,13 @@ class Recorder:
             return None
         own = self._layer.state()
         files = {name: size for each in (own, *shared["layers"].values()) for name, size in each["files"].items()}
-        return SinkState(files=files, values={"own": own, "shared": shared})
+        return SinkState(files=files, values={"own": own, "shared": shared, "judged": self._judged.state()})
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._layer.close(complete=error is None)
-        self._shared.leave(self._layers, complete=error is None)
+        self._layer.close(complete=error is None, whole=self._judged.whole())
+        self._shared.leave(self._layers, complete=error is None, judged=self._judged)
 
     def write(self, frame: FinishedFrame) -> None:
         """Record one frame."""
@@ -193,8 +209,11 @@ class Recorder:
         log_attention(log, self._layers.configuration, frame.result, record, colours)
         for log_extra in self._extra:
             log_extra(log, frame, self._size)
-        if self._judge:
-            log_verdicts(log, record, self._judge(record), colours)
+        if self._judge and (self._watched_at or self._judged.around is not None):
+            verdicts = self._judge(record)
+            self._judged.add(record, verdicts)
+            if self._watched_at:
+                log_verdicts(log, record, verdicts, colours)
         log.end()
         self._layer.end_frame()
 

@@ -22,16 +22,20 @@ if TYPE_CHECKING:
 class RecordingSinks:
     """Recordings of this size, next to the results. ``watched_at`` is the address of a viewer that gets each frame.
 
-    ``layers`` are those of every configuration of the experiment, by its name.
+    ``layers`` are those of every configuration of the experiment, by its name. ``around``: only so many frames before
+    and after each wrong one are whole, the others thin; None: all are whole, and so are those of a clip without labels.
     """
 
     layers: Mapping[str, LayerNames]
     size: Size = "light"
     watched_at: str | None = None
+    around: int | None = None
 
     def described(self) -> Mapping[str, Any]:
         """How much the recordings hold."""
-        return {"recording": self.size}
+        if self.around is None:
+            return {"recording": self.size}
+        return {"recording": "failures", "recording_around": self.around}
 
     def open(self, context: SinkContext) -> Recorder:
         """The recording of one configuration on one clip."""
@@ -47,6 +51,7 @@ class RecordingSinks:
             subjects=subjects,
             targets=tuple(manifest.targets),
             watched_at=None if context.rehearsal else self.watched_at,
+            around=None if context.labels is None else self.around,
             judge=lambda record: _judged(record, subjects, context.labels),
             resumed=context.resumed,
         )
@@ -57,10 +62,16 @@ def _judged(record: FrameRecord, subjects: Sequence[str], labels: Labels | None)
 
 
 def recordings(
-    configurations: Iterable[Configuration], size: Size | None, watched_at: str | None = None
+    configurations: Iterable[Configuration],
+    size: Size | None,
+    watched_at: str | None = None,
+    around: int | None = None,
 ) -> tuple[RecordingSinks, ...]:
-    """The recordings of an experiment with these configurations: of this size, or none."""
+    """The recordings of an experiment with these configurations: of this size, or none.
+
+    ``around`` is as :class:`RecordingSinks` has it.
+    """
     if size is None:
         return ()
     layers = layer_names({each.name: each.plain() for each in configurations})
-    return (RecordingSinks(layers=layers, size=size, watched_at=watched_at),)
+    return (RecordingSinks(layers=layers, size=size, watched_at=watched_at, around=around),)

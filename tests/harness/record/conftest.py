@@ -226,6 +226,13 @@ class Columns:
         ]
         return found[-1]
 
+    def everything(self, path: str) -> dict[str, dict[int, Any]]:
+        """Every value of an entity that has a time, by component and frame."""
+        names = {
+            name for batch in self._batches[path] for name in batch.schema.names if ":" in name and "." not in name
+        }
+        return {name: found for name in names if (found := self.at(path, name))}
+
     def timelines(self, path: str) -> set[str]:
         """The timelines an entity has values on."""
         return {

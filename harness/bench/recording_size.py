@@ -1,0 +1,133 @@
+"""What recordings cost: bytes and time of one long clip under four configurations, with and without them.
+
+Whole runs of a longer rendering of ``studio_talk``, one after the other in one process without a cache. Its frames are
+rendered, and kept, before the first run. The ratios belong together; the seconds belong to the machine.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from harness.clips.manifest import load_manifest
+from harness.data_folders import find
+from harness.labels.files import IGNORED, Label, LabelRange, Labels, write_annotations
+from harness.record import Size
+from harness.record.sink import recordings
+from harness.report.formats import Table
+from harness.report.rescore import rescore
+from harness.run.experiment import Experiment, load_experiment
+from harness.run.runner import prepare, run_plan
+from harness.studio.scenario import SCENARIOS
+from harness.studio.stage import Stage
+
+_KINDS: Mapping[str, tuple[Size | None, int | None]] = {
+    "none": (None, None),
+    "light": ("light", None),
+    "failures": ("light", 5),
+}
+_SEED = 7
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedRun:
+    """A run with one kind of recordings: its seconds, those of recording and scoring, and the bytes of its files."""
+
+    kind: str
+    frames: int
+    seconds: float
+    recording_s: float
+    scoring_s: float
+    bytes_by_layer: dict[str, int]
+
+    @property
+    def total(self) -> int:
+        """All bytes of the recordings."""
+        return sum(self.bytes_by_layer.values())
+
+
+def measure_recordings(frames: int) -> list[RecordedRun]:
+    """Run the first ``frames`` of ``studio_talk`` without recordings, and with each kind of them."""
+    with tempfile.TemporaryDirectory() as folder:
+        experiment = _write_clip(Path(folder), frames)
+        clip = load_manifest(experiment.clips[0]).open_images()
+        for number in clip.frames:
+            clip.frame(number)
+        return [_run(experiment, Path(folder) / kind, kind, frames) for kind in _KINDS]
+
+
+def _write_clip(root: Path, frames: int) -> Experiment:
+    """The experiment ``demo`` on a longer ``studio_talk``, labelled by its script."""
+    found = find("datasets", "studio_talk")
+    assert found is not None
+    text = found.read_text(encoding="utf-8")
+    place = root / "datasets" / "studio_talk.toml"
+    place.parent.mkdir()
+    place.write_text(re.sub(r"(?m)^frames = \d+$", f"frames = {frames}", text), encoding="utf-8")
+    stage = Stage(SCENARIOS["talk"], frames, _SEED)
+    rows = [
+        LabelRange(
+            first_frame=frame, last_frame=frame, subject=person.name, label=Label(target=person.target or IGNORED)
+        )
+        for frame in range(1, frames + 1)
+        for person in stage.people(frame - 1)
+    ]
+    (root / "annotations").mkdir()
+    write_annotations(root / "annotations" / "studio_talk.csv", Labels(rows))
+    return load_experiment("demo", clips=(str(place),))
+
+
+def _run(experiment: Experiment, out: Path, kind: str, frames: int) -> RecordedRun:
+    started = time.perf_counter()
+    size, around = _KINDS[kind]
+    sinks = recordings(experiment.configurations, size, around=around)
+    directory = run_plan(prepare(experiment, sinks=sinks), out, workers=1, progress=lambda clip: None)
+    ran = time.perf_counter()
+    rescore(directory)
+    by_layer: dict[str, int] = {}
+    for file in out.glob("*.rrd"):
+        layer = ".".join(file.name.split(".")[1:-1]) or ("attention" if "__" in file.name else "images")
+        by_layer[layer] = by_layer.get(layer, 0) + file.stat().st_size
+    with directory.timings.open(encoding="utf-8") as timings:
+        recording_ms = sum(float(row["ms"]) for row in csv.DictReader(timings) if row["stage"] == "recording")
+    return RecordedRun(
+        kind=kind,
+        frames=frames,
+        seconds=ran - started,
+        recording_s=recording_ms / 1e3,
+        scoring_s=time.perf_counter() - ran,
+        bytes_by_layer=by_layer,
+    )
+
+
+def recordings_table(runs: Sequence[RecordedRun]) -> Table:
+    """A row a kind of recordings: megabytes by layer, and times as ratios to the run without any."""
+    bare = runs[0]
+    return Table(
+        title=f"Recordings of studio_talk, {bare.frames} frames, BM and SGBM with one and two cones",
+        columns=("recording", *(f"{layer} MB" for layer in _LAYERS), "all MB", "time", "recording s", "scoring s"),
+        words=1,
+        rows=tuple(
+            (
+                run.kind,
+                *(f"{run.bytes_by_layer.get(layer, 0) / 1e6:.1f}" for layer in _LAYERS),
+                f"{run.total / 1e6:.1f}",
+                f"{run.seconds / bare.seconds:.2f}",
+                f"{run.recording_s:.1f}",
+                f"{run.scoring_s:.1f}",
+            )
+            for run in runs
+        ),
+        notes=(
+            "Time: of the whole run over that without recordings, in one process without a cache. The images were "
+            "rendered before; the true masks are cast anew in each run. failures: 5 frames about a wrong one whole.",
+        ),
+    )
+
+
+_LAYERS = ("images", "scene", "attention", "verdicts")
