@@ -22,13 +22,15 @@ def step_through(run: Path, clip: str | None, configuration: str | None) -> None
     from harness.score.failures import KEYS, describe, walk
 
     if not sys.stdin.isatty():
-        raise VfoaError("view --failures: expected a terminal to read keys from, found none; see frames.csv instead")
+        raise VfoaError(
+            "view --failures: expected a terminal to read keys from, found none; --failures --web has links instead"
+        )
     wrong, recordings = _wrong_frames(run, clip, configuration)
     if not wrong:
         typer.echo("No wrong frame.")
         return
     shown = {clip: recording.compose() for clip, recording in recordings.items()}
-    with viewer.opened() as go_to:
+    with viewer.opened(instead="--failures --web has a link to each wrong frame, for any browser") as go_to:
         typer.echo(KEYS)
         for place in walk(len(wrong), _keys()):
             at = wrong[place]

@@ -23,6 +23,9 @@ _CONNECT_S = 30.0
 _DRAWN_S = 60.0
 _POLL_S = 0.3
 
+INSTEAD = "--web shows a recording in a browser, --screenshot PNG draws it into a file"
+"""What to do where there is no display."""
+
 
 def show(recordings: Sequence[Composed], frame: int | None) -> None:
     """Open recordings in a window, the first one at ``frame``; returns when the window is closed.
@@ -59,10 +62,11 @@ class GoTo(Protocol):
 
 
 @contextmanager
-def opened(options: Sequence[str] = ()) -> Iterator[GoTo]:
+def opened(options: Sequence[str] = (), *, instead: str = INSTEAD) -> Iterator[GoTo]:
     """A viewer that shows what it is told, as often as wanted.
 
-    ``options`` are the viewer's own, ``--headless`` for one without a window. It is stopped at the end.
+    ``options`` are the viewer's own, ``--headless`` for one without a window. It is stopped at the end. ``instead`` is
+    what to do without a display.
 
     Raises
     ------
@@ -70,7 +74,7 @@ def opened(options: Sequence[str] = ()) -> Iterator[GoTo]:
         If the viewer cannot be started, a recording is missing, or the window was closed.
     """
     known: set[tuple[Path, ...]] = set()
-    with _viewer(options) as (process, client):
+    with _viewer(options, instead) as (process, client):
 
         def go_to(recording: Composed, frame: int, tabs: Sequence[str] = ()) -> None:
             if process.poll() is not None:
@@ -160,15 +164,15 @@ def _settled_picture(client: ViewerClient) -> bytes:
 
 
 @contextmanager
-def _viewer(options: Sequence[str]) -> Iterator[tuple[subprocess.Popen[bytes], ViewerClient]]:
+def _viewer(options: Sequence[str], instead: str = INSTEAD) -> Iterator[tuple[subprocess.Popen[bytes], ViewerClient]]:
     port = free_port()
     arguments = ["--bind", HOST, "--port", str(port), "--hide-welcome-screen", *options]
     # a file, since a pipe that nobody reads would stop the viewer once it is full
     with tempfile.TemporaryFile() as said, program.started(arguments, said) as process:
-        yield process, _connect(process, port, said)
+        yield process, _connect(process, port, said, instead)
 
 
-def _connect(process: subprocess.Popen[bytes], port: int, said: BinaryIO) -> ViewerClient:
+def _connect(process: subprocess.Popen[bytes], port: int, said: BinaryIO, instead: str) -> ViewerClient:
     deadline = time.monotonic() + _CONNECT_S
     while time.monotonic() < deadline:
         if process.poll() is not None:
@@ -176,10 +180,7 @@ def _connect(process: subprocess.Popen[bytes], port: int, said: BinaryIO) -> Vie
             lines = said.read().decode(errors="replace").strip().splitlines()
             said_last = lines[-1] if lines else ""
             if "DISPLAY" in said_last:
-                raise VfoaError(
-                    "the Rerun viewer: found no display to open its window on; "
-                    "--web shows a recording in a browser, --screenshot PNG draws it into a file"
-                )
+                raise VfoaError(f"the Rerun viewer: found no display to open its window on; {instead}")
             raise VfoaError(f"the Rerun viewer ended with status {process.returncode}: {said_last}")
         try:
             return ViewerClient.connect(f"rerun+http://{HOST}:{port}/proxy")
