@@ -19,6 +19,7 @@ from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.manifest_checks import known_categories
 from harness.clips.naming import NameRule
 from harness.data_folders import came_with_program
+from harness.files import digest_files
 from harness.labels.labels import TO_DECIDE
 from harness.labels.timeline import timeline_of
 from harness.sources import Clip
@@ -220,6 +221,11 @@ class Session:
         """A view as JPEG; None for the head of a subject who has none there."""
         with self._reading:
             return self._picture(view, self._store.check_position(at), subject)
+
+    def digest(self) -> str:
+        """The digest of the files of labels and names as they are now."""
+        files = (("labels", self.path), ("manifest", self.manifest.path))
+        return digest_files(each for each in files if each[1].is_file())
 
     def close(self) -> None:
         """Let go of the files."""

@@ -24,7 +24,7 @@ def annotate(
     port: Port = 0,
     no_open: NoOpen = False,
 ) -> None:
-    """Serve the labelling page. Every change is saved at once; Ctrl-C ends it."""
+    """Serve the labelling page. Every change is saved at once; Ctrl-C ends it; RUN then follows the labels."""
     from harness.annotate.server import PageServer
     from harness.annotate.session import Session
     from harness.local_server import ended_by_sigterm, open_browser
@@ -35,6 +35,7 @@ def annotate(
     if session.notice:
         typer.echo(session.notice, err=True)
     server = PageServer(session, port)
+    before = session.digest()
     typer.echo(f"{session.path}\n{server.address}")
     if not no_open:
         open_browser(server.address)
@@ -43,3 +44,19 @@ def annotate(
             server.run()
     finally:
         session.close()
+    if run is not None and session.digest() != before:
+        _score_again(run, annotator)
+
+
+def _score_again(run: Path, annotator: str | None) -> None:
+    """Let a run's tables, page and recordings follow the labels, if it is scored against them."""
+    from harness.report.rescore import rescore
+    from harness.run.directory import RunDirectory
+
+    directory = RunDirectory(run)
+    if directory.read_manifest().get("annotator") == annotator:
+        rescore(directory)
+        typer.echo(f"{run}: tables, page and recordings follow the changed labels")
+    else:
+        chosen = f" --annotator {annotator}" if annotator else ""
+        typer.echo(f"{run} is scored against other labels; `vfoa score {run}{chosen}` scores it against these")

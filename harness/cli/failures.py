@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,24 +19,75 @@ if TYPE_CHECKING:
 
 def step_through(run: Path, clip: str | None, configuration: str | None) -> None:
     """Open the viewer at a run's first wrong frame, and go from one to the next as the keys say."""
-    from harness.record import viewer
-    from harness.score.failures import KEYS, describe, walk
+    from harness.score.failures import KEYS
 
     if not sys.stdin.isatty():
         raise VfoaError(
-            "view --failures: expected a terminal to read keys from, found none; --failures --web has links instead"
+            "view --failures: expected a terminal to read keys from, found none; --failures --web has links"
         )
+    typer.echo(KEYS)
+    place: int | None = 0
+    while place is not None:
+        place = _steps(run, clip, configuration, place)
+
+
+def _steps(run: Path, clip: str | None, configuration: str | None, start: int) -> int | None:
+    """Go from one wrong frame to the next; the place at which a label was corrected, None at the end.
+
+    The viewer is opened anew after a correction: it would keep what the recording said before.
+    """
+    from harness.record import viewer
+    from harness.score.failures import describe, walk
+
     wrong, recordings = _wrong_frames(run, clip, configuration)
     if not wrong:
         typer.echo("No wrong frame.")
-        return
+        return None
     shown = {clip: recording.compose() for clip, recording in recordings.items()}
+    place, corrected = start, False
+
+    def keys() -> Iterator[str]:
+        nonlocal corrected
+        for key in _keys():
+            if key.strip().lower() == "w":
+                corrected = _correct(run, wrong[place])
+                if corrected:
+                    return
+            yield key
+
     with viewer.opened(instead="--failures --web has a link to each wrong frame, for any browser") as go_to:
-        typer.echo(KEYS)
-        for place in walk(len(wrong), _keys()):
+        for place in walk(len(wrong), keys(), start):
             at = wrong[place]
             go_to(shown[at.clip], at.frame, (at.configuration, at.subject))
             typer.echo(describe(wrong, place))
+    return place if corrected else None
+
+
+def _correct(run: Path, wrong: Verdict) -> bool:
+    """Ask for the right target of a frame, and write it; False if nothing was written."""
+    from harness.annotate.correction import Correction, choices, correct
+    from harness.run.directory import RunDirectory
+
+    directory = RunDirectory(run)
+    try:
+        typer.echo(f"{', '.join(choices(directory, wrong.clip, wrong.subject))}; FIRST-LAST for more than this frame")
+        said = typer.prompt("right target [FIRST-LAST], or nothing", default="", show_default=False).strip()
+        if not said:
+            return False
+        target, first, last = _told(said, wrong.frame)
+        correction = Correction(clip=wrong.clip, subject=wrong.subject, target=target, first=first, last=last)
+        typer.echo(f"{correct(directory, correction)}: {correction}. Tables, page and recordings follow.")
+    except (VfoaError, typer.Abort) as error:
+        typer.echo(f"vfoa: {error or 'nothing was changed'}", err=True)
+        return False
+    return True
+
+
+def _told(said: str, frame: int) -> tuple[str, int, int]:
+    """A target, and the frames: ``red cup`` for the frame alone, ``red cup 12-20`` for several."""
+    if found := re.fullmatch(r"(.+)\s+(\d+)-(\d+)", said):
+        return found[1], int(found[2]), int(found[3])
+    return said, frame, frame
 
 
 def browse_failures(run: Path, clip: str | None, configuration: str | None) -> None:

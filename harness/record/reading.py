@@ -33,6 +33,17 @@ def entity_paths(recording: Path) -> set[str]:
         return {chunk.entity_path for chunk in RrdReader(recording).stream()}
 
 
+def properties(recording: Path) -> dict[str, object]:
+    """The properties of a recording that are single values, by name, whatever they are of."""
+    found: dict[str, object] = {}
+    with reading(recording):
+        for chunk in RrdReader(recording).stream().filter(content="/__properties/**"):
+            for name, values in chunk.to_record_batch().to_pydict().items():
+                if values and isinstance(values[-1], list) and len(values[-1]) == 1:
+                    found[name] = values[-1][0]
+    return found
+
+
 def first_points(recording: Path) -> list[Float]:
     """The points (N, 3) of each instance at its first frame, camera frame, metres, of the first instances to come."""
     found: dict[str, Float] = {}

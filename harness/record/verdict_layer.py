@@ -2,42 +2,103 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from functools import cache
 from itertools import groupby
+from pathlib import Path
 from typing import Any
 
 import rerun as rr
 
+from harness.files import digest_files, file_digest
 from harness.labels.files import Labels
+from harness.record import entities, frame_log, layer_file, verdicts
+from harness.record import labels as names_and_colours
 from harness.record.composed import clip_names
 from harness.record.labels import Colours
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles
+from harness.record.reading import properties
 from harness.record.verdicts import log_verdicts
-from harness.run.directory import RunDirectory
+from harness.run.directory import Pair, RunDirectory
 from harness.run.results import FrameRecord, read_results
+from harness.score import prediction_sets
+from harness.score import verdicts as scored
 from harness.score.verdicts import judge
+from vfoa.errors import VfoaError
+
+_MADE_FROM = "made_from"
+"""The property of a layer that says what it was written from."""
+
+
+_Names = tuple[tuple[str, ...], tuple[str, ...]]
+"""Subjects and targets of a clip."""
 
 
 def write_verdict_layers(directory: RunDirectory, labels: Mapping[str, Labels]) -> None:
     """Write ``CLIP__CONFIGURATION.verdicts.rrd`` for every recording of a run; older ones are replaced.
 
-    A recording then shows what the tables say, also after a label was edited. ``labels`` are those of the clips by
-    name; a clip without any has only predictions.
+    A recording then shows what the tables say, also after a label was edited. A layer that was written from the same
+    results and labels by the same code is left as it is. ``labels`` are those of the clips by name; a clip without any
+    has only predictions.
 
     Raises
     ------
     VfoaError
         If the manifest or the results of the run cannot be read.
     """
-    names = {clip["name"]: clip_names(clip) for clip in directory.read_manifest()["clips"]}
-    for (clip, configuration), records in groupby(
-        read_results(directory.results), lambda each: (each.clip, each.configuration)
-    ):
-        files = ClipFiles(run=directory.path, clip=clip)
-        if files.attention(configuration).is_file():
-            _write(files, configuration, *names[clip], labels.get(clip), records)
+    manifest = directory.read_manifest()
+    clips = {clip["name"]: clip_names(clip) for clip in manifest["clips"]}
+    stale = _stale(directory, manifest["configurations"], clips, labels)
+    if not stale:
+        return
+    for pair, records in groupby(read_results(directory.results), lambda each: (each.clip, each.configuration)):
+        if pair in stale:
+            clip, configuration = pair
+            files = ClipFiles(run=directory.path, clip=clip)
+            _write(files, configuration, *clips[clip], labels.get(clip), records, stale[pair])
+
+
+def _stale(
+    directory: RunDirectory, configurations: Iterable[str], clips: Mapping[str, _Names], labels: Mapping[str, Labels]
+) -> dict[Pair, str]:
+    """The layers that must be written, with what they are then made from."""
+    results = file_digest(directory.results)
+    stale: dict[Pair, str] = {}
+    for clip, names in clips.items():
+        files, made_from = ClipFiles(run=directory.path, clip=clip), _digest(results, names, labels.get(clip))
+        for configuration in configurations:
+            if files.attention(configuration).is_file() and _made_from(files.verdicts(configuration)) != made_from:
+                stale[clip, configuration] = made_from
+    return stale
+
+
+def _digest(results: str, names: object, labels: Labels | None) -> str:
+    ranges = labels and [
+        (each.first_frame, each.last_frame, each.subject, each.label.target, each.label.point_px)
+        for each in labels.ranges
+    ]
+    return hashlib.sha256(repr((_code(), rr.__version__, results, names, ranges)).encode()).hexdigest()
+
+
+@cache
+def _code() -> str:
+    """The digest of what writes the layer. That of all that it imports would take longer than to write a small one."""
+    modules = (verdicts, entities, frame_log, layer_file, names_and_colours, scored, prediction_sets)
+    files = [Path(__file__), *(Path(str(each.__file__)) for each in modules)]
+    return digest_files((file.name, file) for file in files)
+
+
+def _made_from(layer: Path) -> object:
+    """What a layer was made from; None where there is none, or it is damaged: then it is written anew."""
+    if not layer.is_file():
+        return None
+    try:
+        return properties(layer).get(_MADE_FROM)
+    except VfoaError:
+        return None
 
 
 def _write(
@@ -47,6 +108,7 @@ def _write(
     targets: tuple[str, ...],
     labels: Labels | None,
     records: Iterable[FrameRecord],
+    made_from: str,
 ) -> None:
     layer = LayerFile(files.verdicts(configuration), files)
     colours, outcomes = Colours((*targets, *subjects)), Counter[str]()
@@ -61,7 +123,8 @@ def _write(
         log_verdicts(log, record, verdicts, colours)
         log.end()
         layer.end_frame()
-    layer.stream.send_property(configuration, rr.AnyValues(**_properties(files.clip, configuration, outcomes)))
+    properties_of = {**_properties(files.clip, configuration, outcomes), _MADE_FROM: made_from}
+    layer.stream.send_property(configuration, rr.AnyValues(**properties_of))
     layer.close(complete=True)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from harness.score.score import Scores
 from harness.score.verdicts import Verdict
 
-KEYS = "Enter or n: next, p: previous, q: quit"
+KEYS = "Enter or n: next, p: previous, w: the label is wrong, q: quit"
 
 
 def failures(scores: Scores, clip: str | None, configuration: str | None) -> list[Verdict]:
@@ -23,13 +23,13 @@ def failures(scores: Scores, clip: str | None, configuration: str | None) -> lis
     return sorted(wrong, key=lambda each: (clips(each.clip), configurations(each.configuration), each.frame))
 
 
-def walk(count: int, keys: Iterable[str]) -> Iterator[int]:
-    """The places, 0 to ``count`` - 1, that somebody who starts at the first and presses these keys sees.
+def walk(count: int, keys: Iterable[str], start: int = 0) -> Iterator[int]:
+    """The places, 0 to ``count`` - 1, that somebody who starts at ``start`` and presses these keys sees.
 
     ``n`` or nothing is the next, ``p`` the one before, ``q`` the end; every other key stays. Beyond either end there is
     no step: it stays there, and says so by giving that place again.
     """
-    place = 0
+    place = min(start, count - 1)
     yield place
     for key in keys:
         match key.strip().lower():

@@ -158,7 +158,7 @@ def write_run(run: Path, frames: Mapping[str, list[FinishedFrame]], **options: A
 
     All configurations share the masks; the first and the second have a reconstruction each.
     """
-    tables = {name: {"stereo": place < 1, "attention": name} for place, name in enumerate(frames)}
+    tables = {name: {"stereo": {"first": place < 1}, "attention": {"of": name}} for place, name in enumerate(frames)}
     layers = layer_names(tables)
     numbers = sorted({each.record.frame for found in frames.values() for each in found})
     directory = RunDirectory(run)

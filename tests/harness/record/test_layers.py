@@ -13,7 +13,7 @@ from harness.record.layers import ClipFiles, LayerNames, layer_names
 from harness.record.recorder import Recorder
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory
-from tests.harness.record.conftest import ANN, under, write_run
+from tests.harness.record.conftest import ANN, LABEL, LABELS, under, write_run
 from vfoa.errors import VfoaError
 
 
@@ -96,6 +96,24 @@ def test_verdicts_follow_an_edited_label(shared, read_back):
     outcomes = columns.at(entities.verdict("one", ANN, "verdict"), "StateChange:state")
     assert outcomes[14] == ["correct"]
     assert shared.files.attention("one").read_bytes() == before
+
+
+def test_only_layers_that_change_are_written(shared):
+    labels, files = {"clip": LABELS}, [shared.files.verdicts(name) for name in shared.configurations]
+
+    def written(labels, spoil=None):
+        before = {file: file.stat().st_mtime_ns for file in files}
+        if spoil is not None:
+            spoil()
+        write_verdict_layers(RunDirectory(shared.run), labels)
+        return [file for file in files if file.stat().st_mtime_ns != before[file]]
+
+    assert written(labels) == []
+    noted = LabelRange(first_frame=0, last_frame=1000, subject=ANN, label=replace(LABEL, note="checked twice"))
+    assert written({"clip": Labels([noted])}) == []
+    assert written(labels, lambda: files[1].write_bytes(b"no recording")) == [files[1]]
+    assert written({}) == files
+    assert written(labels) == files
 
 
 def test_a_clip_without_labels_has_predictions_alone(shared, read_back):

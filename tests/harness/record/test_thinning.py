@@ -11,8 +11,8 @@ from rerun.chunk import RrdReader
 from harness.record import entities
 from harness.record.composed import find_clips
 from harness.record.excerpt import write_excerpt
+from harness.record.program import viewer_binary
 from harness.record.thinning import Judged, Whole
-from harness.record.viewer import viewer_binary
 from harness.score.verdicts import judge
 from tests.harness.record.conftest import ANN, LABEL, show, write_run
 

@@ -102,7 +102,7 @@ def test_a_run_is_stepped_through_as_the_keys_say(tmp_path, monkeypatch, capsys)
     went = []
 
     @contextlib.contextmanager
-    def opened():
+    def opened(*, instead):
         yield lambda recording, frame, tabs: went.append((recording.name, frame, *tabs))
 
     class Terminal(io.StringIO):

@@ -1,0 +1,167 @@
+"""A label that is set right: the file, the table, the page and the recording of a run say the same."""
+
+from __future__ import annotations
+
+import io
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from rerun.chunk import RrdReader
+from typer.testing import CliRunner
+
+from harness import RunResults, load_run, run_experiment
+from harness.annotate.correction import Correction, choices, correct
+from harness.annotate.server import PageServer
+from harness.cli import app, failures
+from harness.record import entities, viewer
+from harness.record.layers import ClipFiles
+from tests.repository import REPOSITORY
+from vfoa.errors import VfoaError
+
+EXPERIMENT = """
+clips = ["{clip}"]
+[defaults]
+stereo.matcher = "truth"
+segmentation.model = "truth"
+heads.detector = "truth"
+head_pose.model = "simulated"
+gaze.model = "simulated"
+gaze.error_deg = 0.0
+[grid]
+"attention.cones_cm" = {{ one = [10], two = [10, 25] }}
+"""
+FRAMES = 4
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> RunResults:
+    """A run of a clip of one's own: anna looks at the mug in its first frames, and is seen to."""
+    root = tmp_path_factory.mktemp("corrected")
+    for folder, name in (("datasets", "desk.toml"), ("annotations", "desk.csv")):
+        (root / folder).mkdir()
+        text = (REPOSITORY / folder / name.replace("desk", "studio_table")).read_text(encoding="utf-8")
+        (root / folder / name).write_text(text.replace("studio_table", "desk"), encoding="utf-8")
+    experiment = root / "cones.toml"
+    experiment.write_text(EXPERIMENT.format(clip=(root / "datasets" / "desk.toml").as_posix()), encoding="utf-8")
+    return run_experiment(experiment, out=root / "run", limit=FRAMES, cache=False)
+
+
+@pytest.fixture
+def run(finished: RunResults, tmp_path: Path) -> Iterator[RunResults]:
+    """The run, whose labels are put back after the test."""
+    annotations = finished.path.parent / "annotations"
+    kept = (annotations / "desk.csv").read_text(encoding="utf-8")
+    yield load_run(finished.path)
+    (annotations / "desk.csv").write_text(kept, encoding="utf-8")
+    shutil.rmtree(annotations / ".journal", ignore_errors=True)
+    finished.rescore()
+
+
+def _recorded(run: RunResults, configuration: str, lane: str) -> dict[int, str]:
+    """A lane of anna's in the recording, by frame."""
+    found: dict[int, str] = {}
+    path = entities.verdict(configuration, "anna", lane)
+    file = ClipFiles(run=run.path, clip="desk").verdicts(configuration)
+    for chunk in RrdReader(file).stream().filter(content=path, has_timeline="frame"):
+        batch = chunk.to_record_batch()
+        states = batch.column("StateChange:state").to_pylist()
+        found |= {f: s[0] for f, s in zip(batch.column("frame").to_pylist(), states, strict=True) if s}
+    return found
+
+
+def _agree(run: RunResults, truth: dict[int, str]) -> None:
+    """The table and the recording of every configuration say what the labels say."""
+    run = load_run(run.path)
+    frames = run.frames.drop_duplicates(["configuration", "frame"])
+    for configuration in run.configurations:
+        told = frames[frames["configuration"] == configuration].set_index("frame")
+        assert dict(told["truth"]) == truth
+        assert _recorded(run, configuration, "truth") == truth
+        assert _recorded(run, configuration, "verdict") == dict(told["outcome"])
+        row = run.frr[(run.frr["configuration"] == configuration) & (run.frr["subject"] == "(all)")].iloc[0]
+        assert row["wrong"] == (told["outcome"] == "wrong").sum()
+
+
+def test_a_correction_is_in_the_labels_the_tables_and_the_recording(run: RunResults) -> None:
+    _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
+    page = (run.path / "report.html").read_text(encoding="utf-8")
+    path = correct(run.directory, Correction(clip="desk", subject="anna", target="vase", first=2, last=3))
+    _agree(run, {1: "mug", 2: "vase", 3: "vase", 4: "mug"})
+    assert "2,3,anna,vase," in path.read_text(encoding="utf-8").splitlines()
+    assert (path.parent / ".journal" / "desk.jsonl").is_file()
+    assert (run.path / "report.html").read_text(encoding="utf-8") != page
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"subject": "ben"}, "unknown subject 'ben'"),
+        ({"target": "cat"}, "unknown target 'cat'"),
+        ({"target": "anna"}, "'anna' looks at 'anna'"),
+        ({"last": 61}, "no frame 61; expected 1 to 60"),
+        ({"clip": "table"}, "no clip 'table'"),
+    ],
+)
+def test_what_the_clip_does_not_have_is_refused(run: RunResults, changed: dict[str, object], says: str) -> None:
+    before = run.path.joinpath("frames.csv").read_bytes()
+    given = {"clip": "desk", "subject": "anna", "target": "vase", "first": 2, "last": 3, **changed}
+    with pytest.raises(VfoaError, match=re.escape(says)):
+        correct(run.directory, Correction(**given))  # type: ignore[arg-type]
+    assert run.path.joinpath("frames.csv").read_bytes() == before
+
+
+def test_a_person_can_look_at_everything_but_herself(run: RunResults) -> None:
+    assert choices(run.directory, "desk", "anna") == (*("laptop", "mug", "book", "bottle", "vase", "none", "ignore"),)
+
+
+def test_the_label_of_a_wrong_frame_is_set_right_by_keys(run: RunResults, monkeypatch: pytest.MonkeyPatch) -> None:
+    correct(run.directory, Correction(clip="desk", subject="anna", target="vase", first=2, last=3))
+    shown: list[int] = []
+
+    @contextmanager
+    def opened(**_: object) -> Iterator[Callable[..., None]]:
+        yield lambda recording, frame, tabs: shown.append(frame)
+
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    monkeypatch.setattr(viewer, "opened", opened)
+    keys = iter(["n", "w"])
+    said = iter(["mug 2-3"])
+    monkeypatch.setattr(failures, "_keys", lambda: keys)
+    monkeypatch.setattr(failures.sys, "stdin", Terminal())
+    monkeypatch.setattr(failures.typer, "prompt", lambda *_, **__: next(said))
+    failures.step_through(run.path, None, "one")
+    assert shown == [2, 3]  # after the correction no frame is wrong
+    _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
+
+
+def test_the_run_follows_what_is_labelled_in_the_page(run: RunResults, monkeypatch: pytest.MonkeyPatch) -> None:
+    from harness.annotate import session
+
+    sessions: list[session.Session] = []
+    real = session.Session.__init__
+
+    def noted(self: session.Session, *arguments: object, **options: object) -> None:
+        real(self, *arguments, **options)  # type: ignore[arg-type]
+        sessions.append(self)
+
+    def label(server: PageServer) -> None:
+        state = sessions[-1].state()
+        sessions[-1].mark_range(state["revision"], "anna", 0, 0, "book")
+        server.close()
+
+    monkeypatch.setattr(session.Session, "__init__", noted)
+    monkeypatch.setattr("harness.annotate.server.PageServer.run", label)
+    clip = run.path.parent / "datasets" / "desk.toml"
+    words = ["annotate", str(clip), "--run", str(run.path), "--config", "one", "--no-open"]
+    done = CliRunner().invoke(app, words, catch_exceptions=False)
+    assert "tables, page and recordings follow" in done.output
+    _agree(run, {1: "book", 2: "mug", 3: "mug", 4: "mug"})
+    monkeypatch.setattr("harness.annotate.server.PageServer.run", PageServer.close)
+    assert "follow" not in CliRunner().invoke(app, words, catch_exceptions=False).output
