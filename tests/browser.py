@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from selenium.webdriver import Chrome
+    from selenium.webdriver import ActionChains, Chrome
 
 FLAGS = (
     *("--headless", "--no-sandbox", "--disable-quic", "--no-first-run"),
@@ -47,6 +47,31 @@ def set_width(browser: Chrome, width_px: int, height_px: int = 900) -> None:
     """Show pages as on a screen of this size; a window cannot be as narrow as a phone."""
     size = {"width": width_px, "height": height_px, "deviceScaleFactor": 1, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+
+
+def wait_until_drawn(browser: Chrome) -> None:
+    """Wait until a report page has drawn everything."""
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    WebDriverWait(browser, 60).until(
+        lambda found: found.execute_script("return document.documentElement.dataset.ready === 'yes'")
+    )
+
+
+def point_at(browser: Chrome, configuration: str, frame: int) -> ActionChains:
+    """Move the pointer of a report page to a frame in the timeline of a configuration; frames have no gaps."""
+    from selenium.webdriver import ActionChains
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    wait_until_drawn(browser)
+    canvas = browser.find_element("id", "timeline")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'start'})", canvas)
+    WebDriverWait(browser, 60).until(lambda _: canvas.get_attribute("data-places"))
+    places = json.loads(str(canvas.get_attribute("data-places")))
+    share = (frame - places["first"] + 0.5 - places["from"]) / (places["to"] - places["from"])
+    x = places["left"] + share * places["width"] - canvas.size["width"] / 2
+    y = places["rows"][configuration] - canvas.size["height"] / 2
+    return ActionChains(browser).move_to_element_with_offset(canvas, round(x), round(y))
 
 
 def requested(browser: Chrome) -> list[str]:

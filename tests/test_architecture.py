@@ -58,7 +58,7 @@ DOORS = {
     "fsspec": ("harness/remote.py",),
     "httpx": ("harness/download.py", "harness/record/web_viewer.py"),
     "starlette": ("harness/annotate/", "harness/record/web_app.py", "harness/local_server.py", "harness/guard.py"),
-    "jinja2": ("harness/report/page.py",),
+    "jinja2": ("harness/report/page/render.py",),
     "matplotlib": ("harness/report/figures.py", "harness/report/", "harness/report/sweep.py"),
     "rich": ("harness/cli/", "harness/report/formats.py", "harness/bench/"),
     "pandas": ("harness/api.py", "harness/bench/stages.py"),

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from harness.record.verdict_layer import write_verdict_layers
-from harness.report.page_data import Served
+from harness.report.page.data import Served
 from harness.report.write import render_run, score_run
 from harness.run.directory import Pair, RunDirectory
 from harness.score.finished_run import FinishedRun

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,13 +16,37 @@ from vfoa.errors import VfoaError
 _COLUMNS = ["clip", "configuration", "frame", "stage", "ms"]
 
 
-def stage_times_table(timings: Path) -> Table:
-    """Median milliseconds a frame, a row per stage and a column per configuration, over all clips.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageTimes:
+    """Median milliseconds a frame over all clips: by stage, one for each configuration; None where it has no such."""
+
+    configurations: tuple[str, ...]
+    ms: dict[str, list[float | None]]
+
+    def table(self) -> Table:
+        """A row per stage and a column per configuration."""
+        return Table(
+            title="Stage times, median ms a frame",
+            columns=("Stage", *self.configurations),
+            words=1,
+            rows=tuple(
+                (stage.replace("_", " "), *(UNKNOWN if each is None else f"{each:.1f}" for each in of_stage))
+                for stage, of_stage in self.ms.items()
+            ),
+            notes=(
+                "On the machine of the run, with all its other work going on; a stage that configurations share "
+                "was computed once.",
+            ),
+        )
+
+
+def stage_times(timings: Path) -> StageTimes:
+    """What each stage took in a run.
 
     Raises
     ------
     VfoaError
-        If the file is not a run's timings. A missing one gives no rows: scores need none.
+        If the file is not a run's timings. A missing one gives no stages: scores need none.
     """
     times: dict[str, dict[str, list[float]]] = {}
     configurations: dict[str, None] = {}
@@ -35,20 +60,10 @@ def stage_times_table(timings: Path) -> Table:
                 times.setdefault(stage, {}).setdefault(configuration, []).append(float(ms))
         except ValueError as error:
             raise VfoaError(f"{timings}:{rows.line_num}: not a stage's time: {error}") from None
-    return Table(
-        title="Stage times, median ms a frame",
-        columns=("Stage", *configurations),
-        words=1,
-        rows=tuple(
-            (stage.replace("_", " "), *(_median(found.get(name, [])) for name in configurations))
+    return StageTimes(
+        configurations=tuple(configurations),
+        ms={
+            stage: [round(float(np.median(found[name])), 1) if name in found else None for name in configurations]
             for stage, found in times.items()
-        ),
-        notes=(
-            "On the machine of the run, with all its other work going on; a stage that configurations share "
-            "was computed once.",
-        ),
+        },
     )
-
-
-def _median(ms: list[float]) -> str:
-    return f"{float(np.median(ms)):.1f}" if ms else UNKNOWN

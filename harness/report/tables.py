@@ -113,7 +113,7 @@ def frr_table(scores: Scores) -> Table:
             )
             for row in scores.by_clip()
         ),
-        notes=(*_remarks(scores), *FRR_NOTES),
+        notes=(*remarks(scores), *FRR_NOTES),
     )
 
 
@@ -127,7 +127,7 @@ def terminal_table(scores: Scores) -> Table:
         words=table.words,
         notes=(
             *([TERMINAL_NOTE] if scores.rows else []),
-            *_remarks(scores),
+            *remarks(scores),
             *next_steps(each for each in scores.verdicts if each.configuration in shown),
         ),
     )
@@ -300,24 +300,25 @@ def subjects_table(scores: Scores) -> Table:
     )
 
 
-def _remarks(scores: Scores) -> list[str]:
+def remarks(scores: Scores) -> list[str]:
     """The run's own notes, and what its numbers ask for: clips without labels, clips that a baseline solves."""
-    rows = scores.by_clip()
-    remarks = list(scores.notes)
+    asked = without_oracles(scores.scored_configurations)
+    rows = [row for row in scores.by_clip() if row.configuration in asked]
+    found = list(scores.notes)
     for clip in scores.clips:
         of_clip = [row for row in rows if row.clip == clip]
         if not of_clip:
-            if not any(note.startswith(f"{clip}: no labels") for note in remarks):
-                remarks.append(f"{clip}: no frame is labelled, not scored; `vfoa annotate {clip}` labels it.")
+            if not any(note.startswith(f"{clip}: no labels") for note in found):
+                found.append(f"{clip}: no frame is labelled, not scored; `vfoa annotate {clip}` labels it.")
             continue
         rate, name = max((max(row.baselines[name] for row in of_clip), name) for name in BASELINES)
         best = max(row.frr for row in of_clip)
         if rate >= best:
-            remarks.append(
+            found.append(
                 f"{clip}: the baseline {_words(name).lower()!r} is right in {_percent(rate)} % of the frames, the "
                 f"best configuration in {_percent(best)} %."
             )
-    return remarks
+    return found
 
 
 def _names(row: ScoreRow) -> tuple[str, str]:

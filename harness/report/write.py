@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from harness.files import atomic_write
 from harness.report.behaviour import behaviour_csv
-from harness.report.formats import to_csv
+from harness.report.formats import Table, to_csv
 from harness.report.frames import FrameRows
-from harness.report.page import render_page
-from harness.report.page_data import AttentionLog, Served
+from harness.report.page.attention_log import AttentionLog
+from harness.report.page.data import Served
+from harness.report.page.render import render_page
 from harness.report.posterior_checks import direction_check_table, prediction_set_table
-from harness.report.reliability import reliability_figure
-from harness.report.stage_times import stage_times_table
+from harness.report.reliability import reliability_figure, subject_reliability_table
+from harness.report.stage_times import stage_times
 from harness.report.tables import render_tables
 from harness.report.thumbnails.reader import read_thumbnails
 from harness.run.results import FrameRecord, read_results
@@ -44,30 +45,21 @@ def score_run(
     records
         Those of the results to score; all if not given.
     manifest
-        As for :func:`harness.report.page.render_page`.
+        As for :func:`harness.report.page.render.render_page`.
 
     Raises
     ------
     VfoaError
         If the results, or the ``timings.csv`` that a run has beside them, cannot be read.
     """
-    frames, beliefs, attention = FrameRows(), BeliefLog(_probabilistic(manifest), reference.labels), AttentionLog()
-    chosen = records if records is not None else read_results(results)
-    sets, directions = SetLog(reference.labels), DirectionLog()
-    watched = directions.watch(sets.watch(beliefs.watch(frames.watch(chosen))))
-    scores = score(attention.watch(watched), reference)
-    reliabilities, checks = beliefs.reliabilities(), directions.checks()
-    scores = replace(scores, notes=(*scores.notes, *(each.sentence() for each in checks if not each.fits)))
+    frames, logs = FrameRows(), _Logs.of(reference, manifest)
+    scores = logs.score(frames.watch(records if records is not None else read_results(results)), reference)
+    reliabilities = logs.beliefs.reliabilities()
     texts = {
-        **render_tables(
-            scores,
-            reliabilities,
-            beliefs.by_subject(),
-            (prediction_set_table(sets.coverages()), direction_check_table(checks)),
-        ),
+        **render_tables(scores, reliabilities, logs.beliefs.by_subject(), logs.tables()),
         "frames.csv": frames.to_csv(scores.verdicts),
         "behaviour.csv": to_csv(behaviour_csv(scores)),
-        "report.html": _page(results, scores, attention, manifest),
+        "report.html": logs.page(results, scores, manifest),
     }
     for name, text in texts.items():
         atomic_write(results.parent / name, text)
@@ -87,21 +79,49 @@ def render_run(
     served: Served,
 ) -> str:
     """The page that :func:`score_run` writes, as text for a server that opens recordings; nothing is written."""
-    attention = AttentionLog()
-    scores = score(attention.watch(records), reference)
-    return _page(results, scores, attention, manifest, served)
+    logs = _Logs.of(reference, manifest)
+    return logs.page(results, logs.score(records, reference), manifest, served)
 
 
-def _page(
-    results: Path,
-    scores: Scores,
-    attention: AttentionLog,
-    manifest: Mapping[str, Any] | None,
-    served: Served | None = None,
-) -> str:
-    tables = [stage_times_table(results.parent / "timings.csv")]
-    thumbnails = read_thumbnails(results.parent, scores.verdicts)
-    return render_page(scores, attention, manifest=manifest, tables=tables, thumbnails=thumbnails, served=served)
+@dataclass(frozen=True, slots=True)
+class _Logs:
+    """What is kept of the records while they are scored, for the page and the tables of probabilities."""
+
+    beliefs: BeliefLog
+    sets: SetLog
+    directions: DirectionLog
+    attention: AttentionLog
+
+    @classmethod
+    def of(cls, reference: Reference, manifest: Mapping[str, Any] | None) -> _Logs:
+        beliefs = BeliefLog(_probabilistic(manifest), reference.labels)
+        return cls(beliefs, SetLog(reference.labels), DirectionLog(), AttentionLog())
+
+    def score(self, records: Iterable[FrameRecord], reference: Reference) -> Scores:
+        """The scores, whose notes tell where measured directions do not fit the posterior."""
+        watched = self.directions.watch(self.sets.watch(self.beliefs.watch(records)))
+        scores = score(self.attention.watch(watched), reference)
+        unfit = (each.sentence() for each in self.directions.checks() if not each.fits)
+        return replace(scores, notes=(*scores.notes, *unfit))
+
+    def tables(self) -> tuple[Table, ...]:
+        """How sets of answers and measured directions do."""
+        return prediction_set_table(self.sets.coverages()), direction_check_table(self.directions.checks())
+
+    def page(
+        self, results: Path, scores: Scores, manifest: Mapping[str, Any] | None, served: Served | None = None
+    ) -> str:
+        """The page of a run, or that of a server."""
+        return render_page(
+            scores,
+            self.attention,
+            manifest=manifest,
+            times=stage_times(results.parent / "timings.csv"),
+            reliabilities=self.beliefs.reliabilities(),
+            checks=(subject_reliability_table(self.beliefs.by_subject()), *self.tables()),
+            thumbnails=read_thumbnails(results.parent, scores.verdicts),
+            served=served,
+        )
 
 
 def _probabilistic(manifest: Mapping[str, Any] | None) -> list[str]:

@@ -1,4 +1,4 @@
-"""A served report in a browser: a click on a cell opens the recording at that frame."""
+"""A served report in a browser: a click on a frame opens the recording at that frame."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from PIL import Image
 from harness.record.composed import find_clips
 from harness.record.web_app import site
 from harness.record.web_viewer import web_viewer_files
-from harness.report.page import render_page
-from harness.report.page_data import AttentionLog, Served
+from harness.report.page.attention_log import AttentionLog
+from harness.report.page.data import Served
+from harness.report.page.render import render_page
 from harness.score.reference import Reference
 from harness.score.score import score
-from tests.browser import WEBGL, chromium, let_out, set_width
+from tests.browser import WEBGL, chromium, let_out, point_at, set_width
 from tests.harness.record.conftest import ANN
 from tests.records import labels
 from tests.web import running
@@ -54,9 +55,7 @@ def report(frames: list[Any], record_run: Callable[..., Any]) -> Iterator[str]:
 
 
 def _click(browser: Chrome, frame: int) -> None:
-    cell = browser.find_element("css selector", f'.cell[data-frame="{frame}"]')
-    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", cell)
-    cell.click()
+    point_at(browser, "two cones", frame).click().perform()
 
 
 def _shows(frame: int) -> bytes:
@@ -84,7 +83,7 @@ def _state(browser: Chrome) -> bytes:
     return bytes(browser.execute_script("return window._handle ? Array.from(window._handle.viewer_state()) : []"))
 
 
-def test_a_click_on_a_cell_opens_the_recording_at_that_frame(browser: Chrome, report: str, frames: list[Any]) -> None:
+def test_a_click_on_a_frame_opens_the_recording_at_that_frame(browser: Chrome, report: str, frames: list[Any]) -> None:
     browser.get(report)
     page = browser.current_window_handle
     _click(browser, 14)

@@ -1,14 +1,22 @@
 from __future__ import annotations
 
+import base64
 import json
+import re
+import zlib
 from collections.abc import Iterable, Mapping
 from html.parser import HTMLParser
 from typing import Any
 
+import numpy as np
+import pytest
+
 from harness.labels.files import Label, LabelRange, Labels
-from harness.report.page import LETTERS, render_page
-from harness.report.page_data import STATES, AttentionLog, confusions, differing_settings
-from harness.report.thumbnails.reader import BUDGET_BYTES, Thumbnails
+from harness.report.page.attention_log import AttentionLog
+from harness.report.page.confusion import confusions
+from harness.report.page.data import LETTERS, STATES, differing_settings
+from harness.report.page.packs import runs, steps
+from harness.report.page.render import render_page
 from harness.run.results import FrameRecord
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
@@ -24,55 +32,81 @@ def _scored(records: Iterable[FrameRecord], truth: Mapping[str, Labels]) -> tupl
 
 
 class _Page(HTMLParser):
-    """The scripts of a page, and what it refers to."""
+    """The scripts of a page by id, and what it refers to."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
-        self.scripts: list[str] = []
+        self.scripts: dict[str | None, str] = {}
         self.references: list[str | None] = []
-        self._in_script = False
+        self._script: list[str | None] = []
         self.feed(text)
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.references += [value for name, value in attrs if name in ("src", "href")]
+        self.references += [value for name, value in attrs if name in ("src", "href") and value != "#frames"]
         if tag == "script":
-            self._in_script = True
-            self.scripts.append("")
+            self._script = [dict(attrs).get("id")]
+            self.scripts[self._script[0]] = ""
 
     def handle_endtag(self, tag: str) -> None:
-        self._in_script = self._in_script and tag != "script"
+        if tag == "script":
+            self._script = []
 
     def handle_data(self, data: str) -> None:
-        if self._in_script:
-            self.scripts[-1] += data
+        if self._script:
+            self.scripts[self._script[0]] += data
 
     @property
     def data(self) -> Any:
-        return json.loads(self.scripts[0])
+        return json.loads(self.scripts["data"])
+
+    def bytes_of(self, name: str) -> bytes:
+        return zlib.decompress(base64.b64decode(self.scripts[f"pack-{name}"]))
+
+    def pack(self, name: str) -> Any:
+        return json.loads(self.bytes_of(name))
 
 
-def test_strips_say_what_the_verdicts_say() -> None:
+def _expanded(coded: list[int]) -> list[int]:
+    return [value for value, count in zip(coded[::2], coded[1::2], strict=True) for _ in range(count)]
+
+
+def test_runs_and_steps_say_what_was_coded() -> None:
+    values, frames = [3, 3, -1, 3, 7, 7, 7], [2, 4, 6, 7, 8, 20]
+    assert _expanded(runs(values)) == values
+    first, *differences = steps(frames)
+    assert [first + sum(_expanded(differences)[:k]) for k in range(len(frames))] == frames
+    assert runs([]) == steps([]) == []
+
+
+def test_timelines_say_what_the_verdicts_say() -> None:
     given = ("cup", "none", "dragon", None, "cup")
-    scores, attention = _scored(answers(given), {"clip": labels("cup", "cup", "cup", "cup")})
-    (group,) = _Page(render_page(scores, attention)).data["groups"]
-    (strip,) = group["strips"]
-    assert (group["clip"], group["subject"], strip["config"]) == ("clip", "girl", "one")
-    assert strip["frames"] == [1, 2, 3, 4, 5]
-    assert [STATES[each] for each in strip["states"]] == ["correct", "no_hit", "missed", "no_subject", "unscored"]
-    assert strip["truth"] == ["cup"] * 4 + [None]
-    assert strip["predicted"] == ["cup", NO_HIT, "dragon", None, "cup"]
-    gaze, head, total = strip["values"]["cup"]
-    assert gaze == total == [500, None, None, None, 500]
-    assert head == [None] * 5
+    page = _Page(render_page(*_scored(answers(given), {"clip": labels("cup", "cup", "cup", "cup")})))
+    names = [*page.data["names"], None]
+    (track,) = page.pack("clip-0")["tracks"]
+    (lane,) = track["configurations"]
+    assert (page.data["clips"][0]["name"], track["subject"]) == ("clip", "girl")
+    assert page.data["configurations"] == [{"name": "one", "oracle": False}]
+    assert track["frames"] == [1, 1, 4]
+    assert [STATES[each] for each in _expanded(lane["states"])] == [
+        *("correct", "no_hit", "missed", "no_subject", "unscored")
+    ]
+    assert [names[each] for each in _expanded(track["truth"])] == ["cup"] * 4 + [None]
+    assert [names[each] for each in _expanded(lane["predicted"])] == ["cup", NO_HIT, "dragon", None, "cup"]
+    assert [names[each] for each in lane["attended"]] == ["cup", "dragon"]
+    (half, none, unknown) = (125, 255, 255)
+    assert list(page.bytes_of("attention-0")) == [
+        *(half, none, none, none, half),  # total of the cup, frame by frame
+        *(none, none, half, none, none),  # total of the dragon
+        *(half, none, none, none, half, *[unknown] * 5),  # gaze and head of the cup
+        *(none, none, half, none, none, *[unknown] * 5),
+    ]
 
 
 def test_a_name_cannot_break_out_of_the_page() -> None:
     scores, attention = _scored(answers([EVIL, "none"], clip=EVIL, configuration=EVIL), {EVIL: labels(EVIL, EVIL)})
     text = render_page(scores, attention)
     assert "<script>alert" not in text
-    page = _Page(text)
-    assert len(page.scripts) == 2
-    assert page.data["groups"][0]["clip"] == EVIL
+    assert _Page(text).data["clips"][0]["name"] == EVIL
 
 
 def test_the_page_refers_to_nothing_outside() -> None:
@@ -83,7 +117,7 @@ def test_the_page_refers_to_nothing_outside() -> None:
 def test_a_run_without_labels_has_a_page_too() -> None:
     page = render_page(*_scored(answers(["cup", None]), {}))
     assert "not scored" in page
-    assert "No annotated frames." in page
+    assert "Nothing is scored" in page
 
 
 def test_every_outcome_has_a_letter_of_its_own() -> None:
@@ -91,27 +125,26 @@ def test_every_outcome_has_a_letter_of_its_own() -> None:
     assert len(set(LETTERS.values())) == len(LETTERS)
 
 
-def test_a_run_as_large_as_the_demo_stays_under_three_megabytes() -> None:
+@pytest.mark.parametrize(("budget", "stride"), [(10**9, 1), (1_000, None)])
+def test_attention_that_is_too_much_is_thinned_and_the_page_says_so(
+    budget: int, stride: int | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("harness.report.page.data.ATTENTION_BYTES", budget)
     targets = [target_record(each, f"thing {each}") for each in range(1, 11)]
+    noise = np.random.default_rng(0).uniform(0.01, 1, (300, 10)).tolist()
     records = [
-        frame_record(
-            targets,
-            [
-                subject_record(
-                    "girl", totals={each: 0.1 + 0.001 * (each * frame % 89) for each in range(1, 11)}, focus=1
-                )
-            ],
-            frame=frame,
-            configuration=configuration,
-        )
-        for configuration in ("one", "two", "three", "four")
-        for frame in range(1, 421)
+        frame_record(targets, [subject_record("girl", totals=dict(enumerate(row, 1)), focus=1)], frame=frame)
+        for frame, row in enumerate(noise, start=1)
     ]
-    pictures = {("clip", frame): "p" * (BUDGET_BYTES // 100) for frame in range(1, 101)}
-    page = render_page(
-        *_scored(records, {"clip": labels(*["thing 2"] * 348)}), thumbnails=Thumbnails(pictures=pictures)
-    )
-    assert len(page.encode()) < 3_000_000
+    text = render_page(*_scored(records, {"clip": labels("thing 2")}))
+    page = _Page(text)
+    found = page.data["stride"]
+    assert found == stride or (stride is None and found > 1)
+    assert page.data["cues"] == (budget == 10**9)
+    held = list(page.bytes_of("attention-0"))
+    assert len(held) == 10 * len(range(0, 300, found)) * (3 if page.data["cues"] else 1)
+    assert held[1] == round(250 * noise[found][0])
+    assert (f"every {found}th frame" in text) == (found > 1)
 
 
 def test_confusions_count_every_scored_frame_once() -> None:
@@ -119,9 +152,9 @@ def test_confusions_count_every_scored_frame_once() -> None:
         answers(("cup", "none", "dragon", None, "cup", "book")),
         {"clip": labels("cup", "cup", "cup", "cup", "ignore", "dragon")},
     )
-    (each,) = confusions(scores.verdicts)["clip"]
-    assert each.answers == ("cup", "dragon", NO_HIT, "book", "no prediction")
-    assert each.rows == (("cup", (1, 1, 1, 0, 1)), ("dragon", (0, 0, 0, 1, 0)))
+    found = confusions(scores.verdicts)["clip", "one"]
+    wrong = {("cup", NO_HIT): 1, ("cup", "dragon"): 1, ("cup", "no prediction"): 1, ("dragon", "book"): 1}
+    assert found == {("cup", "cup"): 1, **wrong}
 
 
 def test_another_instance_of_the_true_name_is_no_agreement() -> None:
@@ -130,8 +163,7 @@ def test_another_instance_of_the_true_name_is_no_agreement() -> None:
     label = Label(target="cup", point_px=(5.0, 5.0))
     truth = Labels([LabelRange(first_frame=1, last_frame=1, subject="girl", label=label)])
     scores, _ = _scored([record], {"clip": truth})
-    (each,) = confusions(scores.verdicts)["clip"]
-    assert each.rows[0][1][each.answers.index("cup")] == 0
+    assert confusions(scores.verdicts)["clip", "one"]["cup", "cup"] == 0
 
 
 def test_only_settings_that_differ_are_listed() -> None:
@@ -142,9 +174,17 @@ def test_only_settings_that_differ_are_listed() -> None:
     assert table.rows == (("attention.cones_cm", "10.0", "10.0, 25.0"), ("stereo.mode", "–", "hh"))
 
 
-def test_it_says_under_which_terms_the_clips_are_and_what_is_to_be_cited() -> None:
+def test_it_says_when_and_of_what_it_is_and_under_which_terms() -> None:
     scores, attention = _scored(answers(["cup"]), {"clip": labels("cup")})
-    clip = {"name": "clip", "licence": "CC-BY 4.0", "frames": [1], "rate_hz": None}
-    manifest = {"experiment": "e", "clips": [{**clip, "citation": "Doe 2020"}], "configurations": {}, "versions": {}}
-    text = render_page(scores, attention, manifest=manifest)
-    assert all(word in text for word in ("CC-BY 4.0", "Doe 2020"))
+    clip = {"name": "clip", "licence": "CC-BY 4.0", "frames": [1], "rate_hz": None, "citation": "Doe 2020"}
+    about = {"experiment": "e", "configurations": {}, "versions": {}, "finished": "2026-01-02T03:04:05+00:00"}
+    text = render_page(scores, attention, manifest={**about, "clips": [clip], "commit": "0123456789abcdef"})
+    (table,) = (each for each in _Page(text).pack("tables") if each["title"] == "Clips, licences")
+    assert table["rows"] == [["clip", "CC-BY 4.0", "Doe 2020", "1", "–"]]
+    facts = re.findall(r"<span>(.*?)</span>", text.split('<p class="meta">')[1].split("</p>")[0])
+    assert facts == [
+        "2026-01-02 03:04:05 UTC",
+        "commit 0123456789",
+        "1 clip, 1 frame",
+        "n = 1 labelled frames of subjects",
+    ]

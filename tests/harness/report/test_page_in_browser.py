@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import numpy as np
@@ -19,7 +19,7 @@ from harness.report.write import score_run
 from harness.run.results import to_line
 from harness.score.reference import Reference
 from harness.score.verdicts import ERROR_TYPES
-from tests.browser import chromium, requested, set_width
+from tests.browser import chromium, point_at, requested, set_width, wait_until_drawn
 from tests.records import answers, labels
 
 if TYPE_CHECKING:
@@ -44,11 +44,16 @@ SEEN = Thumbnail(
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = tmp_path_factory.mktemp("a run")
-    records = [each for name, given in GIVEN.items() for each in answers(given, configuration=name)]
+    records = [
+        each
+        for clip in ("clip", "other")
+        for name, given in GIVEN.items()
+        for each in answers(given, configuration=name, clip=clip)
+    ]
     (run / "results.jsonl").write_text("".join(map(to_line, records)), encoding="utf-8")
     atomic_write(picture_path(run, "clip", 2), picture(np.full((100, 200, 3), PICTURE_RGB, dtype=np.uint8)))
     atomic_write(lines_path(run, "clip", "one"), msgspec.json.encode(SEEN) + b"\n")
-    score_run(run / "results.jsonl", Reference(labels={"clip": labels(*TRUTH)}))
+    score_run(run / "results.jsonl", Reference(labels={name: labels(*TRUTH) for name in ("clip", "other")}))
     return run / "report.html"
 
 
@@ -61,78 +66,179 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
 @pytest.fixture(params=[1280, 390], ids=["wide", "phone"])
 def browser(session: Chrome, page: Path, request: pytest.FixtureRequest) -> Chrome:
     """The page, freshly opened."""
+    session.get("about:blank")
     requested(session)
     set_width(session, request.param)
-    session.get(page.as_uri())
+    _open(session, page)
     return session
 
 
-def _cell(browser: Chrome, config: str, frame: int) -> WebElement:
-    return browser.find_element("css selector", f'[data-clip="clip"][data-config="{config}"][data-frame="{frame}"]')
+def _open(browser: Chrome, page: Path, **shown: Any) -> None:
+    browser.get(page.as_uri() + ("#" + "&".join(f"{key}={value}" for key, value in shown.items()) if shown else ""))
+    wait_until_drawn(browser)
 
 
-def _box(browser: Chrome) -> WebElement:
-    return browser.find_element("id", "frame")
+def _press(browser: Chrome, *keys: str) -> None:
+    browser.find_element("id", "timeline").send_keys(*keys)
 
 
-def test_it_asks_nobody_for_anything_and_complains_of_nothing(browser: Chrome, page: Path) -> None:
+def _wait_for_box(browser: Chrome, text: str) -> str:
+    """What the box of a frame says, once it says this."""
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    box = browser.find_element("id", "frame")
+    WebDriverWait(browser, 60).until(lambda _: text in box.text, text)
+    return box.text
+
+
+def _wait_until_closed(browser: Chrome) -> None:
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    WebDriverWait(browser, 60).until(lambda found: not found.find_element("id", "frame").is_displayed())
+
+
+def _button(browser: Chrome, words: str) -> WebElement:
+    """The part of a figure whose label begins with these words."""
+    return browser.find_element("css selector", f'[role="button"][aria-label^="{words}"]')
+
+
+def test_it_asks_nobody_for_anything_complains_of_nothing_and_fits(browser: Chrome, page: Path) -> None:
+    for fold in browser.find_elements("css selector", "details:not([open]) > summary"):
+        browser.execute_script("arguments[0].click()", fold)
     assert requested(browser) == [page.as_uri()]
     assert browser.get_log("browser") == []
-
-
-def test_it_is_no_wider_than_the_screen(browser: Chrome) -> None:
     assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth")
 
 
-def test_every_frame_of_every_configuration_has_a_cell_that_says_its_outcome_in_words(browser: Chrome) -> None:
-    cells = browser.find_elements("css selector", "#strips .cell")
-    assert [(each.get_attribute("data-config"), each.get_attribute("data-frame")) for each in cells] == [
-        (name, str(frame)) for name in GIVEN for frame in range(1, 7)
+def test_the_first_screen_is_the_answer(browser: Chrome) -> None:
+    assert browser.find_element("id", "verdict").text == "one and it's two cannot be told apart (60.0 points)."
+    rates = [
+        _button(browser, f"{name}: FRR {rate} %").get_attribute("aria-label")
+        for name, rate in (("one", "40.0"), ("it's two", "100.0"))
     ]
-    said = [str(each.get_attribute("aria-label")) for each in cells[:6]]
-    assert [each.split(", ")[1] for each in said] == [
-        *("correct", "wrong: missed", "correct", "wrong: false attention", "unscored", "wrong: no subject")
-    ]
-    assert [each.text for each in cells[:6]] == ["", "M", "", "F", "·", "S"]
+    assert all("n 10," in str(each) for each in rates)
+    low = browser.find_element("css selector", "#draw-forest [role=button]").rect
+    assert low["y"] + low["height"] < 900
 
 
-def test_the_keyboard_goes_from_failure_to_failure_and_shows_each(browser: Chrome, page: Path) -> None:
+def test_the_keyboard_goes_from_failure_to_failure_round_and_round(browser: Chrome, page: Path) -> None:
     from selenium.webdriver.common.keys import Keys
 
-    assert not _box(browser).is_displayed()
-    browser.execute_script("arguments[0].focus()", _cell(browser, "one", 1))
+    assert not browser.find_element("id", "frame").is_displayed()
     for frame, truth, predicted, error_type in (
         (2, "cup", "dragon", "missed"),
         (4, "none", "cup", "false_attention"),
         (6, "cup", "no prediction", "no_subject"),
+        (2, "cup", "dragon", "missed"),
     ):
-        browser.switch_to.active_element.send_keys("n")
-        assert browser.switch_to.active_element.get_attribute("data-frame") == str(frame)
-        text = _box(browser).text
-        assert f"Frame {frame} – wrong" in text
+        _press(browser, "n")
+        text = _wait_for_box(browser, f"Frame {frame} – wrong")
         assert f"Truth: {truth}. Predicted: {predicted}." in text
         assert ERROR_TYPES[error_type].lower() in text.lower()
-    browser.switch_to.active_element.send_keys(Keys.ARROW_DOWN)
-    assert "Frame 6 – correct" in _box(browser).text
-    command = _box(browser).find_element("tag name", "code").text
+        assert f"frame={frame}" in browser.current_url
+        said = str(browser.find_element("id", "timeline").get_attribute("aria-valuetext"))
+        assert (
+            said
+            == f"Frame {frame}, girl, one: wrong: {error_type.replace('_', ' ')}. Truth {truth}, predicted {predicted}."
+        )
+    _press(browser, "p")
+    _wait_for_box(browser, "Frame 6 – wrong")
+    _press(browser, Keys.ARROW_DOWN)
+    _wait_for_box(browser, "Frame 6 – correct")
+    command = browser.find_element("css selector", "#frame code").text
     assert command == f"""vfoa view '{page.parent}' --clip clip --config 'it'"'"'s two' --frame 6"""
-    browser.switch_to.active_element.send_keys(Keys.ESCAPE)
-    assert not _box(browser).is_displayed()
+    _press(browser, Keys.ESCAPE)
+    _wait_until_closed(browser)
 
 
-def test_pointing_at_a_cell_shows_the_attention_of_its_frame(browser: Chrome) -> None:
-    from selenium.webdriver import ActionChains
-
-    cell = _cell(browser, "one", 2)
-    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", cell)
-    ActionChains(browser).move_to_element(cell).perform()
-    rows = _box(browser).find_elements("css selector", "tr")
-    assert [row.text for row in rows] == ["Attention total gaze head", "dragon (predicted) 0.500 0.500 –"]
+def test_an_address_shows_its_frame(session: Chrome, page: Path) -> None:
+    session.get("about:blank")
+    _open(session, page, clip="other", config="one", subject="girl", frame=4)
+    assert "other, girl, one" in _wait_for_box(session, "Frame 4 – wrong: false attention")
 
 
-def test_a_wrong_cell_shows_its_frame_with_truth_and_answer_marked(browser: Chrome) -> None:
-    browser.execute_script("arguments[0].focus()", _cell(browser, "one", 2))
-    thumbnail = _box(browser).find_element("css selector", "svg.thumbnail")
+def test_pointing_at_a_frame_shows_its_attention_and_a_click_keeps_it(browser: Chrome) -> None:
+    point_at(browser, "one", 2).perform()
+    _wait_for_box(browser, "Frame 2 – wrong")
+    rows = [row.text for row in browser.find_elements("css selector", "#frame tr")]
+    assert rows == ["Attention total gaze head", "dragon (predicted) 0.50 0.50 –"]
+    point_at(browser, "it's two", 3).click().perform()
+    _wait_for_box(browser, "Frame 3 – correct")
+    assert "frame=3" in browser.current_url
+
+
+def test_the_canvas_has_the_outcome_of_each_frame(session: Chrome, page: Path) -> None:
+    session.get("about:blank")
+    set_width(session, 1280)
+    _open(session, page)
+    pixels = session.execute_async_script(
+        """
+        const [done] = arguments, sheet = document.getElementById("timeline");
+        requestAnimationFrame(() => requestAnimationFrame(() => {
+          const {left, width, rows} = JSON.parse(sheet.dataset.places), scale = sheet.width / sheet.clientWidth;
+          const colour = (name) => (_, i) => {
+            const [x, y] = [left + (i + .2) * width / 6, rows[name]].map((each) => Math.round(each * scale));
+            return [...sheet.getContext("2d").getImageData(x, y, 1, 1).data];
+          };
+          done({one: Array.from({length: 6}, colour("one")), two: Array.from({length: 2}, colour("it's two"))});
+        }));
+        """
+    )
+    right, wrong = pixels["one"][0], pixels["one"][1]
+    assert pixels["one"][2] == pixels["two"][0] == pixels["two"][1] == right
+    assert len({tuple(each) for each in (right, wrong, *pixels["one"][3:])}) == 5  # three error types, and unscored
+
+
+def test_a_cell_of_the_confusion_leads_to_its_frames_which_n_then_visits(browser: Chrome) -> None:
+    browser.execute_script(
+        "arguments[0].dispatchEvent(new MouseEvent('click', {bubbles: true}))",
+        _button(browser, "one: truth cup, answer dragon: 1 of 3"),
+    )
+    _wait_for_box(browser, "Frame 2 – wrong: missed")
+    assert "cup answered as dragon" in browser.find_element("css selector", ".chip").text
+    _press(browser, "n")
+    _wait_for_box(browser, "Frame 2 – wrong: missed")
+
+
+def test_a_point_of_the_forest_and_an_error_type_lead_to_frames(browser: Chrome) -> None:
+    for words, frame in (
+        ("one on other:", "Frame 2 – wrong: missed"),
+        ("one: 2 of 10 frames no subject", "Frame 6 – wrong"),
+    ):
+        _button(browser, words).send_keys("\ue007")
+        _wait_for_box(browser, frame)
+    assert "clip=clip" in browser.current_url
+
+
+def test_tables_are_sorted_and_filtered(session: Chrome, page: Path) -> None:
+    session.get("about:blank")
+    set_width(session, 1280)
+    _open(session, page)
+    fold = session.find_element("id", "wrong-frames")
+    session.execute_script("arguments[0].open = true", fold)
+    session.execute_script("document.querySelector('details[data-table=\"0\"]').open = true")
+    from selenium.webdriver.support.wait import WebDriverWait
+
+    rows = "details[data-table='0'] tbody tr"
+    WebDriverWait(session, 60).until(lambda found: found.find_elements("css selector", rows))
+    head = next(
+        each for each in session.find_elements("css selector", "details[data-table='0'] .head") if each.text == "FRR %"
+    )
+    for expected in (["100.0"] * 3 + ["40.0"] * 3, ["40.0"] * 3 + ["100.0"] * 3):
+        session.execute_script("arguments[0].click()", head)
+        assert [
+            each.find_elements("tag name", "td")[3].text for each in session.find_elements("css selector", rows)
+        ] == expected
+    links = fold.find_elements("css selector", "tbody a")
+    assert [each.text for each in links] == ["2", "4", "6"]
+    session.execute_script("arguments[0].click()", links[1])
+    _wait_for_box(session, "Frame 4 – wrong")
+
+
+def test_a_wrong_frame_shows_its_picture_with_truth_and_answer_marked(browser: Chrome) -> None:
+    _press(browser, "n")
+    _wait_for_box(browser, "Frame 2 – wrong")
+    thumbnail = browser.find_element("css selector", "#frame svg.thumbnail")
     browser.execute_script("arguments[0].scrollIntoView()", thumbnail)
     shown = np.asarray(Image.open(io.BytesIO(thumbnail.screenshot_as_png)).convert("RGB"))
     height, width = shown.shape[:2]
@@ -146,27 +252,32 @@ def test_a_wrong_cell_shows_its_frame_with_truth_and_answer_marked(browser: Chro
         for role in ("truth", "predicted", "face", "other")
     }
     assert marked == {"truth": ["20", "40"], "predicted": ["120", "40"], "face": ["90", "20"], "other": ["180", "10"]}
-    words = [each.text for each in thumbnail.find_elements("tag name", "text")]
-    assert {"✓ truth: cup", "✗ predicted: dragon", "girl", "lamp"} == set(words)
+    texts = [each.text for each in thumbnail.find_elements("tag name", "text")]
+    assert {"✓ truth: cup", "✗ predicted: dragon", "girl", "lamp"} == set(texts)
     dashes = thumbnail.find_element("css selector", "rect.predicted").value_of_css_property("stroke-dasharray")
     assert dashes != "none"
     assert thumbnail.find_element("css selector", "polyline.gaze").get_dom_attribute("points") == "100,15 140,50"
+    _press(browser, "n")
+    _wait_for_box(browser, "Frame 4 – wrong")
+    assert browser.find_elements("css selector", "#frame svg.thumbnail") == []
 
 
-def test_a_cell_without_a_picture_has_none(browser: Chrome) -> None:
-    for config, frame in (("one", 4), ("it's two", 2)):
-        browser.execute_script("arguments[0].focus()", _cell(browser, config, frame))
-        assert _box(browser).find_elements("css selector", "svg.thumbnail") == []
+def test_figures_are_copied_as_csv_and_svg_that_stand_alone(session: Chrome, page: Path) -> None:
+    session.get("about:blank")
+    _open(session, page)
+    session.execute_script(
+        "window.copied = []; Object.defineProperty(navigator, 'clipboard', {value: {write: async ([item]) => {"
+        "window.copied.push(await (await item.getType(item.types[0])).text())}}, configurable: true});"
+    )
+    for kind, words in (("CSV", "Over all clips"), ("SVG", "Over all clips"), ("SVG", "the timeline")):
+        button = session.find_element("css selector", f'[aria-label="Copy {words} as {kind}"]')
+        session.execute_script("arguments[0].click()", button)
+    from selenium.webdriver.support.wait import WebDriverWait
 
-
-def test_a_strip_is_one_stop_of_the_tab_key(browser: Chrome) -> None:
-    stops = browser.find_elements("css selector", '#strips .cell[tabindex="0"]')
-    assert [each.get_attribute("data-config") for each in stops] == list(GIVEN)
-
-
-def test_curves_are_drawn_over_the_true_targets(browser: Chrome) -> None:
-    plots = browser.find_elements("css selector", ".plot")
-    assert len(plots) == len(GIVEN)
-    bands = [each.get_attribute("title") for each in plots[0].find_elements("tag name", "i")]
-    assert bands == ["cup", "dragon", "none", "ignore", "cup"]
-    assert all(plot.find_elements("tag name", "polyline") for plot in plots)
+    WebDriverWait(session, 60).until(lambda found: found.execute_script("return window.copied.length") == 3)
+    table, figure, timeline = session.execute_script("return window.copied")
+    assert table.splitlines()[0] == "clip,configuration,n,looks,frr,low,high,baseline"
+    assert table.splitlines()[1].startswith("(all),one,10,")
+    for each in (figure, timeline):
+        assert each.startswith("<svg")
+        assert "var(" not in each

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.report.stage_times import stage_times_table
+from harness.report.stage_times import stage_times
 from vfoa.errors import VfoaError
 
 HEADER = "clip,configuration,frame,stage,ms\n"
@@ -25,13 +25,13 @@ def test_a_stage_has_its_median_over_clips_and_frames(tmp_path: Path) -> None:
         ("a", "two", 2, 5.0),
     ]
     text = "".join(f"{clip},{name},{frame},head_pose,{ms}\n" for clip, name, frame, ms in rows)
-    table = stage_times_table(_written(tmp_path, f"{HEADER}{text}a,two,1,gaze,7\n"))
+    table = stage_times(_written(tmp_path, f"{HEADER}{text}a,two,1,gaze,7\n")).table()
     assert table.columns == ("Stage", "one", "two")
     assert table.rows == (("head pose", "2.0", "4.5"), ("gaze", "–", "7.0"))
 
 
 def test_no_timings_no_rows(tmp_path: Path) -> None:
-    assert stage_times_table(tmp_path / "timings.csv").rows == ()
+    assert stage_times(tmp_path / "timings.csv").ms == {}
 
 
 @pytest.mark.parametrize(
@@ -44,5 +44,5 @@ def test_no_timings_no_rows(tmp_path: Path) -> None:
 )
 def test_other_files_are_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(VfoaError, match=message) as caught:
-        stage_times_table(_written(tmp_path, text))
+        stage_times(_written(tmp_path, text))
     assert "\n" not in str(caught.value)

@@ -1,0 +1,86 @@
+"""Every named subject's attention over the frames, kept small: a byte for each value."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.record.labels import Colours, attention_by_name
+from harness.run.results import AttentionRecord, FrameRecord
+from harness.score.verdicts import find_subject
+
+Bytes = NDArray[np.uint8]
+
+SCALE = 250
+"""Attention is kept in steps of 1 / SCALE; ``frames.csv`` has more digits."""
+UNKNOWN = 255
+"""Not measured, or no attention in this frame."""
+PARTS = ("total", "gaze", "head")
+
+
+@dataclass(slots=True)
+class AttentionTrack:
+    """One subject's attention in one clip under one configuration: a row per frame, a column per target and part."""
+
+    frames: array[int] = field(default_factory=lambda: array("q"))
+    columns: dict[str, tuple[bytearray, bytearray, bytearray]] = field(default_factory=dict)
+
+    def append(self, frame: int, values: dict[str, AttentionRecord]) -> None:
+        """Add a frame."""
+        before = len(self.frames)
+        self.frames.append(frame)
+        for name in [each for each in values if each not in self.columns]:
+            self.columns[name] = tuple(bytearray([UNKNOWN]) * before for _ in PARTS)  # type: ignore[assignment]
+        for name, column in self.columns.items():
+            value = values.get(name)
+            for part, cells in zip(PARTS, column, strict=True):
+                cells.append(UNKNOWN if value is None else _byte(getattr(value, part)))
+
+    def attended(self) -> list[str]:
+        """The targets that got any attention, in the order in which they appear."""
+        return [name for name, (total, _, _) in self.columns.items() if any(0 < each < UNKNOWN for each in total)]
+
+    def aligned(self, name: str, frames: Sequence[int]) -> Bytes:
+        """A target's values (parts, frames) at these frames; :data:`UNKNOWN` where there are none."""
+        place = {frame: i for i, frame in enumerate(self.frames)}
+        rows = np.array([place.get(frame, -1) for frame in frames], dtype=np.intp)
+        values = np.array([np.frombuffer(cells, dtype=np.uint8) for cells in self.columns[name]])
+        return np.where(rows >= 0, values[:, rows], UNKNOWN).astype(np.uint8)
+
+
+class AttentionLog:
+    """Keeps every named subject's attention while records pass by: see :meth:`watch`."""
+
+    def __init__(self) -> None:
+        self._tracks: dict[tuple[str, str, str], AttentionTrack] = {}
+        self._colours: dict[str, Colours] = {}
+
+    def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
+        """Hand the records on and keep the attention of each named subject, by the target's name."""
+        for record in records:
+            colours = self._colours.setdefault(record.clip, Colours(()))
+            for target in record.targets:
+                colours.class_of(target.name)
+            for name in dict.fromkeys(subject.name for subject in record.subjects if subject.name is not None):
+                if (found := find_subject(record, name)) is not None and found.attention:
+                    key = record.clip, record.configuration, name
+                    self._tracks.setdefault(key, AttentionTrack()).append(
+                        record.frame, attention_by_name(record, found)
+                    )
+            yield record
+
+    def track(self, clip: str, configuration: str, subject: str) -> AttentionTrack:
+        """A subject's attention; without columns where there was none."""
+        return self._tracks.get((clip, configuration, subject), AttentionTrack())
+
+    def colours(self, clip: str) -> Colours:
+        """The colours of a clip's targets, by the order in which they appear."""
+        return self._colours.setdefault(clip, Colours(()))
+
+
+def _byte(value: float | None) -> int:
+    return UNKNOWN if value is None else min(max(round(SCALE * value), 0), SCALE)

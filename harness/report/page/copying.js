@@ -1,0 +1,54 @@
+// Tables and figures to the clipboard; where that is refused, as a file.
+
+import { element, say } from "./dom.js";
+
+const CELL = /[",\r\n]/;
+export const csvText = (rows) =>
+  rows.map((row) => row.map((cell) => (CELL.test(cell) ? `"${String(cell).replaceAll('"', '""')}"` : cell)).join(",")).join("\n") + "\n";
+
+export const copyCsv = (rows) => copied(new Blob([csvText(rows)], { type: "text/plain" }), "csv");
+export const copySvg = (svg) => svg && copied(new Blob([svgText(svg)], { type: "text/plain" }), "svg");
+export const copyPng = async (svg) => svg && copied(await png(svgText(svg), svg.width.baseVal.value, svg.height.baseVal.value), "png");
+export const copyCanvas = (canvas) => canvas.toBlob((blob) => copied(blob, "png"));
+export const copySvgText = (text) => copied(new Blob([text], { type: "text/plain" }), "svg");
+
+async function copied(blob, kind) {
+  try {
+    await navigator.clipboard.write([new ClipboardItem({ [blob.type]: blob })]);
+    say(`Copied as ${kind.toUpperCase()}.`);
+  } catch {
+    const address = URL.createObjectURL(blob);
+    element("a", { href: address, download: `figure.${kind}` }).click();
+    setTimeout(() => URL.revokeObjectURL(address), 10000);
+    say(`The clipboard is closed to this page: saved as figure.${kind}.`);
+  }
+}
+
+const KEPT = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-family", "font-size", "font-weight", "text-anchor"];
+
+// A drawing that looks the same outside the page: its styles stand in it, on the page's ground.
+export function svgText(svg) {
+  const copy = svg.cloneNode(true);
+  const places = [svg, ...svg.querySelectorAll("*")];
+  [copy, ...copy.querySelectorAll("*")].forEach((each, i) => {
+    const style = getComputedStyle(places[i]);
+    for (const name of KEPT) each.setAttribute(name, style.getPropertyValue(name));
+    for (const name of ["class", "tabindex", "role", "style"]) each.removeAttribute(name);
+  });
+  const ground = document.createElementNS("http://www.w3.org/2000/svg", "rect");
+  ground.setAttribute("width", "100%");
+  ground.setAttribute("height", "100%");
+  ground.setAttribute("fill", getComputedStyle(document.body).backgroundColor);
+  copy.prepend(ground);
+  copy.setAttribute("xmlns", "http://www.w3.org/2000/svg");
+  return new XMLSerializer().serializeToString(copy);
+}
+
+async function png(text, width, height) {
+  const image = new Image();
+  image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;
+  await image.decode();
+  const sheet = element("canvas", { width: 2 * width, height: 2 * height });
+  sheet.getContext("2d").drawImage(image, 0, 0, 2 * width, 2 * height);
+  return new Promise((resolve) => sheet.toBlob(resolve, "image/png"));
+}

@@ -1,0 +1,293 @@
+"""The page's data: one object of plain values, documented at :func:`page_data`, and packs of its large parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from harness.record.labels import Colours
+from harness.report.formats import UNKNOWN, Table
+from harness.report.page.attention_log import AttentionLog
+from harness.report.page.confusion import answered
+from harness.report.page.packs import pack, pack_json, runs, steps
+from harness.report.thumbnails.reader import Thumbnails
+from harness.run.directory import Pair
+from harness.score.oracle_ablation import without_oracles
+from harness.score.score import ScoreRow, Scores
+from harness.score.verdicts import ERROR_TYPES, Verdict
+
+STATES = ("correct", "unscored", *ERROR_TYPES)
+"""What a frame of a timeline can be; the data holds the place in this list, -1 where there is no frame."""
+
+LETTERS = {
+    "correct": "",
+    "unscored": "·",
+    "no_subject": "S",
+    "no_eyes_3d": "E",
+    "no_direction": "D",
+    "target_not_segmented": "T",
+    "target_without_box": "B",
+    "false_attention": "F",
+    "wrong_subject": "W",
+    "no_hit": "N",
+    "missed": "M",
+    "outscored": "O",
+}
+"""What stands in a frame of a timeline, so that outcomes can be told apart without colour."""
+
+ATTENTION_BYTES = 3_000_000
+"""What the attention values of all clips may weigh in a page. More: every second frame, or every third, has values."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Served:
+    """What a page knows that a server gives out: its run's directory, and under which name each recording opens."""
+
+    run: str
+    recordings: Mapping[Pair, str]
+
+
+@dataclass(slots=True)
+class Names:
+    """Names as numbers, in the order in which they are first asked for."""
+
+    codes: dict[str, int] = field(default_factory=dict)
+
+    def code(self, name: str | None) -> int:
+        """The number of a name; -1 for none."""
+        return -1 if name is None else self.codes.setdefault(name, len(self.codes))
+
+
+_Judged = dict[str, list[Verdict]]
+"""A subject's verdicts by configuration."""
+
+
+def page_data(
+    scores: Scores,
+    attention: AttentionLog,
+    thumbnails: Thumbnails,
+    served: Served | None,
+    rates_hz: Mapping[str, float | None],
+) -> tuple[dict[str, Any], dict[str, str]]:
+    """The data object, and packs by name.
+
+    The object, read by ``store.js``::
+
+        states, letters, error_types   what a frame can be; words for each
+        names                          targets and answers; elsewhere numbers stand for them, -1 for none
+        configurations                 {name, oracle: whether it is a step of the oracle ablation}
+        clips                          {name, subjects, frames, rate_hz or null, stride}: values every ``stride`` frames
+        run, recordings                of a served page: the directory; recordings by clip and configuration; else null
+        overall                        rows over all clips
+        scored                         configurations that rows name: one for all seeds of a configuration
+
+    A row is ``[clip or -1, scored configuration, n, looks, correct, low, high, best baseline's FRR, beats, [wrong
+    frames by error type]]``; low and high are the ends of the 95 % interval, null where unknown.
+
+    Packs: ``rows`` are the rows of the clips. ``clip-K`` is what :func:`_clip_data` makes of clip number K,
+    ``attention-K`` its values: for each subject, configuration and target a byte per ``stride`` frames of total, then
+    of gaze and head where ``cues`` says so; 250 is 1, 255 unknown. ``pictures-K`` are its thumbnails: data URIs by
+    frame, and what each configuration saw.
+    """
+    names, numbers = Names(), {name: i for i, name in enumerate(scores.configurations)}
+    scored = {name: i for i, name in enumerate(scores.scored_configurations)}
+    plain = set(without_oracles(scores.scored_configurations)) | set(without_oracles(scores.configurations))
+    by_clip = _by_clip(scores.verdicts)
+    clips, packs = [], {}
+    values = _attention(scores.clips, by_clip, attention)
+    for number, clip in enumerate(scores.clips):
+        subjects = by_clip.get(clip, {})
+        track = _clip_data(clip, subjects, numbers, names, attention)
+        packs[f"clip-{number}"] = pack_json(track)
+        if values.packs[clip]:
+            packs[f"attention-{number}"] = values.packs[clip]
+        if pictures := _pictures(clip, subjects, numbers, thumbnails):
+            packs[f"pictures-{number}"] = pack_json(pictures)
+        frames = {verdict.frame for judged in subjects.values() for each in judged.values() for verdict in each}
+        clips.append({"name": clip, "subjects": list(subjects), "frames": len(frames), "rate_hz": rates_hz.get(clip)})
+    rows = scores.by_clip()
+    places = {clip: number for number, clip in enumerate(scores.clips)}
+    pooled = [row for row in rows if row.clip is None] or rows
+    packs["rows"] = pack_json([_row(row, places, scored) for row in rows if row.clip is not None])
+    data = {
+        "states": STATES,
+        "letters": LETTERS,
+        "error_types": ERROR_TYPES,
+        "configurations": [{"name": name, "oracle": name not in plain} for name in numbers],
+        "scored": [{"name": name, "oracle": name not in plain} for name in scored],
+        "clips": clips,
+        "stride": values.stride,
+        "cues": values.has_cues,
+        "run": served and served.run,
+        "recordings": served and _recordings(served),
+        "overall": [_row(row, {}, scored) for row in pooled],
+        "names": list(names.codes),
+    }
+    return data, packs
+
+
+def _by_clip(verdicts: Iterable[Verdict]) -> dict[str, dict[str, _Judged]]:
+    found: dict[str, dict[str, _Judged]] = {}
+    for each in verdicts:
+        found.setdefault(each.clip, {}).setdefault(each.subject, {}).setdefault(each.configuration, []).append(each)
+    return found
+
+
+def _row(row: ScoreRow, places: Mapping[str, int], scored: Mapping[str, int]) -> list[Any]:
+    ends = (row.interval.low, row.interval.high)
+    return [
+        places.get(row.clip or "", -1),
+        scored[row.configuration],
+        row.n,
+        row.looks,
+        row.correct,
+        *(None if end != end else round(end, 4) for end in ends),
+        round(row.baselines[row.best_baseline], 4),
+        row.beats,
+        list(row.error_types.values()),
+    ]
+
+
+def _clip_data(
+    clip: str, subjects: Mapping[str, _Judged], numbers: Mapping[str, int], names: Names, attention: AttentionLog
+) -> dict[str, Any]:
+    """A clip's timelines, and the colours of its targets as CSS by number of the name.
+
+    A track is a subject: ``frames`` are numbers as :func:`harness.report.page.packs.steps` codes them, ``truth`` and
+    each configuration's ``states``, ``predicted`` and ``answers`` are run-length codes over them. ``predicted`` is the
+    target that was predicted, ``answers`` the column of the confusion. ``attended`` are the targets with values.
+    """
+    tracks = []
+    for subject, judged in subjects.items():
+        frames = sorted({verdict.frame for each in judged.values() for verdict in each})
+        place = {frame: i for i, frame in enumerate(frames)}
+        truth = [-1] * len(frames)
+        configurations = []
+        for configuration, verdicts in judged.items():
+            states, predicted, answers = ([-1] * len(frames) for _ in range(3))
+            for each in verdicts:
+                i = place[each.frame]
+                truth[i] = names.code(each.truth)
+                states[i] = STATES.index(each.error_type or each.outcome)
+                predicted[i] = names.code(each.predicted)
+                answers[i] = -1 if each.outcome == "unscored" else names.code(answered(each))
+            track = attention.track(clip, configuration, subject)
+            configurations.append(
+                {
+                    "configuration": numbers[configuration],
+                    "states": runs(states),
+                    "predicted": runs(predicted),
+                    "answers": runs(answers),
+                    "attended": [names.code(name) for name in track.attended()],
+                }
+            )
+        tracks.append(
+            {"subject": subject, "frames": steps(frames), "truth": runs(truth), "configurations": configurations}
+        )
+    return {"tracks": tracks, "colours": _colours(attention.colours(clip), tracks, names)}
+
+
+def _colours(colours: Colours, tracks: list[dict[str, Any]], names: Names) -> dict[int, str]:
+    shown = {code for track in tracks for each in track["configurations"] for code in each["attended"]}
+    shown |= {code for track in tracks for code in track["truth"][::2] if code >= 0}
+    words = list(names.codes)
+    return {code: "rgb({} {} {})".format(*colours.of(words[code])) for code in sorted(shown)}
+
+
+@dataclass(frozen=True, slots=True)
+class _Attention:
+    """Packs by clip, of every ``stride`` frames."""
+
+    stride: int
+    has_cues: bool
+    packs: Mapping[str, str]
+
+
+def _attention(
+    clips: Sequence[str], by_clip: Mapping[str, Mapping[str, _Judged]], attention: AttentionLog
+) -> _Attention:
+    """As much of the attention as fits: totals of every frame or of every second, third ..., then gaze and head."""
+    parts = {clip: _bytes(clip, by_clip.get(clip, {}), attention, 1) for clip in clips}
+    whole = {clip: pack(totals + cues) for clip, (totals, cues) in parts.items()}
+    if sum(map(len, whole.values())) <= ATTENTION_BYTES:
+        return _Attention(1, True, {clip: text if parts[clip][0] else "" for clip, text in whole.items()})
+    totals = {clip: pack(each) if each else "" for clip, (each, _) in parts.items()}
+    stride = -(-sum(map(len, totals.values())) // ATTENTION_BYTES)
+    if stride > 1:
+        thinned = {clip: _bytes(clip, by_clip.get(clip, {}), attention, stride)[0] for clip in clips}
+        totals = {clip: pack(each) if each else "" for clip, each in thinned.items()}
+    return _Attention(stride, False, totals)
+
+
+def _bytes(clip: str, subjects: Mapping[str, _Judged], attention: AttentionLog, stride: int) -> tuple[bytes, bytes]:
+    """Totals, and gaze and head, of all timelines of a clip in the order of :func:`_clip_data`."""
+    totals, cues = [], []
+    for subject, judged in subjects.items():
+        frames = sorted({verdict.frame for each in judged.values() for verdict in each})[::stride]
+        for configuration in judged:
+            track = attention.track(clip, configuration, subject)
+            for name in track.attended():
+                total, *others = track.aligned(name, frames)
+                totals.append(total.tobytes())
+                cues += [each.tobytes() for each in others]
+    return b"".join(totals), b"".join(cues)
+
+
+def _pictures(
+    clip: str, subjects: Mapping[str, _Judged], numbers: Mapping[str, int], thumbnails: Thumbnails
+) -> dict[str, Any] | None:
+    """``pictures`` by frame; ``seen`` by subject, configuration and frame, of the frames judged wrong."""
+    pictures = {frame: uri for (of, frame), uri in thumbnails.pictures.items() if of == clip}
+    if not pictures:
+        return None
+    seen: dict[str, dict[int, dict[int, Any]]] = {}
+    for subject, judged in subjects.items():
+        for configuration, verdicts in judged.items():
+            seen.setdefault(subject, {})[numbers[configuration]] = _seen(verdicts, thumbnails)
+    return {"pictures": pictures, "seen": seen}
+
+
+def _seen(verdicts: Iterable[Verdict], thumbnails: Thumbnails) -> dict[int, dict[str, Any]]:
+    """By frame, what is drawn over the picture of a subject who was judged wrong."""
+    drawn = {}
+    for each in verdicts:
+        thumbnail = thumbnails.seen.get((each.clip, each.configuration, each.frame))
+        if thumbnail is not None and each.outcome == "wrong":
+            subject = next((found for found in thumbnail.subjects if found.name == each.subject), None)
+            drawn[each.frame] = {
+                "size": thumbnail.size,
+                "boxes": thumbnail.boxes,
+                "head": subject and subject.head,
+                "focus": subject and subject.focus,
+                "lines": subject.lines if subject else [],
+            }
+    return drawn
+
+
+def _recordings(served: Served) -> dict[str, dict[str, str]]:
+    found: dict[str, dict[str, str]] = {}
+    for (clip, configuration), name in served.recordings.items():
+        found.setdefault(clip, {})[configuration] = name
+    return found
+
+
+def differing_settings(configurations: Mapping[str, Mapping[str, Any]]) -> Table:
+    """The settings in which a run's configurations differ, a row per setting and a column per configuration."""
+    flat = {name: dict(_flatten(settings)) for name, settings in configurations.items()}
+    keys = dict.fromkeys(key for settings in flat.values() for key in settings)
+    rows = [(key, *(settings.get(key, UNKNOWN) for settings in flat.values())) for key in keys]
+    return Table(
+        title="Where the configurations differ",
+        columns=("Setting", *flat),
+        words=1,
+        rows=tuple(row for row in rows if len(set(row[1:])) > 1),
+    )
+
+
+def _flatten(settings: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    for key, value in settings.items():
+        if isinstance(value, Mapping):
+            yield from _flatten(value, f"{above}{key}.")
+        else:
+            yield f"{above}{key}", ", ".join(map(str, value)) if isinstance(value, list) else str(value)

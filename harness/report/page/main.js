@@ -1,0 +1,75 @@
+// Starts the page: the answer first, then what is below it when the rest has been read.
+
+import { drawCalibration } from "./calibration.js";
+import { drawConfusion } from "./confusion.js";
+import { followFrames } from "./frame_box.js";
+import { drawForest } from "./forest.js";
+import { drawOracle } from "./oracle.js";
+import { close, onSelection, readAddress, select, shown, step } from "./selection.js";
+import { drawErrors, drawSpeed } from "./stacks.js";
+import { clipTracks, data, isWrong, nameOf, stateOf } from "./store.js";
+import { fillTables, tableOf } from "./tables.js";
+import { drawTimeline } from "./timeline.js";
+
+const place = (name) => document.getElementById(`draw-${name}`);
+
+// The wrong frames of the subject that is shown, as a table whose rows lead to them.
+function wrongFrames(fold) {
+  const fill = () => {
+    if (!fold.open || !shown.track) return;
+    const { track } = shown;
+    const found = track.lanes.filter((lane) => !lane.oracle || lane === shown.lane).flatMap((lane) =>
+      track.frames.flatMap((frame, i) => (isWrong(lane, i) ? [[lane, frame, i]] : [])));
+    const clip = data.clips[track.clip].name;
+    fold.replaceChildren(fold.firstElementChild, tableOf({
+      title: `Wrong frames of ${track.subject} in ${clip}`, columns: ["Frame", "Configuration", "Truth", "Predicted", "Error type"], words: 5,
+      rows: found.map(([lane, frame, i]) => [String(frame), lane.name, nameOf(track.truth[i]) ?? "", nameOf(lane.predicted[i]) ?? "no prediction", stateOf(lane, i).replaceAll("_", " ")]),
+      links: { column: 0, of: (k) => `#${new URLSearchParams({ clip, config: found[k][0].name, subject: track.subject, frame: found[k][1] })}` },
+    }));
+  };
+  let last = null;
+  onSelection(() => {
+    if (shown.track !== last) fill();
+    last = shown.track;
+  });
+  fold.addEventListener("toggle", fill);
+}
+
+function listen() {
+  window.addEventListener("hashchange", () => readAddress({ jump: true }));
+  document.addEventListener("keydown", (event) => {
+    if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest("input, select, textarea")) return;
+    const goals = { escape: close, n: () => step(1), p: () => step(-1) };
+    const goal = shown.track && goals[event.key.toLowerCase()];
+    if (goal) goal();
+  });
+}
+
+async function start() {
+  drawForest(place("forest"));
+  if (data.oracle.length) drawOracle(place("oracle"));
+  if (data.calibration.length) drawCalibration(place("calibration"));
+  if (data.speed) drawSpeed(place("speed"));
+  await drawErrors(place("errors"));
+  fillTables();
+  if (!data.clips.some((each) => each.subjects.length)) {
+    place("timeline").append("Nobody who has a name or a label.");
+    return;
+  }
+  drawTimeline(place("timeline"));
+  followFrames();
+  wrongFrames(document.getElementById("wrong-frames"));
+  listen();
+  if (!await readAddress({ jump: true })) {
+    for (const clip of data.clips.keys()) {
+      if ((await clipTracks(clip)).length) {
+        await select({ clip }, { quiet: true });
+        break;
+      }
+    }
+  }
+  await drawConfusion(place("confusion"));
+  document.documentElement.dataset.ready = "yes";
+}
+
+start();

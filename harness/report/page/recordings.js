@@ -1,0 +1,26 @@
+// Recordings: where a served page opens them, and the command that does.
+
+import { data } from "./store.js";
+
+// One tab of the viewer is enough for all recordings.
+export const VIEWER = "vfoa-viewer";
+
+export function recordingAddress(track, lane, i) {
+  const name = data.recordings?.[data.clips[track.clip].name]?.[lane.name];
+  return name === undefined ? null : `open?${new URLSearchParams({ recording: name, frame: track.frames[i] })}`;
+}
+
+export function openRecording(track, lane, i) {
+  const address = recordingAddress(track, lane, i);
+  if (address) window.open(address, VIEWER);
+}
+
+// A page on disk lies in its run's directory.
+const run = data.run ?? (location.protocol === "file:"
+  ? decodeURIComponent(location.pathname).replace(/^\/(?=[A-Za-z]:)/, "").replace(/\/[^/]*$/, "") || "/"
+  : "RUN");
+
+const quoted = (words) => (/^[\w@%+=:,./-]+$/.test(words) ? words : `'${words.replaceAll("'", `'"'"'`)}'`);
+
+export const viewCommand = (track, lane, i) =>
+  `vfoa view ${quoted(run)} --clip ${quoted(data.clips[track.clip].name)} --config ${quoted(lane.name)} --frame ${track.frames[i]}`;

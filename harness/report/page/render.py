@@ -1,0 +1,244 @@
+"""``report.html``: a whole run on one page that opens from disk and asks the network for nothing."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
+
+from harness.report.comparisons import compare_configurations, comparison_table
+from harness.report.formats import UNKNOWN, Table
+from harness.report.oracle_ablation import ablation_table
+from harness.report.page.attention_log import AttentionLog
+from harness.report.page.bundle import bundle
+from harness.report.page.data import Served, differing_settings, page_data
+from harness.report.page.packs import pack_json
+from harness.report.panels import Picture, draw_panels
+from harness.report.published import published_table
+from harness.report.reliability import reliability_table
+from harness.report.stage_measures import terminal_measures
+from harness.report.stage_times import StageTimes
+from harness.report.tables import error_types_table, frr_table, nowhere_table, remarks, seeds_table, visible_table
+from harness.report.thumbnails.reader import Thumbnails
+from harness.report.verdict import verdict_sentence
+from harness.score.oracle_ablation import steps, without_oracles
+from harness.score.reliability import Reliability
+from harness.score.score import Scores
+
+_FOLDER = Path(__file__).parent
+
+
+def render_page(
+    scores: Scores,
+    attention: AttentionLog,
+    *,
+    manifest: Mapping[str, Any] | None = None,
+    times: StageTimes | None = None,
+    reliabilities: Sequence[Reliability] = (),
+    checks: Sequence[Table] = (),
+    thumbnails: Thumbnails | None = None,
+    served: Served | None = None,
+) -> str:
+    """The page as text, the same for the same arguments.
+
+    Parameters
+    ----------
+    attention
+        Has watched the records that were scored.
+    manifest
+        The run's, as :meth:`harness.run.directory.RunDirectory.read_manifest` gives it; None leaves out what was run.
+    times
+        What each stage took; None leaves out the section.
+    reliabilities
+        Of the configurations that give probabilities; ``checks`` are more tables about these.
+    thumbnails
+        What is shown of wrong frames.
+    served
+        For a page that a server gives out. Without it no frame leads anywhere, and the page knows no address.
+    """
+    thumbnails = thumbnails or Thumbnails()
+    rates = {clip["name"]: clip["rate_hz"] for clip in manifest["clips"]} if manifest else {}
+    data, packs = page_data(scores, attention, thumbnails, served, rates)
+    panels = list(draw_panels(scores))
+    differing = differing_settings(manifest["configurations"]) if manifest else None
+    groups, tables = _numbered(
+        {
+            "rates": [
+                frr_table(scores),
+                comparison_table(compare_configurations(scores)),
+                seeds_table(scores),
+                visible_table(scores),
+                nowhere_table(scores),
+                published_table(scores),
+            ],
+            "errors": [error_types_table(scores)],
+            "oracle": [ablation_table(scores)],
+            "calibration": [reliability_table(reliabilities), *checks],
+            "speed": [times.table()] if times else [],
+            "more": [terminal_measures(scores), *(each for each in panels if isinstance(each, Table))],
+            "settings": [*([_clips(manifest["clips"])] if manifest else []), *([differing] if differing else [])],
+        }
+    )
+    packs["tables"] = pack_json([_plain(table) for table in tables])
+    if manifest:
+        packs["manifest"] = pack_json(_printed(manifest))
+    return _template().render(
+        title=f"Run {manifest['experiment']}" if manifest else "Run",
+        facts=_facts(scores, manifest),
+        compared=_compared(scores, differing),
+        verdict=verdict_sentence(scores),
+        remarks=[each for each in remarks(scores) if each not in scores.notes],
+        notes=scores.notes,
+        versions=manifest["versions"] if manifest else None,
+        groups=groups,
+        titles=[table.title for table in tables],
+        drawings=[each for each in panels if isinstance(each, Picture)],
+        thumbnails=thumbnails,
+        served=served is not None,
+        script=_script(),
+        packs=packs,
+        data={**data, **_figures(scores, reliabilities, times)},
+    )
+
+
+def _figures(scores: Scores, reliabilities: Sequence[Reliability], times: StageTimes | None) -> dict[str, Any]:
+    """What small figures are drawn from.
+
+    ``oracle``: steps ``{configuration, replaced or null, frr, gained, low, high, reads}``. ``calibration``:
+    ``{configuration, error, bins: [[confidence, right, frames]]}``. ``speed``: ``{configurations, stages, ms}``, a row
+    of ``ms`` per stage; null without times.
+    """
+    return {
+        "oracle": [
+            {
+                "configuration": step.configuration,
+                "replaced": step.replaced,
+                "frr": step.row.frr,
+                "gained": step.gained,
+                "low": _known(step.interval.low if step.interval else None),
+                "high": _known(step.interval.high if step.interval else None),
+                "reads": step.reads,
+            }
+            for step in steps(scores)
+        ],
+        "calibration": [
+            {
+                "configuration": each.configuration,
+                "error": each.calibration_error,
+                "bins": [
+                    [round(confidence, 4), round(accuracy, 4), int(count)]
+                    for confidence, accuracy, count in zip(each.confidence, each.accuracy, each.counts, strict=True)
+                    if count
+                ],
+            }
+            for each in reliabilities
+        ],
+        "speed": {"configurations": times.configurations, "stages": list(times.ms), "ms": list(times.ms.values())}
+        if times and times.ms
+        else None,
+    }
+
+
+def _known(value: float | None) -> float | None:
+    return None if value is None or value != value else value
+
+
+def _facts(scores: Scores, manifest: Mapping[str, Any] | None) -> list[str]:
+    """Date, commit, clips, frames, n."""
+    labelled = sum(len(each.frames) for each in scores.outcomes if each.configuration == scores.configurations[0])
+    facts = []
+    if manifest:
+        finished, commit = str(manifest.get("finished", "")), manifest.get("commit")
+        facts += [finished.replace("T", " ").replace("+00:00", " UTC")] if finished else []
+        facts += [f"commit {commit[:10]}{'-dirty' if commit.endswith('-dirty') else ''}"] if commit else []
+        frames = sum(len(clip["frames"]) for clip in manifest["clips"])
+        facts += [f"{_counted(len(manifest['clips']), 'clip')}, {_counted(frames, 'frame')}"]
+    else:
+        facts += [_counted(len(scores.clips), "clip")]
+    return [*facts, f"n = {labelled:,} labelled frames of subjects".replace(",", " ")]
+
+
+def _counted(n: int, what: str) -> str:
+    return f"{n:,} {what}{'' if n == 1 else 's'}".replace(",", " ")
+
+
+def _compared(scores: Scores, differing: Table | None) -> str:
+    names = without_oracles(scores.scored_configurations)
+    if not names:
+        return ""
+    shown = ", ".join(names) if len(names) <= 8 else f"{', '.join(names[:8])} and {len(names) - 8} more"
+    keys = [row[0] for row in differing.rows if _differs(row, differing.columns, names)] if differing else []
+    places = keys if len(keys) <= 4 else list(dict.fromkeys(key.partition(".")[0] for key in keys))
+    apart = f" They differ in {', '.join(places)}." if places else ""
+    return f"Compared: {shown}.{apart}" if len(names) > 1 else f"Configuration: {shown}."
+
+
+def _differs(row: Sequence[str], columns: Sequence[str], names: Sequence[str]) -> bool:
+    return len({cell for name, cell in zip(columns, row, strict=True) if name in names}) > 1
+
+
+def _numbered(groups: Mapping[str, Sequence[Table]]) -> tuple[dict[str, list[int]], list[Table]]:
+    """The tables that have rows, and their numbers by group."""
+    tables: list[Table] = []
+    numbers: dict[str, list[int]] = {}
+    for name, group in groups.items():
+        shown = [table for table in group if table.rows]
+        numbers[name] = list(range(len(tables), len(tables) + len(shown)))
+        tables += shown
+    return numbers, tables
+
+
+def _plain(table: Table) -> dict[str, Any]:
+    return {name: getattr(table, name) for name in ("title", "columns", "words", "rows", "notes")}
+
+
+def _clips(clips: Sequence[Mapping[str, Any]]) -> Table:
+    return Table(
+        title="Clips, licences",
+        columns=("Clip", "Licence", "To be cited", "Frames", "Hz"),
+        words=3,
+        rows=tuple(
+            (
+                each["name"],
+                *map(_text, (each["licence"], each.get("citation"))),
+                str(len(each["frames"])),
+                _text(each["rate_hz"]),
+            )
+            for each in clips
+        ),
+    )
+
+
+def _text(value: object) -> str:
+    return UNKNOWN if value is None else str(value)
+
+
+def _printed(manifest: Mapping[str, Any]) -> str:
+    """The manifest for reading: a clip's frames on one line."""
+    clips = [
+        {**clip, **{key: " ".join(map(str, clip[key])) for key in ("frames", "times_ns") if key in clip}}
+        for clip in manifest["clips"]
+    ]
+    return json.dumps({**manifest, "clips": clips}, indent=2, ensure_ascii=False)
+
+
+@cache
+def _script() -> str:
+    return bundle(_FOLDER / "main.js")
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(
+        loader=FileSystemLoader(_FOLDER),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
+    return environment.get_template("page.html.jinja")

@@ -1,0 +1,111 @@
+// The page's data: harness/report/page/data.py says what is in it. Packs are decoded when they are first asked for.
+
+export const data = JSON.parse(document.getElementById("data").textContent);
+export const WRONG_FROM = 2; // the states before it are "correct" and "unscored"
+export const UNKNOWN = 255;
+
+const parsed = new Promise((resolve) => {
+  if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", resolve);
+  else resolve();
+});
+const kept = new Map();
+
+function once(key, make) {
+  if (!kept.has(key)) kept.set(key, make());
+  return kept.get(key);
+}
+
+export async function packed(name) {
+  await parsed;
+  const place = document.getElementById(`pack-${name}`);
+  if (!place) return null;
+  const bytes = Uint8Array.from(atob(place.textContent.trim()), (letter) => letter.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+export const packedJson = (name) => once(name, async () => {
+  const bytes = await packed(name);
+  return bytes && JSON.parse(new TextDecoder().decode(bytes));
+});
+
+function expanded(runs, length) {
+  const values = new Int16Array(length);
+  let at = 0;
+  for (let i = 0; i < runs.length; i += 2) {
+    values.fill(runs[i], at, at + runs[i + 1]);
+    at += runs[i + 1];
+  }
+  return values;
+}
+
+function frameNumbers([first, ...runs]) {
+  const frames = [first];
+  for (let i = 0; i < runs.length; i += 2) {
+    for (let k = 0; k < runs[i + 1]; k += 1) frames.push(frames.at(-1) + runs[i]);
+  }
+  return frames;
+}
+
+// A clip's tracks, one for each subject. Each has lanes, one for each configuration; `values` of a lane are there when
+// `withValues` has been waited for: by number of the target's name, {total, gaze, head}.
+export const clipTracks = (number) => once(`tracks ${number}`, async () => {
+  const { tracks, colours } = await packedJson(`clip-${number}`);
+  return tracks.map((track) => {
+    const frames = frameNumbers(track.frames);
+    const lanes = track.configurations.map((each) => ({
+      ...each,
+      name: data.configurations[each.configuration].name,
+      oracle: data.configurations[each.configuration].oracle,
+      states: expanded(each.states, frames.length),
+      predicted: expanded(each.predicted, frames.length),
+      answers: expanded(each.answers, frames.length),
+      values: null,
+    }));
+    const place = new Map(frames.map((frame, i) => [frame, i]));
+    return { clip: number, subject: track.subject, frames, place, truth: expanded(track.truth, frames.length), lanes, colours };
+  });
+});
+
+export const withValues = (number) => once(`values ${number}`, async () => {
+  const [tracks, bytes] = [await clipTracks(number), await packed(`attention-${number}`)];
+  if (!bytes) return tracks;
+  const columns = tracks.flatMap((track) => track.lanes.flatMap((lane) => {
+    lane.values = new Map();
+    return lane.attended.map((name) => [lane, name, Math.ceil(track.frames.length / data.stride)]);
+  }));
+  let at = 0;
+  const take = (count) => bytes.subarray(at, (at += count));
+  for (const [lane, name, count] of columns) lane.values.set(name, { total: take(count), gaze: null, head: null });
+  if (data.cues) {
+    for (const [lane, name, count] of columns) Object.assign(lane.values.get(name), { gaze: take(count), head: take(count) });
+  }
+  return tracks;
+});
+
+// The place of a configuration among those that were asked for, which gives its colour and shape; that of a step of the
+// oracle ablation, or of a seed, is its own configuration's.
+const asked = data.scored.filter((each) => !each.oracle).map((each) => each.name);
+export function numberOf(name) {
+  const own = asked.indexOf(name);
+  if (own >= 0) return own;
+  return Math.max(asked.findLastIndex((each) => name.startsWith(`${each}+`) || name.startsWith(`${each}.seed`)), 0);
+}
+
+export const nameOf = (code) => (code < 0 ? null : data.names[code]);
+export const stateOf = (lane, i) => (lane.states[i] < 0 ? "no frame" : data.states[lane.states[i]]);
+export const isWrong = (lane, i) => lane.states[i] >= WRONG_FROM;
+export const valueAt = (cells, i) => {
+  const cell = cells === null ? UNKNOWN : cells[Math.floor(i / data.stride)];
+  return cell === UNKNOWN ? null : cell / 250;
+};
+
+// A row of scores with names: see data.py.
+export function row([clip, configuration, n, looks, correct, low, high, baseline, beats, errors]) {
+  return {
+    clip, configuration, n, looks, correct, low, high, baseline, beats, errors,
+    frr: correct / n, name: data.scored[configuration].name, oracle: data.scored[configuration].oracle,
+  };
+}
+export const overall = data.overall.map(row);
+export const rowsByClip = () => once("rows by clip", async () => (await packedJson("rows")).map(row));

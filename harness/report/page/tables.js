@@ -1,0 +1,74 @@
+// The tables: made when their fold is opened, sorted by a click on a column, filtered by words, page by page.
+
+import { copyCsv } from "./copying.js";
+import { button, element } from "./dom.js";
+import { packedJson } from "./store.js";
+
+const PAGE = 50;
+const amount = (cell) => Number.parseFloat(cell.replace("<", "").replace("−", "-"));
+
+function compared(a, b, words) {
+  if (words) return a.localeCompare(b, undefined, { numeric: true });
+  const [first, second] = [amount(a), amount(b)];
+  if (Number.isNaN(first) || Number.isNaN(second)) return Number.isNaN(first) - Number.isNaN(second);
+  return first - second;
+}
+
+export function tableOf({ title, columns, words, rows, notes = [], links = null }) {
+  let [order, falls, filter, at] = [null, false, "", 0];
+  const body = element("tbody");
+  const heads = columns.map((name, i) => {
+    const head = element("th", { scope: "col", ...(i >= words ? { class: "n" } : {}) });
+    head.append(button(name, () => {
+      falls = order === i ? !falls : i >= words;
+      order = i;
+      heads.forEach((each) => each.removeAttribute("aria-sort"));
+      head.setAttribute("aria-sort", falls ? "descending" : "ascending");
+      show(-at);
+    }, { class: "head" }));
+    return head;
+  });
+  const chosen = () => {
+    const found = rows.map((row, i) => [row, i]).filter(([row]) => !filter || row.slice(0, words).some((cell) => cell.toLowerCase().includes(filter)));
+    if (order !== null) found.sort(([a], [b]) => (falls ? -1 : 1) * compared(a[order], b[order], order < words));
+    return found;
+  };
+  const where = element("span", { class: "small", role: "status" });
+  const show = (by) => {
+    const found = chosen();
+    at = Math.min(Math.max(at + by, 0), Math.max(Math.ceil(found.length / PAGE) - 1, 0));
+    body.replaceChildren(...found.slice(at * PAGE, (at + 1) * PAGE).map(([row, place]) =>
+      element("tr", {}, ...row.map((cell, i) => {
+        const shown = links && i === links.column ? element("a", { href: links.of(place) }, cell) : cell;
+        return i === 0 ? element("th", { scope: "row" }, shown) : element("td", i >= words ? { class: "n" } : {}, shown);
+      }))));
+    where.textContent = found.length > PAGE ? `${at * PAGE + 1} to ${Math.min((at + 1) * PAGE, found.length)} of ${found.length}` : "";
+  };
+  const search = element("input", { type: "search", placeholder: "filter", "aria-label": `Filter the rows of ${title}` });
+  search.addEventListener("input", () => { filter = search.value.toLowerCase(); show(-at); });
+  const turns = rows.length > PAGE ? [button("‹", () => show(-1), { "aria-label": "Rows before" }), where, button("›", () => show(1), { "aria-label": "Next rows" })] : [];
+  show(0);
+  return element("div", {},
+    element("div", { class: "controls" }, ...(rows.length > 8 ? [search] : []), ...turns,
+      button("Copy as CSV", () => copyCsv([columns, ...chosen().map(([row]) => row)]), { "aria-label": `Copy ${title} as CSV` })),
+    element("div", { class: "wide", tabindex: "0", role: "region", "aria-label": title },
+      element("table", {}, element("caption", {}, title), element("thead", {}, element("tr", {}, ...heads)), body)),
+    ...(notes.length ? [element("ul", { class: "small" }, ...notes.map((note) => element("li", {}, note)))] : []));
+}
+
+export function fillTables() {
+  for (const fold of document.querySelectorAll("details[data-table]")) {
+    const fill = async () => {
+      if (!fold.open || fold.dataset.filled) return;
+      fold.dataset.filled = "yes";
+      const tables = await packedJson("tables");
+      fold.append(tableOf(tables[Number(fold.dataset.table)]));
+    };
+    fold.addEventListener("toggle", fill);
+    fill();
+  }
+  const manifest = document.querySelector("details[data-manifest]");
+  manifest?.addEventListener("toggle", async () => {
+    if (manifest.childElementCount < 2) manifest.append(element("pre", { tabindex: "0" }, await packedJson("manifest")));
+  });
+}

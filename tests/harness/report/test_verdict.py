@@ -1,0 +1,73 @@
+"""The one sentence that says what a run found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import pytest
+
+from harness.report.verdict import verdict_sentence
+from harness.score.factors import factor_levels
+from harness.score.reference import Reference
+from harness.score.score import score
+from tests.records import answers, labels
+
+TRUTH = [name for _ in range(30) for name in ("cup",) * 60 + ("book",) * 60]
+"""Looks of 60 frames, far longer than what is joined."""
+
+
+def _said(right: Mapping[str, float], clips: int = 1) -> str:
+    """The verdict on configurations that are right in this share of each look, less by 2 % from clip to clip."""
+    names = [f"clip {k}" for k in range(clips)]
+    truth = TRUTH[: 120 * 6]
+    records = []
+    for k, clip in enumerate(names):
+        for configuration, share in right.items():
+            given = [name if i % 60 < 60 * share * (1 - 0.02 * k) else "vase" for i, name in enumerate(truth)]
+            records += answers(given, configuration=configuration, clip=clip)
+    return verdict_sentence(score(records, Reference(labels={clip: labels(*truth) for clip in names})))
+
+
+def test_a_grid_is_judged_by_its_factors_over_all_values_of_the_others() -> None:
+    said = _said({"bm-one": 0.5, "bm-two": 0.7, "sgbm-one": 0.5, "sgbm-two": 0.7})
+    better, alike = said.split("; ")
+    assert better.startswith("two beats one by 20.0 points")
+    assert alike.startswith("bm and sgbm cannot be told apart (0.0 points, ")
+    assert alike.endswith(" looks resampled).")
+
+
+def test_configurations_that_are_no_grid_are_compared_with_the_best() -> None:
+    said = _said({"a": 0.5, "b": 0.9, "c": 0.9})
+    better, alike = said.split("; ")
+    assert better.startswith("b beats a by 40.0 points")
+    assert alike.startswith("b and c cannot be told apart")
+
+
+def test_clips_are_the_unit_where_there_are_enough() -> None:
+    said = _said({"a": 0.5, "b": 0.9}, clips=6)
+    assert said.startswith("b beats a by ")
+    assert said.endswith(", clips resampled).")
+
+
+def test_one_configuration_is_held_against_the_best_baseline() -> None:
+    said = _said({"one": 0.9})
+    assert said.startswith("one is right in 90.0 % of 720 frames")
+    assert "baseline" in said
+
+
+def test_without_labels_nothing_is_claimed() -> None:
+    assert verdict_sentence(score(answers(["cup"]), Reference(labels={}))).startswith("Nothing is scored")
+
+
+@pytest.mark.parametrize(
+    ("names", "levels"),
+    [
+        (("bm-one", "bm-two", "sgbm-one", "sgbm-two"), [("bm", "sgbm"), ("one", "two")]),
+        (("bm-one", "bm-two", "sgbm-one"), []),
+        (("bm", "sgbm"), []),
+        (("x-bm-one", "x-bm-two", "x-sgbm-one", "x-sgbm-two"), [(), ("bm", "sgbm"), ("one", "two")]),
+        (("bm-one", "sgbm"), []),
+    ],
+)
+def test_factors_are_those_of_a_whole_grid(names: tuple[str, ...], levels: list[tuple[str, ...]]) -> None:
+    assert factor_levels(names) == levels
