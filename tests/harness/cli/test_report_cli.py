@@ -43,7 +43,7 @@ def test_the_page_is_written_and_its_place_said(run: Path) -> None:
 
 def test_a_page_from_disk_knows_no_server(run: Path) -> None:
     CliRunner().invoke(app, ["report", str(run)], catch_exceptions=False)
-    assert '"recording":null' in (run / "report.html").read_text(encoding="utf-8")
+    assert '"recordings":null' in (run / "report.html").read_text(encoding="utf-8")
 
 
 def test_options_of_the_server_alone_are_refused_without_it(run: Path) -> None:
