@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest
+from harness.clips.manifest_checks import unknown_categories
 from harness.clips.recognition import recognise
 from harness.data_folders import find
 from harness.files import atomic_write
@@ -113,7 +114,7 @@ def add_clip(
         rig=None if isinstance(first, Scene) else first.rig,
         has_right=not isinstance(first, Scene) and first.right is not None,
         has_depth=not isinstance(first, Scene) and first.depth_m is not None,
-        notes=clip.notes,
+        notes=clip.notes if isinstance(clip, MeasuredClip) else (*clip.notes, *unknown_categories(manifest)),
         subjects=tuple(manifest.subjects),
         targets=tuple(manifest.targets),
         manifest=manifest_path,

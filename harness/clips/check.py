@@ -146,8 +146,18 @@ def check_clip(name_or_path: str) -> ClipCheck:
             *(frame_checks.order_problems([frame for frame, _ in pairs], offsets) if error_px is not None else ()),
             *manifest_problems(manifest),
             *label_problems,
+            *_drawn_problems(manifest, clip),
         ),
     )
+
+
+def _drawn_problems(manifest: ClipManifest, clip: Clip) -> tuple[str, ...]:
+    """The first mistake in what is drawn on the clip."""
+    try:
+        manifest.drawn(clip.frames)
+    except VfoaError as error:
+        return (str(error),)
+    return ()
 
 
 def _row(name: str, path: Path) -> ClipRow:

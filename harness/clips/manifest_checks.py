@@ -39,6 +39,15 @@ def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:
     return notes
 
 
+def unknown_categories(manifest: ClipManifest) -> list[str]:
+    """What to do about targets whose category no model of COCO's knows: one sentence for all of them."""
+    unknown = [f"{name} ({rule.category})" for name, rule in manifest.targets.items() if rule.category not in _COCO]
+    if not unknown:
+        return []
+    said = f"no model of COCO's categories knows {', '.join(unknown)}"
+    return [f"{said}: take other masks, or draw: vfoa annotate {manifest.name}, key p"]
+
+
 def known_categories(clip: Clip) -> frozenset[str]:
     """The words of the segmentation models, which are COCO's, and those of the clip's ground truth."""
     instances = clip.truth(clip.frames[0]).instances

@@ -10,6 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
+from harness.clips.check import check_clip
 from harness.sources import ADAPTERS, Recogniser
 from tests.disk import HEIGHT, WIDTH, write_text
 from tests.harness.clips.adding import (
@@ -195,6 +196,18 @@ def test_an_adapter_of_another_package_takes_part(tmp_path: Path, monkeypatch: p
         refused(both)
     )
     assert vfoa("add", both, "--adapter", "slides")["adapter"] == "slides"
+
+
+def test_targets_that_no_model_knows_are_to_be_drawn(tmp_path: Path) -> None:
+    recorded = recording(tmp_path / "a.mcap")
+    targets = ("--target", "mug=cup", "--target", "robot")
+    added = vfoa("add", recorded, "--name", "mine", "--subject", "anna", *targets)
+    assert added["notes"][-1] == (
+        "no model of COCO's categories knows robot (robot): take other masks, or draw: vfoa annotate mine, key p"
+    )
+    write_text(Path("annotations") / "mine.drawn.csv", "# vfoa drawn 2\n")
+    problems = check_clip("mine").problems
+    assert problems[-1].endswith("mine.drawn.csv:1: found '# vfoa drawn 2'; expected '# vfoa drawn 1'")
 
 
 def test_the_real_set_is_added(shared_data: Path) -> None:
