@@ -11,8 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from harness.clips.manifest import load_manifest
+from harness.labels.drawn import read_drawn
 from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
+from harness.labels.formats.cvat_drawn import read_cvat_drawn
 from harness.run.experiment import load_experiment
 from harness.run.fitted_settings import read_fitted
 from harness.run.results import read_results
@@ -87,6 +89,11 @@ def _annotations(path: Path) -> Any:
     return read_annotations(path, timeline=None, subjects=["anna"], targets=["mug", "book"])
 
 
+def _drawn(path: Path) -> Any:
+    drawn = read_drawn(path, frames=None, subjects=["anna"], targets=["mug", "book"])
+    return [drawn.at(frame) for frame in range(12)]
+
+
 def _signals(path: Path) -> Any:
     return [each.numbers(("x", "y", "z")) for each in read_table(path, ("x", "y", "z"), range(9))]
 
@@ -122,6 +129,8 @@ PARSERS: Sequence[Parser] = (
     Parser("experiment", "e.toml", "toml", seeds.experiment, lambda path: load_experiment(str(path)), suite_cases=100),
     Parser("fitted settings", "fitted.toml", "toml", seeds.fitted, read_fitted),
     Parser("labels", "mine.csv", "csv", seeds.labels, _annotations),
+    Parser("drawn", "mine.drawn.csv", "csv", seeds.drawn, _drawn),
+    Parser("cvat tracks", "theirs.xml", "xml", seeds.cvat_tracks, lambda path: read_cvat_drawn(path, exchange())),
     *_formats(),
     Parser("BORIS project", "theirs.boris", "json", seeds.boris_project, _labels("boris")),
     Parser("BORIS project, packed", "theirs.boris.gz", "binary", seeds.boris_packed, _labels("boris")),
