@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
+from harness.bounded_parsing import parse_toml
 from harness.files import read_text
-from vfoa.errors import VfoaError
 from vfoa.validation import parse
 
 __all__ = ["parse", "read_toml"]
@@ -21,7 +20,4 @@ def read_toml(path: Path) -> dict[str, Any]:
     VfoaError
         If there is no such file, or it is not TOML; the message names the line.
     """
-    try:
-        return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise VfoaError(f"{path}: not TOML: {error}") from None
+    return parse_toml(read_text(path), path)

@@ -17,6 +17,7 @@ os.umask(_UMASK)
 
 def read_bytes(path: Path) -> bytes:
     """Read a file whole; a :class:`VfoaError` that names it where that fails."""
+    check_readable(path)
     try:
         return path.read_bytes()
     except (OSError, ValueError) as error:
@@ -82,15 +83,26 @@ def check_new(path: Path, *, replace: bool, hint: str = "") -> None:
     VfoaError
         If a file is there and is not to be replaced, or something that is no plain file.
     """
-    _check_plain(path)
+    _check_plain(path, "write", folders=False)
     if path.exists() and not replace:
         raise VfoaError(f"{path}: is there already; expected --replace{hint}")
 
 
-def _check_plain(path: Path) -> None:
+def check_readable(path: Path) -> None:
+    """Refuse a pipe, a socket or a device, of which reading may never end; what else is wrong shows when it is read.
+
+    Raises
+    ------
+    VfoaError
+        If it is one.
+    """
+    _check_plain(path, "read")
+
+
+def _check_plain(path: Path, use: str, *, folders: bool = True) -> None:
     try:
-        if path.exists() and not path.is_file():
-            raise VfoaError(f"{path}: is no plain file; expected a file to write")
+        if path.exists() and not path.is_file() and not (folders and path.is_dir()):
+            raise VfoaError(f"{path}: is no plain file; expected a file to {use}")
     except (OSError, ValueError) as error:
         raise unreadable(path, error) from None
 
@@ -106,7 +118,7 @@ def replacing(path: Path) -> Iterator[Path]:
     VfoaError
         If there is something at ``path`` that is no plain file (a device, a pipe, a folder): it would be lost.
     """
-    _check_plain(path)
+    _check_plain(path, "write", folders=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     os.close(handle)
@@ -122,6 +134,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 def file_digest(path: Path) -> str:
     """Hexadecimal sha256 of a file's content; a :class:`VfoaError` that names it where it cannot be read."""
+    check_readable(path)
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import math
 import re
-import tomllib
 from typing import Any
 
+from harness.bounded_parsing import parse_toml
 from vfoa.errors import VfoaError
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -60,6 +60,6 @@ def parse_assignment(text: str, example: str, option: str = "--set") -> tuple[st
     if not equals:
         raise VfoaError(f"{option} {text}: expected KEY=VALUE, such as {example}")
     try:
-        return key.strip(), tomllib.loads(f"value = {value}")["value"]
-    except tomllib.TOMLDecodeError:
+        return key.strip(), parse_toml(f"value = {value}", option)["value"]
+    except VfoaError:
         return key.strip(), value.strip()

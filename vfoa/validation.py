@@ -56,7 +56,13 @@ def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable
         return f"{prefix}{mistake['ctx']['error']}"
     message = mistake["msg"].removeprefix("Input should be ")
     expected = f"expected {message}" if message != mistake["msg"] else message
-    return f"{prefix}{expected}, found {mistake['input']!r}"
+    return f"{prefix}{expected}, found {_short(mistake['input'])}"
+
+
+def _short(value: object) -> str:
+    """A value as it is told of; of a long one its beginning."""
+    text = repr(value)
+    return text if len(text) <= 200 else f"{text[:200]}..."
 
 
 def _keys_beside(model: type[BaseModel], location: tuple[int | str, ...]) -> set[str]:

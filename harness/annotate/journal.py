@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from harness.bounded_parsing import parse_json
 from vfoa.errors import VfoaError
 
 
@@ -72,9 +73,9 @@ class Journal:
         entries = []
         for number, line in enumerate(whole.splitlines(), start=1):
             try:
-                entry = json.loads(line)
-            except ValueError as error:
-                raise VfoaError(f"{self.path}:{number}: not JSON: {error}; move the journal away to go on") from None
+                entry = parse_json(line, f"{self.path}:{number}")
+            except VfoaError as error:
+                raise VfoaError(f"{error}; move the journal away to go on") from None
             if not isinstance(entry, dict):
                 raise VfoaError(f"{self.path}:{number}: no entry; move the journal away to go on")
             entries.append(entry)

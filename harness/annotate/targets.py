@@ -5,13 +5,13 @@ The first change writes down every name's key and colour, so that none moves fro
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
+from harness.bounded_parsing import parse_toml
 from harness.clips.looks import looks
 from harness.clips.manifest import ClipManifest, make_manifest
 from harness.clips.naming import NameRule
@@ -87,7 +87,7 @@ def _open(path: Path) -> tuple[tomlkit.TOMLDocument, ClipManifest]:
     if came_with_program(path):
         raise VfoaError(f"{path} came with vfoa and is read-only; copy it to your own datasets/ to change its targets")
     text = read_bytes(path).decode()
-    manifest = make_manifest(tomllib.loads(text), path)
+    manifest = make_manifest(parse_toml(text, path), path)
     try:
         document = tomlkit.parse(text)
     except TOMLKitError as error:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from harness.bounded_parsing import parse_toml
 from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest
 from harness.clips.manifest_checks import unknown_categories
 from harness.clips.recognition import recognise
@@ -95,13 +95,13 @@ def add_clip(
     name = name or as_clip_name(found.name, default="clip")
     manifest_path, annotations_path = _free_paths(name)
     text = _manifest_text(name, chosen, found, _from_left(subjects or {}), _from_left(targets or {}))
-    manifest = make_manifest(tomllib.loads(text), manifest_path)
+    manifest = make_manifest(parse_toml(text, manifest_path), manifest_path)
     clip, first = _open(path, manifest)
     if isinstance(clip, MeasuredClip):
         if subjects or targets:
             raise VfoaError(f"{path}: --subject, --target: the measurements name everyone and everything themselves")
         text = _manifest_text(name, chosen, found, *_of_source(clip))
-        manifest = make_manifest(tomllib.loads(text), manifest_path)
+        manifest = make_manifest(parse_toml(text, manifest_path), manifest_path)
     added = Added(
         name=name,
         adapter=chosen,

@@ -6,7 +6,6 @@ with the version of the format, so that files can be joined line by line.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -14,7 +13,8 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.files import unreadable
+from harness.bounded_parsing import parse_json
+from harness.files import check_readable, unreadable
 from harness.stages.measures import FrameMeasures
 from vfoa.errors import VfoaError
 
@@ -153,6 +153,7 @@ def read_results(path: Path) -> Iterator[FrameRecord]:
         frame stands in it twice; the message names the file and the line.
     """
     seen: dict[tuple[str, str, int], int] = {}
+    check_readable(path)
     try:
         with path.open("rb") as file:
             for number, line in enumerate(file, start=1):
@@ -172,16 +173,13 @@ def _from_line(line: bytes, path: Path, number: int) -> FrameRecord:
         _check_version(line, path, number)
     try:
         return _codec()[1].decode(line)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise VfoaError(f"{path}:{number}: not a frame's record: {error}") from None
 
 
 def _check_version(line: bytes, path: Path, number: int) -> None:
     """Accept a line another program wrote (spaces, another order of keys), if it says the right version."""
-    try:
-        value = json.loads(line)
-    except ValueError as error:
-        raise VfoaError(f"{path}:{number}: not JSON: {error}") from None
+    value = parse_json(line, f"{path}:{number}")
     version = value.get("version") if isinstance(value, dict) else None
     if version != VERSION:
         raise VfoaError(f"{path}:{number}: expected version {VERSION}, found {version!r}")

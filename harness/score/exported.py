@@ -10,6 +10,7 @@ import json
 from pathlib import Path
 from typing import Any, Literal
 
+from harness.bounded_parsing import parse_json
 from harness.config_errors import parse
 from harness.files import read_text
 from harness.run.seeds import base_of
@@ -106,10 +107,7 @@ class ExportedTable(Settings):
         VfoaError
             If it is missing, no such table, or not as it was written.
         """
-        try:
-            data = json.loads(read_text(path))
-        except ValueError as error:
-            raise VfoaError(f"{path}: not JSON: {error}") from None
+        data = parse_json(read_text(path), path)
         found = data.get("format") if isinstance(data, dict) else None
         if found != FORMAT:
             raise VfoaError(f"{path}: format: found {found!r}; expected {FORMAT!r}, as `vfoa export-table` writes it")

@@ -74,6 +74,8 @@ def recognise_depth(path: Path) -> tuple[Recognised, ...]:
 def _is_azure_kinect(path: Path) -> bool:
     """Whether a file is a Matroska file with k4arecorder's tags, or its codec of 16-bit depth, near the beginning."""
     try:
+        if not path.is_file():
+            return False
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)
     except OSError:

@@ -6,7 +6,6 @@ are those of BORIS's own projects (github.com/olivierfriard/BORIS, ``tests/files
 
 from __future__ import annotations
 
-import gzip
 import json
 import math
 import zlib
@@ -14,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from harness.bounded_parsing import parse_json
 from harness.files import atomic_write, read_bytes
 from harness.labels.formats.boris_events import NO_FOCAL_SUBJECT, choose_observation
 from harness.labels.formats.exchange import Exchange, Imported, left_out, one_line
@@ -113,9 +113,9 @@ def _load(path: Path) -> dict[str, Any]:
         if data.startswith(_GZIP):
             unpack = zlib.decompressobj(zlib.MAX_WBITS | 16)
             data = unpack.decompress(data, _LARGEST_BYTES)
-        project = json.loads(data)
-    except (ValueError, zlib.error, gzip.BadGzipFile, RecursionError) as error:
+    except zlib.error as error:
         raise VfoaError(f"{path}: not a BORIS project: {error}") from None
+    project = parse_json(data, path)
     if not isinstance(project, dict):
         raise VfoaError(f"{path}: found {type(project).__name__}; expected a BORIS project")
     return project

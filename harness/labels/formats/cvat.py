@@ -14,32 +14,25 @@ MIT; read, not used): frames count from 0 in the source, a track ends with a sha
 from __future__ import annotations
 
 import io
-import lzma
 import re
-import struct
 import xml.etree.ElementTree as ElementTree
 import zipfile
-import zlib
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
+from harness.bounded_parsing import parse_xml, read_member
 from harness.files import atomic_write, read_bytes
 from harness.labels.bodies import Box
 from harness.labels.formats.exchange import Exchange, Imported, one_line
 from harness.labels.labels import IGNORED, Label, LabelRange, Labels, ranges_of
 from harness.labels.rows import SUGGESTED, parse_point
-from harness.xml_text import parse_xml
 from vfoa.errors import VfoaError
 
 _UNDEFINED = "__undefined__"
 """CVAT's own value for an attribute that was not set."""
 _MEMBER = "annotations.xml"
-_DAMAGE = (zipfile.BadZipFile, zlib.error, lzma.LZMAError, struct.error, EOFError, OSError, RuntimeError, ValueError)
-"""What :mod:`zipfile` raises for an archive that is cut, altered or encrypted."""
 _FRAME = re.compile(r"[0-9]{1,18}")
-_LARGEST_BYTES = 2**30
-"""An hour of video with ten people takes a quarter of that."""
 _ATTRIBUTES = ("target", "note", "u_px", "v_px", "state")
 
 
@@ -110,13 +103,7 @@ def _content(path: Path) -> bytes:
     content = read_bytes(path)
     if not zipfile.is_zipfile(io.BytesIO(content)):
         return content
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            if (size := archive.getinfo(_MEMBER).file_size) > _LARGEST_BYTES:
-                raise VfoaError(f"{path}: {_MEMBER} has {size} bytes; expected at most {_LARGEST_BYTES}")
-            return archive.read(_MEMBER)
-    except (KeyError, *_DAMAGE) as error:
-        raise VfoaError(f"{path}: no {_MEMBER} can be read in it, as CVAT's exports have one: {error}") from None
+    return read_member(content, _MEMBER, path, "CVAT's exports")
 
 
 def _subject(track: ElementTree.Element, exchange: Exchange) -> str:

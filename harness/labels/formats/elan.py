@@ -11,12 +11,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from harness.bounded_parsing import parse_xml
 from harness.files import atomic_write, read_bytes
 from harness.labels.formats.exchange import Exchange, Imported, one_line
 from harness.labels.formats.spans import Span, from_spans, to_spans
 from harness.labels.labels import Label, Labels
 from harness.labels.rows import SUGGESTED, parse_point
-from harness.xml_text import parse_xml
 from vfoa.errors import VfoaError
 
 _NOTE, _POINT, _STATE = ":note", ":point_px", ":state"

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.bounded_parsing import check_archive
 from harness.files import read_bytes
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.formats.tables import read_table
@@ -75,8 +76,10 @@ def _of_arrays(path: Path, exchange: Exchange) -> Iterator[_Found]:
 
 
 def _arrays(path: Path) -> dict[str, Sequence[int]]:
+    data = read_bytes(path)
+    check_archive(data, path)
     try:
-        with np.load(io.BytesIO(read_bytes(path)), allow_pickle=False) as file:
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
             found = {name: np.asarray(file[name]) for name in file.files}
     except Exception as error:  # of the archive, and of each array's header, which is Python
         raise VfoaError(f"{path}: not a file of arrays: {error}") from None

@@ -9,7 +9,8 @@ from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
 
-from harness.files import read_text
+from harness.bounded_parsing import check_archive
+from harness.files import read_bytes, read_text
 from harness.labels.timeline import parse_seconds
 from vfoa.errors import VfoaError
 
@@ -38,18 +39,18 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 def rows_of(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of every row of a text table, or of the first sheet of a workbook (``.xlsx``); as `csv_rows`."""
-    with path.open("rb") if path.is_file() else io.BytesIO() as file:
-        is_workbook = file.read(4) == _ZIP
-    yield from _workbook_rows(path) if is_workbook else csv_rows(path)
+    data = read_bytes(path)
+    yield from _workbook_rows(data, path) if data.startswith(_ZIP) else csv_rows(path)
 
 
-def _workbook_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+def _workbook_rows(data: bytes, path: Path) -> Iterator[tuple[int, list[str]]]:
     from openpyxl import load_workbook
 
+    check_archive(data, path)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # openpyxl's, of what it leaves out: styles, extensions
-            book = load_workbook(path, read_only=True, data_only=True)
+            book = load_workbook(io.BytesIO(data), read_only=True, data_only=True)
             rows = [[_cell(each) for each in row] for row in book.worksheets[0].iter_rows(values_only=True)]
             book.close()
     except Exception as error:  # of openpyxl, and of the ZIP, XML and dates that it reads

@@ -116,7 +116,7 @@ def _decode(kind: type[_T], line: bytes, path: Path) -> _T:
 
     try:
         return _decoders()[kind].decode(line)
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise VfoaError(f"{path}: not the thumbnails of a run: {error}") from None
 
 

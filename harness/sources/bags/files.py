@@ -5,10 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader as Ros2Reader
 
+from harness.bounded_parsing import parse_yaml
+from harness.files import read_bytes
 from vfoa.errors import VfoaError
 
 _ROS1 = b"#ROSBAG V2.0"
@@ -87,10 +88,11 @@ def _parts(path: Path) -> tuple[Path, ...]:
 def _metadata(folder: Path) -> dict[str, Any]:
     """What ``ros2 bag record`` noted; empty where it did not, or it is not readable."""
     try:
-        noted = yaml.safe_load((folder / "metadata.yaml").read_bytes())["rosbag2_bagfile_information"]
+        path = folder / "metadata.yaml"
+        noted = parse_yaml(read_bytes(path), path)["rosbag2_bagfile_information"]
         mode = str(noted.get("compression_mode") or "").lower()
         return {**noted, "compression_mode": "" if mode == "none" else mode}
-    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError):
+    except (VfoaError, KeyError, TypeError, ValueError, AttributeError):
         return {}
 
 

@@ -15,8 +15,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import yaml
 
+from harness.bounded_parsing import parse_xml, parse_yaml
 from harness.files import read_bytes
-from harness.xml_text import parse_xml
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -79,14 +79,8 @@ for _kind in ("opencv-matrix", "opencv-nd-matrix"):
 
 
 def _read_yaml(path: Path) -> Any:
-    data = read_bytes(path)
-    try:
-        return yaml.load(_OPENCV_HEAD.sub(b"", data.removeprefix(codecs.BOM_UTF8), count=1), _Loader)
-    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        line = "" if mark is None else f":{mark.line + 1}"
-        problem = getattr(error, "problem", None) or "cannot be parsed"
-        raise VfoaError(f"{path}{line}: not YAML: {problem}") from None
+    data = read_bytes(path).removeprefix(codecs.BOM_UTF8)
+    return parse_yaml(_OPENCV_HEAD.sub(b"", data, count=1), path, _Loader)
 
 
 def _read_xml(path: Path) -> dict[str, Any]:

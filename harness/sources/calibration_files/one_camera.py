@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import io
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from harness.bounded_parsing import parse_json, parse_yaml
 from harness.files import read_bytes, read_text
 from harness.sources.calibration_files import ros
 from harness.sources.depth_optics import lens, without_distortion
@@ -55,20 +54,14 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
 
 
 def _from_yaml(path: Path) -> RawCamera:
-    try:
-        document = yaml.safe_load(read_text(path))
-    except yaml.YAMLError as error:
-        raise VfoaError(f"{path}: not YAML: {str(error).splitlines()[0]}") from None
+    document = parse_yaml(read_text(path), path)
     if not isinstance(document, dict):
         raise VfoaError(f"{path}: expected {FORMATS}")
     return ros.camera(document, str(path))
 
 
 def _from_json(path: Path, size_px: tuple[int, int]) -> RawCamera:
-    try:
-        document = json.loads(read_text(path))
-    except ValueError as error:
-        raise VfoaError(f"{path}: not JSON: {error}") from None
+    document = parse_json(read_text(path), path)
     if not isinstance(document, Mapping):
         raise VfoaError(f"{path}: expected {FORMATS}")
     try:

@@ -13,7 +13,7 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, McapRecord, Message, Schema, Statistics
 
-from harness.files import unreadable
+from harness.files import check_readable, unreadable
 from harness.sources.mcap.records import HEAD, MAGIC, PARSED, chunk_span_ns, first_line, parse_record, parts_of
 from vfoa.errors import VfoaError
 
@@ -128,6 +128,7 @@ def recall_channels(path: Path, walk: Walk) -> None:
 
 
 def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[tuple[int, McapRecord]]:
+    check_readable(path)
     try:
         size = path.stat().st_size
         file = path.open("rb")

@@ -30,6 +30,8 @@ _COMPRESSIONS = ("", "lz4", "zstd")
 def is_mcap(path: Path) -> bool:
     """Whether a path is a file that starts as MCAP does; False for one that cannot be read."""
     try:
+        if not path.is_file():
+            return False
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC
     except OSError:

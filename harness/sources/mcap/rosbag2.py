@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import yaml
+from harness.bounded_parsing import parse_yaml
+from harness.files import read_bytes
+from vfoa.errors import VfoaError
 
 
 def recorded_counts(files: tuple[Path, ...]) -> dict[str, int] | None:
@@ -15,10 +17,10 @@ def recorded_counts(files: tuple[Path, ...]) -> dict[str, int] | None:
     """
     path = files[0].with_name("metadata.yaml")
     try:
-        noted = yaml.safe_load(path.read_bytes())["rosbag2_bagfile_information"]
+        noted = parse_yaml(read_bytes(path), path)["rosbag2_bagfile_information"]
         names = {PurePosixPath(name).name for name in noted["relative_file_paths"]}
         counts = dict(_count(each) for each in noted["topics_with_message_count"])
-    except (OSError, yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError):
+    except (VfoaError, KeyError, TypeError, ValueError, AttributeError):
         return None
     return counts if names == {file.name for file in files} else None
 

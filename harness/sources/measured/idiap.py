@@ -85,6 +85,8 @@ _NEAREST_M, _FARTHEST_M = 1e-6, 1e6
 
 def _is_tracker_output(path: Path) -> bool:
     try:
+        if not path.is_file():
+            return False
         with path.open(encoding="utf-8") as file:
             cells = file.readline().rstrip("\n").split(",")
     except (OSError, UnicodeDecodeError):

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.files import read_bytes, unreadable
+from harness.files import check_readable, read_bytes, unreadable
 from harness.sources.media.jpeg_damage import zeros_at
 from harness.sources.media.orientation import without_rotation
 from vfoa.errors import VfoaError
@@ -64,6 +64,7 @@ def read_raw(path: Path) -> NDArray[Any]:
 
 def png_size_px(path: Path) -> tuple[int, int]:
     """(width, height) of a PNG, from its first bytes; a :class:`VfoaError` that names it where it is none."""
+    check_readable(path)
     try:
         with path.open("rb") as file:
             head = file.read(_PNG_HEAD.size)

@@ -22,7 +22,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.files import atomic_write
+from harness.bounded_parsing import parse_json
+from harness.files import atomic_write, read_bytes
 from vfoa.errors import VfoaError
 
 GIGABYTE = 10**9
@@ -81,8 +82,8 @@ class Store:
     def load(self, path: Path) -> tuple[bytes | None, bool]:
         """A result's bytes, None where there are none; and whether a file was there, but damaged."""
         try:
-            content = path.read_bytes()
-        except OSError:
+            content = read_bytes(path)
+        except VfoaError:
             return None, False
         checksum, data = content[:_CHECKSUM_BYTES], content[_CHECKSUM_BYTES:]
         if _checksum(data) != checksum:
@@ -122,8 +123,8 @@ class Store:
     def _identities(self, slot: str) -> Iterator[tuple[Path, dict[str, Any]]]:
         for path in sorted((self.stages / slot).glob("*/identity.json")):
             try:
-                parts = json.loads(path.read_bytes())
-            except (OSError, ValueError):
+                parts = parse_json(read_bytes(path), path)
+            except VfoaError:
                 continue
             if isinstance(parts, dict):
                 yield path.parent, parts

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -11,6 +10,7 @@ import cv2
 import numpy as np
 from pydantic import BaseModel, Field
 
+from harness.bounded_parsing import parse_json
 from harness.config_errors import parse
 from harness.data_folders import expand
 from harness.files import digest_files, read_bytes
@@ -153,11 +153,7 @@ class _PanopticFile(BaseModel):
 
 
 def _read(path: Path) -> _PanopticFile:
-    try:
-        data: Any = json.loads(read_bytes(path))
-    except (ValueError, RecursionError) as error:
-        raise VfoaError(f"{path}: not JSON: {error}") from None
-    return parse(_PanopticFile, data, str(path))
+    return parse(_PanopticFile, parse_json(read_bytes(path), path), str(path))
 
 
 def _by_key(entries: Iterable[_Entry], key: str, where: str) -> dict[Any, _Entry]:

@@ -96,6 +96,14 @@ def a_folder(path: str) -> Damage:
     return damage
 
 
+def a_pipe(path: str) -> Damage:
+    def damage(root: Path) -> None:
+        (root / path).unlink()
+        os.mkfifo(root / path)
+
+    return damage
+
+
 def dangling(path: str) -> Damage:
     def damage(root: Path) -> None:
         (root / path).unlink()
@@ -219,6 +227,7 @@ _IMAGES = [
     case("image claims no pixels", claims(LEFT, 0, 436), "000002.png", "0 x 436 pixels"),
     case("image gone on one side", gone("images/right/000002.png"), "frame 2: not in the clip"),
     case("image is a folder", a_folder(LEFT), "000002.png", "directory"),
+    case("image is a pipe", a_pipe(LEFT), "000002.png", "no plain file"),
     case("image is a dangling link", dangling(LEFT), "000002.png", "no such file"),
     case("no images on one side", lambda root: [each.unlink() for each in (root / "images/left").iterdir()], "left"),
     case("a stray image whose name is not UTF-8", _stray, "do not share one numbering"),
@@ -231,6 +240,8 @@ _CALIBRATION = [
     case("calibration cut", cut(YML), "stereo.yml"),
     case("calibration is binary", text(YML, bytes(range(256))), "stereo.yml"),
     case("calibration is prose", text(YML), "stereo.yml"),
+    case("calibration is a pipe", a_pipe(YML), "stereo.yml", "no plain file"),
+    case("calibration of many brackets", text(YML, 5_000 * "["), "stereo.yml", "levels deep"),
     case("calibration gone", gone(YML), "stereo.yml", "no such file"),
     case("calibration with NaN", replaced(YML, "800.", ".Nan"), "stereo.yml", "K"),
     case("calibration without a baseline", replaced(YML, "-0.059999999999999998", "0."), "stereo.yml: T:", "not all 0"),
@@ -253,6 +264,8 @@ _MANIFEST = [
     case("manifest with a wrong type", replaced(TOML, "rate_hz = 25.0", 'rate_hz = "fast"'), "mine.toml", "rate_hz"),
     case("manifest with an unknown key", replaced(TOML, "rate_hz", "rate_herz"), "mine.toml", "rate_hz"),
     case("manifest of an unknown adapter", replaced(TOML, '"stereo_folder"', '"stereo_fodler"'), "stereo_folder"),
+    case("manifest of many brackets", text(TOML, f"a = {10_000 * '['}"), "mine.toml", "levels deep"),
+    case("manifest with 5,000 digits", replaced(TOML, "25.0", 5_000 * "9"), "mine.toml", "64 bits"),
     case("manifest is a folder", a_folder(TOML), "no clip 'mine'"),
 ]
 
@@ -284,6 +297,7 @@ _STAGE_OUTPUTS = [
     case("panoptic.json empty", empty("stage_outputs/panoptic.json"), "panoptic.json"),
     case("panoptic.json cut", cut("stage_outputs/panoptic.json"), "panoptic.json"),
     case("panoptic.json is a list", text("stage_outputs/panoptic.json", "[1, 2]"), "panoptic.json"),
+    case("panoptic.json of many brackets", text("stage_outputs/panoptic.json", 10_000 * "["), "levels deep"),
     case("panoptic.json without categories", _no_categories, "panoptic.json", "categories"),
     case("disparity empty", empty(DISPARITY), "frame_0002.npy"),
     case("disparity cut", cut(DISPARITY), "frame_0002.npy"),
@@ -349,6 +363,8 @@ RUNS = [
         "results.jsonl:1:",
         command=_SCORE,
     ),
+    case("results is a pipe", a_pipe(_RESULTS), "results.jsonl", "no plain file", command=_SCORE),
+    case("results of many brackets", text(_RESULTS, 10_000 * "[" + "\n"), "results.jsonl:1:", command=_SCORE),
     case("results gone", gone(_RESULTS), "results.jsonl", command=_SCORE),
     case("run's manifest empty", empty(_RUN_MANIFEST), "manifest.json", command=_SCORE),
     case("run's manifest cut", cut(_RUN_MANIFEST), "manifest.json", command=_SCORE),

@@ -88,7 +88,7 @@ def test_a_workbook_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("{", "not a BORIS project"),
+        ("{", "not JSON"),
         ('{"a": 1}', "no observations"),
         ('{"observations": {"a": {}}}', "observation 'a': no events"),
         ('{"observations": {"a": {"events": [["x", "girl", "bird"]]}}}', "event 1: found"),

@@ -31,6 +31,15 @@ def test_a_damaged_result_is_told_from_a_missing_one(store: Store, spoil: object
     assert store.load(path) == (None, True)
 
 
+def test_a_pipe_in_place_of_a_result_is_not_waited_for_and_replaced(store: Store) -> None:
+    path = store.folder("stereo", "a") / "000001.bin"
+    path.parent.mkdir(parents=True)
+    os.mkfifo(path)
+    assert store.load(path) == (None, False)
+    store.save(path, b"found")
+    assert store.load(path) == (b"found", False)
+
+
 def test_what_was_used_longest_ago_is_removed_first(tmp_path: Path) -> None:
     size = len(b"x" * 100) + 16
     store = Store(tmp_path, 2 * size)

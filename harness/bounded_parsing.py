@@ -1,0 +1,246 @@
+"""TOML, YAML, XML, JSON and ZIP of unknown origin: read within bounds, with one line for what is wrong.
+
+A small file can make a parser recurse, or fill the memory: brackets within brackets, aliases of aliases, an archive of
+zeros. Everything that the program reads in these formats goes through this file.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import lzma
+import re
+import struct
+import tomllib
+import zipfile
+import zlib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from xml.etree.ElementTree import Element, ParseError, fromstring
+
+from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    import yaml
+
+MOST_LEVELS = 100
+"""Tables within tables; real files have fewer than ten."""
+MOST_VALUES = 1_000_000
+"""Values of a TOML or YAML document, with those that an alias repeats."""
+MOST_TAGS = 20_000_000
+"""Tags of an XML document: an hour of ten people in CVAT has half of that."""
+MOST_UNPACKED_BYTES = 2**30
+MOST_COMPRESSION = 250
+"""Unpacked bytes for each packed one. Labels in XML compress to a fiftieth, zeros to a thousandth."""
+LARGEST_INTEGER = 2**64 - 1
+_LONG_KEY = re.compile(rf"(?<![\w'\"-])(?:[\w'\"-]++[ \t]*+\.[ \t]*+){{{MOST_LEVELS},}}")
+"""A dotted key: tomllib takes time with the square of its parts."""
+
+_ZIP_DAMAGE = (
+    zipfile.BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    struct.error,
+    EOFError,
+    OSError,
+    RuntimeError,
+    ValueError,
+)
+"""What :mod:`zipfile` raises for an archive that is cut, altered or encrypted."""
+_YAML_DAMAGE = (ValueError, OverflowError, RecursionError, KeyError, IndexError, TypeError, AttributeError)
+"""What PyYAML raises beside its own errors for values that are not of their tag."""
+
+
+def parse_toml(text: str, where: object) -> dict[str, Any]:
+    """A TOML document.
+
+    Raises
+    ------
+    VfoaError
+        If it is not TOML (with the line), too deep, or has an integer of more than 64 bits.
+    """
+    if _LONG_KEY.search(text):
+        raise _too_deep(where)
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise VfoaError(f"{where}: not TOML: {error}") from None
+    except RecursionError:
+        raise _too_deep(where) from None
+    except ValueError:  # Python reads no integer of more than 4300 digits
+        raise _too_large(where) from None
+    _check(document, where)
+    return document
+
+
+def parse_json(data: str | bytes, where: object) -> Any:
+    """A JSON document.
+
+    Raises
+    ------
+    VfoaError
+        If it is not JSON, too deep, or has an integer of more than 64 bits.
+    """
+    try:
+        return json.loads(data, parse_int=_integer)
+    except _TooLargeError:
+        raise _too_large(where) from None
+    except RecursionError:
+        raise _too_deep(where) from None
+    except ValueError as error:
+        raise VfoaError(f"{where}: not JSON: {error}") from None
+
+
+def parse_yaml(data: str | bytes, where: object, kind: type[yaml.SafeLoader] | None = None) -> Any:
+    """A YAML document of plain values; ``kind`` is a loader that knows more types.
+
+    Raises
+    ------
+    VfoaError
+        If it is not YAML (with the line), too deep, or its aliases repeat too much.
+    """
+    import yaml
+
+    try:
+        loader = (kind or yaml.SafeLoader)(data)
+        try:
+            if (node := loader.get_single_node()) is None:
+                return None
+            _check_levels([node], _nodes_below, where)
+            document = loader.construct_document(node)
+        finally:
+            loader.dispose()
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        line = "" if mark is None else f":{mark.line + 1}"
+        raise VfoaError(f"{where}{line}: not YAML: {getattr(error, 'problem', None) or 'cannot be parsed'}") from None
+    except RecursionError:
+        raise _too_deep(where) from None
+    except _YAML_DAMAGE:
+        raise VfoaError(f"{where}: not YAML: a value is not of its type") from None
+    _check(document, where)
+    return document
+
+
+def parse_xml(data: bytes, path: Path) -> Element:
+    """The outermost element of a file's content. Expat itself refuses entities that grow without end.
+
+    Raises
+    ------
+    VfoaError
+        If it is no XML (with the line), too deep or too large, or names an encoding that there is none of.
+    """
+    if data.count(b"<") > MOST_TAGS:
+        raise VfoaError(f"{path}: has more than {MOST_TAGS} tags; expected a smaller document")
+    try:
+        root = fromstring(data)
+    except ParseError as error:
+        raise VfoaError(f"{path}:{error.position[0]}: not XML: {error}") from None
+    except (LookupError, ValueError) as error:
+        raise VfoaError(f"{path}:1: not XML: {error}") from None
+    _check_levels([root], list, path, most=2 * MOST_TAGS)
+    return root
+
+
+def read_member(data: bytes, name: str, where: object, of: str) -> bytes:
+    """The content of a file in a ZIP archive; ``of`` says whose archives have one, for messages.
+
+    Raises
+    ------
+    VfoaError
+        If there is none, it is damaged or encrypted, or it unpacks to more than such a file can have.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            check_unpacked([archive.getinfo(name)], where)
+            return archive.read(name)
+    except (KeyError, *_ZIP_DAMAGE) as error:
+        raise VfoaError(f"{where}: no {name} can be read in it, as {of} have one: {error}") from None
+
+
+def check_archive(data: bytes, where: object) -> None:
+    """Refuse a ZIP archive that a library is to unpack, if it unpacks to more than a user's file can have.
+
+    Damage is the library's to find.
+
+    Raises
+    ------
+    VfoaError
+        If it does.
+    """
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            members = archive.infolist()
+    except _ZIP_DAMAGE:
+        return
+    check_unpacked(members, where)
+
+
+def check_unpacked(members: Iterable[zipfile.ZipInfo], where: object) -> None:
+    """Refuse what is packed too densely, or unpacks to too much; :mod:`zipfile` gives no more than a member claims.
+
+    Raises
+    ------
+    VfoaError
+        With the sizes.
+    """
+    packed, unpacked = 0, 0
+    for member in members:
+        packed += member.compress_size
+        unpacked += member.file_size
+    if unpacked > min(MOST_UNPACKED_BYTES, max(MOST_COMPRESSION * packed, 2**20)):
+        raise VfoaError(f"{where}: {packed} bytes unpack to {unpacked}; expected an archive of ordinary files")
+
+
+class _TooLargeError(Exception):
+    """An integer that no number of the program is as large as."""
+
+
+def _integer(digits: str) -> int:
+    if len(digits) > 20 or abs(value := int(digits)) > LARGEST_INTEGER:
+        raise _TooLargeError
+    return value
+
+
+def _check(document: Any, where: object) -> None:
+    """Refuse what is too deep, too much, or an integer of more than 64 bits."""
+
+    def below(value: Any) -> Iterable[Any]:
+        if isinstance(value, Mapping):
+            return value.values()
+        if type(value) is int and abs(value) > LARGEST_INTEGER:
+            raise _too_large(where)
+        return value if isinstance(value, list | tuple | set) else ()
+
+    _check_levels([document], below, where)
+
+
+def _nodes_below(node: yaml.Node) -> Iterable[yaml.Node]:
+    """Those of a list; keys and values of a table."""
+    below = node.value if isinstance(node.value, list) else ()
+    return [each for item in below for each in (item if isinstance(item, tuple) else (item,))]
+
+
+def _check_levels(level: list[Any], below: Any, where: object, *, most: int = MOST_VALUES) -> None:
+    """Go through a document level by level, without recursion, and stop where it becomes too much."""
+    count = 0
+    for _ in range(MOST_LEVELS):
+        next_level: list[Any] = []
+        for each in level:
+            next_level += below(each)
+            if count + len(next_level) > most:
+                raise VfoaError(f"{where}: has more than {most} values; expected a smaller document")
+        if not next_level:
+            return
+        count += len(next_level)
+        level = next_level
+    raise _too_deep(where)
+
+
+def _too_deep(where: object) -> VfoaError:
+    return VfoaError(f"{where}: nested more than {MOST_LEVELS} levels deep; expected a document of few levels")
+
+
+def _too_large(where: object) -> VfoaError:
+    return VfoaError(f"{where}: holds an integer of more than 64 bits; expected numbers within 64 bits")
