@@ -28,10 +28,11 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
         If the run is not finished, no configuration ran on every clip, or a clip's manifest or labels cannot be read.
     """
     run = FinishedRun.read(directory)
-    reference = run.reference(annotator)
+    reference = run.reference(annotator, compare_content=True)
     with _collector_paused():
         scores = score_run(directory.results, reference, records=run.records(), manifest=run.manifest)
     write_verdict_layers(directory, reference.labels)  # last: a damaged run is refused before anything is written
+    run.note_labels(annotator)
     return scores
 
 

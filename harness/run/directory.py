@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.files import atomic_write, unreadable
+from harness.bounded_parsing import parse_json
+from harness.files import atomic_write, read_bytes, unreadable
 from harness.run.lock import LOCK
 from harness.run.manifest_shape import check_manifest
 from vfoa.errors import StageError, VfoaError, did_you_mean
@@ -88,14 +89,12 @@ class RunDirectory:
             If the directory is not a run's, or the manifest is not what a run writes.
         """
         try:
-            found = json.loads(self.manifest.read_text(encoding="utf-8"))
-        except FileNotFoundError:
-            raise VfoaError(f"{self.path}: expected a run's directory, found {self._what_is_there()}") from None
-        except OSError as error:
-            raise unreadable(self.manifest, error) from None
-        except (ValueError, RecursionError) as error:
-            raise VfoaError(f"{self.manifest}: not a run's manifest: {error}") from None
-        return check_manifest(found, str(self.manifest))
+            is_there = self.manifest.exists()
+        except (OSError, ValueError) as error:
+            raise unreadable(self.path, error) from None
+        if not is_there:
+            raise VfoaError(f"{self.path}: expected a run's directory, found {self._what_is_there()}")
+        return check_manifest(parse_json(read_bytes(self.manifest), self.manifest), str(self.manifest))
 
     def _what_is_there(self) -> str:
         """Why this is no run's directory, and which ones are in it or, where it is missing, beside it."""

@@ -9,11 +9,19 @@ from pathlib import Path
 from typing import Any
 
 from harness.clips.manifest import ClipManifest, load_manifest
-from harness.files import digest_files, is_file
+from harness.files import is_file
 from harness.labels.timeline import Timeline
 from harness.run.directory import Pair, RunDirectory
 from harness.run.published import Published
 from harness.run.results import FrameRecord, read_results
+from harness.score.changed_since import (
+    RUN_LABELS,
+    TABLE_LABELS,
+    labels_digest,
+    said_of_content,
+    said_of_labels,
+    said_of_names,
+)
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
 from vfoa.errors import VfoaError
@@ -80,11 +88,15 @@ class FinishedRun:
                         f"{configuration}; expected {expected}, as the run had"
                     )
 
-    def reference(self, annotator: str | None = None) -> Reference:
-        """The present labels of the run's clips, of this annotator or of the one that the run was made with."""
+    def reference(self, annotator: str | None = None, *, compare_content: bool = False) -> Reference:
+        """The present labels of the run's clips, of this annotator or of the one that the run was made with.
+
+        The notes say where labels or names have changed since, and with ``compare_content`` whether the clip has.
+        """
         run = self.manifest
         annotator = annotator or run.get("annotator")
-        found = {clip["name"]: _manifest(clip).labels(_timeline(clip), annotator) for clip in run["clips"]}
+        manifests = {clip["name"]: _manifest(clip) for clip in run["clips"]}
+        found = {clip["name"]: manifests[clip["name"]].labels(_timeline(clip), annotator) for clip in run["clips"]}
         labels = {name: each for name, each in found.items() if each is not None and each.ranges}
         of_clips: dict[str, list[str]] = {}
         for clip in run["clips"]:
@@ -93,7 +105,13 @@ class FinishedRun:
         by_one = [f"Scored against the labels of {annotator!r}."] if annotator else []
         shared = [f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()]
         unlabelled = self._said_of_unlabelled([name for name in found if name not in labels])
-        changed = [] if annotator != run.get("annotator") else self._said_of_changed_labels()
+        changed: list[str] = []
+        for clip in run["clips"]:
+            manifest = manifests[clip["name"]]
+            if annotator == run.get("annotator"):
+                changed += said_of_labels(run, clip, manifest)
+            changed += said_of_names(clip, manifest)
+            changed += said_of_content(run, clip, manifest) if compare_content else ()
         return Reference(
             labels=labels,
             frames={clip["name"]: clip["frames"] for clip in run["clips"]},
@@ -104,16 +122,14 @@ class FinishedRun:
             published=Published.model_validate(run["published"]) if run.get("published") else None,
         )
 
-    def _said_of_changed_labels(self) -> list[str]:
-        """One sentence for each clip whose labels are not those of the run: edited since, or another file."""
-        said = []
-        for clip in self.manifest["clips"]:
-            before = self.manifest.get("labels_sha256", {}).get(clip["name"])
-            path = _manifest(clip).annotations.find(self.manifest.get("annotator"))
-            if before is not None and (path is None or digest_files([("labels", path)]) != before):
-                now = f"scored against {path.parent.name}/{path.name} as it is" if path else "and there are none now"
-                said.append(f"{clip['name']}: its labels are not those that the run was made with; {now}.")
-        return said
+    def note_labels(self, annotator: str | None = None) -> None:
+        """Write into the run's manifest which labels its tables are of; those it was made with stay in it, too."""
+        annotator = annotator or self.manifest.get("annotator")
+        before = self.manifest.get(TABLE_LABELS, {})
+        now = {clip["name"]: labels_digest(_manifest(clip), annotator) for clip in self.manifest["clips"]}
+        if now != before:
+            of_run = self.manifest.get(RUN_LABELS, before)
+            self.directory.write_manifest({**self.manifest, TABLE_LABELS: now, RUN_LABELS: of_run})
 
     def _said_of_unlabelled(self, clips: list[str]) -> list[str]:
         """One sentence for each clip without labels: that it is not scored, and whom the run found in it."""

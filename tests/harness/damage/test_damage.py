@@ -11,7 +11,7 @@ from harness.cli import main
 from tests.command import vfoa
 from tests.harness.damage import project as projects
 from tests.harness.damage.sources import DAMAGED, STILL_READ, WHOLE
-from tests.harness.damage.table import REFUSED, RUN, RUNS, SURVIVED, Case, replaced
+from tests.harness.damage.table import REFUSED, RUN, RUNS, SURVIVED, Case
 
 
 @pytest.fixture(scope="module")
@@ -83,25 +83,11 @@ def test_what_is_only_unusual_gives_the_same_table(
     assert (project / "out" / "frr.csv").read_text() == table
 
 
-@pytest.fixture(scope="module")
-def finished(whole: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The project with a finished run in it."""
-    copied = projects.copy(whole, tmp_path_factory.mktemp("finished") / "project")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(copied)
-        patch.setattr(sys, "argv", ["vfoa", "run", "e.toml", "--out", "run", "--workers", "1"])
-        with pytest.raises(SystemExit):
-            main()
-    return copied
-
-
 @pytest.mark.parametrize("damaged", RUNS, ids=lambda each: each.name)
 def test_a_damaged_run_is_refused_and_its_tables_stay(
-    damaged: Case, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    damaged: Case, finished_project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    project = projects.copy(finished, tmp_path / "project")
-    replaced("run/manifest.json", str(finished), str(project))(project)
-    monkeypatch.chdir(project)
+    project = finished_project
     damaged.damage(project)
     before = _tables(project)
     code, _, said = vfoa(monkeypatch, capsys, *damaged.command)
