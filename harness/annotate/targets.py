@@ -107,7 +107,7 @@ def _save(path: Path, document: tomlkit.TOMLDocument) -> None:
 
 def _parse(path: Path, document: tomlkit.TOMLDocument) -> None:
     """Refuse what would be no manifest, and a text that does not say what was meant."""
-    plain = tomllib.loads(tomlkit.dumps(document))
+    plain = parse_toml(tomlkit.dumps(document), path)
     parse(ClipManifest, plain, str(path))
     if plain != document.unwrap():
         raise VfoaError(f"{path}: the targets cannot be changed where they stand; edit the file by hand")

@@ -8,15 +8,17 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from uuid import uuid4
 
 from harness.code_digest import code_digest
-from harness.run.executors.contract import GIVEN_UP, Job, Lost, Outcome, Progress, Work, compute_with
+from harness.run.executors.contract import GIVEN_UP, Job, Lost, Outcome, Progress, StoppedError, Work, compute_with
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, Future
 
 TOPIC = "vfoa"
 _ADDRESS = re.compile(r"[a-z]+://.+:\d+")
@@ -96,13 +98,19 @@ class Cluster:
     def run(
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
     ) -> Iterator[Outcome]:
-        """As :class:`harness.run.executors.Executor`."""
+        """As :class:`harness.run.executors.Executor`.
+
+        Whoever stops asking, or is interrupted, gets control back when no worker is at a job any more: queued jobs do
+        not begin, and those that run stop after the frame in hand.
+        """
         from distributed import CancelledError, KilledWorker
         from distributed.comm import CommClosedError
 
         self._client.subscribe_topic(TOPIC, lambda event: progress(event[1]))
         here = Surroundings()
-        futures = [self._client.submit(_on_worker, here, self._code, work, job, pure=False) for job in jobs]
+        run = uuid4().hex
+        submit = partial(self._client.submit, _on_worker, here, self._code, run, work, pure=False)
+        futures = [submit(job) for job in jobs]
         try:
             for job, future in zip(jobs, futures, strict=True):
                 try:
@@ -115,9 +123,27 @@ class Cluster:
                         "again with a scheduler"
                     ) from None
         finally:
-            with suppress(CommClosedError, TimeoutError, OSError):  # of a scheduler that is gone
+            with suppress(CommClosedError, CancelledError, TimeoutError, OSError):  # of a scheduler that is gone
+                _end(self._client, futures, run)
                 self._client.cancel(futures)
                 self._client.unsubscribe_topic(TOPIC)
+
+
+def _end(client: Client, futures: Sequence[Future], run: str) -> None:
+    """Stop what still runs, and wait for it: another run may begin at once with the same files."""
+    deadline = time.monotonic() + PATIENCE_SECONDS
+    while (running := [each for each in futures if not each.done()]) and time.monotonic() < deadline:
+        client.run(_note_stopped, run, on_error="ignore")  # again and again: a worker may have joined meanwhile
+        with suppress(TimeoutError):
+            running[0].exception(timeout=1)
+
+
+_stopped: set[str] = set()
+"""In a worker: the runs whose jobs are to stop."""
+
+
+def _note_stopped(run: str) -> None:
+    _stopped.add(run)
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +164,7 @@ class Surroundings:
 
 
 def _on_worker(
-    here: Surroundings, code: tuple[tuple[str, ...], str], work: Callable[[Any, Progress], Any], job: Any
+    here: Surroundings, code: tuple[tuple[str, ...], str], run: str, work: Callable[[Any, Progress], Any], job: Any
 ) -> Any:
     from distributed import get_worker
 
@@ -148,4 +174,12 @@ def _on_worker(
     modules, digest = code
     if code_digest(modules) != digest:
         raise VfoaError(f"{worker.address}: runs another version of vfoa; expected the same source as here")
-    return work(job, lambda word: worker.log_event(TOPIC, word))
+
+    def progress(word: str) -> None:
+        worker.log_event(TOPIC, word)
+        if run in _stopped:
+            raise StoppedError
+
+    if run in _stopped:
+        raise StoppedError
+    return work(job, progress)

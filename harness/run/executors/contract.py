@@ -20,6 +20,11 @@ Work = Callable[[Job, Progress], Outcome]
 Lost = Callable[[Job, str], Outcome]
 """The outcome of a job that was given up, and why."""
 
+
+class StoppedError(Exception):
+    """The run was interrupted: a worker stops after the frame in hand."""
+
+
 MOST_THREADS = 4
 
 ATTEMPTS = 3

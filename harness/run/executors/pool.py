@@ -21,6 +21,7 @@ from harness.run.executors.contract import (
     Lost,
     Outcome,
     Progress,
+    StoppedError,
     Work,
     compute_with,
 )
@@ -188,7 +189,3 @@ def _in_worker(work: Work[Job, Outcome], job: Job) -> Outcome:
     if stop.is_set():
         raise StoppedError
     return work(job, progress)
-
-
-class StoppedError(Exception):
-    """The run was interrupted: a worker stops after the frame in hand."""

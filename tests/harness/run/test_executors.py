@@ -196,6 +196,34 @@ def test_a_worker_of_a_cluster_that_dies_is_replaced(scheduler: str, tmp_path: P
         assert list(cluster.run(_die_once, jobs, lambda word: None, _give_up)) == ["a done", "b done"]
 
 
+def _endless(marker: Path, progress: Callable[[str], None]) -> str:
+    """Goes on until it is stopped, and says so; a job called "short" is done at once."""
+    if marker.name == "short":
+        return "done"
+    marker.write_text("begun")
+    try:
+        while True:
+            progress(marker.name)
+            time.sleep(0.01)
+    finally:
+        marker.write_text("stopped")
+
+
+def test_an_interrupted_run_leaves_no_job_behind_on_a_cluster(scheduler: str, tmp_path: Path) -> None:
+    jobs = [tmp_path / name for name in ("short", "a", "b", "queued", "queued too")]
+    with executor(1, scheduler) as cluster:
+        outcomes = cluster.run(_endless, jobs, lambda word: None, _give_up)
+        assert next(outcomes) == "done"
+        deadline = time.monotonic() + 120
+        while not any(job.exists() for job in jobs) and time.monotonic() < deadline:
+            time.sleep(0.01)
+        outcomes.close()  # as an interrupt does
+        begun = [job for job in jobs if job.exists()]
+        assert 1 <= len(begun) <= 2
+        assert {job.read_text() for job in begun} == {"stopped"}
+        assert list(cluster.run(_square, [3], lambda word: None, _give_up)) == [(9, 1)]
+
+
 def test_a_scheduler_that_is_not_there_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
     monkeypatch.setattr("harness.run.executors.cluster.PATIENCE_SECONDS", 0.5)
