@@ -171,7 +171,12 @@ def create_app(session: Session) -> Starlette:
             Route("/api/target/change", _posted(change_target), methods=["POST"]),
             Route("/api/target/delete", _posted(delete_target), methods=["POST"]),
         ],
-        exception_handlers={VfoaError: _refused, ValidationError: _malformed, StaleRevisionError: stale},
+        exception_handlers={
+            VfoaError: _refused,
+            OSError: _unwritable,
+            ValidationError: _malformed,
+            StaleRevisionError: stale,
+        },
     )
 
 
@@ -188,6 +193,12 @@ def _posted(answer: Callable[[bytes], Response]) -> Callable[[Request], Any]:
 
 def _refused(request: Request, error: Exception) -> Response:
     return JSONResponse({"error": str(error)}, 404 if isinstance(error, OutsideClipError) else 400)
+
+
+def _unwritable(request: Request, error: Exception) -> Response:
+    """Of a disk that is full or may not be written."""
+    place = getattr(error, "filename", None) or "the disk"
+    return JSONResponse({"error": f"{place}: {getattr(error, 'strerror', None) or error}"}, 507)
 
 
 def _malformed(request: Request, error: Exception) -> Response:

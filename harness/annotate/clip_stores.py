@@ -9,11 +9,14 @@ from harness.annotate.drawing import DrawingStore
 from harness.annotate.store import LabelStore
 from harness.clips.manifest import ClipManifest
 from harness.data_folders import came_with_program
+from harness.labels.files import RESERVED, target_names
 from harness.labels.timeline import Timeline
 
 
 def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline) -> LabelStore:
     """An annotator's labels. Those of a clip that came with the program are copied when they are changed.
+
+    Labels of targets that were taken out of the manifest stay as they are, so that they can be changed.
 
     Raises
     ------
@@ -22,12 +25,14 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
     """
     files = manifest.annotations
     path, found = files.place(annotator), files.find(annotator)
+    known = {*manifest.targets, *manifest.subjects, *RESERVED}
+    left = [name for name in target_names(found) if name not in known] if found else []
     return LabelStore(
         path,
         path.parent / ".journal" / f"{path.stem}.jsonl",
         timeline=timeline,
         subjects=tuple(manifest.subjects),
-        targets=manifest.targets,
+        targets=[*manifest.targets, *left],
         origin=found if found != path and came_with_program(manifest.path) else None,
     )
 

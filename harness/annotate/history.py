@@ -64,13 +64,21 @@ class History:
         self.done: list[Change] = []
         self.undone: list[Change] = []
 
+    def copy(self) -> History:
+        """The same state, on its own."""
+        copied = History(self.subjects, self._frames)
+        copied.revision, copied.seen = self.revision, dict(self.seen)
+        copied.tracks = {name: list(track) for name, track in self.tracks.items()}
+        copied.done, copied.undone = list(self.done), list(self.undone)
+        return copied
+
     def apply(self, entry: Entry) -> None:
-        """Go one entry on."""
+        """Go one entry on; ValueError, KeyError and such if it is none of this clip's."""
         if "base" in entry:
             self._begin(entry)
         if "seen" in entry:
             subject, at = entry["seen"]
-            self.seen[subject] = max(self.seen[subject], at)
+            self.seen[subject] = max(self.seen[subject], self._position(at))
         if "change" in entry:
             change = Change.parse(entry["change"])
             self._place(change.subject, change.after)
@@ -129,6 +137,11 @@ class History:
         self.done, self.undone = ([each.renamed(old, new) for each in changes] for changes in (self.done, self.undone))
         for subject, track in self.tracks.items():
             self._place(subject, [_renamed(each, old, new) for each in stretches(track, 0, len(track) - 1)])
+
+    def _position(self, at: object) -> int:
+        if not isinstance(at, int) or not 0 <= at < len(self._frames):
+            raise ValueError(f"position {at!r} is outside the clip's {len(self._frames)} frames")
+        return at
 
     def _place(self, subject: str, part: Sequence[Stretch]) -> None:
         for each in part:

@@ -42,8 +42,8 @@ class Journal:
             self.close()
             raise
 
-    def append(self, entry: dict[str, Any]) -> None:
-        """Add an entry; it is on the disk when this returns.
+    def append(self, entry: dict[str, Any]) -> int:
+        """Add an entry; it is on the disk when this returns. The place where it begins is returned.
 
         Raises
         ------
@@ -59,6 +59,11 @@ class Journal:
         except OSError as error:
             self._file.truncate(end)
             raise VfoaError(f"{self.path}: cannot be written: {error.strerror}") from None
+        return end
+
+    def take_back(self, place: int) -> None:
+        """Remove the entry that began there, and all behind it."""
+        self._file.truncate(place)
 
     def close(self) -> None:
         """Let go of the file."""

@@ -59,6 +59,8 @@ class Stretch:
         if not values:
             return cls(first=first, last=last, mark=None)
         target, note, point, suggested, carried = values
+        if not (isinstance(target, str) and isinstance(note, str)):
+            raise TypeError(f"expected the names of a target and a note, found {target!r} and {note!r}")
         point_px = (float(point[0]), float(point[1])) if point else None
         mark = Mark(target=target, note=note, point_px=point_px, suggested=suggested, carried=carried)
         return cls(first=first, last=last, mark=mark)

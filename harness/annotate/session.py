@@ -20,7 +20,7 @@ from harness.clips.manifest_checks import known_categories
 from harness.clips.naming import NameRule
 from harness.data_folders import came_with_program
 from harness.files import digest_files
-from harness.labels.labels import TO_DECIDE
+from harness.labels.labels import RESERVED, TO_DECIDE
 from harness.labels.timeline import timeline_of
 from harness.sources import Clip
 from vfoa.errors import VfoaError
@@ -96,10 +96,16 @@ class Session:
 
     @property
     def notice(self) -> str | None:
-        """What is read-only, of a clip that came with the program; None of another."""
-        if not came_with_program(self.manifest.path):
-            return None
-        return f"{self.manifest.name} came with vfoa and is read-only: changed labels go to {self.path}."
+        """What is read-only, of a clip that came with the program, and which labels are of no target; None: neither."""
+        said = []
+        if came_with_program(self.manifest.path):
+            said.append(f"{self.manifest.name} came with vfoa and is read-only: changed labels go to {self.path}.")
+        if self._left_over:
+            said.append(
+                f"{self.path.name} has labels of {', '.join(self._left_over)}, which {self.manifest.path.name} does "
+                "not have: runs are not scored until they are of another target, or the manifest has it again."
+            )
+        return " ".join(said) or None
 
     def about(self) -> dict[str, Any]:
         """What does not change by labelling, as JSON."""
@@ -249,7 +255,14 @@ class Session:
 
     @property
     def _rules(self) -> dict[str, NameRule]:
-        return {**self.manifest.targets, **self.manifest.subjects}
+        left = {name: NameRule(category="") for name in self._left_over}
+        return {**self.manifest.targets, **self.manifest.subjects, **left}
+
+    @property
+    def _left_over(self) -> list[str]:
+        """Targets of labels that the manifest does not have (any more)."""
+        known = {*self.manifest.targets, *self.manifest.subjects, *RESERVED}
+        return [name for name in self._store.names() if name not in known]
 
     @cached_property
     def _categories(self) -> list[str]:

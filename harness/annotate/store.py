@@ -8,7 +8,8 @@ carried), and is believed at the start if the CSV is what it led to; a CSV that 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -167,8 +168,11 @@ class LabelStore:
             raise StaleRevisionError
 
     def refresh(self) -> None:
-        """Begin anew from the CSV if it was changed by something else."""
-        if self._file_digest() != self._digest:
+        """Begin anew from the CSV if it was changed by something else; write it again if it was deleted."""
+        found = self._file_digest()
+        if found is None and self._digest is not None:  # deleted; the labels are those of whoever has the page open
+            self._write(anew=True)
+        elif found != self._digest:
             self._take_over(self._read())
 
     def check_position(self, at: int) -> int:
@@ -179,7 +183,8 @@ class LabelStore:
 
     def add_target(self, name: str) -> None:
         """Allow another name."""
-        self._targets.append(name)
+        if name not in self._targets:
+            self._targets.append(name)
 
     def uses(self, target: str) -> int:
         """How many (frame, subject) pairs have this target, suggestions and what is only carried included."""
@@ -197,13 +202,13 @@ class LabelStore:
     def rename_target(self, old: str, new: str) -> None:
         """Another name for a target, in every label and all that can be undone."""
         renamed = [new if each == old else each for each in self._targets]
-        self._targets = [each for each in dict.fromkeys(renamed) if each not in {*self.subjects, *RESERVED}]
         self._commit({"rename": [old, new]})
+        self._targets = [each for each in dict.fromkeys(renamed) if each not in {*self.subjects, *RESERVED}]
 
     def delete_target(self, name: str) -> None:
         """Allow a name no longer, which no label has. What was done before cannot be undone any more."""
-        self._targets.remove(name)
         self._commit({"forget": name})
+        self._targets.remove(name)
 
     def close(self) -> None:
         """Let go of the journal."""
@@ -231,14 +236,19 @@ class LabelStore:
         now = self._clock()
         self._active_s += min(max(now - self._last_s, 0.0), LONGEST_PAUSE_S)
         self._last_s = now
-        self._journal.append({**entry, "time_s": round(now, 3)})
+        before, place = self._history.copy(), self._journal.append({**entry, "time_s": round(now, 3)})
         self._history.apply(entry)
-        self._write()
+        try:
+            self._write()
+        except VfoaError:  # what is not in the CSV is not shown, and not made by a restart
+            self._history = before
+            self._journal.take_back(place)
+            raise
 
     def _start(self) -> None:
         stored, entries = self._read(), self._journal.entries
         bases = [number for number, entry in enumerate(entries) if "base" in entry]
-        if not bases or not self._history.fits(entries[bases[-1]]):
+        if not bases or not self._fits(entries[bases[-1]], bases[-1] + 1):
             self._take_over(stored)
             return
         for number, entry in enumerate(entries[bases[-1] :], start=bases[-1] + 1):
@@ -251,9 +261,19 @@ class LabelStore:
         else:
             self._take_over(stored)
 
+    def _fits(self, base: Entry, line: int) -> bool:
+        with self._as_stored(line):
+            return self._history.fits(base)
+
     def _apply_stored(self, entry: Entry, line: int) -> None:
-        try:
+        with self._as_stored(line):
             self._history.apply(entry)
+
+    @contextmanager
+    def _as_stored(self, line: int) -> Iterator[None]:
+        """Whatever is wrong with a line of the journal is one line."""
+        try:
+            yield
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             raise VfoaError(
                 f"{self._journal.path}:{line}: no change of labels: {error!r}; move the journal away to go on"
@@ -275,10 +295,15 @@ class LabelStore:
             path, timeline=self._timeline, subjects=self.subjects, targets=self._targets, allow_gaps=True
         )
 
-    def _write(self) -> None:
+    def _write(self, *, anew: bool = False) -> None:
         labels = self._history.labels()
-        if labels != self._written:
-            write_annotations(self.path, labels)
+        if anew or labels != self._written:
+            try:
+                write_annotations(self.path, labels)
+            except OSError as error:
+                raise VfoaError(
+                    f"{self.path}: cannot be written: {error.strerror or error}; the change was not made"
+                ) from None
         self._written, self._digest = labels, self._file_digest()
 
     def _file_digest(self) -> str | None:

@@ -40,6 +40,7 @@ __all__ = [
     "Labels",
     "format_annotations",
     "read_annotations",
+    "target_names",
     "write_annotations",
 ]
 
@@ -78,6 +79,18 @@ def read_annotations(
     rows = list(_rows(path, timeline, set(subjects), targets))
     check_sequence(path, rows, timeline, allow_gaps=allow_gaps)
     return Labels(row for _, row in rows)
+
+
+def target_names(path: Path) -> tuple[str, ...]:
+    """Every name in the column of targets, whether the manifest has it or not; none of a file that is damaged."""
+    try:
+        _, header, *rows = [
+            cells for cells in csv.reader(io.StringIO(read_text(path), newline=""), strict=True) if cells
+        ]
+        place = header.index("target")
+        return tuple(dict.fromkeys(cells[place] for cells in rows))
+    except (VfoaError, csv.Error, ValueError, IndexError):
+        return ()
 
 
 def write_annotations(path: Path, labels: Labels) -> None:

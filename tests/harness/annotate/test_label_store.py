@@ -202,6 +202,46 @@ def test_a_deleted_csv_is_a_fresh_start(tmp_path: Path) -> None:
     assert _open(tmp_path).track("ann") == [None] * 8
 
 
+def test_a_csv_that_is_deleted_while_open_is_written_again_with_all_that_can_be_undone(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    _look(store, 0, "cup")
+    _look(store, 1, "book")
+    kept = (tmp_path / "annotations" / "clip.csv").read_bytes()
+    (tmp_path / "annotations" / "clip.csv").unlink()
+    store.refresh()
+    assert (tmp_path / "annotations" / "clip.csv").read_bytes() == kept
+    (tmp_path / "annotations" / "clip.csv").unlink()
+    store.undo(store.revision)
+    assert _targets(_file(tmp_path))[:2] == ["cup", "cup"]
+    assert store.state()["can_undo"]
+
+
+def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_restart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = _open(tmp_path)
+    store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    files = [tmp_path / "journal.jsonl", tmp_path / "annotations" / "clip.csv"]
+    before, shown = [path.read_bytes() for path in files], store.state()
+    with monkeypatch.context() as patch:
+        patch.setattr("harness.annotate.store.write_annotations", lambda path, labels: _refuse(0))
+        for change in (
+            lambda: store.put(store.revision, "ann", edits.mark_range(4, 5, "book")),
+            lambda: store.undo(store.revision),
+            lambda: store.rename_target("cup", "mug"),
+        ):
+            with pytest.raises(
+                VfoaError, match=r"clip\.csv: cannot be written: No space left on device; the change was"
+            ):
+                change()
+            assert [path.read_bytes() for path in files] == before
+            assert {**store.state(), "seconds_left": None} == {**shown, "seconds_left": None}
+    assert store.names() == (*TARGETS, *SUBJECTS, "none", "ignore")
+    store.put(store.revision, "ann", edits.mark_range(6, 6, "book"))
+    store.close()
+    assert _open(tmp_path).track("ann")[4:] == [None, None, Mark(target="book"), None]
+
+
 def test_a_change_that_the_disk_does_not_take_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -230,6 +270,15 @@ def _refuse(handle: int) -> None:
         ('{"redo":true}', r":3: no change of labels: IndexError.*; move the journal away"),
         ('{"seen":["bob",1]}', r":3: no change of labels: KeyError\('bob'\); move the journal away"),
         ('{"change":{"subject":"ann"}}', r":3: no change of labels: KeyError\('before'\); move the journal away"),
+        ('{"seen":["ann",1000000000000]}', r":3: no change of labels: ValueError.*; move the journal away"),
+        (
+            '{"change":{"subject":"ann","before":[],"after":[[5,1000000000000,"cup","",null,false,false]]}}',
+            r":3: no change of labels: ValueError.*; move the journal away",
+        ),
+        (
+            '{"change":{"subject":"ann","before":[],"after":[[-3,-1]]}}',
+            r":3: no change of labels: ValueError.*; move the journal away",
+        ),
         ('{"change":7}', r":3: no change of labels: TypeError.*; move the journal away"),
     ],
 )

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import http.client
 import json
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -115,6 +117,32 @@ def test_a_wrong_change_is_one_line_and_changes_nothing(page: Page, change: dict
     status, answer = _post(page, "/api/change", {**CHANGE, "revision": 2, **change})
     assert (status, found in answer["error"]) == (400, True), answer
     assert page.file.read_bytes() == before
+
+
+def test_a_change_that_a_full_disk_does_not_take_is_answered_and_not_made(
+    page: Page, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert _post(page, "/api/change", CHANGE)[0] == 200
+    before = page.file.read_bytes(), page.session.state()["tracks"]
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", full)
+        status, answer = _post(page, "/api/change", {**CHANGE, "revision": 2, "target": "book"})
+        assert (status, "No space left on device" in answer["error"]) == (400, True), answer
+        patch.setattr("os.fsync", lambda handle: None)
+        patch.setattr("harness.labels.files.atomic_write", full)
+        status, answer = _post(page, "/api/change", {**CHANGE, "revision": 2, "target": "book"})
+        assert (status, "the change was not made" in answer["error"]) == (400, True), answer
+        status, answer = _post(page, "/api/target", {"name": "pen", "rule": {"category": "pen"}})
+        assert status == 200, answer
+        patch.setattr("harness.annotate.targets.atomic_write", full)
+        status, answer = _post(page, "/api/target", {"name": "ruler", "rule": {"category": "ruler"}})
+        assert (status, "No space left on device" in answer["error"]) == (507, True), answer
+    assert (page.file.read_bytes(), page.session.state()["tracks"]) == before
+    assert _post(page, "/api/change", {**CHANGE, "revision": 2, "target": "book"})[0] == 200
 
 
 def test_a_change_on_an_older_state_is_answered_with_the_newer_one(page: Page) -> None:

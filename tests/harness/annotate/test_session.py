@@ -181,6 +181,24 @@ def test_a_target_that_the_manifest_cannot_have_is_not_written(
     assert path.read_text() == MANIFEST
 
 
+def test_labels_of_a_target_that_the_manifest_has_no_longer_are_shown_and_can_be_changed(
+    opened: Any, work: Path
+) -> None:
+    session = opened()
+    session.mark_range(session.state()["revision"], "ann", 0, 3, "book")
+    session.close()
+    manifest = work / "datasets" / "noise.toml"
+    manifest.write_text(manifest.read_text().replace('[targets.book]\ncategory = "book"\n', ""))
+    session = opened()
+    about = session.about()
+    assert "noise.csv has labels of book, which noise.toml does not have" in about["notice"]
+    assert "book" in about["names"]
+    assert "book" in about["looks"]
+    session.mark_range(session.state()["revision"], "ann", 0, 3, "cup")
+    session.close()
+    assert opened().about()["notice"] is None
+
+
 @pytest.mark.parametrize(
     ("choices", "found"),
     [
