@@ -74,6 +74,13 @@ class ClipManifest(Settings):
         """The file it was read from."""
         return self._path
 
+    def naming(self) -> dict[str, Any]:
+        """The subjects and targets as JSON, with all that decides who and what bears a name."""
+        kinds = ("subjects", "targets")
+        return self.model_dump(
+            mode="json", include={*kinds}, exclude={kind: {"__all__": {"key", "colour"}} for kind in kinds}
+        )
+
     @property
     def annotations(self) -> AnnotationFiles:
         """The clip's annotation files, one for each annotator."""

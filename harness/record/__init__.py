@@ -8,7 +8,12 @@ verdicts after each scoring. ``composed.py`` puts the layers together again, ``b
 
 from __future__ import annotations
 
+import os
 from typing import Literal
+
+# of a disk that is full, Rerun and the AV1 encoder would say more beside our line; they read this when they are loaded
+os.environ.setdefault("RUST_LOG", "warn,re_log_encoding=off,re_sdk=off")
+os.environ.setdefault("SVT_LOG", "0")
 
 Size = Literal["light", "full"]
 """How much a recording holds: ``light`` is enough to understand a failure, ``full`` is everything, without loss."""

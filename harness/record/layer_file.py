@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import datetime
+import errno
 import os
+import shutil
 import warnings
 from collections.abc import Mapping
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +25,11 @@ if TYPE_CHECKING:
 
 _FLUSHED_EVERY = 50
 """Frames. What waits in memory does not grow with the clip, and a kill loses no more than this."""
+_PATIENCE_S = 30.0
+"""How long Rerun may take to write out what waits; without a limit it waits for a disk that is full."""
+LEAST_FREE_BYTES = 32 * 2**20
+"""A recording stops while the disk has this much: what remains is for the results."""
+_GO_ON = "finished frames are kept, and the same command goes on"
 
 
 class LayerFile:
@@ -49,7 +57,7 @@ class LayerFile:
         self._files = files
         self._layout: rrb.Blueprint | None = None
         self._logs: dict[str, FrameLog] = {}
-        self._opened = False
+        self._opened = self._broken = False
         self._frames = 0
 
     @property
@@ -63,7 +71,7 @@ class LayerFile:
         parts = {name: log.state() for name, log in self._logs.items()}
         files = {path.name: size for path, size in self._kept}
         if self._opened:
-            self.stream.flush()
+            self._flush()
             files[self._partial.name] = self._partial.stat().st_size
         return {"files": files, "parts": parts}
 
@@ -87,6 +95,7 @@ class LayerFile:
         self._opened, self._layout = True, layout
         rr.set_strict_mode(True)  # without it, Rerun drops bad data with a warning
         self._path.parent.mkdir(parents=True, exist_ok=True)
+        self._check_room()
         for path, size in self._kept:
             os.truncate(path, size)
         if self._watched_at is None:
@@ -101,23 +110,36 @@ class LayerFile:
         return self._logs.setdefault(name, FrameLog(self.stream))
 
     def end_frame(self) -> None:
-        """Write out what waits, from time to time; at once where a viewer watches."""
+        """Write out what waits, from time to time; at once where a viewer watches.
+
+        Raises
+        ------
+        OSError
+            If the disk is full, or does not take what is written.
+        """
+        self._check_room()
         self._frames += 1
         if self._watched_at:
             self._send_numbers()
         if self._frames % _FLUSHED_EVERY == 0:
-            self.stream.flush()
+            self._flush()
 
     def close(self, *, complete: bool, whole: Whole | None = None) -> None:
-        """End the file; a complete one takes its place, whole or (with ``whole``) thin elsewhere."""
-        if complete:
-            self.open()
-        if self._opened:
-            self._send_numbers()
+        """End the file; a complete one takes its place, whole or (with ``whole``) thin elsewhere.
+
+        Raises as :meth:`end_frame`, if it is to be complete.
+        """
+        try:
             if complete:
-                self._take_in()
-            self.stream.flush()
-        self.stream.disconnect()
+                self.open()
+            if self._opened and not self._broken:
+                self._send_numbers()
+                if complete:
+                    self._take_in()
+                with nullcontext() if complete else suppress(OSError):  # of an error that is being told already
+                    self._flush()
+        finally:
+            self.stream.disconnect()
         if complete:
             if whole:
                 thin(self._partial, self._files, self._layout, whole)
@@ -125,6 +147,19 @@ class LayerFile:
             for path in self._path.parent.iterdir():
                 if path.name.startswith(f"{self._path.name}.partial"):
                     path.unlink()
+
+    def _check_room(self) -> None:
+        free = shutil.disk_usage(self._path.parent).free
+        if free < LEAST_FREE_BYTES:
+            said = f"{os.strerror(errno.ENOSPC)}: {free // 2**20} MB are free; {_GO_ON}"
+            raise OSError(errno.ENOSPC, said, str(self._partial))
+
+    def _flush(self) -> None:
+        try:
+            self.stream.flush(timeout_sec=_PATIENCE_S)
+        except RuntimeError as error:
+            self._broken = True
+            raise OSError(errno.EIO, f"cannot be written ({error}); {_GO_ON}", str(self._partial)) from None
 
     def _take_in(self) -> None:
         """Write what earlier runs left into the file, chunk by chunk."""

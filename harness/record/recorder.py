@@ -196,8 +196,12 @@ class Recorder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._layer.close(complete=error is None, whole=self._judged.whole())
-        self._shared.leave(self._layers, complete=error is None, judged=self._judged)
+        complete = False
+        try:
+            self._layer.close(complete=error is None, whole=self._judged.whole())
+            complete = error is None
+        finally:
+            self._shared.leave(self._layers, complete=complete, judged=self._judged)
 
     def write(self, frame: FinishedFrame) -> None:
         """Record one frame."""

@@ -181,10 +181,6 @@ def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
         "times_ns": [one.clip.time_ns(number) for number in one.frames],
         "sha256": one.clip.digest(),
         "drawn_sha256": None if one.drawn is None else one.drawn.digest,
-        "names": one.manifest.model_dump(
-            mode="json",
-            include={"subjects", "targets"},
-            exclude={kind: {"__all__": {"key", "colour"}} for kind in ("subjects", "targets")},
-        ),
+        "names": one.manifest.naming(),
         "stage_outputs_sha256": provenance.output_digests(experiment, one.manifest.name, one.clip),
     }

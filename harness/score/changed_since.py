@@ -35,7 +35,7 @@ def said_of_labels(run: Mapping[str, Any], clip: Mapping[str, Any], manifest: Cl
 
 def said_of_names(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
     """A sentence if subjects or targets were renamed, or are found in another way: the results have the old names."""
-    names = manifest.model_dump(mode="json", include={"subjects", "targets"})
+    names = manifest.naming()
     if different := differences(clip.get("names", names), names):
         yield (
             f"{clip['name']}: the names in {manifest.path.name} are not those that the run was made with "

@@ -46,6 +46,31 @@ def test_a_full_disk_is_said_in_one_line_and_the_run_goes_on_when_there_is_room(
     assert (project / "out" / "frr.csv").is_file()
 
 
+def test_a_disk_that_is_full_while_recording_ends_the_run_in_one_line_and_it_goes_on_when_there_is_room(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recorded = [word for word in RUN if word not in ("--recording", "none")]
+    asked = 0
+
+    def full(path: Path) -> shutil._ntuple_diskusage:
+        nonlocal asked
+        asked += 1
+        return shutil._ntuple_diskusage(10**9, 10**9, 0) if asked > 6 else usage(path)
+
+    usage = shutil.disk_usage
+    with monkeypatch.context() as patch:
+        patch.setattr(shutil, "disk_usage", full)
+        code, _, said = vfoa(monkeypatch, capsys, *recorded)
+    assert code == 2, said
+    assert said.count("\n") == 1, said
+    assert "No space left on device" in said
+    assert "the same command goes on" in said
+    assert not (project / "out" / "frr.csv").exists()
+    assert vfoa(monkeypatch, capsys, *recorded)[::2] == (0, "")
+    assert (project / "out" / "frr.csv").is_file()
+    assert (project / "out" / "mine.rrd").is_file()
+
+
 def test_an_image_that_vanishes_in_mid_run_is_named_and_nothing_before_it_is_lost(
     project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
