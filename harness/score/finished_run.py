@@ -60,7 +60,8 @@ class FinishedRun:
             raise VfoaError(f"{directory.path}: this run is not finished; the same `vfoa run` again goes on with it")
         if missing := next((key for key in ("clips", "configurations") if not manifest.get(key)), None):
             raise VfoaError(f"{directory.manifest}: {missing}: missing, and it is required")
-        return cls(directory=directory, manifest=manifest)
+        clips = [{"manifest": "", "notes": [], **clip} for clip in manifest.get("clips", [])]
+        return cls(directory=directory, manifest={"notes": [], "configurations": {}, **manifest, "clips": clips})
 
     def records(self) -> Iterator[FrameRecord]:
         """The records of all that can be compared: every configuration here has run on every clip here."""
