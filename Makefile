@@ -6,7 +6,7 @@ READY  := $(VENV)/.ready
 # What `vfoa models export` needs beside the lock, which leaves it out for its size.
 TORCH  := torch==2.13.0
 
-.PHONY: demo test explore fuzz test-export export-extra coverage check lint types format lock docs release-notes wheel clean
+.PHONY: demo test explore fuzz faults test-export export-extra coverage check lint types format lock docs release-notes wheel clean
 
 demo: $(READY)
 	$(BIN)/vfoa demo
@@ -33,6 +33,11 @@ explore: $(READY)
 CASES  ?= 100000
 fuzz: $(READY)
 	$(BIN)/python -m tests.fuzz.campaign --cases $(CASES) $(FUZZ)
+
+# Every verb that writes, under kills, a full disk, limits ..., as root where it is to mount file systems: a table.
+SEED   ?= 1
+faults: $(READY)
+	$(BIN)/python -m tests.faults.plan --seed $(SEED) --out reports/faults.md $(FAULTS)
 
 check: lint types docs test
 

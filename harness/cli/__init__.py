@@ -8,6 +8,8 @@ from __future__ import annotations
 import io
 import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Annotated, NoReturn
 
 import typer
@@ -87,8 +89,15 @@ def main() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a file's name need not be text
-    try:
+    with one_line_errors():
         app(prog_name="vfoa")
+
+
+@contextmanager
+def one_line_errors() -> Iterator[None]:
+    """A block whose known errors are one line on stderr, and the end of the program."""
+    try:
+        yield
     except StageError as error:  # of a verb that has no run's directory to keep the traceback in
         print(error.trace, end="", file=sys.stderr)  # noqa: T201
         _refuse(str(error))
@@ -102,6 +111,10 @@ def main() -> None:
         # a full disk, a folder that may not be written: nothing of the program's, and nothing half-written is left
         place = f"{error.filename}: " if error.filename else ""
         _refuse(f"{place}{error.strerror or error}")
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
+    except MemoryError as error:
+        _refuse(f"not enough memory: {str(error) or 'none left'}")
 
 
 def _refuse(message: str) -> NoReturn:

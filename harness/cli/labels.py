@@ -251,7 +251,7 @@ def merge(
 
     manifest = load_manifest(clip)
     opened = manifest.open()
-    labels = _labels_by_annotator(manifest, opened, annotators or [])
+    labels = _labels_by_annotator(manifest, opened, annotators or [], but=to)
     place = manifest.annotations.place(to)
     check_new(place, replace=replace, hint=", or another --to")
     merged = merge_labels(labels, opened.frames, rule.value)
@@ -261,12 +261,17 @@ def merge(
         typer.echo(f"- {len(left)} ranges are to be decided, the first at frame {left[0].first_frame}.")
 
 
-def _labels_by_annotator(manifest: ClipManifest, clip: AnyClip, annotators: list[str]) -> dict[str, Labels]:
-    """The labels of those named (the clip's own name stands for CLIP.csv), or of all annotators the clip has."""
+def _labels_by_annotator(
+    manifest: ClipManifest, clip: AnyClip, annotators: list[str], *, but: str | None = None
+) -> dict[str, Labels]:
+    """The labels of those named (the clip's own name stands for CLIP.csv), or of all annotators the clip has.
+
+    ``but`` is left out of all: whom an earlier merge has written.
+    """
     from harness.labels.timeline import timeline_of
     from vfoa.errors import VfoaError
 
-    names = annotators or list(manifest.annotations.annotators())
+    names = annotators or [each for each in manifest.annotations.annotators() if each != but]
     if not annotators and len(names) < 2 and manifest.annotations.find() is not None:
         names = [manifest.name, *names]
     if len(set(names)) < 2:

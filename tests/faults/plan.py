@@ -1,0 +1,269 @@
+"""The fault plan: every verb that writes x every fault, at seeded moments.
+
+    python -m tests.faults.plan [--seed 1] [--only run] [--fault "kill -9"] [--times 1] [--out reports/faults.md]
+
+A cell holds if, after the fault, no file is neither as it was nor as it is to be, nothing is a traceback, and the same
+command then ends with the bytes of a run without a fault.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from random import Random
+
+from tests.faults import child, project
+from tests.faults.files import Snapshot, left_over, snapshot, what_is_wrong
+from tests.faults.verbs import VERBS, Left, Writes
+
+FAULTS = ("kill -9", "SIGINT", "SIGTERM", "full disk", "read-only", "few files", "little memory", "clock back")
+_SIGNALS = {"kill -9": signal.SIGKILL, "SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM}
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A verb under a fault. ``wrong`` is empty where it holds; ``skipped`` says why it was not tried."""
+
+    verb: str
+    fault: str
+    wrong: str = ""
+    skipped: str = ""
+    ended: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Undisturbed:
+    """What a verb makes of the project, the files of it that differ each time, and the seconds it takes."""
+
+    before: Snapshot
+    after: Snapshot
+    varying: frozenset[str]
+    seconds: float
+
+
+class Workshop:
+    """A place for the project, always at the same path, so that outputs can be compared byte by byte."""
+
+    def __init__(self, folder: Path, address: str | None) -> None:
+        self.place, self._template = folder / "place" / "project", folder / "template"
+        self._said, self._address = folder / "said", address
+        self._known: dict[str, Undisturbed] = {}
+        self.place.mkdir(parents=True)
+
+    def prepare(self, *, is_small: bool) -> None:
+        """Make the template: the project with, if not small, a finished run, and labels as ELAN has them."""
+        project.write_project(self.place)
+        made = (
+            ("run", "talk.toml", "--out", "run", "--workers", "1"),
+            ("labels", "export", "talk", "theirs.eaf", "--format", "elan"),
+        )
+        for words in () if is_small else made:
+            ended = self.run(Writes(words))
+            if ended.code != 0:
+                raise SystemExit(f"vfoa {' '.join(words)}: exit {ended.code}: {ended.said}")
+        shutil.copytree(self.place, self._template)
+
+    def renew(self) -> None:
+        """The project as it is before a verb."""
+        for each in self.place.iterdir():
+            shutil.rmtree(each) if each.is_dir() else each.unlink()
+        shutil.copytree(self._template, self.place, dirs_exist_ok=True)
+
+    def run(self, verb: Writes, **more: object) -> child.Ended:
+        """Run a verb in the place."""
+        variables = {"VFOA_CACHE": str(self.place / "cache"), "XDG_CACHE_HOME": str(self.place / "cache")}
+        site = {} if self._address is None else {"VFOA_FAULTS_SITE": self._address}
+        return child.run_verb(verb, self.place, self._said, variables={**variables, **site}, **more)  # type: ignore[arg-type]
+
+    def undisturbed(self, name: str, verb: Writes) -> Undisturbed:
+        """A verb without a fault, twice: what differs then differs each time."""
+        if name not in self._known:
+            made, seconds = [], 0.0
+            for _ in range(2):
+                self.renew()
+                before = snapshot(self.place)
+                ended = self.run(verb)
+                if ended.code != 0:
+                    raise SystemExit(f"{name}: exit {ended.code} without a fault: {ended.said}")
+                made.append(snapshot(self.place))
+                seconds = ended.seconds
+            varying = frozenset(path for path in made[1] if made[0].get(path) != made[1][path])
+            if unexpected := [path for path in varying if not path.endswith(verb.varies) or not verb.varies]:
+                raise SystemExit(f"{name}: differs from run to run: {', '.join(unexpected)}")
+            self._known[name] = Undisturbed(before, made[1], varying, seconds)
+        return self._known[name]
+
+    def try_cell(self, name: str, fault: str, rng: Random) -> Cell:
+        """One cell of the table."""
+        verb = VERBS[name]
+        assert isinstance(verb, Writes)
+        whole = self.undisturbed(name, verb)
+        self.renew()
+        try:
+            ended = self._under(fault, verb, whole, rng)
+        except PermissionError as error:
+            return Cell(name, fault, skipped=f"needs the right to mount a file system: {error}")
+        wrong = self._said_wrongly(fault, ended) or what_is_wrong(self.place, whole.before, whole.after, whole.varying)
+        if wrong:
+            return Cell(name, fault, wrong=wrong, ended=ended.code)
+        again = self.run(verb)
+        found = snapshot(self.place)
+        if again.code != 0 and found != whole.after:
+            line = (again.said.strip().splitlines() or [""])[-1]
+            return Cell(name, fault, wrong=f"again: exit {again.code}: {line}", ended=ended.code)
+        different = [
+            path for path, data in whole.after.items() if path not in whole.varying and found.get(path) != data
+        ]
+        different += [path for path in left_over(found) if path not in whole.after]
+        wrong = f"again: other bytes: {', '.join(sorted(different)[:3])}" if different else ""
+        return Cell(name, fault, wrong=wrong, ended=ended.code)
+
+    def _under(self, fault: str, verb: Writes, whole: Undisturbed, rng: Random) -> child.Ended:
+        if fault in _SIGNALS:
+            return self.run(verb, kill=(_SIGNALS[fault], rng.uniform(0, 1.1 * whole.seconds)))
+        if fault in ("full disk", "read-only"):
+            written = sum(len(data) for path, data in whole.after.items() if whole.before.get(path) != data)
+            room = None if fault == "read-only" else rng.randrange(max(1, written))
+            with self._mounted(room):
+                return self.run(verb)
+        laid: dict[str, Callable[[], None]] = {
+            "few files": partial(child.few_files, rng.randrange(8)),
+            "little memory": partial(child.little_memory, rng.randrange(1 << 26)),
+            "clock back": child.clock_back,
+        }
+        return self.run(verb, before=laid[fault])
+
+    @contextmanager
+    def _mounted(self, room_bytes: int | None) -> Iterator[None]:
+        """The project in a file system of its own with so much room; None: as much as it likes, but read-only."""
+        if os.geteuid() != 0 or sys.platform != "linux":
+            raise PermissionError("not root on Linux")
+        kept = self.place.with_name("kept")
+        shutil.copytree(self.place, kept)
+        _mount("-t", "tmpfs", "-o", "size=256m", "tmpfs", str(self.place))
+        try:
+            shutil.copytree(kept, self.place, dirs_exist_ok=True)
+            if room_bytes is None:
+                _mount("-o", "remount,ro", str(self.place))
+            else:
+                used = shutil.disk_usage(self.place).used
+                _mount("-o", f"remount,size={used + max(4096, room_bytes)}", str(self.place))
+            yield
+            shutil.rmtree(kept)
+            shutil.copytree(self.place, kept)
+        finally:
+            subprocess.run(["umount", "-l", str(self.place)], check=False)
+            for each in self.place.iterdir():
+                shutil.rmtree(each) if each.is_dir() else each.unlink()
+            shutil.copytree(kept, self.place, dirs_exist_ok=True)
+            shutil.rmtree(kept)
+
+    def _said_wrongly(self, fault: str, ended: child.Ended) -> str:
+        """Why what a verb said is not what it should have; empty where it is right."""
+        if "Traceback (most recent call last)" in ended.said:
+            return f"a traceback: {ended.said.strip().splitlines()[-1]}"
+        if ended.code == -999:
+            return ended.said
+        if ended.code < 0 and fault not in (*_SIGNALS, "little memory"):
+            return f"ended by signal {-ended.code}"
+        if ended.code > 0 and not ended.said.strip() and (fault, ended.code) != ("SIGINT", 130):
+            return f"exit {ended.code} without a word"
+        return ""
+
+
+def _mount(*words: str) -> None:
+    done = subprocess.run(["mount", *words], capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise PermissionError(done.stderr.strip())
+
+
+def table(cells: Sequence[Cell], seed: int, seconds: float) -> str:
+    """Verb x fault in Markdown, what did not hold, and what was not tried."""
+    marks = {(each.verb, each.fault): "–" if each.skipped else "FAILED" if each.wrong else "held" for each in cells}
+    names, faults = (list(dict.fromkeys(getattr(each, key) for each in cells)) for key in ("verb", "fault"))
+    failed, skipped = ([each for each in cells if getattr(each, key)] for key in ("wrong", "skipped"))
+    lines = [
+        "# Fault plan",
+        "",
+        f"`make faults`, seed {seed}: {len(cells) - len(failed) - len(skipped)} of {len(cells)} cells held, "
+        f"{len(failed)} failed, {len(skipped)} were not tried; {seconds / 60:.1f} minutes.",
+        "",
+        "A cell holds if after the fault every file is as it was or as it is to be, nothing was said as a traceback,",
+        "and the same command then ends with the bytes of a run without a fault.",
+        "",
+        f"| verb | {' | '.join(faults)} |",
+        f"|---|{'---|' * len(faults)}",
+        *(f"| {name} | {' | '.join(marks.get((name, fault), '') for fault in faults)} |" for name in names),
+        "",
+        *(f"- {each.verb}, {each.fault}: {each.wrong} (exit {each.ended})" for each in failed),
+        *(f"- {fault}: not tried: {why}" for fault, why in {each.fault: each.skipped for each in skipped}.items()),
+        "",
+        "Not in the plan:",
+        "",
+        *(f"- {name}: {each.reason}" for name, each in VERBS.items() if isinstance(each, Left)),
+    ]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+@contextmanager
+def workshop(*, is_small: bool) -> Iterator[Workshop]:
+    """A prepared workshop in a temporary folder; if not small, with a finished run and a site that has a model."""
+    from tests.web import serve
+
+    folder = Path(tempfile.mkdtemp()).resolve()  # no object that a child, which ends as well, would clean up
+    try:
+        with nullcontext() if is_small else serve() as site:
+            if site is not None:
+                site.files["/mine.onnx"] = project.MODEL
+            found = Workshop(folder, None if site is None else site.url("/mine.onnx"))
+            found.prepare(is_small=is_small)
+            yield found
+    finally:
+        shutil.rmtree(folder)
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Run the plan; 1 where a cell did not hold."""
+    options = argparse.ArgumentParser(prog="python -m tests.faults.plan")
+    options.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "1")))
+    options.add_argument("--only", action="append", default=[], choices=[*VERBS])
+    options.add_argument("--fault", action="append", default=[], choices=FAULTS)
+    options.add_argument("--times", type=int, default=1, help="How often each cell is tried, at other moments.")
+    options.add_argument("--small", action="store_true", help="Only what needs no run and no site; begins at once.")
+    options.add_argument("--out", type=Path)
+    given = options.parse_args(words)
+    if not given.small:
+        child.import_everything()
+    begun, cells = time.monotonic(), []
+    with workshop(is_small=given.small) as place:
+        for name, verb in VERBS.items():
+            for fault in given.fault or FAULTS:
+                if isinstance(verb, Left) or (given.only and name not in given.only):
+                    continue
+                tries = [
+                    place.try_cell(name, fault, Random(f"{given.seed}/{name}/{fault}/{n}")) for n in range(given.times)
+                ]
+                cells.append(next((each for each in tries if each.wrong), tries[0]))
+                said = cells[-1].wrong or cells[-1].skipped or "held"
+                print(json.dumps([name, fault, cells[-1].ended, said]), file=sys.stderr, flush=True)  # noqa: T201
+    text = table(cells, given.seed, time.monotonic() - begun)
+    print(text)  # noqa: T201
+    if given.out:
+        given.out.write_text(text, encoding="utf-8")
+    return int(any(each.wrong for each in cells))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

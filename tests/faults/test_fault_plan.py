@@ -1,0 +1,70 @@
+"""The fault plan is of every verb, and finds what is wrong; a few cells that depend on no moment."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.faults.files import snapshot, what_is_wrong
+from tests.faults.plan import FAULTS, Cell, table
+from tests.faults.verbs import VERBS, Left, Writes, verbs
+from tests.repository import REPOSITORY
+
+
+def test_every_verb_is_in_the_plan_or_says_why_not() -> None:
+    found = dict(verbs())
+    assert set(VERBS) == set(found)
+    for name, command in found.items():
+        options = {parameter.name for parameter in command.params}
+        if "out" in options:
+            assert VERBS[name] is not VERBS["settings"], f"{name} has --out, so it writes"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="forks processes, and limits them as Linux does")
+def test_cells_that_depend_on_no_moment_hold(tmp_path: Path) -> None:
+    words = ["--small", "--fault", "clock back", "--fault", "read-only", "--only", "annotate", "--only", "labels merge"]
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.faults.plan", *words, "--out", str(tmp_path / "faults.md")],
+        cwd=REPOSITORY,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "0 failed" in (tmp_path / "faults.md").read_text()
+
+
+def test_what_a_fault_may_not_leave(tmp_path: Path) -> None:
+    (tmp_path / "old.csv").write_text("a,b\n1,2\n")
+    before = snapshot(tmp_path)
+    after = {**before, "new.json": b"{}", "varies.csv": b"a,b\n1,2\n"}
+
+    def wrong(name: str, text: str) -> str:
+        (tmp_path / name).write_text(text)
+        said = what_is_wrong(tmp_path, before, after, ["varies.csv"])
+        (tmp_path / name).unlink()
+        return said
+
+    assert wrong("new.json", "{}") == ""
+    assert wrong(".new.json.x1", "{") == ""
+    assert wrong("new.json", "{") == "new.json: neither as it was nor as it is to be"
+    assert wrong("varies.csv", "a,b\n3,4\n") == ""
+    assert wrong("varies.csv", "a,b\n3\n") == "varies.csv: rows of different widths"
+    assert wrong("other", "") == "other: made, and is no file of the verb's"
+    (tmp_path / "old.csv").unlink()
+    assert what_is_wrong(tmp_path, before, after, []) == "old.csv: gone"
+
+
+def test_the_table_says_what_failed_and_what_is_left_out() -> None:
+    cells = [Cell("run", "kill -9"), Cell("run", "full disk", skipped="no root"), Cell("score", "kill -9", wrong="cut")]
+    text = table(cells, seed=7, seconds=60)
+    assert "seed 7: 1 of 3 cells held, 1 failed, 1 were not tried" in text
+    assert "| run | held | – |" in text
+    assert "- score, kill -9: cut (exit None)" in text
+    assert "- full disk: not tried: no root" in text
+    assert all(f"- {name}: {each.reason}" in text for name, each in VERBS.items() if isinstance(each, Left))
+    assert len(FAULTS) == 8
+    assert any(isinstance(each, Writes) for each in VERBS.values())

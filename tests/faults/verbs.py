@@ -1,0 +1,90 @@
+"""Every verb of the command line: an example of one that writes, or why it is not in the fault plan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import typer
+
+from harness.cli import app
+from tests.faults import project
+
+
+@dataclass(frozen=True, slots=True)
+class Writes:
+    """A verb that writes: the words of an example in the project of :mod:`tests.faults.project`, or a call.
+
+    ``varies`` are endings of files that differ from run to run: of them, only that they can be read is asked.
+    """
+
+    words: tuple[str, ...] = ()
+    call: Callable[[], None] | None = None
+    varies: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Left:
+    """A verb that is not in the plan, and why."""
+
+    reason: str
+
+
+READS = Left("writes nothing")
+_RUN_VARIES = ("manifest.json", "timings.csv", "report.html", ".rrd")
+_BOARD = ("--columns", "9", "--rows", "6", "--square-mm", "25")
+
+VERBS: dict[str, Writes | Left] = {
+    "demo": Left("the same as run, with an experiment that is there"),
+    "run": Writes(("run", "talk.toml", "--out", "new", "--workers", "1", "--recording", "none"), varies=_RUN_VARIES),
+    "live": Left("what it writes depends on when frames come; it does not resume"),
+    "score": Writes(("score", "run"), varies=_RUN_VARIES),
+    "report": Writes(("report", "run"), varies=_RUN_VARIES),
+    "view": Left("opens a viewer, writes nothing"),
+    "export-failure": Writes(
+        ("export-failure", "run", "--frame", "20", "--config", "cones", "--out", "small.rrd", "--replace"),
+        varies=(".rrd",),
+    ),
+    "compare": READS,
+    "plan": READS,
+    "export-table": Writes(("export-table", "run", "--to", "json", "--out", "table.json")),
+    "fit": Writes(("fit", "run", "--out", "fitted.toml")),
+    "bench": Left("measures times; one file, by the writer that export-table has"),
+    "annotate": Writes(call=project.label, varies=(".talk.jsonl",)),
+    "calibrate": Writes(
+        ("calibrate", "board", *_BOARD, "--left", "left*.png", "--right", "right*.png", "--out", "rig.yml", "--replace")
+    ),
+    "simulate": Left("a minute of computing; tables by the writer that run has"),
+    "init": Writes(("init", "other")),
+    "settings": READS,
+    "labels import": Writes(
+        ("labels", "import", "theirs.eaf", "--format", "elan", "--clip", "talk", "--annotator", "eve", "--replace")
+    ),
+    "labels export": Writes(("labels", "export", "talk", "mine.eaf", "--format", "elan", "--replace")),
+    "labels check": READS,
+    "labels agreement": Writes(("labels", "agreement", "talk", "--out", "agreement")),
+    "labels merge": Writes(("labels", "merge", "talk", "--to", "all", "--replace")),
+    "cache info": READS,
+    "cache clear": Writes(("cache", "clear")),
+    "clips add": Writes(("clips", "add", "data/walk", "--name", "walk")),
+    "clips list": READS,
+    "clips check": READS,
+    "clips fetch": Left("downloads from fixed addresses, by the download that models fetch has"),
+    "models list": READS,
+    "models fetch": Writes(("models", "fetch", "mine")),
+    "models check": READS,
+    "models export": Left("needs PyTorch; one file, by the writer that export-table has"),
+}
+"""By the words of a verb. A new verb has a line here, or a test of the suite fails."""
+
+
+def verbs() -> Iterator[tuple[str, Any]]:
+    """Every verb that ``vfoa --help`` and its groups show, with click's command."""
+    for name, command in _below(typer.main.get_command(app)):
+        below = list(_below(command))
+        yield from ((f"{name} {each}", deeper) for each, deeper in below) if below else ((name, command),)
+
+
+def _below(command: Any) -> Iterator[tuple[str, Any]]:
+    return ((name, each) for name, each in getattr(command, "commands", {}).items() if not each.hidden)
