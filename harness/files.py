@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -111,7 +112,7 @@ def _check_plain(path: Path, use: str, *, folders: bool = True) -> None:
 def replacing(path: Path) -> Iterator[Path]:
     """An empty file beside ``path`` that takes its place when the ``with`` block ends, and is gone after an error.
 
-    The folder is made where it is missing.
+    It gets the mode of the file that it replaces. The folder is made where it is missing.
 
     Raises
     ------
@@ -120,12 +121,14 @@ def replacing(path: Path) -> Iterator[Path]:
     """
     _check_plain(path, "write", folders=False)
     path.parent.mkdir(parents=True, exist_ok=True)
+    # mkstemp makes private files; results are meant to be shared, but for what its owner made private
+    mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666 & ~_UMASK
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     os.close(handle)
     temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o666 & ~_UMASK)  # mkstemp makes private files; results are meant to be shared
+        temporary.chmod(mode)
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)

@@ -3,7 +3,8 @@
 A pipeline reads every frame many times over, so a remote folder is copied into the cache once, and read from there. A
 file is copied again when its storage says that it has changed (size, time, ETag: fsspec's ``ukey``), and left out of
 the copy when it is gone there; what HTTP serves counts as unchanging, as fsspec has it. Keys and passwords are fsspec's
-own matter: its environment variables and files.
+own matter: its environment variables and files. What is on this machine already (``local:``, ``file:``) is read where
+it is; copies are for their owner's eyes alone.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ def is_address(text: str) -> bool:
 def local_copy(address: str, where: str) -> Path:
     """Copy a remote file, or a folder with all that is in it, and return where it is now; once a process.
 
+    What is on this machine is not copied.
+
     Raises
     ------
     VfoaError
@@ -46,10 +49,13 @@ def local_copy(address: str, where: str) -> Path:
         leads out of the copy; ``where`` opens the line.
     """
     import fsspec  # type: ignore[import-untyped]
+    from fsspec.implementations.local import LocalFileSystem  # type: ignore[import-untyped]
 
     place = cache_root() / "remote" / hashlib.sha256(address.encode()).hexdigest()[:16]
     try:
         storage, root = fsspec.core.url_to_fs(address)
+        if type(storage) is LocalFileSystem:
+            return _in_place(Path(root))
         found = storage.find(root, detail=True)
         if not found:
             raise FileNotFoundError
@@ -66,8 +72,16 @@ def local_copy(address: str, where: str) -> Path:
     return place / "files" / PurePosixPath(root).name if is_file else place / "files"
 
 
+def _in_place(path: Path) -> Path:
+    if not path.exists():
+        raise FileNotFoundError
+    return path
+
+
 def _bring(storage: Any, root: str, found: dict[str, Any], place: Path) -> None:
     """Make the copy what the storage has: new and changed files are fetched, those that are gone are removed."""
+    place.mkdir(parents=True, exist_ok=True)
+    place.chmod(0o700)
     folder = str(PurePosixPath(root).parent) if list(found) == [root] else root
     wanted = {str(PurePosixPath(path).relative_to(folder)): path for path in sorted(found)}
     if escaping := next((name for name in wanted if ".." in PurePosixPath(name).parts), None):

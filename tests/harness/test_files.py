@@ -21,6 +21,15 @@ def test_a_file_is_replaced_whole_with_usual_permissions(tmp_path: Path) -> None
     assert os.listdir(path.parent) == ["a.txt"]
 
 
+@pytest.mark.parametrize("mode", [0o600, 0o640, 0o664])
+def test_a_file_keeps_its_mode_when_it_is_written_anew(tmp_path: Path, mode: int) -> None:
+    path = tmp_path / "labels.csv"
+    path.touch()
+    path.chmod(mode)
+    atomic_write(path, "new")
+    assert path.stat().st_mode & 0o777 == mode
+
+
 def test_a_write_that_fails_leaves_the_old_file_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.txt"
     atomic_write(path, "old")

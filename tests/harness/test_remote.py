@@ -54,6 +54,23 @@ def test_a_clip_on_other_storage_is_the_same_clip(tmp_path: Path, bucket) -> Non
         np.testing.assert_array_equal(near.frame(number).left, far.frame(number).left)
 
 
+@pytest.mark.parametrize("scheme", ["local", "file"])
+def test_what_is_on_this_machine_is_read_in_place(bucket, tmp_path: Path, scheme: str) -> None:
+    (private := tmp_path / "private").mkdir()
+    (private / "a.png").touch(mode=0o600)
+    assert local_copy(f"{scheme}://{private}", "root") == private
+    assert local_copy(f"{scheme}://{private}/a.png", "root") == private / "a.png"
+    with pytest.raises(VfoaError, match=rf"^root: {scheme}://{private}/b\.png: nothing there$"):
+        local_copy(f"{scheme}://{private}/b.png", "root")
+    assert not (tmp_path / "cache").exists()
+
+
+def test_copies_are_for_their_owner_alone(bucket) -> None:
+    storage, name = bucket
+    storage.pipe(f"{name}/a.png", b"a face")
+    assert local_copy(f"memory:/{name}", "root").parent.stat().st_mode & 0o777 == 0o700
+
+
 def test_a_name_that_leads_out_of_the_copy_is_refused(bucket, tmp_path: Path) -> None:
     storage, name = bucket
     storage.pipe(f"{name}/clip/a.txt", b"inside")
