@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Callable
 from http import HTTPStatus
 from pathlib import Path
@@ -16,25 +17,31 @@ from vfoa.weights import is_lfs_pointer
 _TIMEOUT_S = 30.0
 """How long a server may be silent."""
 
+_PAGES = ("text/html", "application/xhtml+xml")
+_PAGE = re.compile(rb"\s*<(!doctype|html|head|body|\?xml)", re.IGNORECASE)
+
 
 def download(
     url: str,
     target: Path,
     *,
     sha256: str | None,
+    begins: bytes = b"",
     resume: bool = False,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> None:
     """Download a file to ``target``. What arrives is kept beside it as ``<name>.partial`` until it is whole.
 
     A download that was cut goes on where it stopped, if the checksum is known: without one, nothing would show that
-    the two parts belong together. ``resume``: go on without one, as the caller checks the content. ``progress`` is
-    told the bytes that are there, and those of the whole file.
+    the two parts belong together. ``begins``: the first bytes of every file of its kind, where no checksum is known.
+    ``resume``: go on without one, as the caller checks the content. ``progress`` is told the bytes that are there, and
+    those of the whole file.
 
     Raises
     ------
     VfoaError
-        If the server does not answer or not with the file, the connection is cut, or the checksum is wrong.
+        If the server does not answer or not with the file (as with a page that asks to log in), the connection is cut,
+        or the checksum is wrong.
     """
     partial = target.with_name(f"{target.name}.partial")
     try:
@@ -42,7 +49,7 @@ def download(
         if sha256 is None and not resume:
             partial.unlink(missing_ok=True)
         _receive(url, partial, progress or (lambda done, total: None))
-        _verify(url, partial, sha256)
+        _verify(url, partial, sha256, begins)
         partial.replace(target)
     except OSError as error:
         raise VfoaError(f"{partial}: cannot be written: {error.strerror or error}") from None
@@ -65,6 +72,9 @@ def _receive(url: str, partial: Path, progress: Callable[[int, int | None], None
 
 def _first_byte(response: httpx.Response, url: str, start: int) -> int:
     """Where the answer begins in the file."""
+    kind = response.headers.get("Content-Type", "").partition(";")[0].strip().lower()
+    if response.is_success and kind in _PAGES:
+        raise VfoaError(f"{url}: answered with a web page ({kind}), as one that asks to log in; expected the file")
     if response.status_code == HTTPStatus.OK:
         return 0
     if start and response.status_code == HTTPStatus.PARTIAL_CONTENT:
@@ -89,14 +99,18 @@ def _append(response: httpx.Response, partial: Path, first: int, progress: Calla
         os.fsync(file.fileno())
 
 
-def _verify(url: str, partial: Path, sha256: str | None) -> None:
+def _verify(url: str, partial: Path, sha256: str | None, begins: bytes) -> None:
     """Throw away what is not the file, so that the next attempt begins anew."""
+    with partial.open("rb") as file:
+        head = file.read(1000)
     if is_lfs_pointer(partial):
         partial.unlink()
         raise VfoaError(f"{url}: answered with a Git LFS pointer; expected the file it stands for")
-    if sha256 is None:
-        return
-    found = file_digest(partial)
-    if found != sha256:
+    found = None if sha256 is None else file_digest(partial)
+    if found != sha256 or not head.startswith(begins):
         partial.unlink()
-        raise VfoaError(f"{url}: wrong checksum, thrown away: found sha256 {found}, expected {sha256}")
+        if _PAGE.match(head):
+            raise VfoaError(f"{url}: answered with a web page, as one that asks to log in; expected the file")
+        if found != sha256:
+            raise VfoaError(f"{url}: wrong checksum, thrown away: found sha256 {found}, expected {sha256}")
+        raise VfoaError(f"{url}: another kind of file, thrown away: begins with {head[:8]!r}, expected {begins!r}")

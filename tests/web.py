@@ -18,6 +18,7 @@ class Site:
     """Files by path, and what the server was asked.
 
     ``cut_after``: break the connection after so many bytes of each answer. ``ranges``: whether parts are given.
+    ``kind``: the content type that every answer claims.
     """
 
     def __init__(self) -> None:
@@ -26,6 +27,7 @@ class Site:
         self.asked: list[tuple[str, str | None]] = []
         self.cut_after: int | None = None
         self.ranges = True
+        self.kind: str | None = None
         self.address = ""
 
     def url(self, path: str) -> str:
@@ -70,6 +72,8 @@ def _handler(site: Site) -> type[BaseHTTPRequestHandler]:
                 return
             self.send_response(206 if first else 200)
             self.send_header("Content-Length", str(len(content) - first))
+            if site.kind:
+                self.send_header("Content-Type", site.kind)
             if first:
                 self.send_header("Content-Range", f"bytes {first}-{len(content) - 1}/{len(content)}")
             self.end_headers()

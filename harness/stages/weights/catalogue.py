@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
+from typing import Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from harness.config_errors import parse, read_toml
 from harness.files import file_digest
@@ -38,6 +39,12 @@ class CatalogueEntry(Settings):
     integers: tuple[str, ...] = ()
     by_position: bool = False
     sizes: Mapping[str, int] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _check_what_is_fetched(self) -> Self:
+        if self.address is not None and self.sha256 is None:
+            raise ValueError("address: expected sha256 beside it: without one a login page passes for the model")
+        return self
 
     @property
     def is_onnx(self) -> bool:
@@ -105,7 +112,8 @@ def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progr
     Raises
     ------
     VfoaError
-        If its terms were not accepted, its address is not known, another file hides it, or the download fails.
+        If its terms were not accepted, no address with a checksum is known, another file hides it, or the download
+        fails.
     """
     from harness.download import download
 
@@ -122,6 +130,8 @@ def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progr
         raise VfoaError(f"{name}: licence: {entry.licence}; expected --accept-licence")
     if entry.address is None:
         note = f" ({entry.note})" if entry.note else ""
-        raise VfoaError(f"{name}: no address is known{note}; expected you to get it from {entry.home} as {target}")
+        raise VfoaError(
+            f"{name}: no address with a checksum is known{note}; expected you to get it from {entry.home} as {target}"
+        )
     download(entry.address, target, sha256=entry.sha256, progress=progress)
     return target

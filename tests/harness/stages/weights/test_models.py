@@ -28,6 +28,7 @@ from vfoa.segmentation import mask_classification, mask_rcnn, panoptic_fpn, rf_d
 from vfoa.stereo import hitnet
 
 CPU = RuntimeSettings()
+WEIGHTS = hashlib.sha256(b"weights").hexdigest()
 SIGNATURES = {
     "adas-0002": adas.GAZE,
     "adas-head-pose": adas.HEAD_POSE,
@@ -87,7 +88,8 @@ def small_model(folder: Path) -> tuple[Path, CatalogueEntry]:
 def test_every_entry_names_a_stage_that_exists_and_what_it_needs_to_be_run() -> None:
     for name, entry in catalogue().items():
         assert entry.home.startswith("https://"), name
-        assert entry.address is None or entry.address.startswith(("https://", "http://")), name
+        assert entry.address is None or entry.address.startswith("https://"), name
+        assert entry.address is None or entry.sha256 is not None, name
         assert entry.address or entry.note or entry.sha256, name
         if entry.is_onnx:
             assert entry.stage is not None, name
@@ -119,6 +121,11 @@ def test_what_was_trained_on_gaze360_is_not_for_commerce() -> None:
             assert entry.non_commercial, name
 
 
+def test_nothing_is_fetched_by_an_address_alone() -> None:
+    with pytest.raises(ValueError, match="expected sha256 beside it"):
+        entry_of(address="https://example.org/model.onnx")
+
+
 def test_a_name_that_is_not_there() -> None:
     with pytest.raises(VfoaError, match="models: no 'yunett'; did you mean 'yunet'"):
         find_model("yunett")
@@ -129,7 +136,7 @@ def test_a_name_that_is_not_there() -> None:
 
 def test_fetches_into_the_cache_once(tmp_path: Path, site: Site) -> None:
     site.files["/model.onnx"] = b"weights"
-    entry = entry_of(address=site.url("/model.onnx"), sha256=hashlib.sha256(b"weights").hexdigest())
+    entry = entry_of(address=site.url("/model.onnx"), sha256=WEIGHTS)
     for _ in range(2):
         path = fetch_model("small", entry, accept_licence=False)
         assert path == tmp_path / "cache" / "models" / "model.onnx"
@@ -142,13 +149,13 @@ def test_a_damaged_file_in_the_cache_is_fetched_again(tmp_path: Path, site: Site
     path = tmp_path / "cache" / "models" / "model.onnx"
     path.parent.mkdir(parents=True)
     path.write_bytes(b"wei")
-    entry = entry_of(address=site.url("/model.onnx"), sha256=hashlib.sha256(b"weights").hexdigest())
+    entry = entry_of(address=site.url("/model.onnx"), sha256=WEIGHTS)
     assert fetch_model("small", entry, accept_licence=False).read_bytes() == b"weights"
 
 
 def test_terms_must_be_accepted_before_anything_is_asked_for(site: Site) -> None:
     site.files["/model.onnx"] = b"weights"
-    entry = entry_of(address=site.url("/model.onnx"), licence="research", non_commercial=True)
+    entry = entry_of(address=site.url("/model.onnx"), sha256=WEIGHTS, licence="research", non_commercial=True)
     with pytest.raises(VfoaError, match="small: licence: research; expected --accept-licence"):
         fetch_model("small", entry, accept_licence=False)
     assert site.asked == []
@@ -157,7 +164,8 @@ def test_terms_must_be_accepted_before_anything_is_asked_for(site: Site) -> None
 
 def test_without_an_address_it_says_where_to_look(tmp_path: Path) -> None:
     with pytest.raises(
-        VfoaError, match=r"small: no address is known \(in an archive\).*https://example\.org as .*cache"
+        VfoaError,
+        match=r"small: no address with a checksum is known \(in an archive\).*https://example\.org as .*cache",
     ):
         fetch_model("small", entry_of(note="in an archive"), accept_licence=False)
 
@@ -268,7 +276,7 @@ def test_every_model_of_the_shared_folder_is_right(shared_models: Path, monkeypa
 
 def test_fetch_shows_the_licence_and_the_path(tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     site.files["/model.onnx"] = b"weights"
-    entry = entry_of(address=site.url("/model.onnx"), licence="research only", non_commercial=True)
+    entry = entry_of(address=site.url("/model.onnx"), sha256=WEIGHTS, licence="research only", non_commercial=True)
     monkeypatch.setattr(models, "catalogue", lambda: {"small": entry})
     refused = run("fetch", "small")
     assert refused.exit_code == 2
@@ -283,11 +291,12 @@ def test_what_cannot_be_fetched_does_not_stop_the_others(
     tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     site.files["/model.onnx"] = b"weights"
-    here, nowhere = entry_of(address=site.url("/model.onnx")), entry_of(file="other.onnx")
+    here = entry_of(address=site.url("/model.onnx"), sha256=WEIGHTS)
+    nowhere = entry_of(file="other.onnx")
     monkeypatch.setattr(models, "catalogue", lambda: {"nowhere": nowhere, "here": here})
     found = run("fetch", "nowhere", "here")
     assert found.exit_code == 2
-    assert "vfoa: nowhere: no address is known" in found.stderr
+    assert "vfoa: nowhere: no address with a checksum is known" in found.stderr
     assert found.stdout.splitlines()[-1] == f"here: {tmp_path / 'cache' / 'models' / 'model.onnx'}"
 
 
