@@ -8,13 +8,17 @@ The method is that of Simões and Moreno, "3D estimation of visual focus of atte
     rig = vfoa.rectified_rig(left, fx_px=700, cx_px=640, cy_px=360, baseline_m=0.12)
     print(estimator.estimate(left, right, rig))                          # person 1 looks at cup ...
 
-Nothing heavy is imported before a name is used.
+Nothing heavy is imported before a name is used. ONNX Runtime's usage statistics are off, here and in the processes that
+are started from here, unless the environment says ``ORT_DISABLE_TELEMETRY=0``.
 """
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from typing import Any
+
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # ONNX Runtime reads it when it is imported
 
 __version__ = "0.1.0"
 

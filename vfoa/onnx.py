@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +37,9 @@ _PACKAGES: dict[Provider, str] = {
 """The packages that have the providers which the package onnxruntime may lack."""
 
 _FATAL = 4
+
+if os.environ.get("ORT_DISABLE_TELEMETRY") == "1":
+    onnxruntime.disable_telemetry_events()  # whoever imported it before vfoa
 
 # ONNX Runtime's errors have no common base class
 _RUNTIME_ERRORS = tuple(

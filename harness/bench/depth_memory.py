@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import tempfile
 from dataclasses import dataclass
 from fractions import Fraction
@@ -17,6 +16,7 @@ from rosbags.rosbag2 import Writer as Bag2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from harness.bench.mcap_memory import peak_mib
+from harness.processes import spawning
 from harness.report.formats import Table
 from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.settings import RecordingSettings
@@ -73,7 +73,7 @@ def _measure(form: Form, frames: int) -> float:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / ("take.bag" if form == "bag" else "take")
         _write(path, form, frames)
-        with multiprocessing.get_context("spawn").Pool(1) as pool:
+        with spawning().Pool(1) as pool:
             return pool.apply(_read_all, (path,))
 
 

@@ -8,7 +8,6 @@ three fresh processes. Seconds of the processor are theirs alone; the others als
 
 from __future__ import annotations
 
-import multiprocessing
 import sys
 import tempfile
 import time
@@ -22,6 +21,7 @@ import numpy as np
 from rich.console import Console
 
 from harness.bench.mcap_memory import peak_mib
+from harness.processes import spawning
 from harness.report.formats import Table, to_markdown
 from harness.report.rescore import rescore
 from harness.report.sinks import composed_sinks
@@ -163,7 +163,7 @@ def score_run(out: Path) -> None:
 
 
 def _fresh(work: Callable[..., None], *arguments: Path) -> Cost:
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
+    with spawning().Pool(1) as pool:
         return pool.apply(_cost, (work, arguments))
 
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import json
-import multiprocessing
 import resource
 import tempfile
 from pathlib import Path
@@ -16,6 +15,7 @@ import numpy as np
 from mcap.writer import Writer
 from rich.console import Console
 
+from harness.processes import spawning
 from harness.sources.recordings.clip import McapClip
 from harness.sources.recordings.settings import RecordingSettings
 
@@ -48,7 +48,7 @@ def write_recording(path: Path, frames: int) -> None:
 
 def peak_memory_mib(path: Path) -> float:
     """Peak resident memory of a fresh process that indexes the recording and reads all its frames, in MiB."""
-    with multiprocessing.get_context("spawn").Pool(1) as pool:
+    with spawning().Pool(1) as pool:
         return pool.apply(_read_all, (path,))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.bench.mcap_memory import HEIGHT, WIDTH, peak_mib, write_recording
+from harness.processes import spawning
 from harness.record.sink import recordings
 from harness.run.experiment import load_experiment
 from harness.run.plan import prepare
@@ -49,7 +49,7 @@ def measure_memory(frames: int) -> Peak:
         experiment = root / "memory.toml"
         text = _EXPERIMENT.format(clip=clip.as_posix(), masks=(root / "masks").as_posix())
         experiment.write_text(text, encoding="utf-8")
-        with multiprocessing.get_context("spawn").Pool(1) as pool:
+        with spawning().Pool(1) as pool:
             return Peak(frames=frames, peak_mib=pool.apply(_run, (experiment, root / "run")))
 
 

@@ -32,6 +32,7 @@ from harness.cli.score import score
 from harness.cli.settings import settings
 from harness.cli.simulate import simulate
 from harness.cli.view import view
+from harness.processes import keep_working_directory_out
 from vfoa.errors import StageError, VfoaError
 
 app = typer.Typer(
@@ -86,6 +87,7 @@ app.add_typer(models.app, name="models", short_help="List, fetch, check and expo
 
 def main() -> None:
     """Run the command line."""
+    keep_working_directory_out()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a file's name need not be text

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import multiprocessing
 import pickle
 import re
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
 
+from harness.processes import spawning
 from harness.sources import AnyClip, Clip, MeasuredClip, Truth
 from vfoa.errors import VfoaError
 from vfoa.types import Scene, StereoFrame
@@ -148,7 +148,7 @@ def _check_copies(clip: Clip | MeasuredClip, expected: dict[int, str], spawn: bo
     data = pickle.dumps(clip)
     copies = {"after pickling": _read_copy(data, list(expected))}
     if spawn:
-        with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
+        with ProcessPoolExecutor(1, mp_context=spawning()) as pool:
             copies["in another process"] = pool.submit(_read_copy, data, list(expected)).result()
     for where, (frames, digest) in copies.items():
         _expect(digest == clip.digest(), f"digest: found another one {where}")

@@ -13,6 +13,7 @@ from multiprocessing.connection import Connection
 from multiprocessing.synchronize import Event
 from typing import Self
 
+from harness.processes import spawning
 from harness.run.executors.contract import (
     ATTEMPTS,
     GIVEN_UP,
@@ -26,7 +27,7 @@ from harness.run.executors.contract import (
     compute_with,
 )
 
-_SPAWN = multiprocessing.get_context("spawn")
+_SPAWN = spawning()
 _FLUSH, _END = b"\0flush", b"\0end"
 _told: Connection | None = None
 _stop: Event | None = None
@@ -41,7 +42,6 @@ class Pool:
     threads = 1
 
     def __init__(self, workers: int) -> None:
-        os.environ.setdefault("PYTHONSAFEPATH", "1")  # else a worker imports what lies in the working directory
         self.workers = workers
         self._listener: _Listener | None = None
         self._processes: ProcessPoolExecutor | None = None
