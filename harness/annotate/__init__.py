@@ -11,7 +11,7 @@ pictures    the views as JPEG
 clip_stores the stores of a clip's annotators
 targets     new, renamed and deleted targets, written into the manifest
 session     all of it for one clip
-app, guard  addresses, and who may ask
-server      the socket and the token
+app         addresses
+server      the server, on the base of all servers (harness/local_server.py)
 page/       HTML, CSS and JavaScript, as they are
 """
