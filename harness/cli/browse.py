@@ -9,6 +9,7 @@ import typer
 
 if TYPE_CHECKING:
     from harness.record.composed import Composed
+    from harness.record.web_app import Routes
 
 
 def browse(
@@ -16,16 +17,17 @@ def browse(
     paths: Sequence[str],
     *,
     page: Callable[[], str] | None = None,
+    more: Routes = (),
     port: int = 0,
     no_open: bool = False,
 ) -> None:
-    """Serve recordings by their names; print the addresses of ``paths``, and open the first of them."""
+    """Serve recordings by their names, and ``more``; print the addresses of ``paths``, and open the first of them."""
     from harness.local_server import LocalServer, ended_by_sigterm, open_browser
     from harness.record.web_app import site
     from harness.record.web_viewer import web_viewer_files
 
     with ended_by_sigterm():
-        app = site({each.name: each for each in recordings}, web_viewer_files(), page=page)
+        app = site({each.name: each for each in recordings}, web_viewer_files(), page=page, more=more)
         server = LocalServer(app, port)
         addresses = [server.address_of(path) for path in paths]
         typer.echo("\n".join(["Serving until Ctrl-C:", *addresses]))

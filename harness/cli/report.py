@@ -33,10 +33,12 @@ def report(
         rescore(directory)
         typer.echo(f"Page: {directory.path / 'report.html'}")
         return
+    from harness.annotate.correction_page import correction_routes
     from harness.cli.browse import browse
     from harness.record.composed import served_recordings
 
     recordings = served_recordings(run)
     page = partial(report_page, directory, {pair: each.name for pair, each in recordings.items()})
     page()  # what is wrong with the run is said here, and not in the browser
-    browse(recordings.values(), ["/"], page=page, port=port, no_open=no_open)
+    more = correction_routes(directory)
+    browse(recordings.values(), ["/"], page=page, more=more, port=port, no_open=no_open)

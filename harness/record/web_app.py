@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from urllib.parse import quote, urlencode
 
@@ -29,14 +29,20 @@ VIEWER_POLICY = (
     f"img-src 'self' data: blob:; worker-src 'self' blob:; base-uri 'none'; form-action 'none'; {PAGE_POLICY}"
 )
 
+Routes = Sequence[Route]
+
 _FRAME = re.compile(r"-?[0-9]{1,18}")
 _BINARY = "application/octet-stream"
 
 
 def site(
-    recordings: Mapping[str, Composed], viewer: Mapping[str, WebFile], *, page: Callable[[], str] | None = None
+    recordings: Mapping[str, Composed],
+    viewer: Mapping[str, WebFile],
+    *,
+    page: Callable[[], str] | None = None,
+    more: Routes = (),
 ) -> Starlette:
-    """The application, to be served by a :class:`harness.local_server.LocalServer`; nothing in it writes.
+    """The application, to be served by a :class:`harness.local_server.LocalServer`; nothing in it writes but ``more``.
 
     ``/`` is the page (without one: the first recording), ``/open?recording=NAME&frame=N`` leads to the viewer at a
     frame, ``/viewer/`` is the viewer, and ``/files/NUMBER/`` has the files of a recording, in parts if wanted (HTTP
@@ -50,6 +56,8 @@ def site(
         As :func:`harness.record.web_viewer.web_viewer_files` gives it.
     page
         Makes the page anew each time it is asked for.
+    more
+        What else is served.
     """
     numbered = list(recordings.values())
 
@@ -106,6 +114,7 @@ def site(
             Route("/files/{number:int}/layout.rbl", _told(layout)),
             Route(VIEWER, viewer_file),
             Route(VIEWER + "{name}", viewer_file),
+            *more,
         ]
     )
 

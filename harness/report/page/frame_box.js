@@ -1,6 +1,7 @@
 // The box of one frame: what was true, what was answered and why, the picture, the attention.
 
 import { drawn, element } from "./dom.js";
+import { labelLink } from "./label.js";
 import { recordingAddress, VIEWER, viewCommand } from "./recordings.js";
 import { close, onSelection, outcomeInWords, shown } from "./selection.js";
 import { data, nameOf, packedJson, stateOf, valueAt, withValues } from "./store.js";
@@ -27,7 +28,7 @@ async function show(at) {
       element("p", {}, `${data.clips[track.clip].name}, ${track.subject}, ${lane.name}`),
       element("p", {}, `Truth: ${truthOf(at)}. Predicted: ${answerOf(at)}.`, ...why(at)),
       element("code", {}, viewCommand(track, lane, i)),
-      ...link(at)),
+      ...link(at), ...labelLink(at)),
     ...thumbnail(at, pictures),
     values(at)), dismiss);
   box.hidden = false;

@@ -9,17 +9,21 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import httpx
 import pytest
 from rerun.chunk import RrdReader
+from starlette.applications import Starlette
 from typer.testing import CliRunner
 
 from harness import RunResults, load_run, run_experiment
 from harness.annotate.correction import Correction, choices, correct
+from harness.annotate.correction_page import PATH, correction_routes
 from harness.annotate.server import PageServer
 from harness.cli import app, failures
 from harness.record import entities, viewer
 from harness.record.layers import ClipFiles
 from tests.repository import REPOSITORY
+from tests.web import running
 from vfoa.errors import VfoaError
 
 EXPERIMENT = """
@@ -112,6 +116,26 @@ def test_what_the_clip_does_not_have_is_refused(run: RunResults, changed: dict[s
     with pytest.raises(VfoaError, match=re.escape(says)):
         correct(run.directory, Correction(**given))  # type: ignore[arg-type]
     assert run.path.joinpath("frames.csv").read_bytes() == before
+
+
+def test_the_label_is_set_right_in_a_form_of_the_served_report(run: RunResults) -> None:
+    app = Starlette(routes=correction_routes(run.directory))
+    with running(app) as server, httpx.Client(trust_env=False, follow_redirects=True) as client:
+        asked = {"clip": "desk", "subject": "anna", "frame": "2"}
+        address = f"http://127.0.0.1:{server.port}{PATH}"
+        assert client.get(address, params=asked).status_code == 403  # without the token
+        client.headers["x-vfoa-token"] = server.address.partition("token=")[2]
+        form = client.get(address, params=asked).text
+        assert "<option>vase</option>" in form
+        assert "<option>anna</option>" not in form
+        wanted = {"clip": "desk", "subject": "anna", "target": "vase", "first": "2", "last": "3"}
+        for wrong in ({"target": "cat"}, {"last": "61"}, {"first": "two"}, {"subject": ""}):
+            assert client.post(address, data={**wanted, **wrong}).status_code == 400
+        foreign = client.post(address, data=wanted, headers={"Origin": "http://elsewhere.example"})
+        assert foreign.status_code == 403
+        _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
+        assert "tables, page and recordings follow" in client.post(address, data=wanted).text
+    _agree(run, {1: "mug", 2: "vase", 3: "vase", 4: "mug"})
 
 
 def test_a_person_can_look_at_everything_but_herself(run: RunResults) -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
@@ -99,6 +100,8 @@ def test_a_click_on_a_frame_opens_the_recording_at_that_frame(browser: Chrome, r
     box = browser.find_element("id", "frame").text
     assert "Frame 14 – wrong" in box
     assert "vfoa view /a/run --clip clip --config 'two cones' --frame 14" in box
+    link = browser.find_element("link text", "The label is wrong").get_attribute("href")
+    assert parse_qs(urlsplit(link).query) == {"clip": ["clip"], "subject": [ANN], "frame": ["14"]}
     _click(browser, 10)
     assert set(browser.window_handles) == {page, viewer}
 

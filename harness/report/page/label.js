@@ -1,0 +1,10 @@
+// From a frame to a better label: the form of a served page (harness/annotate/correction_page.py).
+
+import { element } from "./dom.js";
+import { data } from "./store.js";
+
+export function labelLink({ track, i }) {
+  if (!data.run) return [];
+  const asked = new URLSearchParams({ clip: data.clips[track.clip].name, subject: track.subject, frame: track.frames[i] });
+  return [element("p", {}, element("a", { href: `label?${asked}` }, "The label is wrong"))];
+}
