@@ -17,6 +17,8 @@ COLUMNS = (
 
 _cell = lru_cache(maxsize=None)(csv_cell)
 _Key = tuple[str, str, int]
+FrameLines = tuple[int, str | None, list[str]]
+"""A frame, a subject in it, and the beginnings of their rows."""
 
 
 class FrameRows:
@@ -35,6 +37,14 @@ class FrameRows:
                 lines = _subject_lines(f"{start}{_cell(subject.name or '')},{subject.track_id},", subject, names)
                 self._rows.append((key, subject.name, lines))
             yield record
+
+    def part(self) -> list[FrameLines]:
+        """The rows so far, for another log."""
+        return [(frame, subject, lines) for (_, _, frame), subject, lines in self._rows]
+
+    def add(self, clip: str, configuration: str, rows: Iterable[FrameLines]) -> None:
+        """Take over the rows of another log that has watched one configuration on one clip."""
+        self._rows.extend(((clip, configuration, frame), subject, lines) for frame, subject, lines in rows)
 
     def to_csv(self, verdicts: Iterable[Verdict]) -> str:
         """The table as text, in the order of the records: one row per target, ``focus`` 1 for the one looked at.

@@ -7,8 +7,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
 from harness.record.verdict_layer import write_verdict_layers
+from harness.report.kept_parts import KeptParts
 from harness.report.page.data import Served
-from harness.report.write import render_run, score_run
+from harness.report.write import probabilistic, render_run, write_scores
 from harness.run.directory import Pair, RunDirectory
 from harness.score.finished_run import FinishedRun
 from harness.score.score import Scores
@@ -30,7 +31,8 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     run = FinishedRun.read(directory)
     reference = run.reference(annotator, compare_content=True)
     with _collector_paused():
-        scores = score_run(directory.results, reference, records=run.records(), manifest=run.manifest)
+        kept = KeptParts(run, reference, probabilistic(run.manifest))
+        scores = write_scores(directory.results, kept.logs(), run.manifest)
     write_verdict_layers(directory, reference.labels)  # last: a damaged run is refused before anything is written
     run.note_labels(annotator)
     return scores

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from harness.run.results import FrameRecord
 from harness.stages.measures import FrameMeasures, TargetMeasure
@@ -32,6 +32,18 @@ class MeasureLog:
         found = {target.instance_id: target.name for target in record.targets}
         if measure.instance_id in found:
             self._names[record.clip, measure.truth_id] = found[measure.instance_id]
+
+    def part(self, clip: str, configuration: str) -> tuple[list[FrameMeasures], dict[int, str]]:
+        """The measures of a configuration on a clip so far, and the names of true things, for another log."""
+        names = {number: name for (of, number), name in self._names.items() if of == clip}
+        return self._by_pair.get((clip, configuration), []), names
+
+    def add(self, clip: str, configuration: str, measures: list[FrameMeasures], names: Mapping[int, str]) -> None:
+        """Take over a part of another log."""
+        if measures:
+            self._by_pair.setdefault((clip, configuration), []).extend(measures)
+        for number, name in names.items():
+            self._names.setdefault((clip, number), name)
 
     def pooled(self) -> dict[tuple[str | None, str], list[FrameMeasures]]:
         """The measures of each (clip, configuration) and, of several clips, of all together under the clip None."""

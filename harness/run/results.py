@@ -6,8 +6,9 @@ with the version of the format, so that files can be joined line by line.
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
@@ -167,14 +168,112 @@ def read_results(path: Path) -> Iterator[FrameRecord]:
 def _from_line(line: bytes, path: Path, number: int) -> FrameRecord:
     import msgspec
 
-    if not line.endswith(b"\n"):
-        raise VfoaError(f"{path}:{number}: cut short: expected a newline at its end")
-    if not line.startswith(_START):
-        _check_version(line, path, number)
+    _check_form(line, path, number)
     try:
         return _codec()[1].decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise VfoaError(f"{path}:{number}: not a frame's record: {error}") from None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """Consecutive lines of a ``results.jsonl``, of one configuration on one clip: their bytes, and what they hold.
+
+    ``line`` is the number of the first. ``digest`` is of the bytes.
+    """
+
+    clip: str
+    configuration: str
+    line: int
+    start: int
+    end: int
+    frames: tuple[int, ...]
+    digest: str
+
+
+BLOCK_FRAMES = 500
+"""Frames of a block at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Place:
+    clip: str
+    configuration: str
+    frame: int
+
+
+def find_blocks(path: Path) -> list[Block]:
+    """Cut a ``results.jsonl`` into blocks, of which only the places of the records are read.
+
+    Raises
+    ------
+    VfoaError
+        As :func:`read_results` does for what can be seen so; :func:`read_block` sees the rest.
+    """
+    seen: dict[tuple[str, str, int], int] = {}
+    cut: list[Block] = []
+    frames: list[int] = []
+    first, start, end = 1, 0, 0
+    pair: tuple[str, str] | None = None
+    try:
+        with path.open("rb") as file:
+            for number, line in enumerate(file, start=1):
+                place = _place(line, path, number)
+                _check_first(seen, place, path, number)
+                if pair is not None and ((place.clip, place.configuration) != pair or len(frames) == BLOCK_FRAMES):
+                    cut.append(_block(path, pair, first, start, end, frames))
+                    frames, first, start = [], number, end
+                pair = place.clip, place.configuration
+                frames.append(place.frame)
+                end += len(line)
+        return [*cut, _block(path, pair, first, start, end, frames)] if pair else cut
+    except OSError as error:
+        raise unreadable(path, error) from None
+
+
+def read_block(path: Path, block: Block) -> Iterator[FrameRecord]:
+    """Read the records of a block. Raises as :func:`read_results` does."""
+    lines = block_bytes(path, block).splitlines(keepends=True)
+    return (_from_line(line, path, number) for number, line in enumerate(lines, start=block.line))
+
+
+def block_bytes(path: Path, block: Block) -> bytes:
+    """The lines of a block, fewer where the file has become shorter."""
+    try:
+        with path.open("rb") as file:
+            file.seek(block.start)
+            return file.read(block.end - block.start)
+    except OSError as error:
+        raise unreadable(path, error) from None
+
+
+def lines_digest(lines: bytes) -> str:
+    """The digest of a block's lines."""
+    return hashlib.blake2b(lines, digest_size=16).hexdigest()
+
+
+def _block(path: Path, pair: tuple[str, str], first: int, start: int, end: int, frames: list[int]) -> Block:
+    block = Block(
+        clip=pair[0], configuration=pair[1], line=first, start=start, end=end, frames=tuple(frames), digest=""
+    )
+    return replace(block, digest=lines_digest(block_bytes(path, block)))
+
+
+def _place(line: bytes, path: Path, number: int) -> _Place:
+    import msgspec
+
+    _check_form(line, path, number)
+    try:
+        return _place_decoder().decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+        raise VfoaError(f"{path}:{number}: not a frame's record: {error}") from None
+
+
+def _check_form(line: bytes, path: Path, number: int) -> None:
+    if not line.endswith(b"\n"):
+        raise VfoaError(f"{path}:{number}: cut short: expected a newline at its end")
+    if not line.startswith(_START):
+        _check_version(line, path, number)
 
 
 def _check_version(line: bytes, path: Path, number: int) -> None:
@@ -185,13 +284,20 @@ def _check_version(line: bytes, path: Path, number: int) -> None:
         raise VfoaError(f"{path}:{number}: expected version {VERSION}, found {version!r}")
 
 
-def _check_first(seen: dict[tuple[str, str, int], int], record: FrameRecord, path: Path, number: int) -> None:
+def _check_first(seen: dict[tuple[str, str, int], int], record: FrameRecord | _Place, path: Path, number: int) -> None:
     first = seen.setdefault((record.clip, record.configuration, record.frame), number)
     if first != number:
         raise VfoaError(
             f"{path}:{number}: frame {record.frame} of clip {record.clip!r} under {record.configuration!r} "
             f"is on line {first} already"
         )
+
+
+@cache
+def _place_decoder() -> msgspec.json.Decoder[_Place]:
+    import msgspec
+
+    return msgspec.json.Decoder(_Place)
 
 
 @cache

@@ -72,6 +72,15 @@ class DirectionLog:
                 self._found.setdefault((record.clip, record.configuration), []).extend(fits)
             yield record
 
+    def part(self, clip: str, configuration: str) -> list[DirectionFitRecord]:
+        """What was found so far of a configuration on a clip, for another log."""
+        return self._found.get((clip, configuration), [])
+
+    def add(self, clip: str, configuration: str, found: list[DirectionFitRecord]) -> None:
+        """Take over a part of another log."""
+        if found:
+            self._found.setdefault((clip, configuration), []).extend(found)
+
     def checks(self) -> list[DirectionCheck]:
         """One for each clip and configuration with a posterior, over the named subjects."""
         return [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from harness.files import is_file
 from harness.labels.timeline import Timeline
 from harness.run.directory import Pair, RunDirectory
 from harness.run.published import Published
-from harness.run.results import FrameRecord, read_results
+from harness.run.results import Block, FrameRecord, read_results
 from harness.score.changed_since import (
     RUN_LABELS,
     TABLE_LABELS,
@@ -65,17 +65,31 @@ class FinishedRun:
 
     def records(self) -> Iterator[FrameRecord]:
         """The records of all that can be compared: every configuration here has run on every clip here."""
-        clips, configurations, _ = _left_out(self.manifest)
-        if not self.manifest["configurations"].keys() - configurations:
-            raise VfoaError(
-                f"{self.directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again"
-            )
+        clips, configurations = self._incomparable()
         found: Counter[Pair] = Counter()
         for record in read_results(self.directory.results):
             found[record.clip, record.configuration] += 1
             if record.clip not in clips and record.configuration not in configurations:
                 yield record
         self._check_complete(found)
+
+    def scored_blocks(self, blocks: Sequence[Block]) -> list[Block]:
+        """Those of the results' blocks that :meth:`records` reads. Raises as it does."""
+        clips, configurations = self._incomparable()
+        found: Counter[Pair] = Counter()
+        for block in blocks:
+            found[block.clip, block.configuration] += len(block.frames)
+        self._check_complete(found)
+        return [each for each in blocks if each.clip not in clips and each.configuration not in configurations]
+
+    def _incomparable(self) -> tuple[set[str], set[str]]:
+        """The clips and the configurations that are left out."""
+        clips, configurations, _ = _left_out(self.manifest)
+        if not self.manifest["configurations"].keys() - configurations:
+            raise VfoaError(
+                f"{self.directory.path}: no configuration ran on every clip; vfoa run --retry-failed tries again"
+            )
+        return clips, configurations
 
     def _check_complete(self, found: Counter[Pair]) -> None:
         """A run's results that have lost lines would be scored as frames without a prediction."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -58,7 +58,7 @@ class Outcomes:
     rate_hz: float | None
 
 
-class _Hits(NamedTuple):
+class Hits(NamedTuple):
     """Which of the baselines that look at the frame were right, and the angle of the last one's pick."""
 
     nearest: bool
@@ -68,18 +68,18 @@ class _Hits(NamedTuple):
     angle_rad: float
 
 
-_NO_HITS = _Hits(nearest=False, largest=False, central=False, in_angle=False, angle_rad=math.nan)
+_NO_HITS = Hits(nearest=False, largest=False, central=False, in_angle=False, angle_rad=math.nan)
 
 
-class _Judgement(NamedTuple):
+class Judgement(NamedTuple):
     """What is known of a subject in a frame."""
 
     verdict: Verdict
-    hits: _Hits
+    hits: Hits
     is_blocked: bool
 
 
-_Judged = dict[int, _Judgement]
+Judged = dict[int, Judgement]
 """By frame."""
 
 
@@ -110,37 +110,68 @@ class _Clip:
         return 1e9 / step_ns if step_ns > 0 else None
 
 
-def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> list[Outcomes]:
-    """Judge every frame of every labelled or named subject, and every labelled frame of which there is no record.
+class OutcomeLog:
+    """Judges records against a reference, in any number of parts."""
 
-    In order of clip, configuration (both as they first appear in the records) and subject (by name).
-    """
-    clips: dict[str, _Clip] = {}
-    tracks: dict[tuple[str, str], dict[str, _Judged]] = {}
-    for record in records:
-        if record.clip not in clips:
-            labels = reference.labels.get(record.clip)
-            clips[record.clip] = _Clip(labels=labels, wanted=_wanted(labels, reference.frames.get(record.clip)))
-        clip = clips[record.clip]
+    def __init__(self, reference: Reference) -> None:
+        self._reference = reference
+        self._clips: dict[str, _Clip] = {}
+        self._tracks: dict[tuple[str, str], dict[str, Judged]] = {}
+
+    def judge(self, record: FrameRecord) -> None:
+        """Judge every labelled or named subject of a record."""
+        clip = self._clip(record.clip)
         clip.times_ns[record.frame] = record.time_ns
         _judge_record(
             record,
             clip,
-            tracks.setdefault((record.clip, record.configuration), {}),
-            says_nowhere=record.configuration in reference.says_nowhere,
+            self._tracks.setdefault((record.clip, record.configuration), {}),
+            says_nowhere=record.configuration in self._reference.says_nowhere,
         )
-    for (name, configuration), by_subject in tracks.items():
-        _judge_absent_frames(name, configuration, clips[name], by_subject)
-    codes: dict[str, int] = {}
-    places = {name: clip.positions() for name, clip in clips.items()}
-    rates = {name: clip.frames_per_second() for name, clip in clips.items()}
-    first_seen = {name: order for order, name in enumerate(clips)}
-    found = [
-        _outcomes((name, configuration, subject), judged, places[name], rates[name], codes)
-        for (name, configuration), by_subject in sorted(tracks.items(), key=lambda item: first_seen[item[0][0]])
-        for subject, judged in sorted(by_subject.items())
-    ]
-    return _with_limits(found)
+
+    def part(self, clip: str, configuration: str) -> tuple[dict[str, Judged], dict[int, int]]:
+        """What was judged so far of a configuration on a clip, and the time of each frame, for another log."""
+        return self._tracks.get((clip, configuration), {}), self._clip(clip).times_ns
+
+    def add(self, clip: str, configuration: str, judged: Mapping[str, Judged], times_ns: Mapping[int, int]) -> None:
+        """Take over a part of another log."""
+        self._clip(clip).times_ns.update(times_ns)
+        by_subject = self._tracks.setdefault((clip, configuration), {})
+        for subject, each in judged.items():
+            by_subject.setdefault(subject, {}).update(each)
+
+    def _clip(self, name: str) -> _Clip:
+        if name not in self._clips:
+            labels = self._reference.labels.get(name)
+            self._clips[name] = _Clip(labels=labels, wanted=_wanted(labels, self._reference.frames.get(name)))
+        return self._clips[name]
+
+    def outcomes(self) -> list[Outcomes]:
+        """All that was judged, and every labelled frame of which there is no record.
+
+        In order of clip, configuration (both as they first appear in the records) and subject (by name).
+        """
+        clips = self._clips
+        for (name, configuration), by_subject in self._tracks.items():
+            _judge_absent_frames(name, configuration, clips[name], by_subject)
+        codes: dict[str, int] = {}
+        places = {name: clip.positions() for name, clip in clips.items()}
+        rates = {name: clip.frames_per_second() for name, clip in clips.items()}
+        first_seen = {name: order for order, name in enumerate(clips)}
+        found = [
+            _outcomes((name, configuration, subject), judged, places[name], rates[name], codes)
+            for (name, configuration), by_subject in sorted(self._tracks.items(), key=lambda it: first_seen[it[0][0]])
+            for subject, judged in sorted(by_subject.items())
+        ]
+        return _with_limits(found)
+
+
+def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> list[Outcomes]:
+    """Judge records, each of which is looked at once."""
+    log = OutcomeLog(reference)
+    for record in records:
+        log.judge(record)
+    return log.outcomes()
 
 
 def _wanted(labels: Labels | None, frames: Iterable[int] | None) -> list[int]:
@@ -151,7 +182,7 @@ def _wanted(labels: Labels | None, frames: Iterable[int] | None) -> list[int]:
     return sorted({frame for row in labels.ranges for frame in range(row.first_frame, row.last_frame + 1)})
 
 
-def _judge_record(record: FrameRecord, clip: _Clip, by_subject: dict[str, _Judged], *, says_nowhere: bool) -> None:
+def _judge_record(record: FrameRecord, clip: _Clip, by_subject: dict[str, Judged], *, says_nowhere: bool) -> None:
     labels = clip.labels_in(record.frame)
     baselines = Baselines(record) if labels else None
     named = [subject.name for subject in record.subjects if subject.name is not None]
@@ -164,7 +195,7 @@ def _judge_record(record: FrameRecord, clip: _Clip, by_subject: dict[str, _Judge
         if baselines and label and verdict.outcome != "unscored":
             hits = _hits(record, baselines.choose(find_subject(record, subject)), label)
         blocked = label is not None and label.is_blocked
-        by_subject.setdefault(subject, {})[record.frame] = _Judgement(verdict, hits, blocked)
+        by_subject.setdefault(subject, {})[record.frame] = Judgement(verdict, hits, blocked)
 
 
 def _as_said(verdict: Verdict) -> Verdict:
@@ -175,9 +206,9 @@ def _as_said(verdict: Verdict) -> Verdict:
     return replace(verdict, predicted=NOWHERE, error_type=error_type)
 
 
-def _hits(record: FrameRecord, choices: Choices, label: Label) -> _Hits:
+def _hits(record: FrameRecord, choices: Choices, label: Label) -> Hits:
     right = {target.instance_id for target in true_targets(record, label)}
-    return _Hits(
+    return Hits(
         nearest=choices.nearest in right,
         largest=choices.largest in right,
         central=choices.central in right,
@@ -186,17 +217,17 @@ def _hits(record: FrameRecord, choices: Choices, label: Label) -> _Hits:
     )
 
 
-def _judge_absent_frames(clip: str, configuration: str, known: _Clip, by_subject: dict[str, _Judged]) -> None:
+def _judge_absent_frames(clip: str, configuration: str, known: _Clip, by_subject: dict[str, Judged]) -> None:
     for frame in known.wanted:
         for subject, label in known.labels_in(frame).items():
             judged = by_subject.setdefault(subject, {})
             if frame not in judged:
                 verdict = judge_absent(clip, configuration, frame, subject, label)
-                judged[frame] = _Judgement(verdict, _NO_HITS, label.is_blocked)
+                judged[frame] = Judgement(verdict, _NO_HITS, label.is_blocked)
 
 
 def _outcomes(
-    key: tuple[str, str, str], judged: _Judged, places: dict[int, int], rate: float | None, codes: dict[str, int]
+    key: tuple[str, str, str], judged: Judged, places: dict[int, int], rate: float | None, codes: dict[str, int]
 ) -> Outcomes:
     clip, configuration, subject = key
     in_order = [judged[frame] for frame in sorted(judged)]

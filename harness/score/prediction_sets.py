@@ -60,6 +60,15 @@ class SetLog:
                     self._found.setdefault(record.configuration, []).append((covered, len(held)))
             yield record
 
+    def part(self, configuration: str) -> list[tuple[bool, int]]:
+        """What was found so far of a configuration: covered or not, and the size, for another log."""
+        return self._found.get(configuration, [])
+
+    def add(self, configuration: str, found: list[tuple[bool, int]]) -> None:
+        """Take over a part of another log."""
+        if found:
+            self._found.setdefault(configuration, []).extend(found)
+
     def coverages(self) -> list[SetCoverage]:
         """One for each configuration that gives probabilities."""
         return [

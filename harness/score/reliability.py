@@ -22,6 +22,9 @@ from vfoa.types import Float
 
 BINS = 10
 
+Sureness = tuple[float, bool, float]
+"""Confidence, whether it was right, and Brier's score of one frame."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reliability:
@@ -64,9 +67,7 @@ class BeliefLog:
 
     def __init__(self, configurations: Collection[str], labels_by_clip: Mapping[str, Labels]) -> None:
         self._labels = labels_by_clip
-        self._found: dict[str, dict[tuple[str, str], list[tuple[float, bool, float]]]] = {
-            name: {} for name in configurations
-        }
+        self._found: dict[str, dict[tuple[str, str], list[Sureness]]] = {name: {} for name in configurations}
 
     def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
         """Hand the records on."""
@@ -79,6 +80,16 @@ class BeliefLog:
                         of_subject = self._found[record.configuration].setdefault((record.clip, subject), [])
                         of_subject.append(_sureness(record, found, label))
             yield record
+
+    def part(self, clip: str, configuration: str) -> dict[str, list[Sureness]]:
+        """What was found so far of a configuration on a clip, by subject, for another log."""
+        found = self._found.get(configuration, {})
+        return {subject: each for (of, subject), each in found.items() if of == clip}
+
+    def add(self, clip: str, configuration: str, found: Mapping[str, list[Sureness]]) -> None:
+        """Take over a part of another log."""
+        for subject, each in found.items():
+            self._found[configuration].setdefault((clip, subject), []).extend(each)
 
     def reliabilities(self) -> list[Reliability]:
         """One over all clips for each configuration of which a frame was scored, in the order of the configurations."""

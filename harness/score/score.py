@@ -23,7 +23,7 @@ from harness.score.baselines import BASELINES
 from harness.score.events import EventCounts, count_events
 from harness.score.intervals import Units, rate_interval
 from harness.score.metrics import Metric, load_metrics
-from harness.score.outcomes import Outcomes, collect_outcomes
+from harness.score.outcomes import OutcomeLog, Outcomes
 from harness.score.reference import Reference
 from harness.score.scored_frames import ScoredFrames
 from harness.score.sign_flip import SIGNIFICANCE, sign_flip_p
@@ -185,8 +185,14 @@ def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
     reference
         What they are scored against. A clip without labels has unscored verdicts and no rows.
     """
-    measures = MeasureLog()
-    outcomes = collect_outcomes(measures.watch(records), reference)
+    measures, log = MeasureLog(), OutcomeLog(reference)
+    for record in measures.watch(records):
+        log.judge(record)
+    return score_outcomes(log.outcomes(), measures, reference)
+
+
+def score_outcomes(outcomes: Sequence[Outcomes], measures: MeasureLog, reference: Reference) -> Scores:
+    """Score what was judged; ``measures`` are those of the same records."""
     clips = tuple(dict.fromkeys(each.clip for each in outcomes))
     configurations = tuple(dict.fromkeys(each.configuration for each in outcomes))
     metrics = load_metrics()

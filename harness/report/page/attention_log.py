@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -20,6 +20,9 @@ SCALE = 250
 UNKNOWN = 255
 """Not measured, or no attention in this frame."""
 PARTS = ("total", "gaze", "head")
+
+TrackPart = tuple[list[int], dict[str, list[bytes]]]
+"""Frames, and by target the bytes of each part."""
 
 
 @dataclass(slots=True)
@@ -39,6 +42,16 @@ class AttentionTrack:
             value = values.get(name)
             for part, cells in zip(PARTS, column, strict=True):
                 cells.append(UNKNOWN if value is None else _byte(getattr(value, part)))
+
+    def extend(self, frames: Sequence[int], columns: Mapping[str, Sequence[bytes]]) -> None:
+        """Add the frames of another track."""
+        before = len(self.frames)
+        self.frames.extend(frames)
+        for name in [each for each in columns if each not in self.columns]:
+            self.columns[name] = tuple(bytearray([UNKNOWN]) * before for _ in PARTS)  # type: ignore[assignment]
+        for name, column in self.columns.items():
+            for cells, more in zip(column, columns.get(name, (bytes([UNKNOWN]) * len(frames),) * 3), strict=True):
+                cells.extend(more)
 
     def attended(self) -> list[str]:
         """The targets that got any attention, in the order in which they appear."""
@@ -72,6 +85,22 @@ class AttentionLog:
                         record.frame, attention_by_name(record, found)
                     )
             yield record
+
+    def part(self) -> tuple[dict[str, TrackPart], list[str]]:
+        """Each subject's attention so far, and the targets in the order of their colours, for another log."""
+        tracks = {
+            subject: (track.frames.tolist(), {name: list(map(bytes, cells)) for name, cells in track.columns.items()})
+            for (_, _, subject), track in self._tracks.items()
+        }
+        return tracks, [name for colours in self._colours.values() for name in colours.known]
+
+    def add(self, clip: str, configuration: str, tracks: Mapping[str, TrackPart], known: Iterable[str]) -> None:
+        """Take over what another log has of one configuration on one clip."""
+        colours = self._colours.setdefault(clip, Colours(()))
+        for target in known:
+            colours.class_of(target)
+        for subject, (frames, columns) in tracks.items():
+            self._tracks.setdefault((clip, configuration, subject), AttentionTrack()).extend(frames, columns)
 
     def track(self, clip: str, configuration: str, subject: str) -> AttentionTrack:
         """A subject's attention; without columns where there was none."""

@@ -1,0 +1,117 @@
+"""Scoring that reads only what has changed writes the same bytes as scoring that reads everything."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from harness.bench import scoring
+from harness.report import kept_parts
+from harness.report.rescore import rescore
+from harness.run import results
+from harness.run.directory import RunDirectory
+from harness.run.results import Block, FrameRecord
+
+FRAMES, BLOCK, CONFIGURATIONS = 90, 30, 2
+
+
+@pytest.fixture
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
+    """A run of two configurations, one of them with probabilities, in three blocks each; scored once."""
+    monkeypatch.setattr(results, "BLOCK_FRAMES", BLOCK)
+    directory = scoring._write_run(tmp_path, FRAMES, CONFIGURATIONS, 2)
+    manifest = directory.read_manifest()
+    manifest["configurations"]["configuration-1"] = {"attention": {"method": "bayes"}}
+    directory.write_manifest(manifest)
+    lines = directory.results.read_text().splitlines()
+    for place, line in enumerate(lines):
+        record = json.loads(line)
+        if record["configuration"] == "configuration-1":
+            for subject in record["subjects"]:
+                total = sum(each["total"] for each in subject["attention"]) * 1.1
+                for each in subject["attention"]:
+                    each["total"] /= total
+                subject["fit"] = {"tail": 0.01 * (place % 90), "claimed_error_rad": 0.1, "implied_error_rad": 0.3}
+        lines[place] = json.dumps(record)
+    directory.results.write_text("\n".join(lines) + "\n")
+    scoring._write_labels(tmp_path, FRAMES, 2, 0)
+    rescore(directory)
+    return directory
+
+
+@pytest.fixture
+def read(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, int]]:
+    """The configuration and the first frame of each block whose records are read."""
+    seen: list[tuple[str, int]] = []
+    real = results.read_block
+
+    def watched(path: Path, block: Block) -> Iterator[FrameRecord]:
+        seen.append((block.configuration, block.frames[0]))
+        return real(path, block)
+
+    monkeypatch.setattr(kept_parts, "read_block", watched)
+    return seen
+
+
+def _written(directory: RunDirectory) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in directory.path.iterdir() if path.is_file()}
+
+
+def _from_scratch(directory: RunDirectory) -> dict[str, bytes]:
+    shutil.rmtree(directory.path / kept_parts.FOLDER)
+    rescore(directory)
+    return _written(directory)
+
+
+def _edit(directory: RunDirectory, old: str, new: str) -> None:
+    path = directory.path.parent / "annotations" / "large.csv"
+    text = path.read_text()
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new))
+
+
+def test_one_edited_label_reads_its_own_blocks_alone(run: RunDirectory, read: list[tuple[str, int]]) -> None:
+    before = _written(run)
+    _edit(run, "41,60,anna,bottle,", "41,60,anna,ball,")
+    rescore(run)
+    assert read == [("configuration-0", 31), ("configuration-1", 31)]
+    kept = _written(run)
+    assert kept["frr.csv"] != before["frr.csv"]
+    assert {"reliability.svg", "measures.csv", "objects.csv", "behaviour.csv", "report.html"} <= kept.keys()
+    assert kept == _from_scratch(run)
+
+
+def test_nothing_is_read_where_nothing_has_changed(run: RunDirectory, read: list[tuple[str, int]]) -> None:
+    before = _written(run)
+    rescore(run)
+    assert read == []
+    assert _written(run) == before == _from_scratch(run)
+
+
+def test_another_record_is_read_again(run: RunDirectory, read: list[tuple[str, int]]) -> None:
+    lines = run.results.read_bytes().splitlines(keepends=True)
+    lines[65] = lines[65].replace(b'"missing": null', b'"missing": "no_eyes_3d"', 1)
+    run.results.write_bytes(b"".join(lines))
+    rescore(run)
+    assert read == [("configuration-0", 61)]
+    assert _written(run) == _from_scratch(run)
+
+
+def test_a_damaged_part_is_made_anew(run: RunDirectory, read: list[tuple[str, int]]) -> None:
+    before = _written(run)
+    for path in (run.path / kept_parts.FOLDER).iterdir():
+        path.write_bytes(path.read_bytes()[:-1])
+    rescore(run)
+    assert len(read) == CONFIGURATIONS * FRAMES // BLOCK
+    assert _written(run) == before
+
+
+def test_parts_of_older_labels_are_removed(run: RunDirectory) -> None:
+    for target in ("ball", "mug", "book"):
+        scoring._write_labels(run.path.parent, FRAMES, 2, len(target))
+        rescore(run)
+    assert len(list((run.path / kept_parts.FOLDER).glob("*.part"))) == CONFIGURATIONS * FRAMES // BLOCK
