@@ -107,7 +107,7 @@ def by_matcher(experiment: Experiment) -> dict[str, Configuration]:
 def measure_parallel(experiment: Experiment, configuration: Configuration, limit: int) -> list[Timed]:
     """Time runs of an experiment's first clip under one configuration, and under four that differ in their cones."""
     one = replace(experiment, clips=experiment.clips[:1], configurations=(configuration,))
-    four = replace(one, configurations=tuple(_with_cones(configuration, cones) for cones in CONES_CM))
+    four = replace(one, configurations=tuple(with_cones(configuration, cones) for cones in CONES_CM))
     with tempfile.TemporaryDirectory() as folder:
         bench = _Bench(folder=Path(folder), limit=limit)
         replace(bench, limit=1).run("imports", four, recording="light")
@@ -133,7 +133,8 @@ def _configurations(bench: _Bench, one: Experiment, four: Experiment) -> Iterato
     yield bench.run("4 from the cache", four, several, recording="light", cache="kept")
 
 
-def _with_cones(configuration: Configuration, cones_cm: tuple[float, ...]) -> Configuration:
+def with_cones(configuration: Configuration, cones_cm: tuple[float, ...]) -> Configuration:
+    """The configuration with other cones, and a name that says so."""
     attend = configuration.attend.model_copy(update={"attention": AttentionSettings(cones_cm=cones_cm)})
     return replace(configuration, name=f"cones-{'-'.join(f'{cone:g}' for cone in cones_cm)}", attend=attend)
 

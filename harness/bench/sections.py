@@ -117,6 +117,12 @@ def _recording(bench: Bench) -> list[Table]:
     return [recordings_table(measure_recordings(bench.limit))]
 
 
+def _overhead(bench: Bench) -> list[Table]:
+    from harness.bench.overhead import measure_overhead, overhead_table
+
+    return [overhead_table(measure_overhead(bench.experiment, len(bench.frames)))]
+
+
 def _parallel(bench: Bench) -> list[Table]:
     from harness.bench.parallel import by_matcher, measure_parallel, parallel_table
 
@@ -141,4 +147,5 @@ SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "depth_memory": _depth_memory,
     "recording": _recording,
     "parallel": _parallel,
+    "overhead": _overhead,
 }

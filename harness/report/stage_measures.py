@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from harness.report.all_scores import ALL
 from harness.report.formats import UNKNOWN, Table
+from harness.run.measure_log import MeasureLog
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
 from harness.stages.measures import FrameMeasures, PersonMeasure, TargetMeasure
@@ -23,8 +25,18 @@ _NOTES = (
 )
 
 
+_Rows = tuple[tuple[str, ...], ...]
+_by_configuration: WeakKeyDictionary[MeasureLog, _Rows] = WeakKeyDictionary()
+_by_object: WeakKeyDictionary[MeasureLog, _Rows] = WeakKeyDictionary()
+"""The rows of measures that are complete: tables and page show the same ones, and a long run has a million values."""
+
+
 def stage_measures_table(scores: Scores) -> Table:
     """A row per clip and configuration, and one over all clips; no rows where no clip knows any truth."""
+    if scores.measures not in _by_configuration:
+        pooled = scores.measures.pooled()
+        rows = tuple((clip or ALL, name, *_cells(frames)) for (clip, name), frames in pooled.items())
+        _by_configuration[scores.measures] = rows
     return Table(
         title="Stages against the truth",
         columns=(
@@ -32,10 +44,7 @@ def stage_measures_table(scores: Scores) -> Table:
             *("Head box IoU", "Eyes cm", "Eyes 95 %", "Head deg", "Head 95 %", "Gaze deg", "Gaze 95 %"),
         ),
         words=2,
-        rows=tuple(
-            (clip or ALL, configuration, *_cells(frames))
-            for (clip, configuration), frames in scores.measures.pooled().items()
-        ),
+        rows=_by_configuration[scores.measures],
         notes=_NOTES,
     )
 
@@ -72,13 +81,15 @@ def terminal_measures(scores: Scores) -> Table:
 
 def object_measures_table(scores: Scores) -> Table:
     """A row per clip, object and configuration: how well its mask and its box were found."""
+    if scores.measures not in _by_object:
+        found = scores.measures.by_thing()
+        rows = tuple((*key, str(len(measures)), *_object_cells(measures)) for key, measures in found.items())
+        _by_object[scores.measures] = rows
     return Table(
         title="Objects against the ground truth",
         columns=("Clip", "Object", "Configuration", "Frames", "Mask IoU", "Box IoU", "Centre cm"),
         words=3,
-        rows=tuple(
-            (*key, str(len(measures)), *_object_cells(measures)) for key, measures in scores.measures.by_thing().items()
-        ),
+        rows=_by_object[scores.measures],
         notes=_NOTES[1:2],
     )
 

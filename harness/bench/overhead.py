@@ -1,0 +1,110 @@
+"""What a run costs beside stages and attention: records, thumbnails, recordings and scores, a frame and configuration.
+
+The same frames are run with one sink after the other added, perception coming from the stage cache each time; what a
+sink adds is its cost, its threads included. Seconds are those of the processor, in one process.
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+from harness.bench.parallel import CONES_CM, PLENTY, with_cones
+from harness.record.sink import recordings
+from harness.report.formats import Table
+from harness.report.rescore import rescore
+from harness.report.thumbnails.sink import ThumbnailSinks
+from harness.run.clip_job import ClipJob
+from harness.run.directory import RunDirectory
+from harness.run.experiment import Experiment
+from harness.run.frame_sink import SinkFactory
+from harness.run.loop import run_clip
+from harness.run.partial_results import ResultsSinks
+from harness.run.plan import Plan, prepare
+from harness.run.runner import run_plan
+from harness.stages.cache.stage import ClipCache, open_cache
+from harness.stages.cache.store import Store
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Overhead:
+    """Milliseconds of the processor a frame and configuration, by what they are spent on."""
+
+    clip: str
+    frames: int
+    configurations: int
+    ms: dict[str, float]
+
+
+def measure_overhead(experiment: Experiment, limit: int, rounds: int = 3) -> Overhead:
+    """Run the first frames of an experiment's first clip under four configurations that differ in their cones.
+
+    The least of so many rounds counts.
+    """
+    first = experiment.configurations[0]
+    configurations = tuple(with_cones(first, cones) for cones in CONES_CM)
+    four = replace(experiment, clips=experiment.clips[:1], configurations=configurations)
+    plan = prepare(four, limit=limit)
+    (clip,) = plan.clips
+    per = len(clip.frames) * len(configurations)
+    recorded = recordings(configurations, "light")
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        store = Store(root / "cache", PLENTY)
+        cache = open_cache(store, clip.manifest.name, clip.manifest.open_images(), configurations)
+        steps: dict[str, tuple[SinkFactory, ...]] = {
+            "reading, cached stages, attention": (),
+            "records": (ResultsSinks(),),
+            "thumbnails": (ThumbnailSinks(), ResultsSinks()),
+            "recordings": (*recorded, ThumbnailSinks(), ResultsSinks()),
+        }
+        _run(plan, (), cache, root / "warm")
+        seconds = [
+            min(_run(plan, sinks, cache, root / f"{name} {number}") for number in range(rounds))
+            for name, sinks in steps.items()
+        ]
+        directory = run_plan(plan, root / "scored", workers=1, progress=lambda clip: None, cache=store)
+        started = time.process_time()
+        rescore(directory)
+        seconds.append(time.process_time() - started)
+    added = [seconds[0], *(after - before for before, after in pairwise(seconds[:4])), seconds[4]]
+    names = [*steps, "scores, first time"]
+    return Overhead(
+        clip=clip.manifest.name,
+        frames=len(clip.frames),
+        configurations=len(configurations),
+        ms={name: 1e3 * each / per for name, each in zip(names, added, strict=True)},
+    )
+
+
+def _run(plan: Plan, sinks: tuple[SinkFactory, ...], cache: ClipCache, out: Path) -> float:
+    """Seconds of the processor of a run with these sinks."""
+    (clip,) = plan.clips
+    job = ClipJob(
+        manifest=clip.manifest,
+        frames=clip.frames,
+        labels=clip.labels,
+        configurations=plan.experiment.configurations,
+        directory=RunDirectory(out),
+        sinks=sinks,
+        cache=cache,
+    )
+    started = time.process_time()
+    for error in run_clip(job, lambda clip: None).failures.values():
+        raise error
+    return time.process_time() - started
+
+
+def overhead_table(found: Overhead) -> Table:
+    """A row for each thing, and their sum without the first."""
+    total = sum(list(found.ms.values())[1:])
+    return Table(
+        title=f"CPU ms a frame of {found.clip} and configuration, {found.configurations} of them",
+        columns=("what", "ms"),
+        rows=(*((name, f"{ms:.1f}") for name, ms in found.ms.items()), ("overhead in all", f"{total:.1f}")),
+        words=1,
+        notes=("Overhead: all but the first row. What configurations share (images, masks) is divided by them.",),
+    )
