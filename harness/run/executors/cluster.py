@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 TOPIC = "vfoa"
 _ADDRESS = re.compile(r"[a-z]+://.+:\d+")
 PATIENCE_SECONDS = 30
+TOLD_EVERY_SECONDS = 0.2
 
 
 @contextmanager
@@ -106,7 +107,12 @@ class Cluster:
         from distributed import CancelledError, KilledWorker
         from distributed.comm import CommClosedError
 
-        self._client.subscribe_topic(TOPIC, lambda event: progress(event[1]))
+        def heard(event: tuple[float, dict[str, int]]) -> None:
+            for word, count in event[1].items():
+                for _ in range(count):
+                    progress(word)
+
+        self._client.subscribe_topic(TOPIC, heard)
         here = Surroundings()
         run = uuid4().hex
         submit = partial(self._client.submit, _on_worker, here, self._code, run, work, pure=False)
@@ -174,12 +180,35 @@ def _on_worker(
     modules, digest = code
     if code_digest(modules) != digest:
         raise VfoaError(f"{worker.address}: runs another version of vfoa; expected the same source as here")
+    told = _Told(lambda words: worker.log_event(TOPIC, words))
 
     def progress(word: str) -> None:
-        worker.log_event(TOPIC, word)
+        told.add(word)
         if run in _stopped:
             raise StoppedError
 
     if run in _stopped:
         raise StoppedError
-    return work(job, progress)
+    try:
+        return work(job, progress)
+    finally:
+        told.send()
+
+
+class _Told:
+    """Counts the words of progress, and sends them now and then: a message costs as much as a small frame."""
+
+    def __init__(self, send: Callable[[dict[str, int]], object]) -> None:
+        self._send, self._counts, self._sent_s = send, dict[str, int](), time.monotonic()
+
+    def add(self, word: str) -> None:
+        """Count a word."""
+        self._counts[word] = self._counts.get(word, 0) + 1
+        if time.monotonic() - self._sent_s >= TOLD_EVERY_SECONDS:
+            self.send()
+
+    def send(self) -> None:
+        """Send what was counted since the last time."""
+        if self._counts:
+            self._send(self._counts)
+        self._counts, self._sent_s = {}, time.monotonic()
