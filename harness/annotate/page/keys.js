@@ -26,6 +26,7 @@ const rows = (page) => [
   ["right", ["r"], "the right view", "right", () => page.beside("right")],
   ["disparity", ["d"], "the disparity", "disparity", () => page.beside("disparity")],
   ["head", ["h"], "the head, enlarged", "head", () => page.zoom()],
+  ["drawing", ["p"], "draw boxes, points and heads that no model finds", "draw", () => page.drawing.toggle()],
   ["note", ["m"], "a note on the label here", "note", () => page.note()],
   ["target", ["t"], "a new target", "+ target", () => page.newTarget()],
   ["escape", ["Escape"], "let the range go", "", () => page.select(null)],

@@ -1,6 +1,7 @@
 // The labelling page: where it is in the clip, who is labelled, and what a key or a click does.
 
 import { Queue, get, post } from "./api.js";
+import { Drawing } from "./drawing.js";
 import { Form } from "./form.js";
 import { Names } from "./names.js";
 import * as panel from "./panel.js";
@@ -23,6 +24,7 @@ export class Page {
     });
     this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.chosen(each, point) });
     this.total = about.frames.length;
+    this.drawing = new Drawing(this, { press: (run) => run(), look: (name) => this.look(name) });
     this.strips = new Strips({
       frames: about.frames,
       look: (name) => this.names.className(name),
@@ -50,6 +52,7 @@ export class Page {
     this.about = about;
     this.names.set(about);
     panel.drawTitle(about);
+    this.drawing.about = about;
   }
 
   // The targets are others now, and with another name the labels are, too.
@@ -81,7 +84,7 @@ export class Page {
 
   // Whether all that was asked for is shown, and all that was said is saved.
   settle() {
-    document.body.setAttribute("aria-busy", this.wanted !== this.shown || this.queue.waiting > 0 || this.seen.waits);
+    document.body.setAttribute("aria-busy", this.wanted !== this.shown || this.queue.waiting > 0 || this.seen.waits || Boolean(this.drawing?.waits));
   }
 
   step(by) {
@@ -251,5 +254,6 @@ export class Page {
     this.names.draw(subject, here.target);
     this.strips.draw(shown, { ...state, subjects, subject, names, suggestions });
     this.stage.draw(subject, names);
+    this.drawing.draw();
   }
 }

@@ -1,0 +1,180 @@
+"""Drawing on the image in a browser: what the mouse and the keys do to the file of what is drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from harness.labels.drawn import Drawn, Place, read_drawn
+from tests.annotating import FRAMES, Page, shown, wait_for
+from tests.browser import chromium, set_width
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
+
+CONTROL, RIGHT, LEFT, DELETE, ENTER = "\ue009", "\ue014", "\ue012", "\ue017", "\ue007"
+NEAR_PX = 1.0
+"""The mouse stops at whole pixels of the screen."""
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
+    with chromium(tmp_path_factory.mktemp("profile")) as browser:
+        set_width(browser, 1280)
+        yield browser
+
+
+@pytest.fixture
+def page(noise: Callable[..., Page], session: Chrome) -> Page:
+    """The page, with the drawing tool in hand and the cup chosen."""
+    page = noise()
+    _open(session, page)
+    _keys(session, "p", _key_of(page, "cup"))
+    return page
+
+
+def _open(browser: Chrome, page: Page) -> None:
+    browser.get(page.address)
+    wait_for(lambda: shown(browser) is not None)
+    _settle(browser)
+
+
+def _settle(browser: Chrome) -> None:
+    wait_for(lambda: browser.execute_script("return document.body.getAttribute('aria-busy') === 'false'"))
+
+
+def _key_of(page: Page, name: str) -> str:
+    return str(page.session.about()["looks"][name]["key"])
+
+
+def _keys(browser: Chrome, *keys: str) -> None:
+    from selenium.webdriver import ActionChains
+
+    for key in keys:
+        ActionChains(browser).send_keys(key).perform()
+        _settle(browser)
+
+
+def _ctrl(browser: Chrome, key: str, times: int) -> None:
+    from selenium.webdriver import ActionChains
+
+    for _ in range(times):
+        ActionChains(browser).key_down(CONTROL).send_keys(key).key_up(CONTROL).perform()
+    _settle(browser)
+
+
+def _drag(browser: Chrome, start: tuple[float, float], end: tuple[float, float] | None = None) -> None:
+    """Press at a pixel of the image, move in two steps to another, and let go; without another, a click."""
+    from selenium.webdriver import ActionChains
+
+    layer = browser.find_element("css selector", "#drawn")
+
+    def offset(place: tuple[float, float]) -> tuple[int, int]:
+        """From the middle of the layer, in pixels of the screen."""
+        found = browser.execute_script(
+            "const [layer, u, v] = arguments, box = layer.getBoundingClientRect();"
+            "const at = new DOMPoint(u + .5, v + .5).matrixTransform(layer.getScreenCTM());"
+            "return [at.x - box.left - box.width / 2, at.y - box.top - box.height / 2];",
+            layer,
+            *place,
+        )
+        return round(found[0]), round(found[1])
+
+    actions = ActionChains(browser).move_to_element_with_offset(layer, *offset(start)).click_and_hold()
+    if end is not None:
+        middle = ((start[0] + end[0]) / 2, (start[1] + end[1]) / 2)
+        for place in (middle, end):
+            actions.move_to_element_with_offset(layer, *offset(place))
+    actions.release().perform()
+    _settle(browser)
+
+
+def _drawn(page: Page) -> Drawn:
+    path = page.session.manifest.annotations.place_drawn()
+    return read_drawn(path, frames=FRAMES, subjects=("ann", "ben"), targets=("cup", "book"))
+
+
+def _at(page: Page, name: str, kind: Any, frame: int) -> Place | None:
+    track = _drawn(page).of(name, kind)
+    assert track is not None
+    return track.at(frame)
+
+
+def _state(browser: Chrome) -> str:
+    return str(browser.execute_script("return document.getElementById('drawn-state').value"))
+
+
+def test_a_box_is_drawn_moved_and_resized_with_the_mouse(page: Page, session: Chrome) -> None:
+    _drag(session, (10, 10), (30, 25))
+    assert _at(page, "cup", "box", 1) == pytest.approx((10, 10, 30, 25), abs=NEAR_PX)
+    _keys(session, *[RIGHT] * 6)
+    assert "between" in _state(session)
+    _drag(session, (20, 18), (32, 24))
+    assert _at(page, "cup", "box", 7) == pytest.approx((22, 16, 42, 31), abs=2 * NEAR_PX)
+    assert _at(page, "cup", "box", 4) == pytest.approx((16, 13, 36, 28), abs=2 * NEAR_PX)
+
+    handles = session.find_elements("css selector", "#drawn .handle")
+    assert [min(each.rect["width"], each.rect["height"]) >= 24 for each in handles] == [True] * 4
+    u0, v0, u1, v1 = _at(page, "cup", "box", 7) or ()
+    _drag(session, (u1 + 1, v1 + 1), (u1 + 9, v1 + 5))
+    assert _at(page, "cup", "box", 7) == pytest.approx((u0, v0, u1 + 9, v1 + 5), abs=2 * NEAR_PX)
+
+    _keys(session, LEFT, LEFT, LEFT)
+    box = session.execute_script(
+        "const b = document.querySelector('#drawn [data-name=cup] rect:not(.halo)');"
+        "return ['x', 'y', 'width', 'height'].map((each) => Number(b.getAttribute(each)));"
+    )
+    expected = _at(page, "cup", "box", 4)
+    assert expected is not None
+    assert [box[0] - 0.5, box[1] - 0.5, box[0] + box[2] - 0.5, box[1] + box[3] - 0.5] == pytest.approx(expected)
+
+
+def test_key_frames_come_and_go_by_keys_and_all_can_be_undone(page: Page, session: Chrome) -> None:
+    _drag(session, (10, 10), (30, 25))
+    _keys(session, *[RIGHT] * 4, ENTER, *[RIGHT] * 4, "q")
+    assert [_at(page, "cup", "box", frame) is not None for frame in (1, 5, 8, 9, 12)] == [True] * 3 + [False] * 2
+    assert _state(session) == "outside, 3 in all"
+    _keys(session, "[")
+    assert shown(session) == 5
+    _keys(session, DELETE)
+    assert [key.frame for key in _drawn(page).tracks[0].keys] == [1, 9]
+    _keys(session, "z", "z")
+    assert [key.frame for key in _drawn(page).tracks[0].keys] == [1, 5]
+    _keys(session, "y", "]")
+    assert shown(session) == 9
+    _open(session, page)  # what is drawn outlives the page
+    _keys(session, "p", "z", "z", "z")
+    assert _drawn(page) == Drawn()
+    assert page.session.state()["labelled"] == 0  # no key of the labels was meant
+
+
+def test_a_point_and_a_head_are_drawn_and_moved_by_keys(page: Page, session: Chrome) -> None:
+    book, ann = _key_of(page, "book"), _key_of(page, "ann")
+    _keys(session, book, book)
+    _drag(session, (40, 30))
+    point = _at(page, "book", "point", 12)
+    assert point == pytest.approx((40, 30), abs=NEAR_PX)
+    _ctrl(session, RIGHT, 3)
+    assert _at(page, "book", "point", 1) == pytest.approx((point[0] + 3, point[1]))
+    _keys(session, ann)
+    _drag(session, (5, 5), (15, 17))
+    assert _at(page, "ann", "head", 1) == pytest.approx((5, 5, 15, 17), abs=NEAR_PX)
+
+
+def test_what_is_drawn_can_be_clicked_when_labelling(page: Page, session: Chrome) -> None:
+    _drag(session, (10, 10), (30, 25))
+    _keys(session, "p")
+    _drag(session, (20, 18))
+    assert page.session.state()["tracks"]["ann"][0][2] == "cup"
+
+
+def test_a_page_that_is_behind_is_told(page: Page, session: Chrome, work: Path) -> None:
+    _drag(session, (10, 10), (30, 25))
+    path = work / "annotations" / "noise.drawn.csv"
+    path.write_text(path.read_text().replace("1,cup,box", "3,cup,box"))
+    _drag(session, (20, 18), (26, 18))
+    assert "drawn elsewhere" in session.find_element("id", "notice").text
+    assert [key.frame for key in _drawn(page).tracks[0].keys] == [3]
