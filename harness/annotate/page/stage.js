@@ -31,7 +31,7 @@ const picture = async (path) => {
   return image;
 };
 
-const shape = (tag, attributes) => {
+export const shape = (tag, attributes) => {
   const made = document.createElementNS(NS, tag);
   for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
   return made;
