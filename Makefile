@@ -11,9 +11,10 @@ TORCH  := torch==2.13.0
 demo: $(READY)
 	$(BIN)/vfoa demo
 
-# As many processes as there are cores; the tests of one file stay together, and so do the fixtures they share.
+# One process per core, each with one thread for linear algebra: more threads than cores wait for each other. The tests
+# of one file stay together, and so do the fixtures they share.
 test: $(READY)
-	$(BIN)/python -m pytest --numprocesses=auto --dist=loadfile
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=auto --dist=loadfile
 
 test-export: export-extra
 	$(BIN)/python -m pytest tests/harness/stages/export
