@@ -1,4 +1,4 @@
-"""What each column of a run's tables means, for programs, notebooks and the documents."""
+"""Meaning of each column of a run's tables, for programs, notebooks and the documentation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where data stands: the working directory's own folders first, then what came with the package."""
+"""Data folders: those of the working directory first, then those of the package."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: Atten
 
 
 def boxes_of_others(subject: Subject, targets: tuple[Target, ...]) -> dict[int, Box3D]:
-    """What a subject can look at: the boxes by instance id, in the order of the targets, but for the subject's own."""
+    """The boxes that a subject can look at, by instance id, in the order of the targets, but for the subject's own."""
     own = subject.person.instance_id
     return {each.instance.id: each.box for each in targets if each.box is not None and each.instance.id != own}
 

@@ -52,12 +52,12 @@ class BayesSettings(PosteriorSettings, SurfaceSettings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BeliefState:
-    """What is believed of each track, and when that was, nanoseconds; empty without smoothing."""
+    """The belief of each track and its time in nanoseconds; empty without smoothing."""
 
     by_track: Mapping[int, tuple[Belief, int | None]] = field(default_factory=dict)
 
     def of(self, tracks: Collection[int]) -> BeliefState:
-        """What is believed of these tracks alone: those that have ended never come back."""
+        """The beliefs of these tracks alone: a track that has ended never comes back."""
         return BeliefState(by_track={track: belief for track, belief in self.by_track.items() if track in tracks})
 
 

@@ -1,4 +1,4 @@
-"""What was found in one frame, with names for people to read."""
+"""The result of one frame, with names to print."""
 
 from __future__ import annotations
 

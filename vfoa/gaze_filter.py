@@ -35,7 +35,7 @@ ALPHA = 3.0
 """Where that step stands, in units of the noise: a change that noise alone seldom makes."""
 
 DAMPING = 0.5
-"""What is left of the velocity a frame later."""
+"""Factor of the velocity from one frame to the next."""
 
 PROCESS_NOISE = np.diag([1.0, 1.0, 0.01, 0.01])
 """Q: variance that a frame adds, degrees^2 and (degrees per frame)^2."""
@@ -67,7 +67,7 @@ class GazeFilterSettings(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CueFilter:
-    """What is known of one cue of one subject.
+    """Filter state of one cue of one subject.
 
     ``direction`` (3,) is the estimate, unit, camera frame. ``velocity_deg`` (3,) is its change in degrees per frame,
     camera frame. ``covariance`` (4, 4) is of (right, down, velocity right, velocity down) on the tangent plane,

@@ -53,7 +53,7 @@ class RuntimeSettings(Settings):
     """Where a network runs."""
 
     provider: Provider = "cpu"
-    """What the network runs on. If it is not available, that is an error: there is no fallback."""
+    """The provider that the network runs on. An unavailable one is an error: there is no fallback."""
     threads: int = Field(default=1, ge=1)
     """Threads of one inference. 1 keeps results the same on every machine: frames are spread over processes."""
 

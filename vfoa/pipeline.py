@@ -114,7 +114,7 @@ class AttendSettings(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Memory:
-    """What :func:`attend` carries from one frame to the next."""
+    """State that :func:`attend` carries from one frame to the next."""
 
     tracker: TrackerState = field(default_factory=TrackerState)
     gaze_filter: GazeFilterState = field(default_factory=GazeFilterState)

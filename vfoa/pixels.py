@@ -19,7 +19,7 @@ Window = tuple[slice, slice]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Seen:
-    """What clouds and eye origins are made of: the disparities and the masks of one view."""
+    """The input of clouds and eye origins: the disparities and the masks of one view."""
 
     disparity: Disparity
     instances: Instances

@@ -13,7 +13,7 @@ from vfoa.errors import VfoaError, did_you_mean
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Registry:
-    """What one kind of plug-in is called and where it stands.
+    """The names of one kind of plug-in, and the modules that hold them.
 
     Parameters
     ----------

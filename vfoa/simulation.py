@@ -102,7 +102,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
-    """What the paper says of a case, what was found, and whether it holds."""
+    """A statement of the paper about a case, the value found, and whether it holds."""
 
     claim: str
     expected: str

@@ -300,7 +300,7 @@ class HeadView(Cues):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Percepts:
-    """What :func:`vfoa.pipeline.perceive` found in one frame. Every stage's output, nothing combined yet."""
+    """Output of :func:`vfoa.pipeline.perceive` for one frame: that of every stage, nothing combined yet."""
 
     index: int
     time_ns: int

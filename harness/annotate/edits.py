@@ -1,4 +1,4 @@
-"""What a person does on the page, as new marks: from here until the next change, a range, suggestions, notes."""
+"""Edits made on the page, as new marks: from here until the next change, a range, suggestions, notes."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ class History:
         return base.get("frames") == len(self._frames) and isinstance(tracks, dict) and {*tracks} == {*self.subjects}
 
     def labels(self) -> Labels:
-        """What stands in the CSV."""
+        """The contents of the CSV."""
         return to_labels(self.tracks, self.seen, self._frames)
 
     def parts(self) -> dict[str, tuple[Stretch, ...]]:

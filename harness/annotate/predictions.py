@@ -1,4 +1,4 @@
-"""What a run found as labels, so that other programs can show and correct it."""
+"""A run's predictions as labels, so that other programs can show and correct them."""
 
 from __future__ import annotations
 

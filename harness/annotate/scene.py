@@ -1,4 +1,4 @@
-"""What stands in a frame's left image: outlines with names, and the subjects' heads.
+"""The overlay of a frame's left image: outlines with names, and the subjects' heads.
 
 Outlines come from a run's saved masks, else from its boxes; without a run from the clip's own masks, where it has them.
 """

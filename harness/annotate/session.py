@@ -108,7 +108,7 @@ class Session:
         return " ".join(said) or None
 
     def about(self) -> dict[str, Any]:
-        """What does not change by labelling, as JSON."""
+        """The clip and its names, which labelling does not change, as JSON."""
         shown = None if self._blind else self._predictions
         return {
             "clip": self.manifest.name,
@@ -266,7 +266,7 @@ class Session:
 
     @cached_property
     def _categories(self) -> list[str]:
-        """What the segmentation models, the clip's ground truth and the run call things."""
+        """Object names used by the segmentation models, the clip's ground truth and the run."""
         records = self._predictions.records.values() if self._predictions else ()
         return sorted(known_categories(self._clip) | {each.label for record in records for each in record.targets})
 

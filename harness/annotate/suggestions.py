@@ -1,4 +1,4 @@
-"""What a run predicted for the clip under one configuration, and how sure it was."""
+"""A run's predictions for a clip under one configuration, with their confidence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the intervals and the test are worth, by simulation: ``make coverage`` writes ``reports/coverage.md``.
+"""Coverage of intervals and error rates of the test, by simulation: ``make coverage`` writes ``reports/coverage.md``.
 
 A nominal 95 % interval should hold the true rate in 95 % of experiments, and a test at 5 % should call two equal
 configurations different in 5 %.

@@ -1,4 +1,4 @@
-"""What the gaze filter gains and costs on a signal of known truth: fixations, pursuits and saccades."""
+"""Error and delay of the gaze filter on a signal of known truth: fixations, pursuits and saccades."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each stage of each configuration costs on a clip: a real run, in one process with one thread."""
+"""Time of each stage of each configuration on a clip: a real run, in one process with one thread."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ class MergeRule(StrEnum):
 
 Annotators = Annotated[
     list[str] | None,
-    typer.Argument(metavar="ANNOTATOR", help="Annotators. Default: all of the clip; CLIP stands for CLIP.csv."),
+    typer.Argument(metavar="ANNOTATOR", help="Annotators. Default: all of the clip; CLIP means CLIP.csv."),
 ]
 ClipOption = Annotated[str, typer.Option("--clip", metavar="CLIP", help="The clip's name, or its .toml file.")]
 Annotator = Annotated[
@@ -264,7 +264,7 @@ def merge(
 def _labels_by_annotator(
     manifest: ClipManifest, clip: AnyClip, annotators: list[str], *, but: str | None = None
 ) -> dict[str, Labels]:
-    """The labels of those named (the clip's own name stands for CLIP.csv), or of all annotators the clip has.
+    """The labels of those named (the clip's own name means CLIP.csv), or of all annotators the clip has.
 
     ``but`` is left out of all: whom an earlier merge has written.
     """

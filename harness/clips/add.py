@@ -38,7 +38,7 @@ Rules = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Added:
-    """What was found at a path, and the two files that were written. ``rig`` is None for a clip without images."""
+    """What was found at a path, and the two files written. ``rig`` is None for a clip without images."""
 
     name: str
     adapter: str

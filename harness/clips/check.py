@@ -1,4 +1,4 @@
-"""What clips there are, and whether each can be used: files, calibration, rectification, labels."""
+"""Lists clips and checks whether each can be used: files, calibration, rectification, labels."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class ClipRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipCheck:
-    """What was found in one clip; it can be used if there are no ``problems``.
+    """The result of checking one clip; it can be used if there are no ``problems``.
 
     ``labels`` counts (frame, subject) pairs whose label is scored, None without an annotation file.
     ``vertical_error_px`` is the median row difference of matched points, None where too few were found. Without right

@@ -1,4 +1,4 @@
-"""What is wrong with a clip's frames, and what must be known of them: calibration, rectification, images, depth."""
+"""Checks of a clip's frames: calibration, rectification, images, depth."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:
 
 
 def unknown_categories(manifest: ClipManifest) -> list[str]:
-    """What to do about targets whose category no model of COCO's knows: one sentence for all of them."""
+    """One sentence of advice about all targets whose category is not COCO's."""
     unknown = [f"{name} ({rule.category})" for name, rule in manifest.targets.items() if rule.category not in _COCO]
     if not unknown:
         return []

@@ -38,7 +38,7 @@ def matched_offsets_px(left: Image, right: Image) -> Float:
 
 
 def _shrunk(gray: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """With each square of so many pixels a side made one; what is left over at the right and below is cut off."""
+    """The image with each square of ``factor`` pixels averaged; incomplete squares at the edges are dropped."""
     height, width = (size // factor for size in gray.shape)
     whole = gray[: height * factor, : width * factor]
     return gray if factor == 1 else np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))

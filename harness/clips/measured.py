@@ -1,4 +1,4 @@
-"""What can be wrong with a clip of measurements that its reader cannot see."""
+"""Checks of a clip of measurements beyond those of its reader."""
 
 from __future__ import annotations
 

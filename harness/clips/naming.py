@@ -25,7 +25,7 @@ _COLOUR = rf"^({'|'.join(HUES)}) ({'|'.join(PATTERNS)})$"
 
 
 class NameRule(Settings):
-    """What bears a name: an instance of ``category`` (the segmenter's word), and which one where there are several.
+    """The rule of a name: an instance of ``category`` (the segmenter's word), and which one where there are several.
 
     At most one of: ``instance``, the id it has in the source; ``from_left``, 1 for the leftmost of its category;
     ``at_px`` (u, v), the nearest to this point; ``box_px`` (u0, v0, u1, v1), the one that overlaps this box most.
@@ -57,7 +57,7 @@ class NameRule(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubjectNames:
-    """What is carried from frame to frame: the name of each track, and where each name was last seen (a head, px)."""
+    """State carried from frame to frame: the name of each track, and where each name was last seen (a head, px)."""
 
     by_track: Mapping[int, str] = field(default_factory=dict)
     last_seen_px: Mapping[str, PointPx] = field(default_factory=dict)

@@ -18,7 +18,7 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnnotationFiles:
-    """The annotation files of one clip. An annotator of None stands for ``<clip>.csv``, that of nobody in particular.
+    """The annotation files of one clip. An annotator of None means ``<clip>.csv``.
 
     They are looked for in ``annotations`` beside the manifest's folder, then in that of the working directory. Labels
     that came with the program are taken for clips that did: never for another clip of the same name.

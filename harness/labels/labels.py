@@ -109,7 +109,7 @@ class Labels:
 
 
 def is_undecided(target: str, note: str) -> bool:
-    """Whether annotators differ on what a label of this target and note stands for, and nobody has decided yet."""
+    """Whether a label of this target and note marks a disagreement that is not adjudicated yet."""
     return target == IGNORED and note.startswith(TO_DECIDE)
 
 

@@ -101,7 +101,7 @@ def _blueprint(content: rrb.Container, shown: Shown, *, follow: bool = False) ->
 
 
 def _by_subject(subjects: Subjects, build: Callable[[str | None], rrb.Container]) -> rrb.Container:
-    """A tab for each person, and one for all of them; None stands for all."""
+    """A tab for each person, and one for all of them (None)."""
     names = subjects.names
     if not 1 < len(names) <= MOST_TABS:
         return build(names[0] if len(names) == 1 else None)

@@ -9,7 +9,7 @@ import numpy as np
 import rerun as rr
 
 COLUMN_FRAMES = 25
-"""Frames whose numbers are sent together. A kill loses at most so many frames of the curves."""
+"""Frames whose numbers are sent together. A kill loses at most this many frames of the curves."""
 
 
 class FrameLog:

@@ -42,7 +42,7 @@ class Colours:
             self.class_of(name)
 
     def class_of(self, name: str) -> int:
-        """The number that stands for a name in masks and clouds, from 1; a new name gets the next one."""
+        """The class id of a name in masks and clouds, from 1; a new name gets the next one."""
         return self._classes.setdefault(name, len(self._classes) + 1)
 
     def of(self, name: str) -> Colour:

@@ -1,4 +1,4 @@
-"""What annotators agree on, as tables."""
+"""Agreement of annotators, as tables."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def agreement_table(clip: str, found: Sequence[Agreement]) -> Table:
 
 
 def targets_table(clip: str, found: Sequence[Agreement]) -> Table:
-    """What every pair of annotators named, target by target, all subjects pooled."""
+    """Agreement of every pair of annotators by target, all subjects pooled."""
     return Table(
         title=f"{clip}: agreement by target",
         columns=("First", "Second", "Target", "n first", "n second", "n both", "Specific %", "Kappa"),
@@ -55,7 +55,7 @@ def targets_table(clip: str, found: Sequence[Agreement]) -> Table:
 
 
 def confusion_table(clip: str, pair: Agreement) -> Table:
-    """What the second annotator said (columns) where the first said this (rows)."""
+    """Confusion matrix of two annotators: the first in rows, the second in columns."""
     return Table(
         title=f"{clip}: {pair.first} (rows) and {pair.second} (columns), frames",
         columns=("", *pair.targets),

@@ -11,7 +11,7 @@ from harness.score.score import ERROR_TYPES, ScoreRow, Scores
 from vfoa.errors import VfoaError
 
 ALL = "(all)"
-"""What stands for the clip, or the subject, in a row over all of them."""
+"""The clip, or the subject, in a row over all of them."""
 
 
 def scores_table(scores: Scores) -> Table:

@@ -1,4 +1,4 @@
-"""What ``vfoa fit`` found, as tables and as the file that a run reads."""
+"""Results of ``vfoa fit``, as tables and as the file that a run reads."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
 UNKNOWN = "–"
-"""What stands for a number that has no value, for people; CSV has an empty cell."""
+"""Printed in place of a number without a value; CSV has an empty cell."""
 
 
 _LEAST_WORDS = 24

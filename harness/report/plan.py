@@ -1,4 +1,4 @@
-"""What an experiment must have to see a difference, from the spread of a run that is there."""
+"""The number of clips and looks needed to see a difference, from the spread of a finished run."""
 
 from __future__ import annotations
 

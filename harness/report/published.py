@@ -9,7 +9,7 @@ from harness.score.statistics import wilson_interval
 
 
 def published_table(scores: Scores) -> Table:
-    """What was published for each configuration and what it comes to here; no rows where nothing was."""
+    """Published rates beside those of this run; no rows if none was published."""
     source = scores.published.source if scores.published else ""
     return Table(
         title="Beside the published figures",

@@ -21,7 +21,7 @@ _CUES = ("gaze", "head", "total")
 
 
 def statements_table(found: Sequence[Statement]) -> Table:
-    """What the paper says of its cases, what was found, and whether it holds."""
+    """Statements of the paper about its cases, the values found, and whether they hold."""
     return Table(
         title="What the synthetic cases must show",
         columns=("statement", "expected", "found", "holds"),

@@ -1,4 +1,4 @@
-"""Where the frames of a run go, beside its results."""
+"""The sinks that receive a run's frames, beside its results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What each stage took, from a run's ``timings.csv``."""
+"""Time per stage, from a run's ``timings.csv``."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class StageTimes:
 
 
 def stage_times(timings: Path) -> StageTimes:
-    """What each stage took in a run.
+    """Time per stage of a run.
 
     Raises
     ------

@@ -175,7 +175,7 @@ def measures_table(scores: Scores) -> Table:
 
 
 def baselines_table(scores: Scores) -> Table:
-    """What baselines score on the same frames."""
+    """Rates of the baselines on the same frames."""
     return Table(
         title="Baselines on the same frames, FRR %",
         columns=("Clip", "Configuration", "FRR", *(_words(name) for name in BASELINES), "Best", "Beaten"),

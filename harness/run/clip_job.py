@@ -1,4 +1,4 @@
-"""What one process needs to run one clip, and what it reports."""
+"""The input and the report of one process that runs one clip."""
 
 from __future__ import annotations
 

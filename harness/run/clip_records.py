@@ -1,4 +1,4 @@
-"""What a run found in one clip under one configuration, by frame."""
+"""Records of one clip under one configuration, by frame."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True, slots=True)
 class RunDirectory:
-    """Where a run stands."""
+    """The directory of a run."""
 
     path: Path
 
@@ -43,7 +43,7 @@ class RunDirectory:
 
     @property
     def manifest(self) -> Path:
-        """What was run, with which versions, on which data."""
+        """The run's manifest: what was run, with which versions, on which data."""
         return self.path / "manifest.json"
 
     def failure(self, pair: Pair, error: VfoaError) -> dict[str, str]:
@@ -61,7 +61,7 @@ class RunDirectory:
 
     @property
     def stage_outputs(self) -> Path:
-        """What the stages found, where it was asked to be saved (:mod:`harness.run.saved_outputs`)."""
+        """Saved stage outputs, if asked for (:mod:`harness.run.saved_outputs`)."""
         return self.path / "stage_outputs"
 
     def recording(self, pair: Pair) -> Path:

@@ -4,7 +4,7 @@ An experiment is a TOML file::
 
     clips = ["studio_table", "studio_talk"]
     notes = ["Heads and masks are the truth; gaze and head pose are simulated."]
-    seeds = 20                              # repeat what has a simulated error under so many seeds
+    seeds = 20                              # repeat configurations with a simulated error under 20 seeds
     preset = "realtime"                     # settings over the defaults, see PRESETS below
     annotator = "anna"                      # if not <clip>.csv, but <clip>@anna.csv is what is scored
 

@@ -39,7 +39,7 @@ class HeldOut(Settings):
 
 
 class FitRecord(Settings):
-    """What settings were fitted on, and how they do on clips that were left out."""
+    """The clips that settings were fitted on, and their rates on clips that were left out."""
 
     experiment: str
     clips: tuple[str, ...]
@@ -66,7 +66,7 @@ def read_fitted(path: Path) -> FittedSettings:
 
 
 def fitted_note(path: Path, fitted: FittedSettings, clips: Sequence[str]) -> str:
-    """What a table must say of settings that were fitted, and louder where it reports a clip they were fitted on."""
+    """The note of a table about fitted settings, with a warning if it reports a clip they were fitted on."""
     seen = [clip for clip in clips if clip in fitted.fit.clips]
     if seen:
         return f"FITTED ON WHAT IS REPORTED: the settings of {path.name} were fitted on {', '.join(seen)}."

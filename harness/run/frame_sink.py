@@ -1,4 +1,4 @@
-"""Where a run's finished frames go: sinks, and the factories that open them.
+"""Sinks that receive a run's finished frames, and the factories that open them.
 
 A run writes its results itself. Whoever starts it adds what else a frame is for: a recording, thumbnails, a count of
 right answers. A job travels to its worker by pickle, so it carries factories, not open files.
@@ -63,7 +63,7 @@ class ResumableSink(FrameSink, Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SinkContext:
-    """What a sink is opened for: one configuration on one clip.
+    """Context of a sink: one configuration on one clip.
 
     ``labels`` is None for a clip without. A ``rehearsal`` is one frame into a temporary directory, before a live run.
     ``resumed`` is the state to go on from: files are cut to what it says, and frames come that follow it.
@@ -87,7 +87,7 @@ class SinkFactory(Protocol):
     """Opens a sink. It is pickled with the job."""
 
     def described(self) -> Mapping[str, Any]:
-        """What the sink adds to the manifest of the run: a run with other sinks is another run."""
+        """Entries of the sink in the run's manifest: a run with other sinks is another run."""
         ...
 
     def open(self, context: SinkContext) -> FrameSink | None:

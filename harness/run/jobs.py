@@ -111,7 +111,7 @@ def _goes_along(job: ClipJob, workers: int) -> bool:
 
 
 def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
-    """The job's configurations in so many jobs, or fewer."""
+    """The job's configurations divided into this many jobs, or fewer."""
     groups = _together(job)
     dealt = [[each for group in groups[hand::hands] for each in group] for hand in range(min(hands, len(groups)))]
     return [replace(job, configurations=tuple(configurations)) for configurations in dealt]
@@ -142,7 +142,7 @@ def skip(one: PreparedClip | ClipJob, progress: Progress) -> None:
 
 
 def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | None, account: Account) -> ClipJob:
-    """What is left to do on a clip."""
+    """The remaining jobs of a clip."""
     clip, everyone = one.manifest.name, plan.experiment.configurations
     todo = [each.for_clip(clip) for each in everyone if not directory.is_finished((clip, each.name))]
     outputs = [OutputSinks({each.name: owned_slots(each, everyone) for each in everyone})] if plan.save_outputs else []

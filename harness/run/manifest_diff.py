@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 MOST = 3
-"""So many are named; the others are counted."""
+"""This many differences are named; the others are counted."""
 
 _FOLLOWS = "times_ns"
 """Differs wherever a clip's frames do."""
 
 
 def differences(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """What a run's manifest says other than ``wanted``, in words; "" if nothing: ``attention.n_rays, versions.numpy``.
+    """Differences of a run's manifest from ``wanted``, in words; "" if nothing: ``attention.n_rays, versions.numpy``.
 
     Keys that ``wanted`` does not have do not count.
     """
@@ -29,7 +29,7 @@ def _differing(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[
 
 
 def _within(key: str, found: Any, wanted: Any) -> list[str]:
-    """What differs within one key: leaves of clips with the clip, of configurations without, as they mostly share."""
+    """Differences within one key: leaves of clips with the clip, of configurations without, as they mostly share."""
     if key not in ("clips", "configurations"):
         return list(_leaves(found, wanted, key))
     if not isinstance(found, dict) or list(found) != list(wanted):
@@ -41,7 +41,7 @@ def _within(key: str, found: Any, wanted: Any) -> list[str]:
 
 
 def _named(value: Any) -> Any:
-    """A list of clips by their names; all else as it is."""
+    """A list of clips by their names; other values unchanged."""
     return {each["name"]: each for each in value} if isinstance(value, list) and value and "name" in value[0] else value
 
 

@@ -29,7 +29,7 @@ LOCK_SECONDS = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reached:
-    """What a run takes over unseen: so many frames, in so many bytes of results and of timings."""
+    """The part of partial results that a run reuses unread: frames, and bytes of results and timings."""
 
     frames: int = 0
     results: int = 0

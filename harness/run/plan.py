@@ -1,4 +1,4 @@
-"""What a run is made of: an experiment whose every input has been opened once, and the description of it all."""
+"""The plan of a run: an experiment with every input opened once, and the description of all of it."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def _said_of_near(clips: Iterable[PreparedClip], configurations: Iterable[Config
 
 
 def describe(plan: Plan) -> dict[str, Any]:
-    """All that a plan's results depend on, as it stands in the run's manifest."""
+    """Everything that a plan's results depend on, as written to the run's manifest."""
     return {
         "experiment": plan.experiment.name,
         "notes": list(plan.experiment.notes),

@@ -1,4 +1,4 @@
-"""What a run depends on, written into its manifest: data, weights, versions, machine."""
+"""Everything that a run depends on, written into its manifest: data, weights, versions, machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a run keeps of each frame: named, plain values, one JSON line each in ``results.jsonl``.
+"""Records of a run: named, plain values per frame, one JSON line each in ``results.jsonl``.
 
 Everything the scores, tables and pages need is here, so that none of them needs images or models. Every line begins
 with the version of the format, so that files can be joined line by line.

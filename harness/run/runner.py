@@ -175,7 +175,7 @@ def _choose(first: RunDirectory, identity: dict[str, Any], beside: bool) -> RunD
 
 
 def circumstances(plan: Plan, started: str) -> dict[str, Any]:
-    """What is worth knowing of a finished run, but does not make it another one."""
+    """Facts about a finished run that do not make it another run."""
     return {
         "labels_sha256": {one.manifest.name: _labels_digest(one, plan.experiment) for one in plan.clips},
         "commit": provenance.source_commit(),

@@ -1,4 +1,4 @@
-"""What ``vfoa run --save-outputs`` leaves: every stage's output once, and an experiment that runs from it.
+"""Output of ``vfoa run --save-outputs``: every stage output once, and an experiment that runs from it.
 
     <run>/stage_outputs/
       <experiment>.toml                  run it with VFOA_STAGE_OUTPUTS naming this folder, wherever that has moved to

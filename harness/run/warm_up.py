@@ -116,7 +116,7 @@ class Perceived:
 
 
 def stretches(frames: Sequence[int], workers: int) -> Iterator[tuple[int, ...]]:
-    """Cut frames into the stretches that so many workers take one after the other."""
+    """Cut frames into stretches for this many workers, which take them one after the other."""
     at = 0
     while at < len(frames):
         length = min(LONGEST_STRETCH, -(-(len(frames) - at) // (STRETCHES_PER_WORKER * workers)))

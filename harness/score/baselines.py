@@ -1,4 +1,4 @@
-"""What simple baselines score on the same frames.
+"""Scores of simple baselines on the same frames.
 
 A clip on which a baseline does as well as the pipeline does not show that the pipeline works. Each baseline picks one
 target of the frame's record, never the subject's own body; where it cannot pick (no such subject, no eye origin,

@@ -50,7 +50,7 @@ class DirectionCheck:
         return self.surprises <= MOST_SURPRISES and 1 / MOST_TIMES_CLAIMED <= times <= MOST_TIMES_CLAIMED
 
     def sentence(self) -> str:
-        """What a reader of the probabilities must know."""
+        """Notes for the reader of the probabilities."""
         parts = [f"{100 * self.surprises:.0f} % of {self.n} frames surprise it (expected {100 * SMALL_TAIL:.0f} %)"]
         if self.claimed_deg is not None and self.implied_deg is not None:
             claimed, implied = (f"{angle:.0f} deg" for angle in (self.claimed_deg, self.implied_deg))

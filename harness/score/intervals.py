@@ -93,7 +93,7 @@ def difference_interval(units: Units) -> Interval:
     """The 95 % interval of a difference of two rates on the same frames.
 
     Unknown with fewer than two looks, or where all differ alike, so that nothing shows how far others would.
-    Where no frame differs, it holds the differences of which so many units can all be without: the exact bound.
+    Where no frame differs, it is the exact bound: the differences that this many units can miss altogether.
     """
     if len(units.frames) < 2:
         return UNKNOWN

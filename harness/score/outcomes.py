@@ -72,7 +72,7 @@ _NO_HITS = Hits(nearest=False, largest=False, central=False, in_angle=False, ang
 
 
 class Judgement(NamedTuple):
-    """What is known of a subject in a frame."""
+    """Truth and prediction of a subject in a frame."""
 
     verdict: Verdict
     hits: Hits
@@ -85,7 +85,7 @@ Judged = dict[int, Judgement]
 
 @dataclass(slots=True)
 class _Clip:
-    """What is known of a clip over all its configurations."""
+    """Truth and predictions of a clip over all its configurations."""
 
     labels: Labels | None
     wanted: list[int]

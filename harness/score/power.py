@@ -55,7 +55,7 @@ class Spread:
         return cls(between=max(both - known, 0.0), within=min(known, both), clips=n, looks=float(looks.mean()))
 
     def variance(self, looks: float) -> float:
-        """The variance of a clip's difference, were there so many looks in a clip."""
+        """The variance of a clip's difference with this many looks per clip."""
         return self.between + self.within * self.looks / looks
 
 

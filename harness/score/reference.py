@@ -1,4 +1,4 @@
-"""What a run is scored against."""
+"""The reference that a run is scored against."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ from vfoa.errors import VfoaError
 
 
 class _Scored(Protocol):
-    """What is compared: a run that was scored, or an exported table."""
+    """One side of a comparison: a scored run, or an exported table."""
 
     @property
     def scored_configurations(self) -> tuple[str, ...]: ...

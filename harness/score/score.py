@@ -222,7 +222,7 @@ _Group = tuple[str | None, str | None, str, list[Outcomes]]
 
 
 def _groups(outcomes: Sequence[Outcomes], clips: Sequence[str], configurations: Sequence[str]) -> Iterator[_Group]:
-    """What is scored together, as (clip, subject, configuration, outcomes), in the order of the tables."""
+    """Groups scored together, as (clip, subject, configuration, outcomes), in the order of the tables."""
     scored = [each for each in outcomes if len(each.correct)]
     by_name: dict[str, list[Outcomes]] = {base_of(name): [] for name in configurations}
     for each in scored:

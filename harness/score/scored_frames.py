@@ -1,4 +1,4 @@
-"""What a comparison needs of one configuration: which frames of whom are right, and of which look each is."""
+"""Frames of one configuration for a comparison: which are right, whose they are, and the look of each."""
 
 from __future__ import annotations
 

@@ -46,12 +46,12 @@ ERROR_TYPES = {
 
 
 NO_HIT = "(nothing hit)"
-"""What stands for the prediction of a frame in which nothing got any attention: not the answer "looks at nothing"."""
+"""The prediction of a frame in which nothing got any attention. It is not the answer "looks at nothing"."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """What was predicted for a subject in a frame, and whether that is right.
+    """The prediction for a subject in a frame, and whether it is right.
 
     ``truth`` and ``predicted`` are targets' names, ``"none"`` for nowhere. ``truth`` is None where there is no
     label, ``predicted`` None where no prediction was made, :data:`NO_HIT` where nothing got any attention: that is
@@ -100,7 +100,7 @@ def true_targets(record: FrameRecord, label: Label) -> list[TargetRecord]:
 
 
 def right_answers(record: FrameRecord, label: Label) -> tuple[int | None, ...]:
-    """The instances that the label names in this frame, each a right focus; None stands for nowhere."""
+    """The instances that the label names in this frame, each a right focus; None means nowhere."""
     if label.target == NOWHERE:
         return (None,)
     return tuple(target.instance_id for target in true_targets(record, label))

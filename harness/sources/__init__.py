@@ -13,7 +13,7 @@ from vfoa.types import Box3D, Disparity, Float, Instances, Scene, StereoFrame
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PersonTruth:
-    """What is true of one person in one frame (camera frame, metres, unit directions). None: not known.
+    """Ground truth of one person in one frame (camera frame, metres, unit directions). None: not known.
 
     ``target`` is the name of what the person looks at, ``"none"`` for nothing in the scene.
     """
@@ -29,7 +29,7 @@ class PersonTruth:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Truth:
-    """What a source knows to be true of one frame. None: the source does not know it.
+    """Ground truth of one frame. None: not known to the source.
 
     ``boxes`` are keyed by instance id. ``missing`` says of a field that is None what would have to be there, where
     the source could know it: it is told to whoever asks for that field.
@@ -61,7 +61,7 @@ class AnyClip(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader of the table must know of this source (a view that was made, frames that were dropped)."""
+        """Notes for the reader of a table: a view that was synthesised, frames that were dropped."""
         ...
 
     def time_ns(self, number: int) -> int:
@@ -69,7 +69,7 @@ class AnyClip(Protocol):
         ...
 
     def truth(self, number: int) -> Truth:
-        """What is known to be true of one frame. Read by scoring, and by stages configured as ``truth``."""
+        """Return the ground truth of one frame. Read by scoring, and by stages configured as ``truth``."""
         ...
 
     def digest(self) -> str:
@@ -111,7 +111,7 @@ class MeasuredClip(AnyClip, Protocol):
         ...
 
     def scene(self, number: int) -> Scene:
-        """What was measured in one frame.
+        """Return the measurements of one frame.
 
         Raises
         ------
@@ -123,10 +123,10 @@ class MeasuredClip(AnyClip, Protocol):
 
 @runtime_checkable
 class SightTruth(Protocol):
-    """What a clip may have besides: it knows which lines of sight are blocked."""
+    """An optional part of a clip: it knows which lines of sight are blocked."""
 
     def blockers(self, number: int) -> Mapping[str, str]:
-        """By person, the name of what stands between the eyes and the target in one frame."""
+        """By person, the name of the object between the eyes and the target in one frame."""
         ...
 
 
@@ -150,7 +150,7 @@ class Recognised:
 
 @runtime_checkable
 class Recogniser(Protocol):
-    """What an adapter's class may have besides: it is asked whether it can read a path.
+    """An optional part of an adapter's class: it can tell whether it reads a path.
 
     Every registered adapter is asked, those of other packages too. A calibration that the user gives arrives as the
     setting ``calibration`` (a file) or ``camera`` (``fx_px``, ``cx_px``, ``cy_px``, ``baseline_m``), where the

@@ -1,4 +1,4 @@
-"""What every clip promises, checked: for the tests of adapters, those of other packages too.
+"""Checks that hold for every clip, for the tests of adapters, also those of other packages.
 
 def test_my_adapter_keeps_the_contract(tmp_path):
     check_contract(MyClip(MyClip.Settings(...), tmp_path), spawn=True)
@@ -125,7 +125,7 @@ def _check_outside(clip: Clip | MeasuredClip) -> None:
         message = _refusal(clip, number)
         if message is None:
             raise AssertionError(f"frame {number}, which is not in frames: expected a VfoaError")
-        # What stands before it has to say whose frame it is, or a run of many clips fails without a name.
+        # Errors name the clip, because a run can have many clips.
         fine = re.match(rf"\S.*: .*\bframe {number}\b", message) and "\n" not in message
         _expect(bool(fine), f"frame {number}: {message!r}; expected one line that names the clip and 'frame {number}'")
 

@@ -14,7 +14,7 @@ from vfoa.types import Float, Image, Map, StereoRig
 
 
 class Intrinsics(Settings):
-    """A camera without lens distortion, pixels; fy is fx where nothing else is said.
+    """A camera without lens distortion, pixels; fy defaults to fx.
 
     ``baseline_m`` makes it the left camera of a rectified pair, whose right one has the same principal point.
     """

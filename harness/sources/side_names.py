@@ -24,7 +24,7 @@ _NUMBERED_VIEWS = (("im", (0, 1), 1), ("im", (2, 6), 8), ("view", (1, 5), 6))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sides:
-    """Globs of two sides, and the names that each of them stands for."""
+    """Globs of two sides, and the names that each of them matches."""
 
     left: str
     right: str

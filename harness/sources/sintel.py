@@ -197,7 +197,7 @@ class SintelClip:
             raise VfoaError(f"{self._scene}: no frame {number}; expected {self._frames[0]} to {self._frames[-1]}")
 
     def _fitting(self, found: NDArray[Scalar], path: Path, number: int) -> NDArray[Scalar]:
-        """What is said of each pixel, if it is of the left image's size."""
+        """The map, if it has the left image's size."""
         left = self._path(f"{self._pass}_left", number)
         width, height = png_size_px(left)
         if found.shape != (height, width):

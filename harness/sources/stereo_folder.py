@@ -23,7 +23,7 @@ from vfoa.types import StereoFrame
 
 
 class CameraNumbers(Settings):
-    """A rectified pair in four numbers; fy is fx and both views share cx where nothing else is said."""
+    """A rectified pair in four numbers; by default fy is fx and both views share cx."""
 
     fx_px: float = Field(gt=0)
     cx_px: float
@@ -77,7 +77,7 @@ class StereoFolderSettings(ViewFiles):
         return self
 
     def options(self) -> Options:
-        """What is said of the calibration's files."""
+        """The settings of the calibration's files."""
         return Options(
             cameras=self.calibration_cameras,
             unit=self.calibration_unit,
@@ -132,7 +132,7 @@ class StereoFolderClip:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was left out, and that a calibration of another resolution is scaled."""
+        """Notes: frames left out, and a calibration scaled to another resolution."""
         try:
             return (*self._views.notes, *scaling_note(self._cameras, self._size_px()))
         except VfoaError:  # the first frame cannot be read, which whoever reads it is told

@@ -1,4 +1,4 @@
-"""Where both views of a frame come from, by the frame's number: one protocol, and image files, two a frame or one."""
+"""Sources of a frame's two views, by frame number: one protocol, and image files, two per frame or one."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Views(Protocol):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was left out."""
+        """Notes on frames that were left out."""
         ...
 
     def time_ns(self, number: int) -> int | None:

@@ -52,7 +52,7 @@ class TargetMeasure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PersonMeasure:
-    """What was measured on a true person's head, before any filter; None: not measured, or the truth is not known.
+    """Measured errors of one person's head, before any filter; None: not measured, or no ground truth.
 
     ``head_box_iou`` is 0 where no head was found.
     """

@@ -60,8 +60,8 @@ class StageMemo:
     def call(self, name: str, function: Callable[..., T], *inputs: object) -> T:
         """Return ``function(*inputs)``, computed once.
 
-        Settings, regions and text are compared by value, all else by identity. The time is added to ``name``, or,
-        where the function makes calls of its own, to theirs.
+        Settings, regions and text are compared by value, other arguments by identity. The time is added to
+        ``name``, or, where the function makes calls of its own, to theirs.
         """
         key = (
             name,

@@ -61,7 +61,7 @@ def _compute(items: Generator[T], ready: Queue[_Item[T] | _End], unwanted: Event
             if unwanted.is_set():
                 break
         items.close()  # it may have a thread of its own
-    except BaseException as error:  # whatever it is, whoever waits for the item has to know
+    except BaseException as error:  # passed on to the thread that waits for the item
         ready.put(_End(error))
     else:
         ready.put(_End(None))
@@ -76,7 +76,7 @@ def _drain(ready: Queue[_Item[T] | _End]) -> None:
 
 
 def one_at_a_time(clip: Clip, count: int) -> tuple[Clip, ...]:
-    """The clip for so many threads: one of them reads at a time, since a clip need not stand more.
+    """The clip for several threads: one of them reads at a time, since a clip need not be thread-safe.
 
     Each is an object of its own, with its own last truth (:func:`harness.stages.ground_truth.oracle.truth_of`).
     """
@@ -100,7 +100,7 @@ class _OneAtATime:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader of the table must know."""
+        """Notes for the reader of a table."""
         return self._clip.notes
 
     def time_ns(self, number: int) -> int:
@@ -114,7 +114,7 @@ class _OneAtATime:
             return self._clip.frame(number)
 
     def truth(self, number: int) -> Truth:
-        """What is known to be true."""
+        """The ground truth of a frame."""
         with self._lock:
             return self._clip.truth(number)
 

@@ -149,7 +149,7 @@ class SharedPipeline:
         return self._drawings[settings]
 
     def take_tallies(self) -> dict[str, Tally]:
-        """What the cache gave and what was computed since this was last asked, by the stage's key."""
+        """Outputs reused and computed since the last call, by the stage's key."""
         return {key: tally.take() for key, tally in self._tallies.items()}
 
     @contextmanager
@@ -165,7 +165,7 @@ class SharedPipeline:
     def warm(self, numbers: Iterable[int]) -> Iterator[int]:
         """Only perceive frames, in any order, for what the cache keeps of it; yield each number when it is done.
 
-        What fails here fails again, and is said, where the frame's result is wanted.
+        A failure here is raised again where the frame's result is used.
         """
         for number in numbers:
             with suppress(VfoaError):

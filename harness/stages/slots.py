@@ -100,7 +100,7 @@ class Slot:
 
 
 CLIP_VARIABLE = "${CLIP}"
-"""Stands for the clip's name in a stage's settings: one configuration finds the files of every clip by it."""
+"""Placeholder of the clip's name in a stage's settings, so that one configuration reads the files of every clip."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""What stands between the pipeline and a stage: one call that shares, looks up, guards, checks, stores and times.
+"""The layer between the pipeline and a stage: one call that shares, looks up, guards, checks, stores and times.
 
 A stage can come from anywhere: a fault of one ends the configurations that have it, not the run. Only calls that pass
 through :func:`guarded` are caught. An error of the harness itself ends the program.

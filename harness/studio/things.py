@@ -1,4 +1,4 @@
-"""What can stand in the studio: shape and paint of each thing, by its COCO name.
+"""Objects of the studio: shape and paint of each, by its COCO name.
 
 A thing's frame stands on its base: z up, y to its back, x to its right, the origin in the middle of what it
 stands on.

@@ -27,7 +27,7 @@ _HEAD_BIAS_DEG = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenery:
-    """What a person can look at, as ``keys`` (T,), of which the last is None for nowhere.
+    """The targets of a person, as ``keys`` (T,), of which the last is None for nowhere.
 
     Directions (T - 1, 3) of the targets and the variances (T - 1,) of the looks at each per tangent direction, rad^2;
     the direction (3,) to the camera.
@@ -51,7 +51,7 @@ class Measured:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Belief:
-    """What is believed of a person. G gaze hypotheses, K head hypotheses, T targets of ``keys``.
+    """The belief about a person. G gaze hypotheses, K head hypotheses, T targets of ``keys``.
 
     ``log_weights`` (G, K) up to a constant; ``looked`` (G, K, T) sums to 1 over the targets. ``leave`` (G, K) and
     ``new`` (G, K, T) are the transition that led to this frame. ``tail`` is the probability, before the frame, of

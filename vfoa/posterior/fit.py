@@ -1,4 +1,4 @@
-"""What labelled sequences say of the assumptions: error, bias, gain, head share, dwell and share of looks at nothing.
+"""Estimates of the assumptions from labelled sequences: error, bias, gain, head share, dwell, looks at nothing.
 
 Every quantity is estimated with each clip left out in turn: settings for a clip come from the others alone, and the
 spread of the estimates gives the interval (delete-one jackknife, Efron 1982).

@@ -14,7 +14,7 @@ from vfoa.posterior.settings import LookSettings
 from vfoa.types import Float
 
 Keys = tuple[int | None, ...]
-"""What can be looked at: ids of targets, and None for nowhere, which is the last."""
+"""Ids of targets, and None for nowhere, which is the last."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +41,7 @@ def counted(before: Looks, begun: Float, dt_s: float) -> Looks:
 
 
 def new_look(looks: Looks, count: int, settings: LookSettings) -> Float:
-    """What a new look is at: probabilities (..., count + 1) of the targets alike and of nowhere."""
+    """The target of a new look: probabilities (..., count + 1) of the targets alike and of nowhere."""
     if count == 0:
         return np.ones((*looks.begun.shape, 1))
     seen = settings.nowhere_looks

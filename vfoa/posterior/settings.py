@@ -1,4 +1,4 @@
-"""What the posterior assumes about errors, heads and looks."""
+"""Settings of the posterior: assumptions about errors, heads and looks."""
 
 from __future__ import annotations
 

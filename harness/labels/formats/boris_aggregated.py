@@ -1,6 +1,6 @@
 """BORIS, "aggregated events": a row for each behaviour from start to stop; the behaviour is the target. CSV or TSV.
 
-Columns are found by name, so that the layouts of BORIS 7 to 9 are read, which differ in what stands beside these.
+Columns are found by name, because the layouts of BORIS 7 to 9 have different other columns.
 That of 7 is written.
 """
 

@@ -1,4 +1,4 @@
-"""What stands between our labels and those of another program: names, frame numbers, times, gaps."""
+"""How labels of another program map to ours: names, frame numbers, times, gaps."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class Exchange:
 
     @cached_property
     def frames(self) -> Sequence[int]:
-        """The clip's frame numbers; what stands at position 0 is its first frame."""
+        """The clip's frame numbers, by position; position 0 is its first frame."""
         return tuple(self.clip.frames)
 
     @cached_property

@@ -22,7 +22,7 @@ from harness.labels.timeline import timeline_of
 from vfoa.errors import VfoaError, did_you_mean
 
 MEANINGS = ("unfocused", "robot", "other person")
-"""What the codes mean, in their order."""
+"""Meaning of the codes, in their order."""
 
 _Found = tuple[int, str, str]
 """A frame, the upstream name of a person, and what that person looks at."""

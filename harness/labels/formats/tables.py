@@ -68,7 +68,7 @@ def _cell(value: object) -> str:
 def read_table(path: Path, required: Sequence[str]) -> Iterator[tuple[int, dict[str, str]]]:
     """Line and cells by column of every row below the header: the first row that holds all ``required`` columns.
 
-    What stands above the header is passed over. A short row has empty cells at its end.
+    Lines above the header are skipped. A short row has empty cells at its end.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What was answered where something else was true."""
+"""Confusion matrices."""
 
 from __future__ import annotations
 

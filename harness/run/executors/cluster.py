@@ -54,7 +54,7 @@ def connect(address: str) -> Iterator[Client]:
 
 @contextmanager
 def local_cluster(workers: int) -> Iterator[str]:
-    """Yield the address of a scheduler on this machine with so many workers: processes of one thread."""
+    """Yield the address of a scheduler on this machine with this many workers, processes of one thread."""
     from distributed import LocalCluster
 
     # any free port: without an address it takes 8787, of every network, which another cluster may have
@@ -65,7 +65,7 @@ def local_cluster(workers: int) -> Iterator[str]:
 
 
 def cpu_seconds(address: str) -> float:
-    """What the workers of the scheduler at ``address`` have computed so far."""
+    """Outputs that the workers of the scheduler at ``address`` have computed so far."""
     with connect(address) as client:
         return float(sum(client.run(time.process_time).values()))
 

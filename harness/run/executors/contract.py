@@ -1,4 +1,4 @@
-"""What an executor is, and the one that works in this process.
+"""The protocol of an executor, and the one that works in this process.
 
 Workers compute with one thread each: that is the quickest for all together. Where one process does everything, it may
 use a few, with the same results (a guided filter in OpenCV differs in its last bit from eight threads on: four are the
@@ -74,7 +74,7 @@ class InProcess:
 
 
 def compute_with(threads: int) -> None:
-    """Let this process compute with so many threads."""
+    """Set the number of threads that this process computes with."""
     import cv2
 
     cv2.setNumThreads(threads)

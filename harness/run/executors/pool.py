@@ -34,7 +34,7 @@ _stop: Event | None = None
 
 
 class Pool:
-    """So many spawned processes, as a context manager: what they have imported and opened serves one run after another.
+    """A pool of spawned processes, as a context manager; imports and open clips are reused from run to run.
 
     A death breaks all of them: new ones go on with what is not done.
     """
@@ -108,7 +108,7 @@ class Pool:
                 self._stop()
 
     def _start(self, jobs: int, progress: Progress) -> tuple[ProcessPoolExecutor, _Listener]:
-        """Processes enough for so many jobs, those that run already if they are."""
+        """Enough processes for this many jobs; running ones are reused."""
         wanted = min(self.workers, jobs)
         if self._started < wanted:
             self._stop()

@@ -45,7 +45,7 @@ class SweepRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """What a sweep found: a row a configuration, in the order of the grid."""
+    """Results of a sweep: one row per configuration, in the order of the grid."""
 
     name: str
     clips: tuple[str, ...]

@@ -25,7 +25,7 @@ Tallies = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tally:
-    """What a clip came to: ``n`` labelled (frame, subject) pairs, and of those, per configuration (S,), how many.
+    """Counts of a clip: ``n`` labelled (frame, subject) pairs, and of those, per configuration (S,), how many.
 
     ``correct`` counts the right ones, ``predicted`` those with an answer. ``error`` says why the clip could
     not be finished, None if it was.
@@ -39,7 +39,7 @@ class Tally:
 
     @classmethod
     def empty(cls, job: ClipJob, error: VfoaError) -> Tally:
-        """What a clip that failed comes to."""
+        """Counts of a clip that failed."""
         none = np.zeros(len(job.configurations), np.int64)
         return cls(clip=job.manifest.name, n=0, correct=none, predicted=none, error=error)
 
@@ -110,7 +110,7 @@ class _Groups:
         return {}
 
     def open(self, context: SinkContext) -> _Group:
-        """The group that this configuration stands for."""
+        """The group of this configuration."""
         return self.by_name[context.configuration]
 
 

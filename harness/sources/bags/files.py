@@ -86,7 +86,7 @@ def _parts(path: Path) -> tuple[Path, ...]:
 
 
 def _metadata(folder: Path) -> dict[str, Any]:
-    """What ``ros2 bag record`` noted; empty where it did not, or it is not readable."""
+    """Metadata written by ``ros2 bag record``; empty if missing or unreadable."""
     try:
         path = folder / "metadata.yaml"
         noted = parse_yaml(read_bytes(path), path)["rosbag2_bagfile_information"]

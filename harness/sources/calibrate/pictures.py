@@ -13,7 +13,7 @@ from vfoa.types import Image
 class Pictures:
     """Pairs (number, left, right) of one size, in order; what cannot be used goes to :attr:`dropped` as it is met.
 
-    ``every``: of a video, each so many-th frame. ``size_px`` is the (width, height) of the first pair that can be read.
+    ``every``: use every Nth frame of a video. ``size_px`` is the (width, height) of the first pair that can be read.
 
     Raises
     ------

@@ -33,7 +33,7 @@ def read(path: Path, text: str, baseline_m: float | None) -> Calibration:
     Parameters
     ----------
     baseline_m
-        Stands for a baseline that the file does not hold.
+        Given in place of a baseline that the file does not hold.
 
     Raises
     ------

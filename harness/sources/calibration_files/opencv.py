@@ -1,4 +1,4 @@
-"""What users of OpenCV save: matrices of stereoCalibrate and stereoRectify, under the names that people give them."""
+"""Calibrations saved with OpenCV: matrices of stereoCalibrate and stereoRectify, under their usual names."""
 
 from __future__ import annotations
 

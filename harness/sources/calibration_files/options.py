@@ -1,4 +1,4 @@
-"""What a calibration file does not tell by itself."""
+"""Settings that a calibration file does not contain."""
 
 from __future__ import annotations
 

@@ -104,7 +104,7 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
 def _refuse_unused(
     options: Options, where: Path | str, whose: str, *, cameras: bool = False, fisheye: bool = False
 ) -> None:
-    """Refuse what is said of a file but means nothing for its kind."""
+    """Refuse settings that have no meaning for the kind of the file."""
     if options.cameras is not None and not cameras:
         raise VfoaError(f"{where}: calibration_cameras: found {options.cameras}; expected none for {whose} calibration")
     if options.fisheye and not fisheye:

@@ -1,4 +1,4 @@
-"""What an MCAP channel says about its messages."""
+"""Description of an MCAP channel's messages."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def _start(path: Path, found: bytes) -> tuple[int | None, bytes]:
 
 
 def _told(opcode: int, data: bytes) -> Iterator[Schema | Channel | Message]:
-    """What a record says; nothing, where it is damaged."""
+    """The contents of a record; nothing if it is damaged."""
     with suppress(Exception):  # of struct, of text decoding, of the decompressors: all mean damage
         for part in parts_of(parse_record(opcode, len(data), data)):
             if isinstance(part, Schema | Channel | Message):

@@ -25,7 +25,7 @@ _BLOCK_BYTES = 1 << 20
 
 @dataclass(slots=True)
 class Walk:
-    """What one pass through a file found besides its messages.
+    """Findings of one pass through a file, besides its messages.
 
     ``losses`` are what could not be read, in words; ``message_counts`` by channel id, what the file's own statistics
     say was recorded (None: the file has none). ``is_cut``: the file ends too early; ``cut_span_ns`` are the first and

@@ -39,7 +39,7 @@ def is_mcap(path: Path) -> bool:
 
 
 def parse_record(opcode: int, length: int, data: bytes) -> McapRecord:
-    """A record of one of the :data:`PARSED` kinds; whatever is raised means damage."""
+    """A record of one of the :data:`PARSED` kinds; any exception means damage."""
     stream = ReadDataStream(BytesIO(data))
     match opcode:
         case Opcode.SCHEMA:
@@ -60,7 +60,7 @@ def parse_record(opcode: int, length: int, data: bytes) -> McapRecord:
 
 
 def parts_of(record: McapRecord) -> list[McapRecord]:
-    """What a chunk holds; any other record alone. Whatever is raised means damage."""
+    """The records of a chunk; any other record alone. Any exception means damage."""
     if not isinstance(record, Chunk):
         return [record]
     if record.compression not in _COMPRESSIONS:  # which the library would read as if it were none

@@ -1,4 +1,4 @@
-"""What ``ros2 bag record`` noted beside its files (``metadata.yaml``): how much it recorded, whatever became of it."""
+"""Metadata that ``ros2 bag record`` writes beside its files (``metadata.yaml``): how much was recorded."""
 
 from __future__ import annotations
 

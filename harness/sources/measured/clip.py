@@ -1,4 +1,4 @@
-"""What every clip of measurements has in common: numbered frames, and a scene made of each.
+"""Base of all clips of measurements: numbered frames, and a scene made of each.
 
 People and objects are numbered from 1 in the order in which they are first named, people first: these are the
 ``instance`` ids of a manifest. Everyone is a target for the others, by a box about the head.

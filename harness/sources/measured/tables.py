@@ -6,7 +6,7 @@
         [,head_x,head_y,head_z][,head_sigma_deg]        where the head points, a unit vector, and its claimed error
         [,gaze_x,gaze_y,gaze_z][,gaze_sigma_deg]        where the eyes look
 
-``objects.csv``, optional: what can be looked at besides people; a blank frame stands for all frames::
+``objects.csv``, optional: what can be looked at besides people; a blank frame means every frame::
 
     frame,object,x_m,y_m,z_m[,category][,size_x_m,size_y_m,size_z_m][,qx,qy,qz,qw]
 

@@ -20,5 +20,5 @@ def depth_map(counts: NDArray[Any], counts_per_m: float) -> Map:
 
 
 def default_counts_per_m(counts: NDArray[Any]) -> float:
-    """Integers are millimetres and floating point numbers metres, where nothing else is said."""
+    """By default integers are millimetres and floating point numbers metres."""
     return MILLIMETRES if np.issubdtype(counts.dtype, np.integer) else 1.0

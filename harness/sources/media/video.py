@@ -13,7 +13,7 @@ import numpy as np
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
-# FFmpeg writes to the terminal by itself; what is wrong with a file is said in our own errors. Read at the first video.
+# FFmpeg writes to the terminal by itself; our own errors say what is wrong with a file. Read at the first video.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 import cv2
 

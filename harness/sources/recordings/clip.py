@@ -96,7 +96,7 @@ class RecordingClip:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was lost, which images are in no frame, and what the stamps are if not the headers'."""
+        """Notes: lost messages, images without a frame, and stamps that are not those of the headers."""
         by_log = 'images are joined by the time of recording (stamps = "log"), not by when they were taken'
         return (*self._losses, *self._lost, *([by_log] if self._settings.stamps == "log" else []))
 

@@ -1,4 +1,4 @@
-"""What a file format of recordings has to do: list its messages, and read one again."""
+"""The protocol of a recording's file format: list its messages, and read one again."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ def fields_of(kind: MessageType, data: bytes, where: str) -> Callable[[str], Any
 
 @contextmanager
 def reading(kind: MessageType, where: str) -> Iterator[None]:
-    """Whatever goes wrong in the block: the message is not what its topic says.
+    """Turn every error in the block into one: the message does not match its topic's schema.
 
     Raises
     ------

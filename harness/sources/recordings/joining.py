@@ -17,7 +17,7 @@ _TOLD_NS = 1e6
 
 
 class FramePlaces(NamedTuple):
-    """Where the messages of one frame stand."""
+    """Positions of the messages of one frame."""
 
     left: Place
     right: Place | None

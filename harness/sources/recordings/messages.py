@@ -1,4 +1,4 @@
-"""What the messages of cameras say: when, which pixels, which lens."""
+"""Contents of camera messages: time stamp, pixels, calibration."""
 
 from __future__ import annotations
 

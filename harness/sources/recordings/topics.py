@@ -13,7 +13,7 @@ from vfoa.errors import VfoaError
 
 
 class Place(NamedTuple):
-    """Where one message stands: time stamp, file's index, and two numbers by which its container finds it there."""
+    """Position of one message: time stamp, file's index, and two numbers by which its container finds it there."""
 
     stamp_ns: int
     file: int

@@ -1,4 +1,4 @@
-"""Where the cameras of a recording stand to each other: static transforms (tf), and RealSense's extrinsics."""
+"""Relative poses of the cameras of a recording: static transforms (tf), and RealSense's extrinsics."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from harness.sources.recordings.message_types import MessageType
 from harness.sources.recordings.topics import Topic
 
 _MOST_MESSAGES = 200
-"""Messages of a topic that are looked at: what does not move is said at the beginning."""
+"""Messages that are read per topic: static transforms are sent at the beginning."""
 
 Edges = dict[tuple[str, str], Transform]
 """(parent, child) -> parent_from_child."""

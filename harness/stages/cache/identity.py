@@ -1,4 +1,4 @@
-"""What a stage's results on a clip follow from, beside the frame and what the stage is given: by name, and as a digest.
+"""Everything that a stage's outputs on a clip depend on beside its inputs, by name and as a digest.
 
 The clip's content, the stage and all its settings, its weights' content, its code and that of the adapter that reads
 the clip (the file it is in and every file of the same package, or of vfoa, that this imports, directly or not), the

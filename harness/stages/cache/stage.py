@@ -159,7 +159,7 @@ class Account:
                 (folder / stored).unlink(missing_ok=True)
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row a stage and clip, as it stands in the run's manifest; ``why`` something was computed, None: nothing."""
+        """One row per stage and clip of the run's manifest; ``why`` outputs were computed, None if all were reused."""
         return [
             {
                 "clip": clip,

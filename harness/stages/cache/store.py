@@ -1,4 +1,4 @@
-"""Where results stand: one file each behind its checksum, the least recently used of them removed beyond a size.
+"""The files of the cache: one per output, with a checksum; the least recently used are removed beyond a size.
 
     <root>/stages/<stage>/<identity>/
       identity.json            all that the results in this folder follow from
@@ -54,7 +54,7 @@ def cache_limit() -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Usage:
-    """What the results of one stage (``slot`` and ``name``) on one clip take."""
+    """Disk usage of one stage (``slot`` and ``name``) on one clip."""
 
     slot: str
     name: str
@@ -76,7 +76,7 @@ class Store:
         return self.root / "stages"
 
     def folder(self, slot: str, identity: str) -> Path:
-        """Where the results with one identity stand."""
+        """The folder of the outputs with one identity."""
         return self.stages / slot / identity
 
     def load(self, path: Path) -> tuple[bytes | None, bool]:
@@ -111,13 +111,13 @@ class Store:
             raise
 
     def describe(self, slot: str, identity: str, parts: dict[str, Any]) -> None:
-        """Write what an identity stands for beside its results. Raises OSError if it cannot be written."""
+        """Write the description of an identity beside its results. Raises OSError if it cannot be written."""
         path = self.folder(slot, identity) / "identity.json"
         if not path.exists():
             atomic_write(path, json.dumps(parts, indent=1, sort_keys=True))
 
     def described(self, slot: str) -> Iterator[dict[str, Any]]:
-        """What every identity of a slot stands for; what cannot be read is left out."""
+        """The description of every identity of a slot; those that cannot be read are left out."""
         return (parts for _folder, parts in self._identities(slot))
 
     def _identities(self, slot: str) -> Iterator[tuple[Path, dict[str, Any]]]:
@@ -130,7 +130,7 @@ class Store:
                 yield path.parent, parts
 
     def usage(self) -> list[Usage]:
-        """What there is, by stage and clip, of all settings together; largest first."""
+        """Disk usage by stage and clip, all settings together, largest first."""
         sizes: dict[tuple[str, str, str], list[int]] = {}
         for slot in sorted(path.name for path in self.stages.glob("*")):
             for folder, parts in self._identities(slot):

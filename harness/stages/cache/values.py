@@ -1,4 +1,4 @@
-"""What stages give, as bytes and back: every array and number to the last bit, and nothing that is code.
+"""Stage outputs as bytes and back: arrays and numbers to the last bit, and no code.
 
 MessagePack, in which a value of :mod:`vfoa.types` is a map with its type's name, and an array its dtype, shape and
 bytes: the first bytes of all elements, then the second ones, compressed (a map of disparities in sixteenths shrinks to
@@ -41,7 +41,7 @@ class Codec:
         return msgspec.msgpack.encode(self._plain(value), enc_hook=_pack)
 
     def decode(self, data: bytes) -> Any:
-        """What :meth:`encode` was given: the same types, every bit the same."""
+        """The value that :meth:`encode` was given, of the same types and equal to the last bit."""
         return self._value(msgspec.msgpack.decode(data, ext_hook=_unpack))
 
     def digest(self, *values: object) -> str:

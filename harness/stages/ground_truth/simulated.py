@@ -56,7 +56,7 @@ class _ErrorSettings(Settings):
     clip_bias_deg: float = Field(default=0.0, ge=0, le=60)
     """Mean angle of a bias that stays for a person in a clip, beside ``error_deg``."""
     gain: float = Field(default=1.0, ge=0.1, le=1.5)
-    """What is left of a direction's angle from the camera; below 1 it shrinks towards the camera."""
+    """Factor of a direction's angle from the camera; below 1, directions shrink towards the camera."""
     noise: Literal["normal", "von_mises_fisher", "student"] = "normal"
     """Distribution of the noise of each frame; Student's has three degrees of freedom and the same mean angle."""
     draw: str = CLIP_VARIABLE

@@ -52,7 +52,7 @@ class CatalogueEntry(Settings):
         return self.file.endswith(".onnx")
 
     def find(self) -> Path | None:
-        """Where its file stands on this machine, None if nowhere."""
+        """The path of its file on this machine; None if it is missing."""
         try:
             return locate(self.file)
         except VfoaError:
@@ -101,7 +101,7 @@ def locate_all(files: Iterable[str]) -> dict[str, Path]:
         folders = ", ".join(map(str, directories()))
         raise VfoaError(
             f"no such model files: {', '.join(absent)}; expected in {folders}: `vfoa models fetch "
-            f"{' '.join(models[file] for file in absent)}` brings them, or says where they are to be had"
+            f"{' '.join(models[file] for file in absent)}` brings them, or says where to get them"
         )
     return {file: locate(file) for file in files}
 

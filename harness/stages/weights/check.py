@@ -20,7 +20,7 @@ Verdict = Literal["ok", "fails", "absent"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelCheck:
-    """What was found of one model.
+    """The result of checking one model.
 
     ``provider`` and ``inference_ms`` are None where nothing was run; ``checksum_known`` says whether the catalogue
     has one to compare with. ``message`` says what is wrong, or what else a reader must know.
