@@ -62,7 +62,11 @@ def atomic_write(path: Path, content: str | bytes) -> None:
 
     The folder is made where it is missing.
     """
-    data = content.encode() if isinstance(content, str) else content
+    try:
+        data = content.encode() if isinstance(content, str) else content
+    except UnicodeEncodeError as error:  # of a folder or a file whose name is not text
+        near = error.object[max(error.start - 40, 0) : error.end]
+        raise VfoaError(f"{path}: cannot be written: {near!a} is not UTF-8; expected folders whose names are") from None
     with replacing(path) as temporary, temporary.open("wb") as file:
         file.write(data)
         file.flush()

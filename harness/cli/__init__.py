@@ -33,6 +33,7 @@ from harness.cli.settings import settings
 from harness.cli.simulate import simulate
 from harness.cli.view import view
 from harness.processes import keep_working_directory_out
+from harness.safe_names import shown
 from vfoa.errors import StageError, VfoaError
 
 app = typer.Typer(
@@ -88,6 +89,7 @@ app.add_typer(models.app, name="models", short_help="List, fetch, check and expo
 def main() -> None:
     """Run the command line."""
     keep_working_directory_out()
+    _open_closed()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a file's name need not be text
@@ -119,6 +121,16 @@ def one_line_errors() -> Iterator[None]:
         _refuse(f"not enough memory: {str(error) or 'none left'}")
 
 
+def _open_closed() -> None:
+    """Give a program that was started without stdout or stderr (``2>&-``) one that leads nowhere."""
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        if getattr(sys, name) is None:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            if nowhere != number:
+                os.dup2(nowhere, number)
+            setattr(sys, name, os.fdopen(number, "w", closefd=False))
+
+
 def _refuse(message: str) -> NoReturn:
-    print(f"vfoa: {message}", file=sys.stderr)  # noqa: T201
+    print(f"vfoa: {shown(message)}", file=sys.stderr)  # noqa: T201
     raise SystemExit(2) from None

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import ProviderName
+from harness.cli.options import ProviderName, Replace
 
 ONLY_HELP = "Measure only this: stages, stereo, attention, memory ... (several times for more)."
 
@@ -27,12 +27,13 @@ def bench(
     ] = ProviderName.cpu,
     only: Annotated[list[str] | None, typer.Option(metavar="SECTION", help=ONLY_HELP)] = None,
     out: Annotated[Path | None, typer.Option(help="Also write the tables to this Markdown file.")] = None,
+    overwrite: Replace = False,
 ) -> None:
     """Measure the speed of stages, matchers, attention, recordings and scores, against plain reference code."""
     from harness.bench.sections import SECTIONS, Bench
     from harness.cli.printing import print_report
     from harness.clips.manifest import load_manifest
-    from harness.files import atomic_write
+    from harness.files import atomic_write, check_new
     from harness.report.formats import to_markdown
     from harness.run import provenance
     from harness.run.experiment import load_experiment
@@ -42,6 +43,8 @@ def bench(
     for name in only or ():
         if name not in SECTIONS:
             raise VfoaError(f"bench: --only: no {name!r}; {did_you_mean(name, SECTIONS)}")
+    if out:
+        check_new(out, replace=overwrite, hint=", or another --out")
     check_provider(provider.value)
     loaded = load_experiment(experiment, clips=(clip,) if clip else ())
     chosen = replace(loaded, configurations=tuple(each.on(provider.value) for each in loaded.configurations))

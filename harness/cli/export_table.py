@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Run
+from harness.cli.options import Replace, Run
 
 
 class TableFormat(StrEnum):
@@ -24,14 +24,17 @@ def export_table(
     run: Run,
     to: Annotated[TableFormat, typer.Option(help="JSON can be given to `vfoa compare` instead of the run.")],
     out: Annotated[Path | None, typer.Option(help="Write this file; print the table if not given.")] = None,
+    replace: Replace = False,
 ) -> None:
     """Export a run's table with a data sheet: clips, n, units, seeds, versions, digest."""
-    from harness.files import atomic_write
+    from harness.files import atomic_write, check_new
     from harness.report.export import FORMATS, exported_table
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import FinishedRun
     from harness.score.score import score
 
+    if out is not None:
+        check_new(out, replace=replace, hint=", or another --out")
     finished = FinishedRun.read(RunDirectory(run))
     scores = score(finished.records(), finished.reference())
     text = FORMATS[to.value](scores, exported_table(scores, finished.manifest))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.completion import experiment_and_clip_names
+from harness.cli.options import Replace
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -27,21 +28,25 @@ def fit(
         str | None,
         typer.Option("--config", metavar="NAME", help="The configuration to fit; the first posterior if none."),
     ] = None,
+    replace: Replace = False,
 ) -> None:
     """Fit the posterior's settings to labelled clips: errors, bias, how heads follow, dwell times, share of nowhere.
 
     Each clip is also judged with settings fitted on the others. Use the file with ``vfoa run X --preset FILE``.
     """
     from harness.cli.printing import print_reports
-    from harness.files import atomic_write
+    from harness.files import atomic_write, check_new
     from harness.report.fit import fit_tables, fitted_text
     from harness.score.fit_posterior import fit_posterior
     from harness.score.fit_source import read_labelled
 
+    if out is not None:
+        check_new(out, replace=replace, hint=", or another --out")
     directory = _directory(what)
     found = read_labelled(directory, config)
-    fitted = fit_posterior(found)
     path = out or Path(f"{found.experiment}-fitted.toml")
+    check_new(path, replace=replace, hint=", or another --out")
+    fitted = fit_posterior(found)
     atomic_write(path, fitted_text(fitted))
     print_reports(fit_tables(fitted))
     typer.echo(f"{path}: vfoa run EXPERIMENT --preset {path}")

@@ -212,11 +212,12 @@ def agreement(
     clip: Clip,
     annotators: Annotators = None,
     out: Annotated[Path | None, typer.Option(help="Also write the tables to this folder: CSV, and one .md.")] = None,
+    replace: Replace = False,
 ) -> None:
     """Compare annotators: kappa with its interval, per target, confusion, and a list of where they differ."""
     from harness.cli.printing import print_reports
     from harness.clips.manifest import load_manifest
-    from harness.files import atomic_write
+    from harness.files import atomic_write, check_new
     from harness.report.agreement import agreement_tables
     from harness.report.formats import to_csv, to_markdown
     from harness.score.agreement import compare_annotators
@@ -228,6 +229,8 @@ def agreement(
     tables = agreement_tables(manifest.name, labels, found, opened.frames)
     print_reports(tables.values())
     if out:
+        for name in (*(f"{each}.csv" for each in tables), "agreement.md"):
+            check_new(out / name, replace=replace, hint=", or another --out")
         for name, table in tables.items():
             atomic_write(out / f"{name}.csv", to_csv(table))
         atomic_write(out / "agreement.md", "\n".join(to_markdown(table, level=2) for table in tables.values()))

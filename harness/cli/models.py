@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import Json, ProviderName
+from harness.cli.options import Json, ProviderName, Replace
 from harness.cli.printing import print_json, print_table
 
 if TYPE_CHECKING:
@@ -109,11 +109,14 @@ def export(
     name: Annotated[CheckpointName, typer.Argument(metavar="NAME", help="Network of the checkpoint.")],
     checkpoint: Annotated[Path, typer.Option(help="The PyTorch checkpoint, or its name in the folders of weights.")],
     out: Annotated[Path, typer.Option(help="The ONNX file to write.")],
+    replace: Replace = False,
 ) -> None:
     """Export a checkpoint to an ONNX file and compare its answers with PyTorch's; needs vfoa[export]."""
+    from harness.files import check_new
     from harness.stages.export import export_gaze360
     from vfoa.weights import locate
 
+    check_new(out, replace=replace, hint=", or another --out")
     difference_rad = export_gaze360(locate(str(checkpoint)), out)
     typer.echo(f"{name}: {out}: ONNX and PyTorch differ by {difference_rad:.1e} rad at most on 20 random inputs")
 

@@ -56,7 +56,7 @@ Cache = Annotated[
 ]
 Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0: any free port.")]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Print the address; do not open a browser.")]
-Replace = Annotated[bool, typer.Option("--replace", help="Overwrite existing labels.")]
+Replace = Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 

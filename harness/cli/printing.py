@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from harness.safe_names import shown
+
 if TYPE_CHECKING:
     from harness.report.formats import Table
     from harness.score.score import Scores
@@ -33,7 +35,7 @@ def print_table(
     from rich.text import Text
 
     console = Console()
-    texts = [["-" if cell in (None, "") else str(cell) for cell in row] for row in rows]
+    texts = [["-" if cell in (None, "") else shown(str(cell)) for cell in row] for row in rows]
     flexible = {*wrapped, *shortened}
     widths = [
         max(len(name), _WORDS if name in wrapped else 0) if name in flexible else max(map(len, (name, *cells)))

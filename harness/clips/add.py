@@ -13,8 +13,8 @@ from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest
 from harness.clips.manifest_checks import unknown_categories
 from harness.clips.recognition import recognise
 from harness.data_folders import find
-from harness.files import atomic_write
-from harness.labels.files import IGNORED, Label, LabelRange, Labels, write_annotations
+from harness.files import atomic_write, read_text
+from harness.labels.files import IGNORED, VERSION_LINE, Label, LabelRange, Labels, write_annotations
 from harness.labels.labels import UNLABELLED
 from harness.sources import Clip, MeasuredClip, Recognised
 from harness.toml_text import toml_key, toml_value
@@ -140,9 +140,17 @@ def _write_beside(first: Path, path: Path, text: str) -> None:
 def _free_paths(name: str) -> tuple[Path, Path]:
     """Where the two files go, after nothing of that name was found."""
     for taken in (find("datasets", name), find("annotations", name)):
-        if taken is not None:
+        if taken is not None and not _is_left_over(taken):
             raise VfoaError(f"{taken}: there is a clip of this name; expected another one: --name NAME")
     return Path.cwd() / "datasets" / f"{name}.toml", Path.cwd() / "annotations" / f"{name}.csv"
+
+
+def _is_left_over(path: Path) -> bool:
+    """Whether labels are what an adding wrote that was killed before the manifest: nobody has labelled anything."""
+    if path.suffix != ".csv":
+        return False
+    version, _, *rows = [*read_text(path).splitlines(), "", ""]
+    return version == VERSION_LINE and all(f",{IGNORED},{UNLABELLED}" in row for row in rows if row)
 
 
 def _from_left(names: Names) -> Rules:

@@ -17,6 +17,7 @@ from harness.labels.annotators import AnnotationFiles
 from harness.labels.drawn import Drawn, read_drawn
 from harness.labels.files import RESERVED, Labels, read_annotations
 from harness.labels.timeline import Timeline
+from harness.safe_names import check_name
 from harness.sources import ADAPTERS, Clip, MeasuredClip
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
@@ -45,8 +46,9 @@ class ClipManifest(Settings):
     @classmethod
     def _no_reserved_names(cls, rules: dict[str, NameRule]) -> dict[str, NameRule]:
         for name in rules:
-            if name in RESERVED or not name.strip() or not name.isprintable():
+            if name in RESERVED:
                 raise ValueError(f"found the name {name!r}; expected a word other than {' and '.join(RESERVED)}")
+            check_name(name)
         return rules
 
     @model_validator(mode="after")

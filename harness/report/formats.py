@@ -11,6 +11,8 @@ from itertools import groupby
 from operator import itemgetter
 from typing import TYPE_CHECKING
 
+from harness.safe_names import plain_cell
+
 if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
@@ -45,7 +47,7 @@ class Table:
 def to_csv(table: Table) -> str:
     """Header and rows, RFC 4180 with LF; title and notes have no place in it."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([table.columns, *table.rows])
+    csv.writer(text, lineterminator="\n").writerows([table.columns, *(map(plain_cell, row) for row in table.rows)])
     return text.getvalue()
 
 
@@ -128,6 +130,7 @@ def to_rich(table: Table) -> RichTable:
 
 def csv_cell(text: str) -> str:
     """One cell as :func:`to_csv` would write it, for tables too long to hold as cells."""
+    text = plain_cell(text)
     return '"' + text.replace('"', '""') + '"' if re.search('[",\r\n]', text) else text
 
 

@@ -152,6 +152,8 @@ def load_experiment(
     chosen = clips or file.clips
     if not chosen:
         raise VfoaError(f"{where}: clips: expected at least one clip, found none")
+    if twice := next((each for each in chosen if chosen.count(each) > 1), None):
+        raise VfoaError(f"{where}: clips: {twice!r} is there twice; expected each clip once")
     changes = [parse_assignment(text, "stereo.matcher=sgbm") for text in overrides]
     _check_sweep(file, where)
     configurations = _configurations(file, changes, preset, where)

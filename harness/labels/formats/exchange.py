@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -17,6 +16,9 @@ from harness.labels.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRan
 from harness.labels.timeline import timeline_of
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
+
+_LARGEST = 1e9
+"""Seconds, frames, or frames a second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,8 +70,8 @@ class Exchange:
 
     def __post_init__(self) -> None:
         for option, value in (("--fps", self.fps), ("--offset", self.offset)):
-            if value is not None and not math.isfinite(value):
-                raise VfoaError(f"{option}: found {value}; expected a number")
+            if value is not None and not abs(value) <= _LARGEST:
+                raise VfoaError(f"{option}: found {value:g}; expected a number within {_LARGEST:g}")
 
     @cached_property
     def names(self) -> NameLog:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import cv2
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import AfterValidator, BaseModel, Field
 
 from harness.bounded_parsing import parse_json
 from harness.config_errors import parse
 from harness.data_folders import expand
 from harness.files import digest_files, read_bytes
+from harness.safe_names import check_name
 from harness.sources import Clip
 from harness.sources.media.frame_files import number_names
 from harness.sources.media.images import read_raw
@@ -131,7 +132,7 @@ class _Segment(BaseModel):
     category_id: int
     iscrowd: int = 0
     score: float = Field(default=1.0, allow_inf_nan=False)
-    name: str | None = None
+    name: Annotated[str, AfterValidator(check_name)] | None = None
 
 
 class _Annotation(BaseModel):
@@ -141,7 +142,7 @@ class _Annotation(BaseModel):
 
 class _Category(BaseModel):
     id: int
-    name: str
+    name: Annotated[str, AfterValidator(check_name)]
     isthing: int = 1
 
 

@@ -144,3 +144,24 @@ def test_a_spoilt_clip_is_one_line_and_no_table(
     assert said.count("\n") == 1, said
     written = {path.name for path in (tmp_path / "out").glob("*")}
     assert written <= {"manifest.json", "partial", "thumbnails"}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("export-table", "run", "--to", "csv", "--out"),
+        ("fit", "run", "--out"),
+        ("bench", "demo", "--out"),
+        ("models", "export", "gaze360", "--checkpoint", "none.pt", "--out"),
+    ],
+    ids=lambda words: words[0],
+)
+def test_a_file_that_is_there_is_replaced_only_if_told_so(
+    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").write_text("mine")
+    code, _, said = vfoa(monkeypatch, capsys, *words, "mine")
+    assert code == 2
+    assert said == "vfoa: mine: is there already; expected --replace, or another --out\n"
+    assert (tmp_path / "mine").read_text() == "mine"

@@ -73,6 +73,16 @@ def test_a_manifest_is_never_overwritten(tmp_path: Path) -> None:
     assert {each: each.read_bytes() for each in Path.cwd().rglob("*.*")} == before
 
 
+def test_an_adding_that_was_killed_between_its_files_can_be_done_again(tmp_path: Path) -> None:
+    path = scene_folder(tmp_path)
+    vfoa("add", path, "--subject", "ann")
+    manifest, labels = Path("datasets/sintel_alley.toml"), Path("annotations/sintel_alley.csv")
+    written = manifest.read_bytes(), labels.read_bytes()
+    manifest.unlink()  # it is written last
+    vfoa("add", path, "--subject", "ann")
+    assert (manifest.read_bytes(), labels.read_bytes()) == written
+
+
 def test_labels_without_a_manifest_are_not_overwritten_either(tmp_path: Path) -> None:
     write_text(Path.cwd() / "annotations" / "sintel_alley.csv", "mine")
     with pytest.raises(VfoaError, match=r"sintel_alley\.csv: there is a clip"):

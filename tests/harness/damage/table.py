@@ -245,6 +245,7 @@ _CALIBRATION = [
     case("calibration gone", gone(YML), "stereo.yml", "no such file"),
     case("calibration with NaN", replaced(YML, "800.", ".Nan"), "stereo.yml", "K"),
     case("calibration without a baseline", replaced(YML, "-0.059999999999999998", "0."), "stereo.yml: T:", "not all 0"),
+    case("calibration of a tiny baseline", replaced(YML, "-0.059999999999999998", "-1e-300"), "stereo.yml"),
     case("calibration with swapped views", replaced(YML, "-0.059999999999999998", "0.06"), "stereo.yml"),
     case(
         "calibration of another size",
@@ -286,6 +287,7 @@ _EXPERIMENT = [
     case("experiment empty", empty("e.toml"), "e.toml", "clip"),
     case("experiment cut", cut("e.toml", 0.5), "e.toml"),
     case("experiment with a wrong word", replaced("e.toml", '"coco_panoptic"', '"coco_panotpic"'), "coco_panoptic"),
+    case("experiment with a clip twice", replaced("e.toml", '["mine"]', '["mine", "mine"]'), "e.toml", "there twice"),
     case("experiment with an impossible number", text("e.toml", EXPERIMENT + "attention.n_rays = 0\n"), "n_rays"),
 ]
 

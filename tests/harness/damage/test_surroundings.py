@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import resource
+import shlex
 import shutil
 import subprocess
 import sys
@@ -69,6 +70,54 @@ def test_a_disk_that_is_full_while_recording_ends_the_run_in_one_line_and_it_goe
     assert vfoa(monkeypatch, capsys, *recorded)[::2] == (0, "")
     assert (project / "out" / "frr.csv").is_file()
     assert (project / "out" / "mine.rrd").is_file()
+
+
+def _program(*words: str, cwd: str | bytes | None = None, closed: str = "") -> subprocess.CompletedProcess[bytes]:
+    """Run vfoa in a shell, which can close stdout or stderr."""
+    code = "import harness.cli; harness.cli.main()"
+    command = " ".join(["exec", shlex.quote(sys.executable), "-B", "-c", shlex.quote(code), *words, closed])
+    return subprocess.run(
+        ["/bin/sh", "-c", command],
+        capture_output=True,
+        check=False,
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+    )
+
+
+def test_a_program_without_stderr_works_and_refuses_as_always(project: Path) -> None:
+    assert _program("score", "nowhere", closed="2>&-").returncode == 2
+    done = _program("clips", "list", closed="2>&-")
+    assert done.returncode == 0
+    assert b"mine" in done.stdout
+    done = _program(*RUN, closed="2>&-")
+    assert done.returncode == 0
+    assert (project / "out" / "frr.csv").is_file()
+
+
+def test_a_working_directory_whose_name_is_no_text_is_one_line(project: Path) -> None:
+    folder = os.fsencode(project.parent) + b"/\xff"
+    os.rename(os.fsencode(project), folder)
+    done = _program(*RUN, cwd=folder)
+    assert done.returncode in (0, 2), done.stderr
+    assert done.stderr.count(b"\n") == (done.returncode == 2), done.stderr
+
+
+def test_a_run_whose_directory_is_removed_meanwhile_is_one_line(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    read = StereoFolderClip.frame
+
+    def frame(self: StereoFolderClip, number: int) -> StereoFrame:
+        if number == 3:
+            shutil.rmtree(project / "out", ignore_errors=True)
+        return read(self, number)
+
+    monkeypatch.setattr(StereoFolderClip, "frame", frame)
+    code, _, said = vfoa(monkeypatch, capsys, *RUN)
+    assert code == 2, said
+    assert said.count("\n") == 1, said
+    assert "out" in said
 
 
 def test_an_image_that_vanishes_in_mid_run_is_named_and_nothing_before_it_is_lost(

@@ -83,6 +83,12 @@ def test_a_mistake_is_one_line_with_its_place(tmp_path: Path, track: str, messag
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("offset", [1e300, -1e300, float("nan"), float("inf")])
+def test_an_offset_beyond_all_clips_is_refused(offset: float) -> None:
+    with pytest.raises(VfoaError, match=r"--offset: found .*; expected a number within 1e"):
+        exchange(offset=offset)
+
+
 def test_the_zip_that_it_exports_is_read_as_it_is(tmp_path: Path) -> None:
     plain = _file(tmp_path / "a.xml", _track(_box(0, target="bird")))
     with zipfile.ZipFile(tmp_path / "task.zip", "w") as archive:
