@@ -42,6 +42,13 @@ class Cell:
     skipped: str = ""
     ended: int | None = None
 
+    @property
+    def mark(self) -> str:
+        """How it stands in the table."""
+        if self.skipped or self.wrong:
+            return "–" if self.skipped else "FAILED"
+        return "finished" if self.ended == 0 else "held"
+
 
 @dataclass(frozen=True, slots=True)
 class Undisturbed:
@@ -135,12 +142,12 @@ class Workshop:
             return self.run(verb, kill=(_SIGNALS[fault], rng.uniform(0, 1.1 * whole.seconds)))
         if fault in ("full disk", "read-only"):
             written = sum(len(data) for path, data in whole.after.items() if whole.before.get(path) != data)
-            room = None if fault == "read-only" else rng.randrange(max(1, written))
+            room = None if fault == "read-only" else rng.randrange(written + 1)
             with self._mounted(room):
                 return self.run(verb)
         laid: dict[str, Callable[[], None]] = {
-            "few files": partial(child.few_files, rng.randrange(8)),
-            "little memory": partial(child.little_memory, rng.randrange(1 << 26)),
+            "few files": partial(child.few_files, rng.randrange(4)),
+            "little memory": partial(child.little_memory, 1 << rng.randrange(12, 26)),
             "clock back": child.clock_back,
         }
         return self.run(verb, before=laid[fault])
@@ -159,7 +166,7 @@ class Workshop:
                 _mount("-o", "remount,ro", str(self.place))
             else:
                 used = shutil.disk_usage(self.place).used
-                _mount("-o", f"remount,size={used + max(4096, room_bytes)}", str(self.place))
+                _mount("-o", f"remount,size={used + room_bytes}", str(self.place))
             yield
             shutil.rmtree(kept)
             shutil.copytree(self.place, kept)
@@ -191,7 +198,7 @@ def _mount(*words: str) -> None:
 
 def table(cells: Sequence[Cell], seed: int, seconds: float) -> str:
     """Verb x fault in Markdown, what did not hold, and what was not tried."""
-    marks = {(each.verb, each.fault): "–" if each.skipped else "FAILED" if each.wrong else "held" for each in cells}
+    marks = {(each.verb, each.fault): each.mark for each in cells}
     names, faults = (list(dict.fromkeys(getattr(each, key) for each in cells)) for key in ("verb", "fault"))
     failed, skipped = ([each for each in cells if getattr(each, key)] for key in ("wrong", "skipped"))
     lines = [
@@ -201,14 +208,18 @@ def table(cells: Sequence[Cell], seed: int, seconds: float) -> str:
         f"{len(failed)} failed, {len(skipped)} were not tried; {seconds / 60:.1f} minutes.",
         "",
         "A cell holds if after the fault every file is as it was or as it is to be, nothing was said as a traceback,",
-        "and the same command then ends with the bytes of a run without a fault.",
+        "and the same command then ends with the bytes of a run without a fault. *finished*: it holds, and the verb",
+        "finished in spite of the fault, or before it came.",
         "",
         f"| verb | {' | '.join(faults)} |",
         f"|---|{'---|' * len(faults)}",
         *(f"| {name} | {' | '.join(marks.get((name, fault), '') for fault in faults)} |" for name in names),
         "",
         *(f"- {each.verb}, {each.fault}: {each.wrong} (exit {each.ended})" for each in failed),
-        *(f"- {fault}: not tried: {why}" for fault, why in {each.fault: each.skipped for each in skipped}.items()),
+        *(
+            f"- {fault}: not tried: {why}"
+            for fault, why in dict.fromkeys((each.fault, each.skipped) for each in skipped)
+        ),
         "",
         "Not in the plan:",
         "",
@@ -241,6 +252,7 @@ def main(words: Sequence[str] | None = None) -> int:
     options.add_argument("--only", action="append", default=[], choices=[*VERBS])
     options.add_argument("--fault", action="append", default=[], choices=FAULTS)
     options.add_argument("--times", type=int, default=1, help="How often each cell is tried, at other moments.")
+    options.add_argument("--minutes", type=float, default=15.0, help="Begin no cell later.")
     options.add_argument("--small", action="store_true", help="Only what needs no run and no site; begins at once.")
     options.add_argument("--out", type=Path)
     given = options.parse_args(words)
@@ -251,6 +263,9 @@ def main(words: Sequence[str] | None = None) -> int:
         for name, verb in VERBS.items():
             for fault in given.fault or FAULTS:
                 if isinstance(verb, Left) or (given.only and name not in given.only):
+                    continue
+                if time.monotonic() - begun > 60 * given.minutes:
+                    cells.append(Cell(name, fault, skipped=f"{given.minutes:g} minutes were over"))
                     continue
                 tries = [
                     place.try_cell(name, fault, Random(f"{given.seed}/{name}/{fault}/{n}")) for n in range(given.times)

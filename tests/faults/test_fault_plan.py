@@ -59,10 +59,14 @@ def test_what_a_fault_may_not_leave(tmp_path: Path) -> None:
 
 
 def test_the_table_says_what_failed_and_what_is_left_out() -> None:
-    cells = [Cell("run", "kill -9"), Cell("run", "full disk", skipped="no root"), Cell("score", "kill -9", wrong="cut")]
+    cells = [
+        Cell("run", "kill -9", ended=0),
+        Cell("run", "full disk", skipped="no root"),
+        Cell("score", "kill -9", wrong="cut"),
+    ]
     text = table(cells, seed=7, seconds=60)
     assert "seed 7: 1 of 3 cells held, 1 failed, 1 were not tried" in text
-    assert "| run | held | – |" in text
+    assert "| run | finished | – |" in text
     assert "- score, kill -9: cut (exit None)" in text
     assert "- full disk: not tried: no root" in text
     assert all(f"- {name}: {each.reason}" in text for name, each in VERBS.items() if isinstance(each, Left))

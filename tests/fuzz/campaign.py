@@ -32,6 +32,10 @@ SILENCE_SECONDS = 120.0 + BATCH * SECONDS
 """A process that says nothing for so long hangs in a library."""
 
 
+_FORK = multiprocessing.get_context("fork")
+"""What parsers import is imported already: a new process costs nothing. No parser runs in the first one."""
+
+
 @dataclass
 class Outcome:
     """What became of one parser's cases: findings by place and line, each with its first case and how often."""
@@ -52,10 +56,8 @@ def fuzz(parser: Parser, cases: int, seed: int, until: float = float("inf")) -> 
     """All cases of one parser, in processes of their own."""
     outcome, begun = Outcome(parser), time.monotonic()
     while outcome.cases < cases and time.time() < until:
-        receiver, sender = multiprocessing.get_context("spawn").Pipe(duplex=False)
-        process = multiprocessing.get_context("spawn").Process(
-            target=_work, args=(sender, parser.name, outcome.cases, cases, seed, until)
-        )
+        receiver, sender = _FORK.Pipe(duplex=False)
+        process = _FORK.Process(target=_work, args=(sender, parser.name, outcome.cases, cases, seed, until))
         process.start()
         sender.close()
         current = _listen(receiver, outcome)
