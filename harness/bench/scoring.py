@@ -123,19 +123,21 @@ def _records(configuration: str, frames: int, subjects: int, rng: np.random.Gene
             configuration=configuration,
             frame=frame,
             time_ns=frame * 40_000_000,
-            targets=tuple(_target(number, name) for number, name in enumerate(_THINGS, start=1)),
-            subjects=tuple(_subject(k, numbers[k]) for k in range(subjects)),
+            targets=tuple(synthetic_target(number, name) for number, name in enumerate(_THINGS, start=1)),
+            subjects=tuple(synthetic_subject(_PEOPLE[k], k, numbers[k]) for k in range(subjects)),
             measures=_measures(rng.uniform(0, 1, 4), subjects),
         )
 
 
-def _target(number: int, name: str) -> TargetRecord:
+def synthetic_target(number: int, name: str) -> TargetRecord:
+    """A target with a box."""
     box = BoxRecord(center_m=(0.1 * number, 0.2, 1.5), half_size_m=(0.04, 0.06, 0.05), axes=_AXES)
     box_px = (60.0 * number, 200.0, 60.0 * number + 40, 260.0)
     return TargetRecord(instance_id=number, name=name, label=name, score=0.9, box_px=box_px, points=800, box=box)
 
 
-def _subject(place: int, numbers: Float) -> SubjectRecord:
+def synthetic_subject(name: str, place: int, numbers: Float) -> SubjectRecord:
+    """A subject with gaze and head parts (targets, 2), who looks at the target with the most."""
     parts = [(0.6 * float(gaze), 0.4 * float(head)) for gaze, head in numbers]
     attention = tuple(
         AttentionRecord(instance_id=number, gaze=gaze, head=head, total=gaze + head)
@@ -143,7 +145,7 @@ def _subject(place: int, numbers: Float) -> SubjectRecord:
     )
     return SubjectRecord(
         track_id=place + 1,
-        name=_PEOPLE[place],
+        name=name,
         instance_id=None,
         head_box_px=(200.0 * place, 20.0, 200.0 * place + 60, 100.0),
         eye_origin_m=(0.3 * place, -0.2, 1.8),

@@ -133,6 +133,12 @@ def _parallel(bench: Bench) -> list[Table]:
     ]
 
 
+def _report(bench: Bench) -> list[Table]:
+    from harness.bench.report_page import SIZES, page_table, time_page
+
+    return [page_table([time_page(size) for size in SIZES])]
+
+
 SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "stages": _stages,
     "stereo": _stereo,
@@ -141,6 +147,7 @@ SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "attention": _attention,
     "sweep": _sweep,
     "scoring": _scoring,
+    "report": _report,
     "gaze_filter": _gaze_filter,
     "posterior": _posterior,
     "memory": _memory,

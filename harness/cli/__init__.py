@@ -26,6 +26,7 @@ from harness.cli.fit import fit
 from harness.cli.init import init
 from harness.cli.live import live
 from harness.cli.plan import plan
+from harness.cli.plot import plot
 from harness.cli.report import report
 from harness.cli.run import run
 from harness.cli.score import score
@@ -67,6 +68,7 @@ app.command(short_help="Run clips under configurations; print the FRR table.")(r
 app.command(short_help="Run on live frames: two cameras, or a growing recording.")(live)
 app.command(short_help="Score a run again, without images or models.")(score)
 app.command(short_help="Write a run's report page, or serve it with its recordings.")(report)
+app.command(short_help="Draw a figure of a run for a paper: PDF, SVG, PNG.")(plot)
 app.command(short_help="Open a run's recordings in the Rerun viewer.")(view)
 app.command(short_help="Write one frame and its neighbours as a small recording.")(export_failure)
 app.command(short_help="Compare configurations, of one run or of several.")(compare)

@@ -21,15 +21,23 @@ def report(
     port: Port = 0,
     no_open: NoOpen = False,
 ) -> None:
-    """Write a run's report page from its results and the present labels."""
+    """Write a run's report page from its results and the present labels, or the page of a sweep."""
     from harness.report.rescore import report_page, rescore
+    from harness.report.sweep import write_sweep
     from harness.run.directory import RunDirectory
+    from harness.score.sweep.read import is_sweep, read_sweep
     from vfoa.errors import VfoaError
 
     directory = RunDirectory(run)
+    if not serve and (port or no_open):
+        raise VfoaError("report: --port and --no-open are for --serve: leave them out, or add it")
+    if is_sweep(run):
+        if serve:
+            raise VfoaError(f"{run}: a sweep has no recordings to serve; expected --serve left out")
+        write_sweep(run, read_sweep(run))
+        typer.echo(f"Page: {run / 'report.html'}")
+        return
     if not serve:
-        if port or no_open:
-            raise VfoaError("report: --port and --no-open are for --serve: leave them out, or add it")
         rescore(directory)
         typer.echo(f"Page: {directory.path / 'report.html'}")
         return

@@ -41,10 +41,13 @@ def run_sweep(
     write_sweep(out, sweep)
     described = describe(plan)
     del described["configurations"]  # they are the rows of sweep.csv
+    view = {"per": sweep.view.per, "across": sweep.view.across}
+    described["sweep"] = {**view, "clips": sweep.clips, "frames": sweep.frames, "notes": sweep.notes}
     atomic_write(out / "sweep.json", json.dumps(described, indent=1, ensure_ascii=False) + "\n")
     for table in (best_table(sweep), effects_table(sweep)):
         print_report(table)
     typer.echo(
         f"{len(sweep.rows):,} configurations x {sweep.frames} frames in {seconds:.0f} s with {workers} "
-        f"{'worker' if workers == 1 else 'workers'}\nTable: {out / 'sweep.csv'}\nFigure: {out / 'sweep.svg'}"
+        f"{'worker' if workers == 1 else 'workers'}\n"
+        f"Page: {out / 'report.html'}\nTable: {out / 'sweep.csv'}\nFigure: {out / 'sweep.svg'}"
     )

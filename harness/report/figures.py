@@ -9,17 +9,37 @@ import matplotlib as mpl
 from matplotlib.figure import Figure
 
 from harness.files import atomic_write
+from harness.report.plots.style import STYLE
+from vfoa.errors import VfoaError
+
+_UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": None}
 
 
 def write_figure(stem: Path, figure: Figure) -> None:
     """Write a figure as ``<stem>.svg`` and ``<stem>.png``."""
     for kind in ("svg", "png"):
-        atomic_write(stem.with_name(f"{stem.name}.{kind}"), _drawn(figure, kind))
+        save_figure(stem.with_name(f"{stem.name}.{kind}"), figure)
 
 
-def _drawn(figure: Figure, kind: str) -> bytes:
-    """One figure as a file. A ``Figure`` without pyplot draws off screen, whatever the back end."""
+def save_figure(path: Path, figure: Figure) -> None:
+    """Write a figure in the format of the file's name: see :func:`check_format`."""
+    kind = check_format(path)
     content = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "vfoa"}):  # else the ids in an SVG are random
-        figure.savefig(content, format=kind, metadata={"Date": None} if kind == "svg" else None)
-    return content.getvalue()
+    # a Figure without pyplot draws off screen, whatever the back end; without the salt the ids in an SVG are random
+    with mpl.rc_context(dict(STYLE)):
+        figure.savefig(content, format=kind, metadata=_UNDATED[kind])
+    atomic_write(path, content.getvalue())
+
+
+def check_format(path: Path) -> str:
+    """The format that a file's name asks for: ``pdf``, ``svg`` or ``png``.
+
+    Raises
+    ------
+    VfoaError
+        If it is another.
+    """
+    kind = path.suffix.removeprefix(".").lower()
+    if kind not in _UNDATED:
+        raise VfoaError(f"{path}: found the ending {path.suffix!r}; expected .pdf, .svg or .png")
+    return kind

@@ -5,22 +5,27 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from harness.files import atomic_write
 from harness.report.figures import write_figure
 from harness.report.formats import Table, to_csv, to_markdown
+from harness.report.page.render_sweep import render_sweep
+from harness.report.plots.style import STYLE
+from harness.report.plots.sweep_heatmap import draw_sweep
 from harness.score.sweep.runner import Sweep, SweepRow
 
 
 def write_sweep(out: Path, sweep: Sweep) -> None:
-    """Write ``sweep.csv`` (a row a configuration), ``sweep.md`` (the answers) and the figure (SVG, PNG)."""
-    atomic_write(out / "sweep.csv", to_csv(_all_rows(sweep)))
-    write_figure(out / "sweep", _figure(sweep))
-    tables = [to_markdown(best_table(sweep)), to_markdown(effects_table(sweep), level=2)]
-    atomic_write(out / "sweep.md", "\n".join([*tables, "![rate over the sweep](sweep.svg)\n"]))
+    """Write ``sweep.csv`` (a row a configuration), ``sweep.md`` (the answers), the figure (SVG, PNG) and the page."""
+    best, effects, rows = best_table(sweep), effects_table(sweep), _all_rows(sweep)
+    atomic_write(out / "sweep.csv", to_csv(rows))
+    with mpl.rc_context(dict(STYLE)):
+        write_figure(out / "sweep", draw_sweep(sweep))
+    pages = [to_markdown(best), to_markdown(effects, level=2), "![rate over the sweep](sweep.svg)\n"]
+    atomic_write(out / "sweep.md", "\n".join(pages))
+    atomic_write(out / "report.html", render_sweep(sweep, [best, effects, rows]))
 
 
 def best_table(sweep: Sweep) -> Table:
@@ -28,7 +33,7 @@ def best_table(sweep: Sweep) -> Table:
     rows = []
     for label, members in _grouped(sweep.rows, sweep.view.per):
         best = max(members, key=lambda row: row.correct)
-        factors = best.configuration.factors
+        factors = best.factors
         setting = ", ".join(f"{_short(key)} {value}" for key, value in factors.items() if key != sweep.view.per)
         rows.append((label, setting, f"{best.frr:.1%}", f"{best.wilson.low:.1%} to {best.wilson.high:.1%}"))
     return Table(
@@ -46,7 +51,7 @@ def best_table(sweep: Sweep) -> Table:
 def effects_table(sweep: Sweep) -> Table:
     """What each value of each factor comes to: the mean rate and the best one over all values of the others."""
     rows = []
-    for key in sweep.rows[0].configuration.factors:
+    for key in sweep.rows[0].factors:
         for label, members in _grouped(sweep.rows, key):
             rates = [row.frr for row in members]
             rows.append((key, label, f"{np.mean(rates):.1%}", f"{max(rates):.1%}"))
@@ -56,13 +61,13 @@ def effects_table(sweep: Sweep) -> Table:
 
 
 def _all_rows(sweep: Sweep) -> Table:
-    keys = tuple(sweep.rows[0].configuration.factors)
+    keys = tuple(sweep.rows[0].factors)
     return Table(
         title=sweep.name,
         columns=(*keys, "n", "correct", "predicted", "frr", "wilson_low", "wilson_high"),
         rows=tuple(
             (
-                *(row.configuration.factors[key] for key in keys),
+                *(row.factors[key] for key in keys),
                 *(str(count) for count in (row.n, row.correct, row.predicted)),
                 *(f"{share:.6f}" for share in (row.frr, row.wilson.low, row.wilson.high)),
             )
@@ -72,38 +77,11 @@ def _all_rows(sweep: Sweep) -> Table:
     )
 
 
-def _figure(sweep: Sweep) -> Figure:
-    """The rate over ``across``, a line for each value of ``per``: the mean of all others, and the best of them."""
-    figure = Figure(figsize=(12, 5), layout="constrained")
-    mean, best = figure.subplots(1, 2, sharey=True)
-    for marker, (label, members) in zip(_markers(), _grouped(sweep.rows, sweep.view.per), strict=False):
-        over = {across: [row.frr for row in rows] for across, rows in _grouped(members, sweep.view.across)}
-        mean.plot(list(over), [np.mean(rates) for rates in over.values()], marker=marker, label=label)
-        best.plot(list(over), [max(rates) for rates in over.values()], marker=marker, label=label)
-    _name(mean, sweep, "mean over all other settings")
-    _name(best, sweep, "best of all other settings")
-    mean.set_ylabel("frame recognition rate")
-    best.legend(title=sweep.view.per)
-    return figure
-
-
-def _name(axes: Axes, sweep: Sweep, title: str) -> None:
-    axes.set(title=title, xlabel=sweep.view.across, ylim=(0, 1.02))
-    axes.tick_params(axis="x", rotation=60)
-    axes.grid(axis="y", alpha=0.3)
-
-
-def _markers() -> Iterator[str]:
-    """Lines are told apart by more than their colour."""
-    while True:
-        yield from "osD^vPX*"
-
-
 def _grouped(rows: Iterable[SweepRow], key: str) -> Iterator[tuple[str, list[SweepRow]]]:
     """The rows by their label of one factor, in the order of the grid."""
     groups: dict[str, list[SweepRow]] = {}
     for row in rows:
-        groups.setdefault(row.configuration.factors[key], []).append(row)
+        groups.setdefault(row.factors[key], []).append(row)
     yield from groups.items()
 
 

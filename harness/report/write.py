@@ -76,9 +76,9 @@ def render_run(
     *,
     records: Iterable[FrameRecord],
     manifest: Mapping[str, Any],
-    served: Served,
+    served: Served | None,
 ) -> str:
-    """The page that :func:`score_run` writes, as text for a server that opens recordings; nothing is written."""
+    """The page that :func:`score_run` writes, as text; nothing is written. ``served``: for a server of recordings."""
     logs = RecordLogs(reference, probabilistic(manifest))
     logs.watch(records)
     return _page(results, logs, logs.scores(), manifest, served)

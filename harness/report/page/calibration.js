@@ -2,7 +2,8 @@
 
 import { drawn, percent } from "./dom.js";
 import { canvas, figure, legendOf, marker, path, text, ticks } from "./figure.js";
-import { data, numberOf } from "./store.js";
+import { data } from "./packs.js";
+import { numberOf } from "./store.js";
 
 function diagram(width) {
   const size = Math.min(width, 420);

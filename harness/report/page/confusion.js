@@ -3,7 +3,8 @@
 import { actionable, choice, drawn, element } from "./dom.js";
 import { canvas, figure, fitted, text } from "./figure.js";
 import { goToFirst } from "./selection.js";
-import { clipTracks, data, nameOf } from "./store.js";
+import { data } from "./packs.js";
+import { clipTracks, nameOf } from "./store.js";
 
 const LAST = ["(nothing hit)", "no prediction"];
 

@@ -3,7 +3,8 @@
 import { actionable, button, choice, drawn, element, percent } from "./dom.js";
 import { canvas, figure, fitted, gutter, hue, legendOf, marker, path, text, ticks } from "./figure.js";
 import { goToFirst } from "./selection.js";
-import { data, numberOf, overall, rowsByClip } from "./store.js";
+import { data } from "./packs.js";
+import { numberOf, overall, rowsByClip } from "./store.js";
 
 const ROW = 30;
 const PAGE = 8;

@@ -4,7 +4,8 @@ import { drawn, element } from "./dom.js";
 import { labelLink } from "./label.js";
 import { recordingAddress, VIEWER, viewCommand } from "./recordings.js";
 import { close, onSelection, outcomeInWords, shown } from "./selection.js";
-import { data, nameOf, packedJson, stateOf, valueAt, withValues } from "./store.js";
+import { data, packedJson } from "./packs.js";
+import { nameOf, stateOf, valueAt, withValues } from "./store.js";
 import { onPreview } from "./timeline.js";
 
 const box = document.getElementById("frame");

@@ -1,6 +1,7 @@
 // What stands one above the other in a timeline; each lane draws itself on a pen between two positions of frames.
 
-import { data, nameOf, valueAt, WRONG_FROM } from "./store.js";
+import { data } from "./packs.js";
+import { nameOf, valueAt, WRONG_FROM } from "./store.js";
 import { DASHES, ticks } from "./figure.js";
 
 // `view` is {from, to, left, width}: positions of frames, and where in pixels they are drawn.

@@ -7,7 +7,8 @@ import { drawForest } from "./forest.js";
 import { drawOracle } from "./oracle.js";
 import { close, onSelection, readAddress, select, shown, step } from "./selection.js";
 import { drawErrors, drawSpeed } from "./stacks.js";
-import { clipTracks, data, isWrong, nameOf, stateOf } from "./store.js";
+import { data } from "./packs.js";
+import { clipTracks, isWrong, nameOf, stateOf } from "./store.js";
 import { fillTables, tableOf } from "./tables.js";
 import { drawTimeline } from "./timeline.js";
 
@@ -69,6 +70,7 @@ async function start() {
     }
   }
   await drawConfusion(place("confusion"));
+  performance.mark("drawn");
   document.documentElement.dataset.ready = "yes";
 }
 

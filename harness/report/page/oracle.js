@@ -2,7 +2,7 @@
 
 import { drawn, percent, words } from "./dom.js";
 import { canvas, figure, fitted, path, text, ticks } from "./figure.js";
-import { data } from "./store.js";
+import { data } from "./packs.js";
 
 const HEIGHT = 230;
 

@@ -1,6 +1,6 @@
 // Recordings: where a served page opens them, and the command that does.
 
-import { data } from "./store.js";
+import { data } from "./packs.js";
 
 // One tab of the viewer is enough for all recordings.
 export const VIEWER = "vfoa-viewer";

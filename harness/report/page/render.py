@@ -83,10 +83,10 @@ def render_page(
             "settings": [*([_clips(manifest["clips"])] if manifest else []), *([differing] if differing else [])],
         }
     )
-    packs["tables"] = pack_json([_plain(table) for table in tables])
+    packs["tables"] = pack_json([plain_table(table) for table in tables])
     if manifest:
         packs["manifest"] = pack_json(_printed(manifest))
-    return _template().render(
+    return template("page.html.jinja").render(
         title=f"Run {manifest['experiment']}" if manifest else "Run",
         facts=_facts(scores, manifest),
         compared=_compared(scores, differing),
@@ -99,7 +99,7 @@ def render_page(
         drawings=[each for each in panels if isinstance(each, Picture)],
         thumbnails=thumbnails,
         served=served is not None,
-        script=_script(),
+        script=script("main"),
         packs=packs,
         data={**data, **_figures(scores, reliabilities, times)},
     )
@@ -192,7 +192,8 @@ def _numbered(groups: Mapping[str, Sequence[Table]]) -> tuple[dict[str, list[int
     return numbers, tables
 
 
-def _plain(table: Table) -> dict[str, Any]:
+def plain_table(table: Table) -> dict[str, Any]:
+    """A table as ``tables.js`` reads it."""
     return {name: getattr(table, name) for name in ("title", "columns", "words", "rows", "notes")}
 
 
@@ -227,12 +228,14 @@ def _printed(manifest: Mapping[str, Any]) -> str:
 
 
 @cache
-def _script() -> str:
-    return bundle(_FOLDER / "main.js")
+def script(entry: str) -> str:
+    """The script of a page, from the module where it starts."""
+    return bundle(_FOLDER / f"{entry}.js")
 
 
 @cache
-def _template() -> Template:
+def template(name: str) -> Template:
+    """A page's template."""
     environment = Environment(
         loader=FileSystemLoader(_FOLDER),
         autoescape=True,
@@ -241,4 +244,4 @@ def _template() -> Template:
         lstrip_blocks=True,
     )
     environment.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
-    return environment.get_template("page.html.jinja")
+    return environment.get_template(name)

@@ -1,6 +1,7 @@
 // What is shown: a clip, a configuration, a subject and a frame, which the address names, and which frames N and P visit.
 
-import { clipTracks, data, isWrong, nameOf, stateOf } from "./store.js";
+import { data } from "./packs.js";
+import { clipTracks, isWrong, nameOf, stateOf } from "./store.js";
 import { say } from "./dom.js";
 
 export const shown = { track: null, lane: null, i: null, visits: null };

@@ -3,7 +3,8 @@
 import { actionable, choice, drawn, element, percent, words } from "./dom.js";
 import { canvas, figure, fitted, gutter, path, text, ticks } from "./figure.js";
 import { goToFirst } from "./selection.js";
-import { data, overall, rowsByClip, stateOf } from "./store.js";
+import { data } from "./packs.js";
+import { overall, rowsByClip, stateOf } from "./store.js";
 
 const ROW = 34;
 

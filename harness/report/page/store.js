@@ -1,33 +1,9 @@
-// The page's data: harness/report/page/data.py says what is in it. Packs are decoded when they are first asked for.
+// A run's tracks and rows from its data: harness/report/page/data.py says what is in it.
 
-export const data = JSON.parse(document.getElementById("data").textContent);
+import { data, once, packed, packedJson } from "./packs.js";
+
 export const WRONG_FROM = 2; // the states before it are "correct" and "unscored"
 export const UNKNOWN = 255;
-
-const parsed = new Promise((resolve) => {
-  if (document.readyState === "loading") document.addEventListener("DOMContentLoaded", resolve);
-  else resolve();
-});
-const kept = new Map();
-
-function once(key, make) {
-  if (!kept.has(key)) kept.set(key, make());
-  return kept.get(key);
-}
-
-export async function packed(name) {
-  await parsed;
-  const place = document.getElementById(`pack-${name}`);
-  if (!place) return null;
-  const bytes = Uint8Array.from(atob(place.textContent.trim()), (letter) => letter.charCodeAt(0));
-  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
-  return new Uint8Array(await new Response(stream).arrayBuffer());
-}
-
-export const packedJson = (name) => once(name, async () => {
-  const bytes = await packed(name);
-  return bytes && JSON.parse(new TextDecoder().decode(bytes));
-});
 
 function expanded(runs, length) {
   const values = new Int16Array(length);

@@ -2,7 +2,7 @@
 
 import { copyCsv } from "./copying.js";
 import { button, element } from "./dom.js";
-import { packedJson } from "./store.js";
+import { packedJson } from "./packs.js";
 
 const PAGE = 50;
 const amount = (cell) => Number.parseFloat(cell.replace("<", "").replace("−", "-"));

@@ -7,7 +7,8 @@ import { attentionLane, axisLane, pictureLane, rateLane, stripLane, toFrame, toX
 import { canvasPen, palette, svgPen } from "./pens.js";
 import { openRecording } from "./recordings.js";
 import { frameInWords, onSelection, outcomeInWords, select, shown, step } from "./selection.js";
-import { data, nameOf, numberOf, packedJson, stateOf, withValues } from "./store.js";
+import { data, packedJson } from "./packs.js";
+import { nameOf, numberOf, stateOf, withValues } from "./store.js";
 
 const LEAST = 6; // frames between the edges at the largest zoom
 const view = { from: 0, to: 1, left: 0, width: 1 };

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,9 +26,12 @@ from vfoa.errors import VfoaError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepRow:
-    """One configuration on all clips together, of ``n`` labelled (frame, subject) pairs."""
+    """One configuration on all clips together, of ``n`` labelled (frame, subject) pairs.
 
-    configuration: Configuration
+    ``factors`` are its place in the grid: a label by key.
+    """
+
+    factors: Mapping[str, str]
     n: int
     correct: int
     predicted: int
@@ -113,6 +117,6 @@ def _rows(configurations: tuple[Configuration, ...], tallies: list[Tally]) -> tu
     correct = np.sum([tally.correct for tally in tallies], axis=0)
     predicted = np.sum([tally.predicted for tally in tallies], axis=0)
     return tuple(
-        SweepRow(configuration=each, n=n, correct=int(right), predicted=int(made))
+        SweepRow(factors=each.factors, n=n, correct=int(right), predicted=int(made))
         for each, right, made in zip(configurations, correct, predicted, strict=True)
     )

@@ -85,7 +85,7 @@ def test_the_command_writes_the_table_the_answers_and_the_figure(
         assert f"| {correct / int(rows[0]['n']):.1%} |" in line.replace("  ", " ").replace("  ", " ")
     vfoa(monkeypatch, capsys, *words, str(tmp_path / "b"))
     written = {path.name for path in (tmp_path / "a").iterdir()}
-    assert written == {"sweep.csv", "sweep.md", "sweep.json", "sweep.svg", "sweep.png"}
+    assert written == {"sweep.csv", "sweep.md", "sweep.json", "sweep.svg", "sweep.png", "report.html"}
     for name in written:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 

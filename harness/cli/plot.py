@@ -1,0 +1,45 @@
+"""``vfoa plot``: a figure of a run as a file for a paper."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from harness.cli.options import Run
+
+
+class Kind(StrEnum):
+    """What is drawn."""
+
+    forest = "forest"
+    errors = "errors"
+    oracle = "oracle"
+    sweep = "sweep"
+    timeline = "timeline"
+    confusion = "confusion"
+
+
+def plot(
+    run: Run,
+    kind: Annotated[Kind, typer.Option(help="Figure to draw.")],
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File to write: .pdf, .svg or .png.")],
+    clip: Annotated[
+        str | None, typer.Option(metavar="CLIP", help="Clip of a timeline or confusion. Default: the first; all.")
+    ] = None,
+    subject: Annotated[
+        str | None, typer.Option(metavar="SUBJECT", help="Subject of a timeline. Default: the first.")
+    ] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Write over the file of --out.")] = False,
+) -> None:
+    """Draw a figure of a run, or of a sweep, in a style that prints in a paper."""
+    from harness.files import check_new
+    from harness.report.figures import check_format, save_figure
+    from harness.report.plots.draw import plot_run
+
+    check_format(out)
+    check_new(out, replace=replace, hint=", or another --out")
+    save_figure(out, plot_run(run, kind.value, clip=clip, subject=subject))
+    typer.echo(f"Figure: {out}")

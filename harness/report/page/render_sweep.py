@@ -1,0 +1,57 @@
+"""``report.html`` of a sweep: rates by two factors, the best settings, every row."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from harness.report.formats import Table
+from harness.report.page.packs import pack_json
+from harness.report.page.render import plain_table, script, template
+from harness.report.sweep_grid import grid_of
+from harness.score.sweep.runner import Sweep
+from vfoa.types import Float
+
+MOST_ROWS = 20_000
+"""More configurations stay in ``sweep.csv`` alone."""
+
+
+def render_sweep(sweep: Sweep, tables: Sequence[Table]) -> str:
+    """The page as text; of ``tables``, those of more than :data:`MOST_ROWS` rows are left out.
+
+    Its data object, read by ``sweep.js``: ``sweep`` is ``{per, across, rows, columns, numbers, row_numbers, mean,
+    best}`` as :class:`harness.report.sweep_grid.SweepGrid` has them, null for a combination that there is not.
+    """
+    grid = grid_of(sweep)
+    shown = [table for table in tables if len(table.rows) <= MOST_ROWS]
+    best = max(sweep.rows, key=lambda row: row.correct)
+    setting = ", ".join(f"{key} {value}" for key, value in best.factors.items())
+    data: dict[str, Any] = {
+        "per": grid.per,
+        "across": grid.across,
+        "rows": grid.rows,
+        "columns": grid.columns,
+        "numbers": grid.numbers,
+        "row_numbers": grid.row_numbers,
+        "mean": _plain(grid.mean),
+        "best": _plain(grid.best),
+    }
+    return template("sweep.html.jinja").render(
+        title=f"Sweep {sweep.name}",
+        facts=[
+            f"{len(sweep.rows):,} configurations".replace(",", " "),
+            f"{', '.join(sweep.clips)}: {sweep.frames} frames",
+            f"n = {sweep.rows[0].n} labelled frames of subjects",
+        ],
+        verdict=f"The best of them is right in {100 * best.frr:.1f} % of the frames: {setting}. "
+        "The best of many is best by luck, too: choose on some clips, report on others.",
+        titles=[table.title for table in shown],
+        notes=sweep.notes,
+        data={"sweep": data},
+        packs={"tables": pack_json([plain_table(table) for table in shown])},
+        script=script("sweep"),
+    )
+
+
+def _plain(rates: Float) -> list[list[float | None]]:
+    return [[None if rate != rate else round(rate, 4) for rate in row] for row in rates.tolist()]

@@ -1,0 +1,50 @@
+"""One style for all figures: widths of a paper's columns, and colours and marks that survive grey print."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+COLUMN_IN = 3.5
+PAGE_IN = 7.16
+"""Widths of one and of two columns, as IEEE has them."""
+
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#8C6500", "#56B4E9", "#333333", "#999999")
+"""After Okabe and Ito (2008), which the colour-blind can tell apart; their yellow is too light for lines on paper."""
+MARKERS = "osD^vPX*"
+HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "++", "oo", "--", "**", "||")
+GREY = "0.55"
+
+STYLE: Mapping[str, Any] = {
+    "font.size": 8,
+    "axes.titlesize": 8.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 8,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.6,
+    "xtick.labelsize": 7.5,
+    "ytick.labelsize": 7.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.fontsize": 7.5,
+    "legend.frameon": False,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4,
+    "hatch.linewidth": 0.5,
+    "figure.dpi": 100,
+    "savefig.dpi": 300,
+    "pdf.fonttype": 42,
+    "svg.hashsalt": "vfoa",
+}
+"""Settings of Matplotlib. Type 42: text in a PDF stays text, as publishers ask."""
+
+
+def colour(number: int) -> str:
+    """The colour of a configuration by its place."""
+    return COLOURS[number % len(COLOURS)]
+
+
+def marker(number: int) -> str:
+    """Its mark."""
+    return MARKERS[number % len(MARKERS)]
