@@ -32,7 +32,7 @@ ELSEWHERE = {
 }
 """Pages of the site by the file of the repository that they are."""
 
-ASSETS = (".svg", ".png", ".ipynb")
+ASSETS = (".svg", ".png", ".webp", ".ipynb")
 _LINK = re.compile(r"(!?\[[^\]]*\])\(([^)\s]+)\)")
 _ROLE = re.compile(r":(?:func|class|mod|data|meth|attr|exc):<code>~?")
 

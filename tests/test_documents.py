@@ -123,7 +123,7 @@ def test_the_generated_pages_have_every_setting_and_every_command() -> None:
 
 def test_every_picture_is_drawn_by_the_committed_script() -> None:
     drawn = {f"{make.__name__}.svg" for make in PICTURES}
-    assert {path.name for path in (REPOSITORY / "docs/pictures").iterdir()} == drawn
+    assert {path.name for path in (REPOSITORY / "docs/pictures").glob("*.svg")} == drawn
 
 
 def test_the_notebook_runs_and_shows_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,8 +18,9 @@ export function axisLane(track, rate) {
         if (i < 0 || i >= track.frames.length || i < view.from) continue;
         const x = toX(view, i + 0.5);
         pen.line([[x, top + 1], [x, top + 5]], colours.of("soft"));
-        pen.text(x, top + 15, String(track.frames[i]), colours.of("soft"), { align: "center", size: 11 });
-        if (rate) pen.text(x, top + 27, `${((track.frames[i] - first) / rate).toFixed(1)} s`, colours.of("soft"), { align: "center", size: 10 });
+        const align = x < view.left + 16 ? "left" : x > view.left + view.width - 16 ? "right" : "center";
+        pen.text(x, top + 15, String(track.frames[i]), colours.of("soft"), { align, size: 11 });
+        if (rate) pen.text(x, top + 27, `${((track.frames[i] - first) / rate).toFixed(1)} s`, colours.of("soft"), { align, size: 10 });
       }
     },
     label: "Frame",
@@ -110,7 +111,7 @@ export function rateLane(lanes) {
       const y = (share) => low - 74 * share;
       for (const share of [0, 0.5, 1]) {
         pen.line([[view.left, y(share)], [view.left + view.width, y(share)]], colours.of("line"));
-        pen.text(view.left + 2, y(share) - 2, String(100 * share), colours.of("soft"), { size: 10 });
+        pen.text(view.left + 2, y(share) + (share === 1 ? 11 : -2), String(100 * share), colours.of("soft"), { size: 10 });
       }
       const bins = Math.max(1, Math.min(80, Math.round(view.width / 14), Math.floor((view.to - view.from) / 3)));
       for (const { lane, number } of lanes) {
@@ -148,7 +149,7 @@ export function attentionLane(track, lane, look) {
       });
       for (const value of [0, 0.5, 1]) {
         pen.line([[view.left, y(value)], [view.left + view.width, y(value)]], colours.of("line"));
-        pen.text(view.left + 2, y(value) - 2, value.toFixed(1), colours.of("soft"), { size: 10 });
+        pen.text(view.left + 2, y(value) + (value === 1 ? 11 : -2), value.toFixed(1), colours.of("soft"), { size: 10 });
       }
       if (!lane.values) return;
       const stride = Math.max(data.stride, Math.floor((view.to - view.from) / view.width));
