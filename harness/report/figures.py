@@ -26,7 +26,7 @@ def save_figure(path: Path, figure: Figure) -> None:
     kind = check_format(path)
     content = io.BytesIO()
     # a Figure without pyplot draws off screen, whatever the back end; without the salt the ids in an SVG are random
-    with mpl.rc_context(dict(STYLE)):
+    with mpl.rc_context(STYLE):
         figure.savefig(content, format=kind, metadata=_UNDATED[kind])
     atomic_write(path, content.getvalue())
 

@@ -21,7 +21,7 @@ def write_sweep(out: Path, sweep: Sweep) -> None:
     """Write ``sweep.csv`` (a row a configuration), ``sweep.md`` (the answers), the figure (SVG, PNG) and the page."""
     best, effects, rows = best_table(sweep), effects_table(sweep), _all_rows(sweep)
     atomic_write(out / "sweep.csv", to_csv(rows))
-    with mpl.rc_context(dict(STYLE)):
+    with mpl.rc_context(STYLE):
         write_figure(out / "sweep", draw_sweep(sweep))
     pages = [to_markdown(best), to_markdown(effects, level=2), "![rate over the sweep](sweep.svg)\n"]
     atomic_write(out / "sweep.md", "\n".join(pages))

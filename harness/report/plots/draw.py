@@ -55,7 +55,7 @@ def plot_run(directory: Path, kind: str, *, clip: str | None = None, subject: st
         raise VfoaError(f"plot: --clip is for {' and '.join(_USES_CLIP)}; found --kind {kind}")
     if subject is not None and kind != "timeline":
         raise VfoaError(f"plot: --subject is for timeline; found --kind {kind}")
-    with mpl.rc_context(dict(STYLE)):
+    with mpl.rc_context(STYLE):
         if is_sweep(directory) != (kind == "sweep"):
             wanted = "sweep" if is_sweep(directory) else f"one of {', '.join(SCORED)}"
             raise VfoaError(f"{directory}: found --kind {kind}; expected {wanted}, which it has")
