@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import statistics
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -145,26 +146,21 @@ def _lapses(rng: np.random.Generator, shape: tuple[int, int], share: float) -> n
 def _write_thumbnails(folder: Path, clips: Sequence[str], names: Sequence[str], frames: Sequence[int]) -> None:
     """A picture of every 15th frame: more than a page has room for."""
     import cv2
-    import msgspec
 
     image = cv2.GaussianBlur(np.random.default_rng(1).integers(0, 255, (203, 360, 3), dtype=np.uint8), (0, 0), 2)
     _, encoded = cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, 55])
+    seen = Thumbnail(
+        frame=0,
+        size=(360, 203),
+        boxes=[(k, thing, (40 * k, 100, 40 * k + 30, 140)) for k, thing in enumerate(THINGS, start=1)],
+        subjects=[ThumbnailSubject(name=PEOPLE[0], head=(100, 20, 130, 50), focus=1, lines=[])],
+    )
     for clip in clips:
         for frame in frames[::15]:
             atomic_write(picture_path(folder, clip, frame), encoded.tobytes())
-        lines = [
-            msgspec.json.encode(
-                Thumbnail(
-                    frame=frame,
-                    size=(360, 203),
-                    boxes=[(k, thing, (40 * k, 100, 40 * k + 30, 140)) for k, thing in enumerate(THINGS, start=1)],
-                    subjects=[ThumbnailSubject(name=PEOPLE[0], head=(100, 20, 130, 50), focus=1, lines=[])],
-                )
-            )
-            for frame in frames[::15]
-        ]
+        lines = [json.dumps(asdict(replace(seen, frame=frame))) for frame in frames[::15]]
         for name in names:
-            atomic_write(lines_path(folder, clip, name), b"\n".join(lines) + b"\n")
+            atomic_write(lines_path(folder, clip, name), "\n".join(lines) + "\n")
 
 
 _ZOOM = """
