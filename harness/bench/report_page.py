@@ -197,6 +197,8 @@ def _in_chromium(page: Path, profile: Path) -> dict[str, Any]:
     browser = Chrome(options=options, service=ChromeService(driver))
     try:
         browser.set_window_size(1400, 900)
+        browser.set_script_timeout(300)
+        browser.set_page_load_timeout(300)
         browser.get(page.as_uri())
         WebDriverWait(browser, 120).until(
             lambda found: found.execute_script("return document.documentElement.dataset.ready === 'yes'")

@@ -82,6 +82,7 @@ export function stripLane(lane) {
 // More frames than pixels: in each column, the share of wrong frames as a height, in the colour of their commonest type.
 function crowded(pen, view, top, lane, fill) {
   const columns = Math.floor(view.width);
+  const colours = data.states.map((_, state) => fill(state));
   const counts = new Uint32Array(data.states.length);
   for (let x = 0; x < columns; x += 1) {
     const [start, end] = bounds({ from: toFrame(view, view.left + x), to: toFrame(view, view.left + x + 1) }, lane.states.length);
@@ -97,9 +98,9 @@ function crowded(pen, view, top, lane, fill) {
       if (counts[state] > counts[worst]) worst = state;
     }
     if (!all) continue;
-    pen.rect(view.left + x, top, 1.05, 20, fill(counts[0] + wrong ? 0 : 1));
+    pen.rect(view.left + x, top, 1.05, 20, colours[counts[0] + wrong ? 0 : 1]);
     const high = 20 * wrong / all;
-    if (wrong) pen.rect(view.left + x, top + 20 - high, 1.05, high, fill(worst));
+    if (wrong) pen.rect(view.left + x, top + 20 - high, 1.05, high, colours[worst]);
   }
 }
 

@@ -83,9 +83,17 @@ export function svgPen(width, height, ground) {
 // The page's colours, as its style sheet has them for a light or a dark screen.
 export function palette() {
   const style = getComputedStyle(document.documentElement);
-  const of = (name) => style.getPropertyValue(`--${name}`).trim();
+  const found = new Map(); // asking for a style takes longer than drawing
+  const of = (name) => {
+    if (!found.has(name)) found.set(name, style.getPropertyValue(`--${name}`).trim());
+    return found.get(name);
+  };
   const dark = matchMedia("(prefers-color-scheme: dark)").matches;
-  return { of, shade: (colour) => (dark ? colour : darker(colour)) };
+  const shade = (colour) => {
+    if (!found.has(colour)) found.set(colour, dark ? colour : darker(colour));
+    return found.get(colour);
+  };
+  return { of, shade };
 }
 
 // Colours of targets are those of the recordings, which are dark; on a light page they are darker.

@@ -61,7 +61,7 @@ def test_a_sweep_counts_what_a_run_of_every_configuration_counts(tmp_path: Path)
     pooled = {row.configuration: row for row in run.rows if row.clip is None and row.subject is None}
     assert len(sweep.rows) == 32
     for row in sweep.rows:
-        expected = pooled[row.configuration.name]
+        expected = pooled["-".join(row.factors.values())]
         assert (row.n, row.correct, row.predicted) == (expected.n, expected.correct, expected.predicted)
     assert len({row.correct for row in sweep.rows}) > 1
 
