@@ -1,7 +1,7 @@
 // From a frame to a better label: the form of a served page (harness/annotate/correction_page.py).
 
 import { element } from "./dom.js";
-import { data } from "./store.js";
+import { data } from "./packs.js";
 
 export function labelLink({ track, i }) {
   if (!data.run) return [];

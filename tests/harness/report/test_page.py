@@ -6,13 +6,16 @@ import re
 import zlib
 from collections.abc import Iterable, Mapping
 from html.parser import HTMLParser
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from harness.labels.files import Label, LabelRange, Labels
+from harness.report.page import bundle as bundle_module
 from harness.report.page.attention_log import AttentionLog
+from harness.report.page.bundle import bundle
 from harness.report.page.confusion import confusions
 from harness.report.page.data import LETTERS, STATES, differing_settings
 from harness.report.page.packs import runs, steps
@@ -188,3 +191,23 @@ def test_it_says_when_and_of_what_it_is_and_under_which_terms() -> None:
         "1 clip, 1 frame",
         "n = 1 labelled frames of subjects",
     ]
+
+
+def test_every_name_that_a_module_imports_is_exported_there() -> None:
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in Path(bundle_module.__file__).parent.glob("*.js")}
+    exported = {
+        name: set(re.findall(r"^export (?:async )?(?:const|function) (\w+)", text, re.MULTILINE))
+        for name, text in texts.items()
+    }
+    imported = [
+        (name, module, each.strip())
+        for name, text in texts.items()
+        for names, module in re.findall(r'^import \{([^}]*)\} from "\./(\w+)\.js";$', text, re.MULTILINE)
+        for each in names.split(",")
+    ]
+    assert imported
+    assert [each for each in imported if each[2] not in exported[each[1]]] == []
+    for entry in ("main", "sweep"):
+        assert not re.search(
+            r"^(?:import|export) ", bundle(Path(bundle_module.__file__).with_name(f"{entry}.js")), re.M
+        )
