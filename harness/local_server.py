@@ -23,7 +23,7 @@ HOST = "127.0.0.1"
 class LocalServer:
     """Serves an application behind a :class:`harness.guard.Guard`, on a port that is taken from the start.
 
-    Its end waits ``patience_s`` for what it is answering.
+    Its end waits ``patience_s`` for what it is answering. Without a ``token`` it has a new one.
 
     Raises
     ------
@@ -31,13 +31,13 @@ class LocalServer:
         If the port is taken or not allowed.
     """
 
-    def __init__(self, app: ASGIApp, port: int = 0, *, patience_s: int = 1) -> None:
+    def __init__(self, app: ASGIApp, port: int = 0, *, patience_s: int = 1, token: str | None = None) -> None:
         import uvicorn
 
         from harness.connections import BoundedConnection
         from harness.guard import Guard
 
-        self._token = secrets.token_urlsafe(24)
+        self._token = token or secrets.token_urlsafe(24)
         config = uvicorn.Config(
             Guard(app, self._token),
             http=BoundedConnection,

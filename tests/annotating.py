@@ -98,7 +98,7 @@ def served_by_the_program(
     process = subprocess.Popen(
         [sys.executable, "-c", program, "annotate", name, "--no-open"],
         cwd=work,
-        env={**os.environ, "PYTHONPATH": str(installed)},
+        env={**os.environ, "PYTHONPATH": str(installed), "VFOA_CACHE": str(work / "cache")},
         stdout=subprocess.PIPE,
         text=True,
     )

@@ -39,6 +39,7 @@ DOORS = {
     "rosbags": ("harness/sources/bags/", "harness/sources/recordings/decoding.py", "harness/bench/depth_memory.py"),
     "av": (
         "harness/sources/recordings/video_decoder.py",
+        "harness/sources/media/sound.py",
         "harness/record/video.py",
         "harness/bench/depth_memory.py",
     ),

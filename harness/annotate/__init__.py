@@ -8,10 +8,13 @@ store       the three together with the CSV: checked, never lost, never overwrit
 suggestions what a run predicted, and how sure it was
 scene       outlines, heads and names in a frame
 pictures    the views as JPEG
+speech      who speaks when
+sound       the sound of a video, as WAV and as loudness
 clip_stores the stores of a clip's annotators
 targets     new, renamed and deleted targets, written into the manifest
 session     all of it for one clip
 app         addresses
 server      the server, on the base of all servers (harness/local_server.py)
+address     the same port and token after a restart
 page/       HTML, CSS and JavaScript, as they are
 """

@@ -6,16 +6,16 @@ from collections.abc import Callable
 from importlib import resources
 from typing import Any, Literal, get_args
 
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
 from harness.annotate.drawing import Draw
-from harness.annotate.pictures import View
+from harness.annotate.pictures import RegionPx, View
 from harness.annotate.session import Session
 from harness.annotate.store import OutsideClipError, StaleRevisionError
 from harness.clips.naming import NameRule
@@ -26,10 +26,14 @@ _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg"
 
 
 class Change(Settings):
-    """What a person did, on which revision; which of the other values are needed depends on ``kind``."""
+    """What a person did, on which revision; which of the other values are needed depends on ``kind``.
+
+    A change that is sent again under the same ``id``, because its answer was lost, is not made twice.
+    """
 
     kind: Literal["look", "range", "accept", "confirm", "note", "undo", "redo"]
     revision: int
+    id: str = Field(default="", max_length=64)
     subject: str = ""
     at: int = 0
     last: int = 0
@@ -55,6 +59,33 @@ class Change(Settings):
                 session.undo(self.revision)
             case "redo":
                 session.redo(self.revision)
+
+
+class Shown(Settings):
+    """Whose head, or which part of a view (``u0,v0,u1,v1``), at most how wide."""
+
+    subject: str | None = None
+    region: str | None = Field(default=None, pattern=r"^[0-9]{1,6}(,[0-9]{1,6}){3}$")
+    width: int | None = Field(default=None, ge=1, le=20_000)
+
+    @property
+    def region_px(self) -> RegionPx | None:
+        """The part as numbers."""
+        if self.region is None:
+            return None
+        u0, v0, u1, v1 = map(int, self.region.split(","))
+        return u0, v0, u1, v1
+
+
+class Turn(Settings):
+    """A subject speaks, or is silent, from one position to another; ``undo``: the last such change is taken back."""
+
+    id: str = Field(default="", max_length=64)
+    undo: bool = False
+    subject: str = ""
+    at: int = 0
+    last: int = 0
+    speaks: bool = True
 
 
 class Seen(Settings):
@@ -106,17 +137,40 @@ def create_app(session: Session) -> Starlette:
     def scene(request: Request) -> Response:
         return JSONResponse(session.scene(request.path_params["at"]))
 
+    def sound(request: Request) -> Response:
+        return JSONResponse(session.sound.about())
+
+    def speech(request: Request) -> Response:
+        return JSONResponse(session.speech.state())
+
+    def speak(body: bytes) -> Response:
+        turn = Turn.model_validate_json(body)
+        if turn.undo:
+            return JSONResponse(session.speech.undo(turn.id))
+        return JSONResponse(session.speech.mark(turn.id, turn.subject, turn.at, turn.last, speaks=turn.speaks))
+
+    def wav(request: Request) -> Response:
+        path = session.sound.wav()
+        if path is None:
+            raise HTTPException(404, "no sound")
+        return FileResponse(path, media_type="audio/wav")
+
     def picture(request: Request) -> Response:
         view = request.path_params["view"]
         if view not in get_args(View):
             raise HTTPException(404)
-        coded = session.picture(view, request.path_params["at"], request.query_params.get("subject"))
+        shown = Shown.model_validate({**request.query_params})
+        at = request.path_params["at"]
+        coded = session.picture(view, at, shown.subject, region=shown.region_px, width=shown.width)
         if coded is None:
             raise HTTPException(404, "no head there")
         return Response(coded, media_type="image/jpeg")
 
     def change(body: bytes) -> Response:
-        Change.model_validate_json(body).make(session)
+        asked = Change.model_validate_json(body)
+        with session.once(asked.id) as is_new:
+            if is_new:
+                asked.make(session)
         return JSONResponse(session.state())
 
     def see(body: bytes) -> Response:
@@ -162,6 +216,10 @@ def create_app(session: Session) -> Starlette:
             Route("/api/clip", about),
             Route("/api/state", state),
             Route("/api/scene/{at:int}", scene),
+            Route("/api/sound", sound),
+            Route("/sound.wav", wav),
+            Route("/api/speech", speech),
+            Route("/api/speech", _posted(speak), methods=["POST"]),
             Route("/picture/{view}/{at:int}", picture),
             Route("/api/change", _posted(change), methods=["POST"]),
             Route("/api/drawn", drawn),

@@ -10,6 +10,7 @@ from harness.annotate.store import LabelStore
 from harness.clips.manifest import ClipManifest
 from harness.data_folders import came_with_program
 from harness.labels.files import RESERVED, target_names
+from harness.labels.labels import SPEAKS
 from harness.labels.timeline import Timeline
 
 
@@ -34,6 +35,21 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
         subjects=tuple(manifest.subjects),
         targets=[*manifest.targets, *left],
         origin=found if found != path and came_with_program(manifest.path) else None,
+    )
+
+
+def open_speech(manifest: ClipManifest, timeline: Timeline) -> LabelStore:
+    """Who speaks in a clip, the same for all annotators. Raises as :func:`open_store`."""
+    files = manifest.annotations
+    path, found = files.place_speech(), files.find_speech()
+    return LabelStore(
+        path,
+        path.parent / ".journal" / f"{path.stem}.jsonl",
+        timeline=timeline,
+        subjects=tuple(manifest.subjects),
+        targets=(SPEAKS,),
+        origin=found if found != path and came_with_program(manifest.path) else None,
+        fill_gaps=False,
     )
 
 

@@ -52,8 +52,8 @@ class Change:
 class History:
     """Tracks by subject, how far each was seen, what can be undone and redone, and the number of the revision."""
 
-    def __init__(self, subjects: Sequence[str], frames: Sequence[int]) -> None:
-        self._frames = tuple(frames)
+    def __init__(self, subjects: Sequence[str], frames: Sequence[int], *, fill_gaps: bool = True) -> None:
+        self._frames, self._fill_gaps = tuple(frames), fill_gaps
         self.subjects = tuple(subjects)
         self.revision = 0
         self._clear()
@@ -66,7 +66,7 @@ class History:
 
     def copy(self) -> History:
         """The same state, on its own."""
-        copied = History(self.subjects, self._frames)
+        copied = History(self.subjects, self._frames, fill_gaps=self._fill_gaps)
         copied.revision, copied.seen = self.revision, dict(self.seen)
         copied.tracks = {name: list(track) for name, track in self.tracks.items()}
         copied.done, copied.undone = list(self.done), list(self.undone)
@@ -117,7 +117,7 @@ class History:
 
     def labels(self) -> Labels:
         """The contents of the CSV."""
-        return to_labels(self.tracks, self.seen, self._frames)
+        return to_labels(self.tracks, self.seen, self._frames, fill_gaps=self._fill_gaps)
 
     def parts(self) -> dict[str, tuple[Stretch, ...]]:
         """Every subject's whole track."""

@@ -111,9 +111,12 @@ def labelled(part: Stretch, seen: int) -> int:
     return max(last - part.first + 1, 0)
 
 
-def to_labels(tracks: dict[str, Track], seen: dict[str, int], frames: Sequence[int]) -> Labels:
-    """The labels of the file. Gaps between labels, which the format does not allow, are ``ignore`` with a note."""
-    return Labels(row for subject in tracks for row in _rows(subject, tracks[subject], seen[subject], frames))
+def to_labels(
+    tracks: dict[str, Track], seen: dict[str, int], frames: Sequence[int], *, fill_gaps: bool = True
+) -> Labels:
+    """The labels of the file. Gaps between labels, which are not allowed there, are ``ignore`` with a note."""
+    rows = (row for subject in tracks for row in _rows(subject, tracks[subject], seen[subject], frames))
+    return Labels(row for row in rows if fill_gaps or row.label != _label(None))
 
 
 def _rows(subject: str, track: Track, seen: int, frames: Sequence[int]) -> Iterator[LabelRange]:

@@ -15,6 +15,7 @@ from vfoa.stereo import MATCHERS, StereoMatcher
 from vfoa.types import Disparity, Image, StereoFrame
 
 View = Literal["left", "right", "disparity", "head"]
+RegionPx = tuple[int, int, int, int]
 
 _QUALITY = 90
 _HEAD_HEIGHT_PX = 360
@@ -50,6 +51,17 @@ def jpeg(image: Image) -> bytes:
     """An image (H, W, 3) RGB as JPEG."""
     _, coded = cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     return coded.tobytes()
+
+
+def shrunk(image: Image, region: RegionPx | None, width: int | None) -> Image:
+    """A region of an image, (u0, v0, u1, v1) cut at its edges, no wider than ``width``; None: the image's own."""
+    if region is not None:
+        u0, v0, u1, v1 = region
+        image = image[max(v0, 0) : max(v1, v0 + 1), max(u0, 0) : max(u1, u0 + 1)]
+    if width is None or width >= image.shape[1] or not image.size:
+        return image
+    size = (width, max(round(image.shape[0] * width / image.shape[1]), 1))
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
 
 
 def colour(disparity: Disparity) -> Image:

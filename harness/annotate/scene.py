@@ -5,7 +5,7 @@ Outlines come from a run's saved masks, else from its boxes; without a run from 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -65,16 +65,16 @@ class Scenes:
         settings = None if folder is None else CocoPanopticSettings(root=str(folder), stuff="all", partial=True)
         self._saved = None if settings is None else CocoPanoptic(settings, clip)
 
-    def at(self, frame: StereoFrame, manifest: ClipManifest) -> SceneView:
-        """What is in a frame; ``manifest`` has the names of the moment."""
+    def at(self, number: int, read: Callable[[], StereoFrame], manifest: ClipManifest) -> SceneView:
+        """What is in a frame; ``read`` gives its images, ``manifest`` has the names of the moment."""
         if self._predictions is not None:
-            record = self._predictions.records.get(frame.index)
-            return SceneView(objects=(), heads_px={}) if record is None else self._of_run(record, frame, manifest)
-        return self._of_truth(frame.index, manifest)
+            record = self._predictions.records.get(number)
+            return SceneView(objects=(), heads_px={}) if record is None else self._of_run(record, read, manifest)
+        return self._of_truth(number, manifest)
 
-    def _of_run(self, record: FrameRecord, frame: StereoFrame, manifest: ClipManifest) -> SceneView:
+    def _of_run(self, record: FrameRecord, read: Callable[[], StereoFrame], manifest: ClipManifest) -> SceneView:
         names = _names_of_run(record, manifest)
-        saved = None if self._saved is None else self._saved.segment(frame)
+        saved = None if self._saved is None else self._saved.segment(read())
         drawn = set() if saved is None else {each.id for each in saved.instances}
         objects = [
             SceneObject(

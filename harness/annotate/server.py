@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from harness.annotate.address import Address, new_address
 from harness.annotate.app import create_app
 from harness.annotate.session import Session
 from harness.local_server import LocalServer
+from vfoa.errors import VfoaError
 
 _PATIENCE_S = 20
 """A frame that has to be rendered or decoded first takes this long at most."""
@@ -13,11 +15,26 @@ _PATIENCE_S = 20
 class PageServer(LocalServer):
     """Serves one clip's page; the address is known, and taken, from the start.
 
+    Parameters
+    ----------
+    port
+        0: any that is free.
+    before
+        Where the page was served before: the same token, and the same port if it is free and no other is asked for.
+
     Raises
     ------
     VfoaError
         If the port is taken.
     """
 
-    def __init__(self, session: Session, port: int = 0) -> None:
-        super().__init__(create_app(session), port, patience_s=_PATIENCE_S)
+    def __init__(self, session: Session, port: int = 0, before: Address | None = None) -> None:
+        address = before or new_address()
+        app = create_app(session)
+        try:
+            super().__init__(app, port or address.port, patience_s=_PATIENCE_S, token=address.token)
+        except VfoaError:
+            if port or not address.port:
+                raise
+            super().__init__(app, patience_s=_PATIENCE_S, token=address.token)
+        self.parts = Address(port=self.port, token=address.token)

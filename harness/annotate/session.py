@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -13,6 +14,8 @@ from harness.annotate import edits, pictures, targets
 from harness.annotate.clip_stores import open_drawing, open_store, with_others
 from harness.annotate.drawing import Draw
 from harness.annotate.scene import Scenes, saved_folder
+from harness.annotate.sound import Sound
+from harness.annotate.speech import Speech
 from harness.annotate.suggestions import Predictions
 from harness.clips.looks import COLOURS, KEYS, looks
 from harness.clips.manifest import ClipManifest, load_manifest
@@ -22,10 +25,12 @@ from harness.data_folders import came_with_program
 from harness.files import digest_files
 from harness.labels.labels import RESERVED, TO_DECIDE
 from harness.labels.timeline import timeline_of
-from harness.sources import Clip
+from harness.sources import Clip, LeftClip
 from vfoa.errors import VfoaError
-from vfoa.types import StereoFrame
+from vfoa.types import Image, StereoFrame
 
+_CACHED_FRAMES = 2
+"""A frame's picture and its scene are asked for one after the other. Large images take tens of MB."""
 _CACHED_PICTURES = 256
 _CACHED_SCENES = 2048
 
@@ -78,10 +83,14 @@ class Session:
             saved_folder(run, self.manifest.name, self._predictions, "stereo") if run and self._predictions else None
         )
         self._disparity = pictures.DisparityView(self._clip, saved)
-        self._reading, self._changing = threading.Lock(), threading.Lock()
+        self.sound = Sound(self._clip)
+        self._reading, self._changing = threading.Lock(), threading.RLock()
+        self._frame = lru_cache(_CACHED_FRAMES)(self._read)
+        self._left = lru_cache(_CACHED_FRAMES)(self._read_left)
         self._picture = lru_cache(_CACHED_PICTURES)(self._draw)
         self._scene = lru_cache(_CACHED_SCENES)(self._look_at)
         self._timeline = timeline_of(self._clip)
+        self.speech = Speech(self.manifest, self._timeline)
         self._drawing = open_drawing(self.manifest, self._frames)
         try:
             self._store = open_store(self.manifest, annotator, self._timeline)
@@ -118,6 +127,7 @@ class Session:
             # a browser's numbers have 53 bits; the page only shows these
             "frames": [number if abs(number) < 2**53 else str(number) for number in self._frames],
             "rate_hz": self._clip.rate_hz,
+            "times_s": self._times_s,
             "subjects": self._store.subjects,
             "names": self._store.names(),
             "looks": {name: asdict(look) for name, look in looks(self._rules).items()},
@@ -138,6 +148,12 @@ class Session:
         with self._changing:
             self._store.refresh()
             return self._store.state()
+
+    @contextmanager
+    def once(self, request: str) -> Iterator[bool]:
+        """Whether a request was not carried out yet, by its id; what is changed in the block is noted under it."""
+        with self._changing, self._store.once(request) as is_new:
+            yield is_new
 
     def look(self, revision: int, subject: str, at: int, target: str, point_px: edits.PointPx | None) -> None:
         """The subject looks at a target from a position on, until the next change."""
@@ -223,10 +239,18 @@ class Session:
         with self._reading:
             return self._scene(self._store.check_position(at))
 
-    def picture(self, view: pictures.View, at: int, subject: str | None = None) -> bytes | None:
-        """A view as JPEG; None for the head of a subject who has none there."""
+    def picture(
+        self,
+        view: pictures.View,
+        at: int,
+        subject: str | None = None,
+        *,
+        region: pictures.RegionPx | None = None,
+        width: int | None = None,
+    ) -> bytes | None:
+        """A region of a view, or all of it, as JPEG of at most this width; None for a head where there is none."""
         with self._reading:
-            return self._picture(view, self._store.check_position(at), subject)
+            return self._picture(view, self._store.check_position(at), subject, region, width)
 
     def digest(self) -> str:
         """The digest of the files of labels and names as they are now."""
@@ -237,6 +261,8 @@ class Session:
         """Let go of the files."""
         self._store.close()
         self._drawing.close()
+        self.speech.close()
+        self.sound.close()
 
     def _edit(
         self,
@@ -265,6 +291,11 @@ class Session:
         return [name for name in self._store.names() if name not in known]
 
     @cached_property
+    def _times_s(self) -> list[float]:
+        """Of each frame, from the first on."""
+        return [round((each - self._timeline.times_ns[0]) / 1e9, 4) for each in self._timeline.times_ns]
+
+    @cached_property
     def _categories(self) -> list[str]:
         """Object names used by the segmentation models, the clip's ground truth and the run."""
         records = self._predictions.records.values() if self._predictions else ()
@@ -282,21 +313,27 @@ class Session:
         found = [self._predictions.predict(frame, subject) for frame in self._frames]
         return [(each.target, round(each.attention, 4)) if each and each.target in known else None for each in found]
 
-    def _frame(self, at: int) -> StereoFrame:
+    def _read(self, at: int) -> StereoFrame:
         return self._clip.frame(self._frames[at])
 
-    def _look_at(self, at: int) -> dict[str, Any]:
-        return self._scenes.at(self._frame(at), self.manifest).plain()
+    def _read_left(self, at: int) -> Image:
+        return self._clip.left(self._frames[at]) if isinstance(self._clip, LeftClip) else self._frame(at).left
 
-    def _draw(self, view: pictures.View, at: int, subject: str | None) -> bytes | None:
-        frame = self._frame(at)
+    def _look_at(self, at: int) -> dict[str, Any]:
+        height, width = self._left(at).shape[:2]
+        scene = self._scenes.at(self._frames[at], lambda: self._frame(at), self.manifest)
+        return {**scene.plain(), "size_px": (width, height)}
+
+    def _draw(
+        self, view: pictures.View, at: int, subject: str | None, region: pictures.RegionPx | None, width: int | None
+    ) -> bytes | None:
         if view == "head":
             box = self._scene(at)["heads_px"].get(subject)
-            return None if box is None else pictures.jpeg(pictures.head(frame.left, box))
+            return None if box is None else pictures.jpeg(pictures.head(self._left(at), box))
         if view == "disparity":
-            return pictures.jpeg(pictures.colour(self._disparity.at(frame)))
-        image = frame.left if view == "left" else frame.right
-        return None if image is None else pictures.jpeg(image)
+            return pictures.jpeg(pictures.shrunk(pictures.colour(self._disparity.at(self._frame(at))), region, width))
+        image = self._left(at) if view == "left" else self._frame(at).right
+        return None if image is None else pictures.jpeg(pictures.shrunk(image, region, width))
 
 
 def _check_choices(run: Path | None, configuration: str | None, blind: bool, uncertain_first: bool) -> None:

@@ -25,6 +25,8 @@ from vfoa.errors import VfoaError, did_you_mean
 
 LONGEST_PAUSE_S = 30.0
 """A longer silence between two changes is a break, not work: the rest does not count for the time that is left."""
+MEANINGFUL_S, MEANINGFUL_SHARE = 60.0, 0.05
+"""The time that is left is estimated after so much work, and this share of all labels."""
 
 
 class StaleRevisionError(Exception):
@@ -46,6 +48,8 @@ class LabelStore:
         The clip's frames and the manifest's names. A subject may be a target, too.
     origin
         Where the labels are while there is no CSV: those that came with the program. The first change copies them.
+    fill_gaps
+        Write what lies between two labels as ``ignore``. Of speaking turns it is silence.
 
     Raises
     ------
@@ -62,13 +66,15 @@ class LabelStore:
         subjects: Sequence[str],
         targets: Iterable[str],
         origin: Path | None = None,
+        fill_gaps: bool = True,
         clock: Callable[[], float] = time.time,
     ) -> None:
         self.path, self._timeline, self._targets, self._clock = path, timeline, list(targets), clock
         self._origin = origin
         self._frames = tuple(timeline.frames)
-        self._history = History(subjects, self._frames)
+        self._history = History(subjects, self._frames, fill_gaps=fill_gaps)
         self._journal = Journal(journal, of=str(path))
+        self._request, self._requests = "", {entry["id"] for entry in self._journal.entries if "id" in entry}
         try:
             self._start()
         except BaseException:
@@ -112,10 +118,19 @@ class LabelStore:
             "seen": dict(history.seen),
             "labelled": labelled,
             "total": total,
-            "seconds_left": self._active_s * (total - labelled) / gained if gained > 0 else None,
+            "seconds_left": self._active_s * (total - labelled) / gained if self._tells(gained, total) else None,
             "can_undo": bool(history.done),
             "can_redo": bool(history.undone),
         }
+
+    @contextmanager
+    def once(self, request: str) -> Iterator[bool]:
+        """Whether no change was made under this id; those of the block are noted under it. Empty: not asked."""
+        self._request = request
+        try:
+            yield request not in self._requests
+        finally:
+            self._request = ""
 
     def put(self, revision: int, subject: str, new: Sequence[Stretch], *, seen: int | None = None) -> None:
         """Mark stretches of a subject's frames, which must follow each other without a gap.
@@ -236,7 +251,9 @@ class LabelStore:
         now = self._clock()
         self._active_s += min(max(now - self._last_s, 0.0), LONGEST_PAUSE_S)
         self._last_s = now
-        before, place = self._history.copy(), self._journal.append({**entry, "time_s": round(now, 3)})
+        request = {"id": self._request} if self._request else {}
+        before = self._history.copy()
+        place = self._journal.append({**entry, **request, "time_s": round(now, 3)})
         self._history.apply(entry)
         try:
             self._write()
@@ -244,6 +261,10 @@ class LabelStore:
             self._history = before
             self._journal.take_back(place)
             raise
+        self._requests.update(request.values())
+
+    def _tells(self, gained: int, total: int) -> bool:
+        return self._active_s >= MEANINGFUL_S and gained >= MEANINGFUL_SHARE * total
 
     def _start(self) -> None:
         stored, entries = self._read(), self._journal.entries

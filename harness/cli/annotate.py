@@ -25,6 +25,7 @@ def annotate(
     no_open: NoOpen = False,
 ) -> None:
     """Serve the labelling page. Every change is saved at once; Ctrl-C ends it; RUN then follows the labels."""
+    from harness.annotate.address import last_address, remember
     from harness.annotate.server import PageServer
     from harness.annotate.session import Session
     from harness.local_server import ended_by_sigterm, open_browser
@@ -34,7 +35,8 @@ def annotate(
     )
     if session.notice:
         typer.echo(session.notice, err=True)
-    server = PageServer(session, port)
+    server = PageServer(session, port, last_address(session.path))
+    remember(session.path, server.parts)
     before = session.digest()
     typer.echo(f"{session.path}\n{server.address}")
     if not no_open:

@@ -58,6 +58,9 @@ Fps = Annotated[
 Offset = Annotated[
     float, typer.Option(help="Where the clip begins in the other program: seconds, or frames if it counts frames.")
 ]
+Speech = Annotated[
+    bool, typer.Option("--speech", help="Speaking turns (CLIP.speech.csv): an annotation with words is a turn.")
+]
 FromRun = Annotated[
     Path | None,
     typer.Option("--run", metavar="RUN", help="Take heads and boxes from this run. Default: the clip's ground truth."),
@@ -89,12 +92,13 @@ def import_(
     drawn: Annotated[
         bool, typer.Option("--drawn", help="CVAT: read the tracks' boxes and points as CLIP.drawn.csv, not the labels.")
     ] = False,
+    speech: Speech = False,
     run: FromRun = None,
     config: RunConfiguration = None,
     replace: Replace = False,
 ) -> None:
     """Read the labels of another program; say what is left out."""
-    from harness.annotate.convert import import_drawn, import_labels, open_exchange
+    from harness.annotate.convert import import_drawn, import_labels, import_speech, open_exchange
     from harness.clips.manifest import load_manifest
 
     manifest = load_manifest(clip)
@@ -115,6 +119,12 @@ def import_(
         for note in notes:
             typer.echo(f"- {note}", err=True)
         typer.echo(f"{path}: {sum(len(each.keys) for each in found.tracks)} key frames of {', '.join(found.names)}")
+        return
+    if speech:
+        path, turns = import_speech(file, format_, exchange, manifest, replace=replace)
+        for note in turns.notes:
+            typer.echo(f"- {note}", err=True)
+        typer.echo(f"{path}: {len(turns.labels.ranges)} turns of {', '.join(turns.labels.subjects)}")
         return
     place = manifest.annotations.place(annotator)
     imported = import_labels(file, format_, exchange, place, replace=replace, confirm=confirm)
@@ -138,6 +148,7 @@ def export(
     clip: Annotated[str | None, typer.Option(help="Of a run: only this clip.")] = None,
     fps: Fps = None,
     offset: Offset = 0.0,
+    speech: Speech = False,
     run: FromRun = None,
     config: RunConfiguration = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")] = False,
@@ -150,8 +161,8 @@ def export(
     from vfoa.errors import VfoaError
 
     if is_run(Path(source)):
-        if annotator is not None or run is not None:
-            option = "--annotator" if annotator is not None else "--run"
+        if annotator is not None or run is not None or speech:
+            option = "--annotator" if annotator is not None else "--run" if run is not None else "--speech"
             raise VfoaError(f"{option}: found it for the predictions of a run; expected it for a clip's labels")
         for each in export_predictions(
             Path(source), format_, clip=clip, configuration=config, to=to, fps=fps, offset=offset, replace=replace
@@ -160,7 +171,10 @@ def export(
         return
     if to is None:
         raise VfoaError(f"{source}: no run's directory; expected FILE, the file to write the clip's labels to")
-    _export_clip(source, to, format_, annotator, fps, offset, run, config, replace)
+    if speech:
+        _export_speech(source, to, format_, fps, offset, replace)
+    else:
+        _export_clip(source, to, format_, annotator, fps, offset, run, config, replace)
 
 
 def _export_clip(
@@ -180,6 +194,15 @@ def _export_clip(
     manifest = load_manifest(name)
     exchange = open_exchange(manifest, fps=fps, offset=offset, run=run, configuration=config)
     _print_export(to, export_labels(manifest, annotator, format_, exchange, to, replace=replace))
+
+
+def _export_speech(name: str, to: Path, format_: str, fps: float | None, offset: float, replace: bool) -> None:
+    from harness.annotate.convert import export_speech, open_exchange
+    from harness.clips.manifest import load_manifest
+
+    manifest = load_manifest(name)
+    exchange = open_exchange(manifest, fps=fps, offset=offset)
+    _print_export(to, export_speech(manifest, format_, exchange, to, replace=replace))
 
 
 def _print_export(path: Path, notes: Iterable[str]) -> None:

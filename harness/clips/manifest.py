@@ -16,6 +16,7 @@ from harness.data_folders import expand, find, folders, names
 from harness.labels.annotators import AnnotationFiles
 from harness.labels.drawn import Drawn, read_drawn
 from harness.labels.files import RESERVED, Labels, read_annotations
+from harness.labels.labels import SPEAKS
 from harness.labels.timeline import Timeline
 from harness.safe_names import check_name
 from harness.sources import ADAPTERS, Clip, MeasuredClip
@@ -159,6 +160,19 @@ class ClipManifest(Settings):
         if path is None:
             return None
         return read_drawn(path, frames=frames, subjects=self.subjects, targets=self.targets)
+
+    def speech(self, timeline: Timeline | None) -> Labels | None:
+        """Who speaks when: ranges of the target ``speaks``; None where there is no such file.
+
+        Raises
+        ------
+        VfoaError
+            If the file has a mistake.
+        """
+        path = self.annotations.find_speech()
+        if path is None:
+            return None
+        return read_annotations(path, timeline=timeline, subjects=self.subjects, targets=(SPEAKS,), allow_gaps=True)
 
     def read(self, path: Path, timeline: Timeline | None, *, allow_gaps: bool = False) -> Labels:
         """Everything in one of the clip's annotation files; parameters and errors are :func:`read_annotations`'s."""

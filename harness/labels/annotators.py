@@ -39,6 +39,14 @@ class AnnotationFiles:
         """Where what is drawn is written: in the folder of :meth:`place`."""
         return self.place().with_name(f"{self.clip}.drawn.csv")
 
+    def find_speech(self) -> Path | None:
+        """Who speaks in the clip, the same for all annotators; None where nobody has said."""
+        return self._find(f"{self.clip}.speech.csv")
+
+    def place_speech(self) -> Path:
+        """Where speaking turns are written: in the folder of :meth:`place`."""
+        return self.place().with_name(f"{self.clip}.speech.csv")
+
     def _find(self, name: str) -> Path | None:
         return next((folder / name for folder in self._folders if (folder / name).is_file()), None)
 

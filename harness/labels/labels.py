@@ -12,6 +12,8 @@ NOWHERE = "none"
 IGNORED = "ignore"
 """The target of a frame that is not scored."""
 RESERVED = (NOWHERE, IGNORED)
+SPEAKS = "speaks"
+"""The target of a turn in ``<clip>.speech.csv``: who speaks, not who looks at what."""
 UNLABELLED = "not labelled yet"
 """The note of an ``ignore`` that stands where nobody has said anything yet."""
 BLOCKED = "blocked"

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 from vfoa.registry import Registry
-from vfoa.types import Box3D, Disparity, Float, Instances, Scene, StereoFrame
+from vfoa.types import Box3D, Disparity, Float, Image, Instances, Scene, StereoFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,6 +127,25 @@ class SightTruth(Protocol):
 
     def blockers(self, number: int) -> Mapping[str, str]:
         """By person, the name of the object between the eyes and the target in one frame."""
+        ...
+
+
+@runtime_checkable
+class LeftClip(Protocol):
+    """What a clip may have besides: its left image alone, where the right one costs as much again."""
+
+    def left(self, number: int) -> Image:
+        """The left image of :meth:`Clip.frame`; raises as it does."""
+        ...
+
+
+@runtime_checkable
+class SoundClip(Protocol):
+    """What a clip may have besides: videos whose sound belongs to its frames."""
+
+    @property
+    def sound_files(self) -> tuple[Path, ...]:
+        """The videos, the one whose sound counts first; sound and frames begin together."""
         ...
 
 

@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 
 from harness.processes import spawning
-from harness.sources import AnyClip, Clip, MeasuredClip, Truth
+from harness.sources import AnyClip, Clip, LeftClip, MeasuredClip, Truth
 from vfoa.errors import VfoaError
 from vfoa.types import Scene, StereoFrame
 
@@ -40,6 +40,7 @@ def check_contract(clip: Clip | MeasuredClip, *, spawn: bool = False) -> None:
             _check_scene(frame, number, clip)
         else:
             _check_frame(frame, number)
+            _check_left(clip, frame, number)
             _check_truth(clip.truth(number), frame)
     again = {number: _fingerprint(_read(clip, number)) for number in reversed(numbers)}
     _expect(again == before, "frame: found other content when a frame was read again")
@@ -47,6 +48,11 @@ def check_contract(clip: Clip | MeasuredClip, *, spawn: bool = False) -> None:
     _check_outside(clip)
     _check_clock(clip, numbers)
     _check_copies(clip, before, spawn)
+
+
+def _check_left(clip: Clip | MeasuredClip, frame: StereoFrame | Scene, number: int) -> None:
+    if isinstance(clip, LeftClip) and isinstance(frame, StereoFrame):
+        _expect(np.array_equal(clip.left(number), frame.left), f"left({number}): found another image than the frame's")
 
 
 def _read(clip: Clip | MeasuredClip, number: int) -> StereoFrame | Scene:

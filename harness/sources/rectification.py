@@ -112,6 +112,10 @@ class Rectifier:
         """
         return self._remap(left, "left", 0), self._remap(right, "right", 1)
 
+    def rectify_left(self, left: Image) -> Image:
+        """The left image alone, as :meth:`rectify`."""
+        return self._remap(left, "left", 0)
+
     def _remap(self, image: Image, side: str, index: int) -> Image:
         size = (image.shape[1], image.shape[0])
         if size != self._calibration.left.size_px:
@@ -133,6 +137,10 @@ class Optics:
     def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
         """Both images (H, W, 3), rectified."""
         return (left, right) if self.rectifier is None else self.rectifier.rectify(left, right)
+
+    def rectify_left(self, left: Image) -> Image:
+        """The left image alone."""
+        return left if self.rectifier is None else self.rectifier.rectify_left(left)
 
 
 def optics(cameras: RawCalibration | Calibration) -> Optics:

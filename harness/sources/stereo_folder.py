@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -16,10 +17,11 @@ from harness.sources.calibration_files.options import Cameras, Options, Unit
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.calibration_files.scaling import scaled_to, scaling_note
 from harness.sources.rectification import Optics, optics
+from harness.sources.stereo_videos import VideoPair
 from harness.sources.view_files import ViewFiles
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
-from vfoa.types import StereoFrame
+from vfoa.types import Image, StereoFrame
 
 
 class CameraNumbers(Settings):
@@ -157,6 +159,24 @@ class StereoFolderClip:
         except VfoaError as error:
             raise VfoaError(f"{self._views.where(number)}: {error}") from None
         return StereoFrame(index=number, time_ns=time_ns, left=left, right=right, rig=rig)
+
+    def left(self, number: int) -> Image:
+        """The rectified left image of a frame; of two videos, only one is decoded."""
+        if not isinstance(self._views, VideoPair):
+            return self.frame(number).left
+        self.time_ns(number)
+        left = self._views.read_left(number)
+        try:
+            return self._optics((left.shape[1], left.shape[0])).rectify_left(left)
+        except VfoaError as error:
+            raise VfoaError(f"{self._views.where(number)}: {error}") from None
+
+    @property
+    def sound_files(self) -> tuple[Path, ...]:
+        """The videos; none where the manifest's rate is not theirs, so that they would not be in step."""
+        told, own = self._settings.rate_hz, self._views.rate_hz
+        in_step = told is None or (own is not None and math.isclose(told, own, rel_tol=1e-4))
+        return self._settings.videos(self._folder) if in_step else ()
 
     def truth(self, number: int) -> Truth:
         """Nothing is known."""

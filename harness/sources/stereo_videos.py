@@ -57,6 +57,10 @@ class VideoPair:
         check_sizes(left, right, str(self._left.path), self._right.path)
         return left, right
 
+    def read_left(self, number: int) -> Image:
+        """The left frame alone."""
+        return self._left.read(number)
+
     def digest(self) -> str:
         """Of both files."""
         return digest_files((("left", self._left.path), ("right", self._right.path)))

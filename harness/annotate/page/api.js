@@ -1,5 +1,7 @@
 // Talking to the server. Changes wait for each other, so that each is made on the state the one before has left.
 
+const PAUSE_MS = 500; // between two tries while the server does not answer
+
 export class Refused extends Error {
   constructor(status, body) {
     super(body.error || `the server answered ${status}`);
@@ -8,26 +10,35 @@ export class Refused extends Error {
   }
 }
 
-async function answer(response) {
-  if (response.ok) return response.json();
-  const text = await response.text();
+// Nobody answers, or a server of another start.
+export class Lost extends Error {}
+
+async function ask(path, options) {
+  let response;
+  let text;
+  try {
+    response = await fetch(path, options);
+    text = await response.text();
+  } catch { throw new Lost("the server does not answer"); }
+  if (response.status === 403) throw new Lost("the server was started anew");
   let body;
   try { body = JSON.parse(text); } catch { body = { error: text }; }
-  throw new Refused(response.status, body);
+  if (!response.ok) throw new Refused(response.status, body);
+  return body;
 }
 
-export const get = async (path) => answer(await fetch(path));
+export const get = (path) => ask(path);
 
-export const post = async (path, body, keepalive = false) =>
-  answer(await fetch(path, {
-    method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body), keepalive,
-  }));
+export const post = (path, body, keepalive = false) => ask(path, {
+  method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body), keepalive,
+});
 
-// One after the other. When one is refused, those that were already waiting were meant for a state that is gone.
+// One after the other. While the server does not answer, all are kept and tried again. When one is refused, those that
+// were already waiting were meant for a state that is gone.
 export class Queue {
-  // refused(error): one was refused; moved(): one came or went.
-  constructor({ refused, moved }) {
-    Object.assign(this, { refused, moved });
+  // refused(error): one was refused; lost(error or null): the server does not answer, or does again; moved(): one came or went.
+  constructor({ refused, lost, moved }) {
+    Object.assign(this, { refused, lost, moved, isLost: false });
     this.last = Promise.resolve();
     this.age = 0;
     this.waiting = 0;
@@ -49,12 +60,32 @@ export class Queue {
 
   async do(work, age) {
     try {
-      if (age === this.age) await work();
+      if (age === this.age) await this.insist(work);
     } catch (error) {
       this.forget();
       this.refused(error);
     }
     this.waiting -= 1;
     this.moved();
+  }
+
+  async insist(work) {
+    for (;;) {
+      try {
+        await work();
+        this.tell(null);
+        return;
+      } catch (error) {
+        if (!(error instanceof Lost)) throw error;
+        this.tell(error);
+        await new Promise((over) => { setTimeout(over, PAUSE_MS); });
+      }
+    }
+  }
+
+  tell(error) {
+    if (!error && !this.isLost) return;
+    this.isLost = error !== null;
+    this.lost(error);
   }
 }

@@ -1,35 +1,52 @@
 // Every action of the page with its keys: the keyboard, the tool bar and the table of keys are made of this list.
 
 const rows = (page) => [
-  ["play", ["Space"], "play or pause", "▶", () => page.toggle()],
+  ["play", ["Space"], "play or pause", "▶", () => page.player.toggle()],
+  ["play-back", ["j"], "play backwards; again: twice as fast", "", () => page.shuttle(-1)],
+  ["pause", ["k"], "pause", "", () => page.player.stop()],
+  ["play-on", ["l"], "play; again: twice as fast", "", () => page.shuttle(1)],
   ["back", ["ArrowLeft"], "one frame back", "←", () => page.step(-1)],
   ["on", ["ArrowRight"], "one frame on", "→", () => page.step(1)],
   ["back-10", ["Shift+ArrowLeft"], "ten frames back", "", () => page.step(-10)],
   ["on-10", ["Shift+ArrowRight"], "ten frames on", "", () => page.step(10)],
-  ["previous-change", ["["], "to the previous change", "[", () => page.toChange(-1)],
-  ["next-change", ["]"], "to the next change", "]", () => page.toChange(1)],
-  ["first", ["Home"], "to the first frame", "", () => page.go(0)],
-  ["last", ["End"], "to the last frame", "", () => page.go(page.total - 1)],
+  ["previous-change", ["["], "to the previous change; where annotators differ, to the previous difference", "[", () => page.toChange(-1)],
+  ["next-change", ["]"], "to the next change; where annotators differ, to the next difference", "]", () => page.toChange(1)],
+  ["unlabelled", ["g"], "to the next frames without a label, and round again", "", () => page.toOpen("unlabelled")],
+  ["undecided", ["x"], "to the next that is undecided: a difference or a suggestion", "", () => page.toOpen("undecided")],
+  ["first", ["Home"], "to the first frame", "", () => { page.go(0); }],
+  ["last", ["End"], "to the last frame", "", () => { page.go(page.total - 1); }],
   ["slower", ["-"], "play slower", "", () => page.faster(.5)],
   ["faster", ["+", "="], "play faster", "", () => page.faster(2)],
-  ["undo", ["z", "Ctrl+z"], "undo", "↶", () => page.change({ kind: "undo" })],
-  ["redo", ["y", "Ctrl+y", "Ctrl+Shift+z", "Shift+z"], "redo", "↷", () => page.change({ kind: "redo" })],
-  ["earlier", [","], "move the last change a frame earlier", "", () => page.nudge(-1)],
-  ["later", ["."], "move the last change a frame later", "", () => page.nudge(1)],
-  ["clear", ["Delete", "Backspace"], "take the label away: of the range, else from here to the next change", "", () => page.clear()],
+  ["undo", ["z", "Ctrl+z"], "undo", "↶", () => page.said.undo()],
+  ["redo", ["y", "Ctrl+y", "Ctrl+Shift+z", "Shift+z"], "redo", "↷", () => page.said.redo()],
+  ["earlier", [","], "move the last change a frame earlier", "", () => page.said.nudge(-1)],
+  ["later", ["."], "move the last change a frame later", "", () => page.said.nudge(1)],
+  ["clear", ["Delete", "Backspace"], "take the label away: of the range, else from here to the next change", "", () => page.said.clear()],
+  ["begin", ["b"], "begin a range here", "", () => page.bound(false)],
+  ["end", ["e"], "end the range here", "", () => page.bound(true)],
+  ["loop", ["o"], "play the range over and over, or no more", "loop", () => page.loop()],
+  ["speaks", ["c"], "the subject begins to speak here; again: ends", "speaks", () => page.speech.press()],
+  ["silent", ["Shift+c"], "no turn here: the turn here, or the range, is silence", "", () => page.speech.silence()],
+  ["speech-undo", ["f"], "undo the last change of turns", "", () => page.speech.undo()],
+  ["mute", ["q"], "the sound off or on", "", () => page.mute()],
   ["subject", ["s"], "the next subject", "next subject", () => page.nextSubject(1), "several"],
   ["subject-before", ["Shift+s"], "the subject before", "", () => page.nextSubject(-1), "several"],
-  ["confirm", ["Enter"], "confirm the suggestion here, go to the next", "confirm", () => page.confirm(), "run"],
-  ["accept", ["a"], "take over suggestions with high attention", "accept", () => page.accept(), "run"],
-  ["unsure", ["u"], "to the next frame in which the run was unsure", "unsure", () => page.unsure(1), "run"],
+  ["confirm", ["Enter"], "confirm the suggestion here, go to the next", "confirm", () => page.said.confirm(), "run"],
+  ["accept", ["a"], "take over suggestions with high attention", "accept", () => page.said.accept(), "run"],
+  ["unsure", ["u"], "from the least sure suggestion to surer ones, and round again", "unsure", () => page.unsure(1), "run"],
   ["unsure-before", ["Shift+u"], "back to the one before", "", () => page.unsure(-1), "run"],
   ["right", ["r"], "the right view", "right", () => page.beside("right")],
   ["disparity", ["d"], "the disparity", "disparity", () => page.beside("disparity")],
-  ["head", ["h"], "the head, enlarged", "head", () => page.zoom()],
+  ["head", ["h"], "the head, enlarged", "head", () => page.head()],
   ["drawing", ["p"], "draw boxes, points and heads that no model finds", "draw", () => page.drawing.toggle()],
-  ["note", ["m"], "a note on the label here", "note", () => page.note()],
-  ["target", ["t"], "a new target", "+ target", () => page.newTarget()],
+  ["closer", ["v"], "enlarge the image; so does the wheel, and dragging moves it", "", () => page.stage.view.zoom(1.5)],
+  ["farther", ["Shift+v"], "the image smaller again", "", () => page.stage.view.zoom(1 / 1.5)],
+  ["strip-closer", ["w"], "enlarge the timeline", "", () => page.zoomStrip(2)],
+  ["strip-farther", ["Shift+w"], "the timeline smaller again", "", () => page.zoomStrip(.5)],
+  ["note", ["m"], "a note on the label here", "note", () => page.said.note()],
+  ["target", ["t"], "a new target", "+ target", () => page.names.forms.ask(null, [])],
   ["escape", ["Escape"], "let the range go", "", () => page.select(null)],
+  ["help", ["?"], "show or hide the keys", "?", () => { const help = document.getElementById("help"); help.open = !help.open; }],
 ];
 
 const named = { " ": "Space" };
@@ -52,25 +69,29 @@ export const onPress = (button, run) => button.addEventListener("click", (event)
   run();
 });
 
+// The keyboard and the tool bar; gives back what takes a press of a key.
 export function bind(page, names) {
   const possible = { run: page.hasRun, several: page.about.subjects.length > 1 };
   const actions = rows(page).filter((row) => possible[row[5]] ?? true);
   const byKey = new Map(actions.flatMap((row) => row[1].map((key) => [key, row[4]])));
-  addEventListener("keydown", (event) => {
+  const press = (event) => {
     if (typing(document.activeElement) || pressing(event) || event.altKey) return;
     const name = event.ctrlKey || event.metaKey ? undefined : names.ofKey(event);
-    const run = name ? () => page.look(name) : byKey.get(pressed(event));
+    const run = name ? () => page.said.look(name) : byKey.get(pressed(event));
     if (!run) return;
     event.preventDefault();
-    run();
-  });
-  document.getElementById("tools").replaceChildren(...actions.filter((row) => row[3]).map((row) => tool(...row)));
+    page.hands.press(run);
+  };
+  addEventListener("keydown", press);
+  const onHands = ([id, keys, words, sign, run]) => tool(id, keys, words, sign, () => page.hands.press(run));
+  document.getElementById("tools").replaceChildren(...actions.filter((row) => row[3]).map(onHands));
   document.getElementById("keys").replaceChildren(
     line("1 2 3 …", "click on it: the subject looks at it, from here until the next change; or in the range"),
     line("n, i", "looks at nothing in the scene; do not score"),
     ...actions.map((row) => line(row[1].map((key) => shown[key] || key).join(", "), row[2])),
   );
   onPress(document.querySelector("#help summary"), () => {});
+  return press;
 }
 
 function tool(id, keys, words, sign, run) {

@@ -1,11 +1,18 @@
-// The start: what the server knows of the clip, then the page.
+// The start: what the server knows of the clip, then the page. Keys that are pressed before that are not lost.
 
 import { get } from "./api.js";
 import { bind } from "./keys.js";
 import { Page } from "./page.js";
 
+const early = [];
+const keep = (event) => early.push(event);
+addEventListener("keydown", keep);
 const [about, state] = await Promise.all([get("/api/clip"), get("/api/state")]);
 const page = new Page(about, state);
-bind(page, page.names);
+removeEventListener("keydown", keep);
+const press = bind(page, page.names);
 page.draw();
-await page.go(page.start(), true);
+page.go(page.start(), true);
+early.forEach(press);
+page.speech.load();
+page.hear(await get("/api/sound"));

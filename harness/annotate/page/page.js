@@ -1,45 +1,58 @@
-// The labelling page: where it is in the clip, who is labelled, and what a key or a click does.
+// The labelling page: where it is in the clip, who is labelled, and what is shown.
 
-import { Queue, get, post } from "./api.js";
+import { Lost, Queue, get, post } from "./api.js";
+import { SoundClock } from "./clock.js";
 import { Drawing } from "./drawing.js";
-import { Form } from "./form.js";
+import { Hands } from "./hands.js";
 import { Names } from "./names.js";
 import * as panel from "./panel.js";
 import { Player } from "./player.js";
+import { Said } from "./said.js";
 import { Seen } from "./seen.js";
+import { Speech } from "./speech.js";
 import { Stage } from "./stage.js";
 import { Strips } from "./strips.js";
-import { at, changes, nudged, read, runs } from "./tracks.js";
+import { at, changes, open, read, undecided } from "./tracks.js";
 
 const NEAR = 10; // a jump further than this does not count as having seen what lies between
+
+const LONGEST_LEAD_S = .25;
 
 export class Page {
   constructor(about, state) {
     this.subject = about.subjects[0];
     this.selection = null;
-    this.queue = new Queue({ refused: (error) => this.refused(error), moved: () => this.settle() });
+    this.rank = -1; // of the last frame by how unsure the run was
+    this.hands = new Hands({ moved: () => this.settle(), failed: (error) => panel.say(error.message) });
+    this.queue = new Queue({ refused: (error) => this.refused(error), lost: (error) => this.lost(error), moved: () => this.settle() });
     this.seen = new Seen((seen) => this.queue.add(async () => this.update(await post("/api/seen", seen))));
+    this.said = new Said(this);
+    this.speech = new Speech(this);
     this.names = new Names({
-      look: (name) => this.look(name), changed: (next) => this.renew(next), failed: (error) => panel.say(error.message),
+      look: (name) => this.hands.press(() => this.said.look(name)),
+      changed: (answer) => this.renew(answer),
+      failed: (error) => panel.say(error.message),
     });
-    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.chosen(each, point) });
+    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.said.chosen(each, point), changed: () => this.go(this.wanted) });
     this.total = about.frames.length;
-    this.drawing = new Drawing(this, { press: (run) => run(), look: (name) => this.look(name) });
+    this.drawing = new Drawing(this, { press: (run) => this.hands.press(run), look: (name) => this.said.look(name) });
+    this.player = new Player(this, about);
     this.strips = new Strips({
       frames: about.frames,
+      times: this.player.times,
       look: (name) => this.names.className(name),
       select: (range) => this.select(range),
       seek: (position, subject) => this.seek(position, subject || this.subject),
     });
-    this.player = new Player(this, about.rate_hz);
-    this.noteForm = new Form("note", () => this.noted());
-    panel.makeSubjects(about.subjects, (name) => this.turnTo(name));
-    this.wanted = this.shown = 0;
+    panel.makeSubjects(about.subjects, (name) => this.hands.press(() => this.turnTo(name)));
+    panel.makeUnlabelled(() => this.hands.press(() => this.toOpen("unlabelled")));
+    this.wanted = this.shown = this.leadS = 0;
     this.take(about);
     this.state = read(state, about.to_decide);
     panel.makePlenty(this.hasRun);
-    addEventListener("resize", () => this.draw()); // names are larger on a narrow screen
+    addEventListener("resize", () => this.go(this.wanted)); // names are larger on a narrow screen
     addEventListener("pagehide", () => this.seen.leave());
+    addEventListener("beforeunload", (event) => { if (this.queue.isLost) event.preventDefault(); });
     addEventListener("focus", () => this.queue.add(async () => this.update(await get("/api/state"))));
   }
 
@@ -47,6 +60,19 @@ export class Page {
   get track() { return this.state.tracks[this.subject]; }
   get suggestions() { return this.about.suggestions[this.subject]; }
   get order() { return this.about.order && this.about.order[this.subject]; }
+
+  // The frame that a key means: what is on the screen while it plays, else where the steps have led.
+  get here() { return this.player.playing ? this.shown : this.wanted; }
+
+  // The clip's sound is the clock while it plays, and is drawn on the timeline.
+  hear(sound) {
+    if (!sound) return;
+    const audio = Object.assign(document.getElementById("sound"), { preload: "auto", src: "/sound.wav" });
+    this.player.stop();
+    this.player.clock = new SoundClock(audio);
+    this.strips.hear(sound);
+    this.draw();
+  }
 
   take(about) {
     this.about = about;
@@ -65,45 +91,94 @@ export class Page {
 
   // Where it is
 
-  async go(position, near = false) {
+  // Go to a frame; ``near``: what lies between counts as seen if it is not far.
+  go(position, near = false) {
     this.wanted = Math.min(Math.max(position, 0), this.total - 1);
-    const wanted = this.wanted;
+    if (near && this.wanted <= this.state.seen[this.subject] + NEAR) this.see(this.wanted);
     this.settle();
-    try {
-      const [image, scene] = await this.stage.load(wanted);
-      if (wanted !== this.wanted) return;
-      this.shown = wanted;
-      document.body.dataset.frame = this.about.frames[wanted];
-      this.stage.show(image, scene, wanted, this.subject);
-      this.see(wanted, near);
-      this.draw();
-      this.stage.ahead(wanted, 6, this.total);
-    } catch (error) { panel.say(error.message || `frame ${this.about.frames[wanted]} cannot be shown`); }
-    this.settle();
+    this.showing ??= this.show().finally(() => { this.showing = null; this.settle(); });
+    return this.showing;
   }
+
+  // The newest frame that is wanted, one at a time: what was passed meanwhile is not loaded.
+  async show() {
+    let wanted;
+    do {
+      wanted = this.wanted;
+      this.loadingSince = performance.now();
+      try {
+        const [image, scene] = await this.stage.load(wanted);
+        this.leadS = .8 * this.leadS + .2 * Math.min(this.loadingForMs / 1000, LONGEST_LEAD_S);
+        this.shown = wanted;
+        document.body.dataset.frame = this.about.frames[wanted];
+        if (this.player.playing) this.pass(this.playedFrom, wanted);
+        this.playedFrom = wanted;
+        this.stage.show(image, scene, wanted, this.subject);
+        this.draw();
+        this.hands.open();
+      } catch (error) {
+        panel.say(error.message || `frame ${this.about.frames[wanted]} cannot be shown`);
+        if (error instanceof Lost) setTimeout(() => this.go(this.wanted), 500);
+        else this.hands.open();
+        if (this.wanted === wanted) break;
+      }
+      this.loadingSince = null;
+    } while (this.wanted !== wanted);
+    this.loadingSince = null;
+    if (!this.player.playing) this.stage.ahead(wanted, 6, this.total);
+  }
+
+  get loadingForMs() { return this.loadingSince ? performance.now() - this.loadingSince : 0; }
 
   // Whether all that was asked for is shown, and all that was said is saved.
   settle() {
-    document.body.setAttribute("aria-busy", this.wanted !== this.shown || this.queue.waiting > 0 || this.seen.waits || Boolean(this.drawing?.waits));
+    const waits = this.wanted !== this.shown || this.showing || this.queue.waiting > 0 || this.seen.waits || this.hands.waiting > 0 || this.drawing?.waits;
+    document.body.setAttribute("aria-busy", Boolean(waits));
   }
+
+  // All that was said before is answered.
+  saved() { return this.queue.last; }
 
   step(by) {
     this.player.stop();
     if (this.about.uncertain_first) return this.unsure(by);
-    return this.go(this.wanted + by, true);
+    const from = this.wanted;
+    this.go(from + by);
+    this.pass(from, this.wanted);
   }
 
-  toChange(direction) {
+  playTo(position) {
+    if (position !== this.wanted) this.go(position);
+  }
+
+  async toChange(direction) {
     this.player.stop();
-    const all = changes(this.track, this.suggestions);
-    const next = direction > 0 ? all.find((each) => each > this.wanted) : all.reverse().find((each) => each < this.wanted);
-    return this.go(next ?? (direction > 0 ? this.total - 1 : 0), true);
+    await this.saved();
+    const differences = undecided(this.track).map((each) => each.first);
+    const all = differences.length ? differences : changes(this.track, this.suggestions);
+    const next = direction > 0 ? all.find((each) => each > this.wanted) : all.findLast((each) => each < this.wanted);
+    if (next === undefined && differences.length) this.go(all.at(direction > 0 ? 0 : -1), true);
+    else this.go(next ?? (direction > 0 ? this.total - 1 : 0), true);
   }
 
+  // To the next frames that are unlabelled, or undecided (a difference, a suggestion), and round again.
+  async toOpen(kind) {
+    this.player.stop();
+    await this.saved();
+    const all = open(this.track, this.state.seen[this.subject]).filter((each) => each.kind === kind);
+    const next = all.find((each) => each.first > this.wanted) || all[0];
+    if (next) this.go(next.first, true);
+    else panel.say(kind === "unlabelled" ? `Every frame of ${this.subject} has a label.` : `Nothing of ${this.subject} waits for a decision.`);
+  }
+
+  // From the least sure suggestion to surer ones, and round again.
   unsure(by) {
     this.player.stop();
-    const rank = Math.min(Math.max(this.order.indexOf(this.wanted) + by, 0), this.total - 1);
-    return this.go(this.order[rank]);
+    const order = this.about.uncertain_first ? this.order : this.order.filter((each) => this.suggestions[each]);
+    if (!order.length) return panel.say(`The run suggests nothing for ${this.subject}.`);
+    if (this.rank < 0 && by < 0) this.rank = 0;
+    this.rank = (this.rank + by + order.length) % order.length;
+    this.go(order[this.rank]);
   }
 
   nextSubject(by) {
@@ -111,112 +186,75 @@ export class Page {
     return this.turnTo(all[(all.indexOf(this.subject) + by + all.length) % all.length]);
   }
 
-  turnTo(subject) {
+  async turnTo(subject) {
     this.seek(null, subject);
-    return this.go(this.start(), true);
+    await this.saved();
+    this.go(this.start(), true);
   }
 
   seek(position, subject) {
     this.seen.tell();
+    if (subject !== this.subject) this.rank = this.about.uncertain_first ? 0 : -1;
     this.subject = subject;
     this.select(null);
-    if (position !== null) this.go(position);
+    if (position === null) return;
+    this.go(position);
+    if (this.player.playing) this.player.anchor(this.player.times[this.wanted]);
   }
 
   // Where a subject's work goes on: the first frame that is not labelled, confirmed or decided.
   start() {
-    if (this.about.uncertain_first) return this.order[0];
+    if (this.about.uncertain_first) return this.order[this.rank = 0];
     const seen = this.state.seen[this.subject];
     const isOpen = (each) => each.target === null || each.suggested || each.undecided || (each.carried && each.last > seen);
-    const open = this.track.find(isOpen);
-    if (!open) return 0;
-    return open.carried ? Math.max(open.first, seen, 0) : open.first;
+    const first = this.track.find(isOpen);
+    if (!first) return 0;
+    return first.carried ? Math.max(first.first, seen) : first.first;
   }
 
-  toggle() { this.player.toggle(); }
+  beside(view) { this.stage.beside = this.stage.beside === view ? null : view; this.go(this.wanted); }
+  head() { this.stage.zoomed = !this.stage.zoomed; this.go(this.wanted); }
   faster(by) { this.player.faster(by); this.draw(); }
-  beside(view) { this.stage.beside = this.stage.beside === view ? null : view; return this.go(this.wanted); }
-  zoom() { this.stage.zoomed = !this.stage.zoomed; return this.go(this.wanted); }
+  shuttle(direction) { this.player.shuttle(direction); this.draw(); }
 
-  see(position, near) {
-    const seen = this.state.seen;
-    if (!near || position <= seen[this.subject] || position > seen[this.subject] + NEAR) return;
+  // Frames on the way from one to another were seen, if they go on from those that were.
+  pass(from, to) {
+    if (to > from && from <= this.state.seen[this.subject] + NEAR) this.see(to);
+  }
+
+  see(position) {
+    const { seen } = this.state;
+    if (position <= seen[this.subject]) return;
     seen[this.subject] = position;
     this.seen.note(this.subject, position, this.player.playing);
   }
 
-  // What is said
-
-  change(what) {
-    const { subject } = this;
-    this.seen.tell();
-    return this.queue.add(async () => {
-      const state = await post("/api/change", { revision: this.state.revision, subject, ...what });
-      panel.say("");
-      this.update(state, state.revision);
-    });
-  }
-
-  look(target, point_px = null) {
-    if (target === this.subject || !this.stage.scene) return; // nobody can judge what was never shown
-    const here = this.player.playing ? this.shown : this.wanted;
-    if (this.selection) {
-      const [first, last] = this.selection;
-      this.select(null);
-      this.change({ kind: "range", at: first, last, target });
-    } else if (this.about.uncertain_first) this.change({ kind: "range", at: here, last: here, target });
-    else this.change({ kind: "look", at: here, target, point_px });
-  }
-
-  chosen(object, point) {
-    if (!this.names.names.includes(object.name)) this.names.forms.ask(object, this.stage.scene.objects);
-    else this.look(object.name, this.about.shared.includes(object.name) ? point : null);
-  }
-
-  clear() {
-    const [first, last] = this.selection || [this.wanted, at(runs(this.track), this.wanted).last];
-    this.select(null);
-    this.change({ kind: "range", at: first, last, target: null });
-  }
-
-  nudge(by) {
-    const moved = nudged(runs(this.track), this.wanted, by);
-    if (!moved) return;
-    this.change({ kind: "range", at: moved.at, last: moved.at, target: moved.target });
-    if (by > 0 && this.wanted === moved.at) this.go(this.wanted + 1, true);
-  }
-
-  async accept() {
-    if (!this.suggestions) return;
-    const { revision } = this.state;
-    const attention = panel.plenty();
-    await this.change({ kind: "accept", attention });
-    if (this.state.revision === revision) panel.say(`There is nothing to take over: no suggestion of ${attention} or more where nothing is labelled.`);
-  }
-
-  async confirm() {
-    await this.change({ kind: "confirm", at: this.wanted });
-    const next = this.track.find((each) => each.suggested && each.first > this.wanted) || this.track.find((each) => each.suggested);
-    if (next) this.go(next.first, true);
-  }
-
-  note() {
-    const here = at(this.track, this.wanted);
-    this.noteAt = this.wanted;
-    if (here.target === null) panel.say("There is no label here to put a note on.");
-    else this.noteForm.open({ note: here.note });
-  }
-
-  noted() {
-    this.change({ kind: "note", at: this.noteAt, note: this.noteForm.values.note });
-    this.noteForm.close();
-  }
-
-  newTarget() { this.names.forms.ask(null, []); }
-
   select(range) {
     this.selection = range;
     this.strips.mark(range);
+  }
+
+  // Begin or end a range here.
+  bound(isEnd) {
+    const other = this.selection ? this.selection[isEnd ? 0 : 1] : this.here;
+    this.select([Math.min(other, this.here), Math.max(other, this.here)]);
+  }
+
+  mute() {
+    const audio = document.getElementById("sound");
+    audio.muted = !audio.muted;
+    panel.say(audio.src && audio.muted ? "The sound is off; q turns it on." : "");
+  }
+
+  zoomStrip(by) {
+    this.strips.zoom(by);
+    this.draw();
+  }
+
+  loop() {
+    this.player.loop = this.player.loop ? null : this.selection;
+    panel.say(this.player.loop || this.selection ? "" : "Choose a range first: drag on the timeline, or press b and e.");
+    this.draw();
   }
 
   // What is shown
@@ -230,6 +268,7 @@ export class Page {
 
   // What was asked for before the newer state was seen was meant for the older one.
   overtaken() {
+    this.seen.forget();
     const lost = this.queue.forget() ? " What you did last was not done." : "";
     panel.say(`The labels were changed elsewhere. This is the newer state.${lost}`);
   }
@@ -237,22 +276,34 @@ export class Page {
   refused(error) {
     this.player.stop();
     if (error.status === 409) {
+      this.seen.forget();
       this.update(error.state, error.state.revision);
       panel.say("The labels were changed elsewhere. This is the newer state. What you did last was not done.");
-    } else if (error.status === 403) panel.say("The server was started anew: open the address that it printed.");
-    else panel.say(error.status ? error.message : "The server does not answer: nothing you do now is saved.");
+    } else panel.say(error.message);
+  }
+
+  lost(error) {
+    if (error) {
+      this.player.stop();
+      panel.say(`${error.message[0].toUpperCase()}${error.message.slice(1)}. What you do is kept here and saved when it answers: start vfoa annotate again, and leave this page open.`);
+    } else {
+      panel.say("");
+      this.go(this.wanted);
+    }
   }
 
   draw() {
-    const { subject, suggestions, shown, about: { subjects, names, frames }, state } = this;
+    const { subject, suggestions, shown, player, about: { subjects, names, frames }, state } = this;
     const here = at(this.track, shown);
-    panel.drawPlace(this.stage.scene ? frames[shown] : null, shown, this.total, this.player.speed);
+    const said = `${subject}: ${here.target ?? "not labelled"}`;
+    panel.drawPlace(this.stage.scene ? frames[shown] : null, shown, this.total, player);
     panel.drawLabel(subject, here);
     panel.drawSubject(subject);
     panel.drawProgress(state);
-    panel.drawTools(state, this.stage);
+    panel.drawUnlabelled(subject, open(this.track, state.seen[subject]));
+    panel.drawTools(state, this.stage, player);
     this.names.draw(subject, here.target);
-    this.strips.draw(shown, { ...state, subjects, subject, names, suggestions });
+    this.strips.draw(shown, { ...state, subjects, subject, names, suggestions, loop: player.loop, said, turns: this.speech.turns });
     this.stage.draw(subject, names);
     this.drawing.draw();
   }

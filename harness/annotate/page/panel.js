@@ -1,5 +1,6 @@
 // What is said in words around the picture.
 
+import { clock } from "./axis.js";
 import { onPress } from "./keys.js";
 
 const find = (id) => document.getElementById(id);
@@ -27,9 +28,20 @@ export function drawTitle({ file, configuration, uncertain_first: uncertainFirst
   find("read-only").hidden = !notice;
 }
 
-export function drawPlace(number, position, total, speed) {
+export function drawPlace(number, position, total, { speed, times, stepS, loop }) {
   find("frame").value = number === null ? "Loading the first frame …"
-    : `Frame ${number} (${position + 1} of ${total}), plays at ×${speed}`;
+    : `Frame ${number} (${position + 1} of ${total}), ${clock(times[position], stepS)}, plays at ×${speed}${loop ? ", loops" : ""}`;
+}
+
+export function makeUnlabelled(go) { onPress(find("unlabelled"), go); }
+
+// How many frames wait for a label: hard to miss, and a press goes there.
+export function drawUnlabelled(subject, open) {
+  const count = (kind) => open.filter((each) => each.kind === kind).reduce((sum, each) => sum + each.last - each.first + 1, 0);
+  const [unlabelled, undecided] = [count("unlabelled"), count("undecided")];
+  const said = [unlabelled && `${unlabelled} without a label`, undecided && `${undecided} undecided`].filter(Boolean);
+  find("unlabelled").textContent = said.length ? `${subject}: ${said.join(", ")}` : `${subject}: all labelled`;
+  find("unlabelled").classList.toggle("done", !said.length);
 }
 
 export function drawLabel(subject, { target, suggested, note, undecided }) {
@@ -37,9 +49,9 @@ export function drawLabel(subject, { target, suggested, note, undecided }) {
   find("label").value = undecided ? `${subject}: to decide: ${undecided}` : `${subject}: ${said}${note ? ` – ${note}` : ""}`;
 }
 
-export function drawTools({ can_undo: canUndo, can_redo: canRedo }, stage) {
+export function drawTools({ can_undo: canUndo, can_redo: canRedo }, stage, player) {
   for (const [id, can] of Object.entries({ undo: canUndo, redo: canRedo })) find(`do-${id}`).disabled = !can;
-  const open = { right: stage.beside === "right", disparity: stage.beside === "disparity", head: stage.zoomed };
+  const open = { right: stage.beside === "right", disparity: stage.beside === "disparity", head: stage.zoomed, loop: player.loop !== null };
   for (const [id, is] of Object.entries(open)) find(`do-${id}`).setAttribute("aria-pressed", is);
 }
 

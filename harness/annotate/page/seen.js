@@ -7,12 +7,14 @@ export class Seen {
     this.send = send;
     this.last = null;
     this.timer = null;
+    this.known = {}; // by subject; answers that were sent before it was told know less
   }
 
   get waits() { return this.last !== null; }
 
   note(subject, at, playing) {
     this.last = { subject, at };
+    this.known[subject] = Math.max(at, this.known[subject] ?? -1);
     this.timer ??= setTimeout(() => this.tell(), playing ? 600 : 250);
   }
 
@@ -29,8 +31,11 @@ export class Seen {
 
   // What the server does not know yet is not forgotten over its answer.
   keep(seen) {
-    if (this.last) seen[this.last.subject] = Math.max(seen[this.last.subject], this.last.at);
+    for (const [subject, at] of Object.entries(this.known)) seen[subject] = Math.max(seen[subject], at);
   }
+
+  // The labels are others now: what was seen of those before counts no more.
+  forget() { this.known = {}; }
 
   take() {
     clearTimeout(this.timer);

@@ -1,35 +1,15 @@
 // The left image with outlines, and the other views beside it.
 
 import { get } from "./api.js";
+import { Kept, loadPicture, place } from "./pictures.js";
+import { View } from "./view.js";
 
-const KEPT = 80;
+const PICTURES = 16; // decoded ones are large
+const SCENES = 200;
 const NS = "http://www.w3.org/2000/svg";
 const LEAST_LETTERS = 14; // of a name on the picture, however small the object; the button below has all of it
 const LETTER = .6; // width over height
 const narrow = matchMedia("(max-width: 600px)");
-
-// What was loaded last, by key; the oldest is let go.
-class Kept {
-  constructor(load) { this.load = load; this.found = new Map(); }
-
-  get(key) {
-    const known = this.found.get(key) || this.load(key);
-    this.found.delete(key);
-    this.found.set(key, known);
-    known.catch(() => this.found.delete(key));
-    if (this.found.size > KEPT) this.found.delete(this.found.keys().next().value);
-    return known;
-  }
-
-  clear() { this.found.clear(); }
-}
-
-const picture = async (path) => {
-  const image = new Image();
-  image.src = path;
-  await image.decode();
-  return image;
-};
 
 export const shape = (tag, attributes) => {
   const made = document.createElementNS(NS, tag);
@@ -38,22 +18,23 @@ export const shape = (tag, attributes) => {
 };
 
 export class Stage {
-  // name(object): how an object is called and drawn; choose(object, point): it was clicked.
-  constructor({ name, choose }) {
+  // name(object): how an object is called and drawn; choose(object, point): it was clicked; changed(): another part is shown.
+  constructor({ name, choose, changed }) {
     Object.assign(this, { name, choose });
-    this.pictures = new Kept(picture);
-    this.scenes = new Kept((at) => get(`/api/scene/${at}`));
+    this.pictures = new Kept(loadPicture, PICTURES, (bitmap) => bitmap.close());
+    this.scenes = new Kept((at) => get(`/api/scene/${at}`), SCENES);
     this.picture = document.getElementById("picture");
     this.overlay = document.getElementById("overlay");
     this.extra = document.getElementById("extra");
     this.head = document.getElementById("head");
+    this.view = new View(document.getElementById("stage"), changed);
     this.scene = null;
     this.drawn = [];
     this.beside = null;
     this.zoomed = false;
   }
 
-  load(at) { return Promise.all([this.pictures.get(`/picture/left/${at}`), this.scenes.get(at)]); }
+  load(at) { return Promise.all([this.pictures.get(`/picture/left/${at}${this.view.query}`), this.scenes.get(at)]); }
 
   // One frame after the other: a browser has few connections, and a change must not wait behind pictures.
   async ahead(at, count, total) {
@@ -63,12 +44,15 @@ export class Stage {
     }
   }
 
-  show(image, scene, at, subject) {
-    image.alt = "left view";
-    this.picture.replaceChildren(image);
-    [this.width, this.height] = [image.naturalWidth, image.naturalHeight];
-    this.overlay.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
-    this.unit = image.naturalWidth / 1000; // text is as large in every image
+  // Nothing is loaded ahead any more.
+  stay() { this.from = null; }
+
+  show(bitmap, scene, at, subject) {
+    place(this.picture, bitmap, "left view");
+    this.view.size = scene.size_px;
+    const [u0, v0, u1, v1] = this.bounds = this.view.region || [0, 0, ...scene.size_px];
+    this.overlay.setAttribute("viewBox", `${u0} ${v0} ${u1 - u0} ${v1 - v0}`);
+    this.unit = (u1 - u0) / 1000; // text is as large in every image
     this.scene = scene;
     this.showBeside(at, subject, scene);
   }
@@ -77,7 +61,7 @@ export class Stage {
   draw(subject, names) {
     const { scene } = this;
     this.letter = (narrow.matches ? 34 : 17) * this.unit; // its height in pixels
-    const now = [scene, subject, names, this.letter];
+    const now = [scene, subject, names, this.letter, String(this.bounds)];
     if (!scene || now.every((each, place) => each === this.drawn[place])) return;
     this.drawn = now;
     this.overlay.style.setProperty("--letter", `${this.letter}px`);
@@ -96,9 +80,14 @@ export class Stage {
     const group = shape("g", { class: `object ${isSubject ? "subject" : className}`, "data-name": each.name });
     const path = each.outline.map((points) => `M${points.map((point) => point.join(",")).join("L")}Z`).join("");
     group.append(shape("path", { d: path, class: "halo" }), shape("path", { d: path }));
-    group.append(this.label(isSubject ? each.name : text, each.box_px, isSubject));
+    if (this.isInside(each.box_px)) group.append(this.label(isSubject ? each.name : text, each.box_px, isSubject));
     if (!isSubject) group.addEventListener("click", (event) => this.choose(each, this.pointOf(event)));
     return group;
+  }
+
+  isInside([u0, v0, u1, v1]) {
+    const [left, top, right, bottom] = this.bounds;
+    return u1 > left && u0 < right && v1 > top && v0 < bottom;
   }
 
   // A name that is as long as there is room for, within the picture, and apart from names that have their place already.
@@ -106,15 +95,17 @@ export class Stage {
     const most = Math.max(LEAST_LETTERS, Math.floor((u1 - u0) / this.letter / LETTER));
     const text = words.length > most ? `${words.slice(0, most - 1).trimEnd()}…` : words;
     const half = text.length * this.letter * LETTER / 2;
-    const x = Math.max(Math.min((u0 + u1) / 2, this.width - half), half);
-    let y = isHigh ? v0 + .8 * this.letter : (v0 + v1) / 2;
+    const [left, top, right, bottom] = this.bounds;
+    const x = Math.max(Math.min((u0 + u1) / 2, right - half), left + half);
+    let y = isHigh ? v0 + .8 * this.letter : (Math.max(v0, top) + Math.min(v1, bottom)) / 2;
     const hides = (other) => Math.abs(other.x - x) < other.half + half && Math.abs(other.y - y) < this.letter;
-    const step = (y < this.height / 2 ? 1.1 : -1.1) * this.letter;
+    const step = (y < (top + bottom) / 2 ? 1.1 : -1.1) * this.letter;
     for (let tries = 0; tries < 2 && this.taken.some(hides); tries += 1) y += step;
     this.taken.push({ x, y, half });
     return Object.assign(shape("text", { x, y }), { textContent: text });
   }
 
+  // A place on the screen in pixels of the whole image.
   pointOf(event) {
     const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.overlay.getScreenCTM().inverse());
     return [Math.round(at.x * 10) / 10, Math.round(at.y * 10) / 10];
@@ -124,7 +115,7 @@ export class Stage {
     this.extra.hidden = !this.beside;
     this.head.hidden = !this.zoomed;
     this.wanted = at;
-    if (this.beside) await this.place(this.extra, `/picture/${this.beside}/${at}`, at, this.beside);
+    if (this.beside) await this.place(this.extra, `/picture/${this.beside}/${at}?width=640`, at, this.beside);
     if (!this.zoomed) return;
     if (scene.heads_px[subject]) {
       await this.place(this.head, `/picture/head/${at}?subject=${encodeURIComponent(subject)}`, at, "head");
@@ -133,9 +124,8 @@ export class Stage {
 
   async place(element, path, at, view) {
     try {
-      const image = await this.pictures.get(path);
-      image.alt = view;
-      if (this.wanted === at) element.replaceChildren(image);
+      const bitmap = await this.pictures.get(path);
+      if (this.wanted === at) place(element, bitmap, view);
     } catch { element.replaceChildren(`no ${view} here`); }
   }
 }

@@ -1,9 +1,13 @@
-// A strip of frames: one row a subject, the run's suggestions below, a cursor, and ranges by dragging. It shows the whole
-// clip, or as many frames of it as there is room for, around the one in hand.
+// A strip of frames: an axis, one row a subject, the run's suggestions below, a cursor, and ranges by dragging. It shows
+// the whole clip, or as many frames of it as there is room for, around the one in hand.
 
-import { pieces } from "./tracks.js";
+import { Axis } from "./axis.js";
+import { coarse, pieces } from "./tracks.js";
+import { Wave } from "./wave.js";
 
 const DRAG_PX = 5;
+const FINEST = 600; // pieces a row: more are narrower than can be seen
+const SPOKEN = 40; // pieces a row that a screen reader is told
 
 function piece(each, look) {
   const box = document.createElement("i");
@@ -19,32 +23,47 @@ function piece(each, look) {
 }
 
 export class Strip {
-  // look: name -> class; select(first, last): a range was dragged; seek(position, subject): a place was clicked.
-  constructor(root, { frames, count, look, select, seek }) {
-    Object.assign(this, { root, frames, count, look, select, seek, rows: new Map(), first: 0 });
-    this.cursor = document.createElement("b");
-    this.range = document.createElement("u");
+  // look: name -> class; select(first, last): a range was dragged; seek(position, subject): a place was clicked, or the
+  // axis was dragged.
+  constructor(root, { frames, times, count, look, select, seek }) {
+    Object.assign(this, { root, frames, times, count, look, select, seek, rows: new Map(), first: 0 });
+    this.axis = new Axis(frames, times);
+    [this.cursor, this.range, this.looped] = ["b", "u", "q"].map((tag) => document.createElement(tag));
     this.overlay = document.createElement("div");
     this.overlay.className = "over";
-    this.overlay.append(this.range, this.cursor);
+    this.overlay.append(this.looped, this.range, this.cursor);
     this.mark(null);
     root.addEventListener("pointerdown", (event) => this.press(event));
   }
 
+  // Show the loudness of the clip's sound.
+  hear(sound) {
+    this.sound = sound;
+    this.wave = new Wave(this.times);
+  }
+
   // A row is made anew only when what it shows has changed: a long clip has hundreds of pieces.
-  draw(position, { subjects, subject, tracks, seen, names, suggestions }) {
-    this.first = Math.max(Math.min(position - Math.floor(this.count / 2), this.frames.length - this.count), 0);
-    const rows = subjects.map((name) => this.keep(
-      name, [this.first, names, tracks[name], seen[name]], () => this.labels(name, tracks[name], seen[name]),
-    ));
+  draw(position, { subjects, subject, tracks, seen, names, suggestions, loop, said, turns }) {
+    if (!this.isHeld) this.first = Math.max(Math.min(position - Math.floor(this.count / 2), this.frames.length - this.count), 0);
+    const window = `${this.first} ${this.count}`;
+    this.axis.draw(this.first, this.count, position, said);
+    const rows = [this.axis.row, ...subjects.map((name) => this.keep(
+      name, [window, names, tracks[name], seen[name]], () => this.labels(name, tracks[name], seen[name]),
+    ))];
     for (const row of rows) row.classList.toggle("current", row.dataset.subject === subject);
-    if (suggestions) rows.push(this.keep("", [this.first, names, suggestions], () => this.suggested(suggestions)));
+    for (const name of subjects.filter((each) => turns[each]?.length)) {
+      rows.push(this.keep(`${name} speaks`, [window, turns[name]], () => this.spoken(name, turns[name])));
+    }
+    if (suggestions) rows.push(this.keep("", [window, names, suggestions], () => this.suggested(suggestions)));
+    if (this.sound) rows.splice(1, 0, this.wave.row);
     rows.push(this.overlay);
     this.cursor.style.left = `${100 * (position + .5 - this.first) / this.count}%`;
     this.mark(this.selection);
+    this.put(this.looped, loop);
     if (rows.length !== this.root.children.length || rows.some((row, place) => row !== this.root.children[place])) {
       this.root.replaceChildren(...rows);
     }
+    if (this.sound) this.wave.draw(this.sound, this.first, this.count);
   }
 
   keep(name, shows, make) {
@@ -66,7 +85,7 @@ export class Strip {
   }
 
   fill(row, found) {
-    const shown = found.filter((each) => this.shows(each.first, each.last));
+    const shown = coarse(found.filter((each) => this.shows(each.first, each.last)), this.first, this.count, FINEST);
     row.lastChild.append(...shown.map((each) => this.place(piece(each, this.look), each.first, each.last)));
     return row;
   }
@@ -82,9 +101,18 @@ export class Strip {
   labels(name, track, seen) {
     const found = pieces(track, seen).filter((each) => each.target !== null);
     const row = this.fill(this.row(name, name, ""), found);
-    const said = found.map((each) => `${each.target} ${this.frames[each.first]} to ${this.frames[each.last]}`);
+    const said = found.slice(0, SPOKEN).map((each) => `${each.target} ${this.frames[each.first]} to ${this.frames[each.last]}`);
+    if (found.length > SPOKEN) said.push(`and ${found.length - SPOKEN} more`);
     row.setAttribute("role", "img");
     row.setAttribute("aria-label", `${name}: ${said.join(", ") || "not labelled"}`);
+    return row;
+  }
+
+  spoken(name, turns) {
+    const found = turns.map(([first, last]) => ({ first, last, target: "speaks" }));
+    const row = this.fill(this.row(name, `${name} speaks`, "speech"), found);
+    row.setAttribute("role", "img");
+    row.setAttribute("aria-label", `${name} speaks ${turns.slice(0, SPOKEN).map(([first, last]) => `${this.frames[first]} to ${this.frames[last]}`).join(", ")}`);
     return row;
   }
 
@@ -100,8 +128,12 @@ export class Strip {
 
   mark(selection) {
     this.selection = selection;
-    this.range.hidden = !selection || !this.shows(...selection);
-    if (!this.range.hidden) this.place(this.range, ...selection);
+    this.put(this.range, selection);
+  }
+
+  put(element, range) {
+    element.hidden = !range || !this.shows(...range);
+    if (!element.hidden) this.place(element, ...range);
   }
 
   positionAt(clientX) {
@@ -110,18 +142,24 @@ export class Strip {
     return this.first + Math.min(Math.max(Math.floor(share * this.count), 0), this.count - 1);
   }
 
+  // On the axis a drag moves through the clip, on the rows it chooses a range.
   press(event) {
     if (event.button) return;
+    const isScrub = Boolean(event.target.closest(".axis"));
     const start = this.positionAt(event.clientX);
     const row = event.target.closest("[data-subject]");
     let dragged = false;
+    this.isHeld = true; // the strip stands still under the hand
     const move = (moved) => {
       dragged ||= Math.abs(moved.clientX - event.clientX) >= DRAG_PX;
       const end = this.positionAt(moved.clientX);
-      if (dragged) this.mark([Math.min(start, end), Math.max(start, end)]);
+      if (isScrub) this.seek(end, null);
+      else if (dragged) this.mark([Math.min(start, end), Math.max(start, end)]);
     };
     const up = () => {
       removeEventListener("pointermove", move);
+      this.isHeld = false;
+      if (isScrub && dragged) return;
       if (dragged) this.select(this.selection); else this.seek(start, row && row.dataset.subject);
     };
     addEventListener("pointermove", move);

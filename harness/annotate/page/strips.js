@@ -1,25 +1,37 @@
-// The strip of the whole clip, and for a long one a second that shows the frames around the one in hand.
+// The strip of the whole clip, and above it one that is nearer, for a long clip or when it is zoomed.
 
 import { Strip } from "./strip.js";
 
 const NEAR = 120; // frames: each is wide enough to drag over
+const NEAREST = 15;
 
 export class Strips {
   constructor(handlers) {
-    const { length } = handlers.frames;
-    const [near, whole] = ["near", "strips"].map((id) => document.getElementById(id));
-    this.whole = new Strip(whole, { ...handlers, count: length });
-    this.near = length > 2 * NEAR ? new Strip(near, { ...handlers, count: NEAR }) : null;
-    near.hidden = !this.near;
+    this.total = handlers.frames.length;
+    [this.nearRoot, this.wholeRoot] = ["near", "strips"].map((id) => document.getElementById(id));
+    this.whole = new Strip(this.wholeRoot, { ...handlers, count: this.total });
+    this.near = new Strip(this.nearRoot, { ...handlers, count: this.total > 2 * NEAR ? NEAR : this.total });
+  }
+
+  hear(sound) {
+    this.whole.hear(sound);
+    this.near.hear(sound);
+  }
+
+  // Twice as near, or half.
+  zoom(by) {
+    this.near.count = Math.min(Math.max(Math.round(this.near.count / by), Math.min(NEAREST, this.total)), this.total);
   }
 
   draw(position, what) {
+    const isNear = this.near.count < this.total;
+    this.nearRoot.hidden = !isNear;
+    if (isNear) this.near.draw(position, { ...what, subjects: [what.subject] });
     this.whole.draw(position, what);
-    if (this.near) this.near.draw(position, { ...what, subjects: [what.subject] });
   }
 
   mark(range) {
     this.whole.mark(range);
-    if (this.near) this.near.mark(range);
+    this.near.mark(range);
   }
 }

@@ -42,6 +42,31 @@ export function pieces(track, seen) {
   return found;
 }
 
+// Where something is still to be done: what is unlabelled (also what was not seen yet), undecided or only suggested.
+export function open(track, seen) {
+  const found = [];
+  for (const each of pieces(track, seen)) {
+    const kind = each.target === null || each.unseen ? "unlabelled" : each.suggested || each.undecided ? "undecided" : null;
+    if (kind) found.push({ first: each.first, last: each.last, kind });
+  }
+  return found;
+}
+
+// What annotators differ in.
+export const undecided = (track) => runs(track).filter((each) => each.undecided);
+
+// At most so many pieces of a window of frames: of those that share a place the longest is drawn.
+export function coarse(found, first, count, most) {
+  if (found.length <= most) return found;
+  const kept = new Map();
+  for (const each of found) {
+    const place = Math.floor((Math.max(each.first, first) - first) * most / count);
+    const other = kept.get(place);
+    if (!other || other.last - other.first < each.last - each.first) kept.set(place, each);
+  }
+  return [...kept.values()];
+}
+
 const same = (a, b) =>
   a.target === b.target && a.suggested === b.suggested && a.unseen === b.unseen && a.note === b.note;
 

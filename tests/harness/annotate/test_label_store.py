@@ -166,6 +166,21 @@ def test_a_change_made_on_an_older_state_is_refused(tmp_path: Path) -> None:
     assert (tmp_path / "annotations" / "clip.csv").read_bytes() == before
 
 
+def test_a_change_that_is_sent_again_is_not_made_twice_also_after_a_restart(tmp_path: Path) -> None:
+    store = _open(tmp_path)
+    with store.once("a") as is_new:
+        assert is_new
+        store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    with store.once("a") as is_new:
+        assert not is_new
+    store.close()
+    again = _open(tmp_path)
+    with again.once("a") as is_new:
+        assert not is_new
+    with again.once("b") as is_new:
+        assert is_new
+
+
 def test_seeing_frames_makes_no_other_tab_stale(tmp_path: Path) -> None:
     store = _open(tmp_path)
     _look(store, 0, "cup")
@@ -331,14 +346,12 @@ def test_a_journal_of_a_clip_that_has_other_frames_or_people_by_now_is_not_belie
     assert [mark and mark.target for mark in longer.track("ann")] == ["cup"] * 2 + [None] * 7
 
 
-def test_the_time_that_is_left_follows_from_the_pace_without_the_breaks(tmp_path: Path) -> None:
-    now = iter([0.0, 0.0, 10.0, 1000.0])
+def test_the_time_that_is_left_follows_from_the_pace_without_the_breaks_once_it_means_something(tmp_path: Path) -> None:
+    now = iter([0.0, 0.0, 10.0, 1000.0, 1025.0])
     store = _open(tmp_path, clock=lambda: next(now))
-    assert store.state()["seconds_left"] is None
-    store.put(store.revision, "ann", edits.mark_range(0, 3, "cup"))
-    assert store.state()["seconds_left"] == pytest.approx(10 / 4 * 12)
-    store.put(store.revision, "ann", edits.mark_range(4, 7, "cup"))
-    assert store.state()["seconds_left"] == pytest.approx((10 + 30) / 8 * 8)
+    for last, left in ((3, None), (5, None), (7, (10 + 30 + 25) / 8 * 8)):
+        store.put(store.revision, "ann", edits.mark_range(0, last, "cup"))
+        assert store.state()["seconds_left"] == (left and pytest.approx(left))
 
 
 _STEP = st.one_of(

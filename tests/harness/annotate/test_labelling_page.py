@@ -362,7 +362,9 @@ def test_what_annotators_differ_in_is_found_shown_and_decided(browser: Chrome, n
     assert "".join(_targets(page)) == "cccbbnnnn..."
 
 
-def test_a_key_says_nothing_of_a_clip_that_is_not_shown_yet(browser: Chrome, noise: Start) -> None:
+def test_keys_that_are_pressed_while_the_first_frame_loads_are_done_when_it_is_shown(
+    browser: Chrome, noise: Start
+) -> None:
     from selenium.webdriver import ActionChains
 
     closed = threading.Lock()
@@ -382,7 +384,105 @@ def test_a_key_says_nothing_of_a_clip_that_is_not_shown_yet(browser: Chrome, noi
         page = noise(open_clip=lambda manifest: Slow(manifest.open()))
         browser.get(page.address)
         wait_for(lambda: "Loading" in browser.find_element("id", "frame").text)
-        ActionChains(browser).send_keys("1").perform()
+        ActionChains(browser).send_keys("1", "\ue014", "\ue014", "2").perform()
         assert browser.find_elements("css selector", "#strips .piece") == []
-    wait_for(lambda: shown(browser) == 1 and _is_settled(browser))
-    assert page.session.state()["labelled"] == 0
+    wait_for(lambda: shown(browser) == 3 and _is_settled(browser))
+    assert "".join(_targets(page)) == "ccb........."
+
+
+def test_keys_lead_to_what_is_unlabelled_and_to_what_is_undecided_and_round_again(
+    browser: Chrome, noise: Start, work: Path
+) -> None:
+    rows = [
+        "1,2,ann,cup,",
+        '3,4,ann,ignore,"to decide: a cup, b book"',
+        "7,8,ann,cup,",
+        '9,10,ann,ignore,"to decide: a -, b cup"',
+    ]
+    head = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+    write_text(work / "annotations" / "noise.csv", head + "\n".join(rows) + "\n")
+    _open(browser, noise())
+    seen = []
+    for key in "gggxxx]][[":
+        _keys(browser, key)
+        seen.append(shown(browser))
+    assert seen == [5, 11, 5, 9, 3, 9, 3, 9, 3, 9]
+    assert browser.find_element("id", "unlabelled").text == "ann: 4 without a label, 4 undecided"
+    _click(browser, "#unlabelled")
+    assert shown(browser) == 11
+
+
+def test_u_goes_from_the_least_sure_suggestion_to_surer_ones_and_round_again(
+    browser: Chrome, noise: Start, work: Path
+) -> None:
+    _open(browser, noise(run=work / "run"))
+    _keys(browser, "\ue014", "\ue014")
+    seen = []
+    for _ in range(13):
+        _keys(browser, "u")
+        seen.append(shown(browser))
+    assert seen == [9, 10, 11, 12, 8, 4, 6, 7, 3, 1, 2, 5, 9]
+    _keys(browser, "U")
+    assert shown(browser) == 5
+
+
+def test_a_range_is_chosen_by_keys_and_the_axis_is_a_slider(browser: Chrome, noise: Start) -> None:
+    page = noise()
+    _open(browser, page)
+    slider = browser.find_element("css selector", "#strips [role=slider]")
+    browser.execute_script("arguments[0].focus()", slider)
+    _keys(browser, *["\ue014"] * 2, "b", *["\ue014"] * 3, "e", "2")
+    assert "".join(_targets(page)) == "..bbbb......"
+    assert slider.get_attribute("aria-valuenow") == "6"
+    assert slider.get_attribute("aria-valuetext") == "frame 6, 0:00.5, ann: book"
+    assert "book 3 to 6" in (browser.find_element("css selector", "#strips .current").get_attribute("aria-label") or "")
+
+
+def test_the_axis_is_dragged_to_move_through_the_clip(browser: Chrome, noise: Start) -> None:
+    from selenium.webdriver import ActionChains
+
+    _open(browser, noise())
+    axis = browser.find_element("css selector", "#strips [role=slider]")
+    step = axis.size["width"] / len(FRAMES)
+    actions = ActionChains(browser).move_to_element_with_offset(axis, round(-3.5 * step), 0).click_and_hold()
+    for _ in range(4):
+        actions.move_by_offset(round(step), 0)
+    actions.release().perform()
+    wait_for(lambda: shown(browser) == 7 and _is_settled(browser))
+    assert not browser.find_element("css selector", "#strips u").is_displayed()
+
+
+def test_an_enlarged_image_is_sent_in_detail_and_a_click_means_the_same_object(
+    browser: Chrome, noise: Start, work: Path
+) -> None:
+    page = noise(run=work / "run")
+    _open(browser, page)
+    _keys(browser, "v")
+    assert any("region=" in each for each in requested(browser))
+    canvas = browser.find_element("css selector", "#picture canvas")
+    assert int(canvas.get_attribute("width") or 0) < 64
+    _click(browser, '[data-name="book"]')
+    assert _targets(page)[0] == "b"
+    _keys(browser, "V")
+    box = browser.execute_script("return document.getElementById('overlay').getAttribute('viewBox')")
+    assert box == "0 0 64 48"
+
+
+def test_what_can_be_pressed_or_dragged_is_large_enough_and_all_fits_at_200_percent(
+    browser: Chrome, noise: Start, work: Path
+) -> None:
+    set_width(browser, 640, 450)  # 1280 by 900 at 200 %
+    _open(browser, noise(run=work / "run"))
+    small = browser.execute_script(
+        "return [...document.querySelectorAll('button, select, input, summary, .row > div')]"
+        ".filter((each) => each.offsetParent).map((each) => [each.outerHTML, each.getBoundingClientRect()])"
+        ".filter(([, box]) => box.width < 24 || box.height < 24).map(([words]) => words)"
+    )
+    assert small == []
+    assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+    unnamed = browser.execute_script(
+        "return [...document.querySelectorAll('button, input, select, [role=img], [role=slider]')]"
+        ".filter((each) => !(each.getAttribute('aria-label') || each.textContent.trim() || each.closest('label')))"
+        ".map((each) => each.outerHTML)"
+    )
+    assert unnamed == []

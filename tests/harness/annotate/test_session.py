@@ -100,7 +100,7 @@ def test_without_a_run_the_clips_own_masks_are_shown_by_the_manifests_names(tmp_
 
 
 def test_a_clip_of_which_nothing_is_known_has_an_empty_scene(opened: Any) -> None:
-    assert opened().scene(3) == {"objects": (), "heads_px": {}}
+    assert opened().scene(3) == {"objects": (), "heads_px": {}, "size_px": (WIDTH, HEIGHT)}
 
 
 def test_the_head_is_enlarged_and_cut_at_the_edge() -> None:

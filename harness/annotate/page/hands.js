@@ -1,0 +1,17 @@
+// Presses one after the other: none is dropped, and none overtakes one that waits for the labels before it.
+
+export class Hands {
+  // moved(): a press came or was done; failed(error).
+  constructor({ moved, failed }) {
+    Object.assign(this, { moved, failed, waiting: 0 });
+    this.last = new Promise((open) => { this.open = open; }); // nothing is done before the first frame is shown
+  }
+
+  // What run() gives back is waited for.
+  press(run) {
+    this.waiting += 1;
+    this.moved();
+    this.last = this.last.then(run).catch(this.failed).then(() => { this.waiting -= 1; this.moved(); });
+    return this.last;
+  }
+}

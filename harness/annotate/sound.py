@@ -1,0 +1,68 @@
+"""The sound of a clip for the page: a WAV file that the browser plays, and its envelope."""
+
+from __future__ import annotations
+
+import tempfile
+import threading
+import wave
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.sources import AnyClip, SoundClip
+from harness.sources.media.sound import SOUND_HZ, sound_of
+
+_BIN_S = 0.02
+_MOST_BINS = 20_000
+
+
+class Sound:
+    """The sound of a clip's first video that has some; decoded when it is first asked for."""
+
+    def __init__(self, clip: AnyClip) -> None:
+        self._files = clip.sound_files if isinstance(clip, SoundClip) else ()
+        self._folder = tempfile.TemporaryDirectory(prefix="vfoa-")
+        self._file = Path(self._folder.name) / "sound.wav"
+        self._lock, self._is_decoded = threading.Lock(), False
+        self._about: dict[str, Any] | None = None
+
+    def about(self) -> dict[str, Any] | None:
+        """Its length, and its loudness (0 to 100) per ``bin_s``, as JSON; None for a clip without sound."""
+        with self._lock:
+            if not self._is_decoded:
+                self._decode()
+            return self._about
+
+    def wav(self) -> Path | None:
+        """The file; None for a clip without sound."""
+        return None if self.about() is None else self._file
+
+    def close(self) -> None:
+        """Delete the file."""
+        self._folder.cleanup()
+
+    def _decode(self) -> None:
+        found = (samples for path in self._files if (samples := sound_of(path)) is not None)
+        samples = next(found, None)
+        self._is_decoded = True
+        if samples is None or not len(samples):
+            return
+        with wave.open(str(self._file), "wb") as writer:
+            writer.setnchannels(1)
+            writer.setsampwidth(2)
+            writer.setframerate(SOUND_HZ)
+            writer.writeframes(samples.astype("<i2").tobytes())
+        self._about = _envelope(samples)
+
+
+def _envelope(samples: NDArray[np.int16]) -> dict[str, Any]:
+    seconds = len(samples) / SOUND_HZ
+    size = max(round(_BIN_S * SOUND_HZ), -(-len(samples) // _MOST_BINS))
+    padded = np.pad(np.abs(samples.astype(np.int32)), (0, -len(samples) % size)).reshape(-1, size)
+    return {
+        "seconds": seconds,
+        "bin_s": size / SOUND_HZ,
+        "loudness": (padded.max(axis=1) * 100 // 32768).tolist(),
+    }
