@@ -17,7 +17,7 @@ from harness.sources import Clip, Truth
 from tests.annotating import FRAMES, Page, shown, wait_for
 from tests.browser import chromium, requested, set_width
 from tests.disk import write_text
-from vfoa.types import StereoFrame
+from vfoa.types import Image, StereoFrame
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
@@ -167,6 +167,9 @@ def test_a_long_clip_has_a_second_strip_with_frames_that_are_wide_enough(browser
 
         def frame(self, number: int) -> StereoFrame:
             return replace(self._clip.frame((number - 1) % len(FRAMES) + 1), index=number)
+
+        def left(self, number: int) -> Image:
+            return self.frame(number).left
 
     page = noise(open_clip=lambda manifest: Long(manifest.open()))
     _open(browser, page)
@@ -379,6 +382,9 @@ def test_keys_that_are_pressed_while_the_first_frame_loads_are_done_when_it_is_s
         def frame(self, number: int) -> StereoFrame:
             with closed:
                 return self._clip.frame(number)
+
+        def left(self, number: int) -> Image:
+            return self.frame(number).left
 
     with closed:
         page = noise(open_clip=lambda manifest: Slow(manifest.open()))
