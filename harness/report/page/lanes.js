@@ -84,6 +84,7 @@ function crowded(pen, view, top, lane, fill) {
   const columns = Math.floor(view.width);
   const colours = data.states.map((_, state) => fill(state));
   const counts = new Uint32Array(data.states.length);
+  const grounds = [];
   for (let x = 0; x < columns; x += 1) {
     const [start, end] = bounds({ from: toFrame(view, view.left + x), to: toFrame(view, view.left + x + 1) }, lane.states.length);
     counts.fill(0);
@@ -98,9 +99,14 @@ function crowded(pen, view, top, lane, fill) {
       if (counts[state] > counts[worst]) worst = state;
     }
     if (!all) continue;
-    pen.rect(view.left + x, top, 1.05, 20, colours[counts[0] + wrong ? 0 : 1]);
-    const high = 20 * wrong / all;
-    if (wrong) pen.rect(view.left + x, top + 20 - high, 1.05, high, colours[worst]);
+    const ground = colours[counts[0] + wrong ? 0 : 1];
+    if (grounds.at(-1)?.colour === ground && grounds.at(-1).end === x) grounds.at(-1).end = x + 1;
+    else grounds.push({ start: x, end: x + 1, colour: ground, wrong: [] });
+    if (wrong) grounds.at(-1).wrong.push([x, 20 * wrong / all, colours[worst]]);
+  }
+  for (const { start, end, colour, wrong } of grounds) {
+    pen.rect(view.left + start, top, end - start, 20, colour);
+    for (const [x, high, worst] of wrong) pen.rect(view.left + x, top + 20 - high, 1.05, high, worst);
   }
 }
 

@@ -37,7 +37,7 @@ async function arrange() {
   const pictures = (await packedJson(`pictures-${of.clip}`))?.pictures;
   if (track !== of || shown.lane !== lane) return;
   lanes = [axisLane(of, data.clips[of.clip].rate_hz), rateLane(rates), truthLane(of), ...strips.map(stripLane),
-    attentionLane(of, lane, look(of)), ...(pictures ? [pictureLane(of, pictures, redraw)] : [])];
+    attentionLane(of, lane, look(of)), ...(pictures ? [pictureLane(of, pictures, () => redraw())] : [])];
   names.replaceChildren(...legendOf(rates.map(({ lane: each, number }) => ({ name: each.name, number }))).children,
     ...lane.attended.map((code) => {
       const { colour, dash } = look(of)(code);
@@ -45,10 +45,15 @@ async function arrange() {
       return element("li", {}, sample, nameOf(code));
     }));
   redraw();
-  withValues(of.clip).then(redraw);
+  withValues(of.clip).then(() => redraw());
 }
 
-export function redraw() {
+// What the lanes show is kept as a picture: where only the cursor has moved (`lanesToo` false), it is shown again.
+const still = element("canvas");
+let stale = true;
+
+export function redraw(lanesToo = true) {
+  stale = stale || lanesToo;
   if (scheduled) return;
   scheduled = true;
   requestAnimationFrame(() => {
@@ -56,8 +61,14 @@ export function redraw() {
     if (!track || !sheet.clientWidth) return;
     const width = sheet.clientWidth;
     height = place(width);
-    draw(canvasPen(sheet, width, height), width);
-    drawOverview();
+    if (stale) {
+      drawLanes(canvasPen(still, width, height), width);
+      drawOverview();
+      stale = false;
+    }
+    const pen = canvasPen(sheet, width, height);
+    pen.image(still, 0, 0, width, height);
+    drawCursor(pen);
   });
 }
 
@@ -75,7 +86,7 @@ function place(width) {
   return top + 4;
 }
 
-function draw(pen, width) {
+function drawLanes(pen, width) {
   const colours = palette();
   for (const lane of lanes) {
     const chosen = lane.lane === shown.lane && lane.lane;
@@ -85,6 +96,10 @@ function draw(pen, width) {
     pen.text(...at, `${chosen ? "▸ " : ""}${words}`, colours.of(chosen ? "ink" : "soft"), { align: view.left ? "right" : "left", weight: chosen ? 700 : 400 });
     pen.clipped(view.left, lane.top - 1, view.width, lane.height + 2, () => lane.draw(pen, view, lane.top, colours));
   }
+}
+
+function drawCursor(pen) {
+  const colours = palette();
   const i = preview?.i ?? shown.i;
   if (i !== null && i !== undefined && i + 1 > view.from && i < view.to) {
     const [x, wide] = [toX(view, i), Math.max(view.width / (view.to - view.from), 1.5)];
@@ -141,7 +156,7 @@ function showPreview(found) {
   if (preview?.i === found?.i && preview?.lane === found?.lane) return;
   preview = found;
   for (const follow of followers) follow(preview && { track, ...preview });
-  redraw();
+  redraw(false);
 }
 
 function listen() {
@@ -238,7 +253,8 @@ function asCsv() {
 function asSvg() {
   const width = sheet.clientWidth;
   const pen = svgPen(width, height, palette().of("ground"));
-  draw(pen, width);
+  drawLanes(pen, width);
+  drawCursor(pen);
   return pen.done();
 }
 
@@ -248,7 +264,7 @@ export function drawTimeline(root) {
     button("PNG", () => copyCanvas(sheet), { "aria-label": "Copy the timeline as PNG" }),
     button("SVG", () => copySvgText(asSvg()), { "aria-label": "Copy the timeline as SVG" })));
   listen();
-  new ResizeObserver(redraw).observe(sheet);
+  new ResizeObserver(() => redraw()).observe(sheet);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { if (track) arrange(); });
   onSelection((why) => {
     const { track: of, lane, i } = shown;
