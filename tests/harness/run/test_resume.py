@@ -82,13 +82,17 @@ def _start(experiment: Path, out: Path, workers: int) -> subprocess.Popen[bytes]
     return subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
-def _frames_of(recording: Path) -> set[int]:
-    frames: set[int] = set()
+def _values_of(recording: Path) -> dict[tuple[str, str, int], object]:
+    """Every value of a recording by entity, component and frame."""
+    found: dict[tuple[str, str, int], object] = {}
     for chunk in RrdReader(recording).stream():
         batch = chunk.to_record_batch()
         if "frame" in batch.schema.names:
-            frames |= set(batch.column("frame").cast("int64").to_pylist())
-    return frames
+            frames = batch.column("frame").cast("int64").to_pylist()
+            for name in (each for each in batch.schema.names if ":" in each):
+                rows = zip(frames, batch.column(name).to_pylist(), strict=True)
+                found |= {(chunk.entity_path, name, frame): value for frame, value in rows if value is not None}
+    return found
 
 
 @pytest.mark.parametrize("kill", range(KILLS))
@@ -108,7 +112,9 @@ def test_a_killed_run_goes_on_to_the_same_tables(
     recordings = sorted(path.name for path in directory.path.glob("*.rrd"))
     assert recordings == sorted(path.name for path in whole.path.glob("*.rrd"))
     for recording in recordings:
-        assert _frames_of(directory.path / recording) == set(range(1, FRAMES + 1))
+        values = _values_of(directory.path / recording)
+        assert values == _values_of(whole.path / recording), recording
+        assert {frame for _, _, frame in values} == set(range(1, FRAMES + 1))
     assert list(directory.path.glob("*.partial")) == []
     assert directory.timings.read_text().count(",attention,") == 2 * FRAMES
 
