@@ -23,8 +23,7 @@ class Sound:
 
     def __init__(self, clip: AnyClip) -> None:
         self._files = clip.sound_files if isinstance(clip, SoundClip) else ()
-        self._folder = tempfile.TemporaryDirectory(prefix="vfoa-")
-        self._file = Path(self._folder.name) / "sound.wav"
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
         self._lock, self._is_decoded = threading.Lock(), False
         self._about: dict[str, Any] | None = None
 
@@ -37,11 +36,14 @@ class Sound:
 
     def wav(self) -> Path | None:
         """The file; None for a clip without sound."""
-        return None if self.about() is None else self._file
+        if self.about() is None or self._folder is None:
+            return None
+        return Path(self._folder.name) / "sound.wav"
 
     def close(self) -> None:
         """Delete the file."""
-        self._folder.cleanup()
+        if self._folder is not None:
+            self._folder.cleanup()
 
     def _decode(self) -> None:
         found = (samples for path in self._files if (samples := sound_of(path)) is not None)
@@ -49,7 +51,8 @@ class Sound:
         self._is_decoded = True
         if samples is None or not len(samples):
             return
-        with wave.open(str(self._file), "wb") as writer:
+        self._folder = tempfile.TemporaryDirectory(prefix="vfoa-")
+        with wave.open(str(Path(self._folder.name) / "sound.wav"), "wb") as writer:
             writer.setnchannels(1)
             writer.setsampwidth(2)
             writer.setframerate(SOUND_HZ)
