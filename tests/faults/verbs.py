@@ -48,6 +48,7 @@ VERBS: dict[str, Writes | Left] = {
     ),
     "compare": READS,
     "plan": READS,
+    "plot": Writes(("plot", "run", "--kind", "forest", "--out", "forest.svg", "--replace")),
     "export-table": Writes(("export-table", "run", "--to", "json", "--out", "table.json")),
     "fit": Writes(("fit", "run", "--out", "fitted.toml")),
     "bench": Left("measures times; one file, by the writer that export-table has"),
