@@ -119,6 +119,10 @@ def one_line_errors() -> Iterator[None]:
         _refuse(f"{place}{error.strerror or error}")
     except KeyboardInterrupt:
         raise SystemExit(130) from None
+    except ImportError as error:
+        if "failed to map" not in str(error) and "annot allocate memory" not in str(error):
+            raise
+        _refuse(f"not enough memory to load a library: {error}")
     except MemoryError as error:
         _refuse(f"not enough memory: {str(error) or 'none left'}")
 

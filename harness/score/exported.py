@@ -112,7 +112,11 @@ class ExportedTable(Settings):
         if found != FORMAT:
             raise VfoaError(f"{path}: format: found {found!r}; expected {FORMAT!r}, as `vfoa export-table` writes it")
         table = parse(cls, data, str(path))
-        if table.digest != table._digest():
+        try:
+            digest = table._digest()
+        except UnicodeEncodeError:
+            raise VfoaError(f"{path}: holds text that is not Unicode; expected a table that vfoa has written") from None
+        if table.digest != digest:
             raise VfoaError(f"{path}: digest: not that of the content; the file was changed after it was written")
         for each in table.frames:
             lengths = {len(each.frames), len(each.looks), len(each.truth), *map(len, each.correct.values())}

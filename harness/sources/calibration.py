@@ -32,20 +32,23 @@ class Calibration:
         Raises
         ------
         VfoaError
-            If the calibration is for another size.
+            If the calibration is for another size, or is none of a camera.
         """
         if self.size_px not in (None, (width_px, height_px)):
             raise VfoaError(f"the calibration is for {self.size_px} pixels, the images have ({width_px}, {height_px})")
-        return StereoRig(
-            width_px=width_px,
-            height_px=height_px,
-            fx_px=self.fx_px,
-            fy_px=self.fy_px,
-            cx_px=self.cx_px,
-            cy_px=self.cy_px,
-            baseline_m=self.baseline_m,
-            cx_right_px=self.cx_right_px,
-        )
+        try:
+            return StereoRig(
+                width_px=width_px,
+                height_px=height_px,
+                fx_px=self.fx_px,
+                fy_px=self.fy_px,
+                cx_px=self.cx_px,
+                cy_px=self.cy_px,
+                baseline_m=self.baseline_m,
+                cx_right_px=self.cx_right_px,
+            )
+        except ValueError as error:  # an image without a pixel, a focal length of 0
+            raise VfoaError(str(error)) from None
 
 
 def from_projections(

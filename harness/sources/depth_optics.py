@@ -71,6 +71,8 @@ class DepthOptics:
             raise VfoaError(
                 f"{where}: found focal lengths {camera.k[0, 0]:g}, {camera.k[1, 1]:g}; expected a calibrated camera"
             )
+        if min(camera.size_px) < 1:
+            raise VfoaError(f"{where}: found a camera of {camera.size_px} pixels; expected a calibrated camera")
         self._camera, self._where = camera, where
         self._maps = _maps(camera) if camera.d.any() else None
 

@@ -16,7 +16,6 @@ _CAMERA = re.compile(
 )
 _NUMBERED_VIEW = re.compile(r"(im|view)(\d+)(\.[^.]+)")
 _DIGITS = re.compile(r"\d+")
-_MARK = "\0"
 
 _NUMBERED_VIEWS = (("im", (0, 1), 1), ("im", (2, 6), 8), ("view", (1, 5), 6))
 """Middlebury's pairs: the word, the numbers of left and right, and the greatest number beside them."""
@@ -38,13 +37,13 @@ def pair_names(names: Iterable[str], *, numbered: bool) -> tuple[Sides, ...]:
     ``numbered``: runs of digits beside the side may differ within a side (frame numbers) and are ``*`` in the globs.
     Cameras are paired as (0, 1), (2, 3), or as (1, 2) where there is no 0.
     """
-    ways: defaultdict[str, defaultdict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
+    ways: defaultdict[tuple[str, str, str], defaultdict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
     for name in sorted(names):
         for start, end, way in _sides_in(name):
             before, after = (_globbed(part, numbered) for part in (name[:start], name[end:]))
             if way == "camera" and numbered and "*" not in before + after:
                 continue  # image_1, image_2 ...: a sequence, not a pair of cameras
-            ways[f"{way}{_MARK}{before}{_MARK}{after}"][name[start:end]].add(name)
+            ways[way, before, after][name[start:end]].add(name)
     found = [pair for key, sides in ways.items() for pair in _pairs(key, sides)]
     return tuple(sorted(found, key=lambda pair: -min(len(pair.left_names), len(pair.right_names))))
 
@@ -73,8 +72,8 @@ def _sides_in(name: str) -> Iterable[tuple[int, int, str]]:
             yield match.start(group), match.end(group), way
 
 
-def _pairs(key: str, sides: dict[str, set[str]]) -> Iterable[Sides]:
-    way, before, after = key.split(_MARK)
+def _pairs(key: tuple[str, str, str], sides: dict[str, set[str]]) -> Iterable[Sides]:
+    way, before, after = key
     for side in sorted(sides):
         other = _opposite(way, side, sides)
         if other in sides:

@@ -122,7 +122,8 @@ class Workshop:
             ended = self._under(fault, verb, whole, rng)
         except PermissionError as error:
             return Cell(name, fault, skipped=f"needs the right to mount a file system: {error}")
-        wrong = self._said_wrongly(fault, ended) or what_is_wrong(self.place, whole.before, whole.after, whole.varying)
+        growing = {*whole.varying, *verb.grows}
+        wrong = self._said_wrongly(fault, ended) or what_is_wrong(self.place, whole.before, whole.after, growing)
         if wrong:
             return Cell(name, fault, wrong=wrong, ended=ended.code)
         again = self.run(verb)

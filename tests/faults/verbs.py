@@ -16,12 +16,14 @@ from tests.faults import project
 class Writes:
     """A verb that writes: the words of an example in the project of :mod:`tests.faults.project`, or a call.
 
-    ``varies`` are endings of files that differ from run to run: of them, only that they can be read is asked.
+    ``varies`` are endings of files that differ from run to run, ``grows`` those that are written again and again: of
+    them, only that they can be read is asked, of the second until the verb has ended by itself.
     """
 
     words: tuple[str, ...] = ()
     call: Callable[[], None] | None = None
     varies: tuple[str, ...] = ()
+    grows: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,7 @@ VERBS: dict[str, Writes | Left] = {
     "export-table": Writes(("export-table", "run", "--to", "json", "--out", "table.json")),
     "fit": Writes(("fit", "run", "--out", "fitted.toml")),
     "bench": Left("measures times; one file, by the writer that export-table has"),
-    "annotate": Writes(call=project.label, varies=(".talk.jsonl",)),
+    "annotate": Writes(call=project.label, varies=(".talk.jsonl",), grows=("annotations/talk.csv",)),
     "calibrate": Writes(
         ("calibrate", "board", *_BOARD, "--left", "left*.png", "--right", "right*.png", "--out", "rig.yml", "--replace")
     ),

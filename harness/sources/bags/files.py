@@ -38,7 +38,8 @@ def data_files(part: Path) -> tuple[Path, ...]:
     """The files that hold a part's messages."""
     if part.is_file():
         return (part,)
-    names = _metadata(part).get("relative_file_paths", [])
+    names = _metadata(part).get("relative_file_paths")
+    names = names if isinstance(names, list) else []
     return tuple(part / Path(name).name for name in names if isinstance(name, str))
 
 
