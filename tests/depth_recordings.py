@@ -22,6 +22,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from harness.record.video import open_without_real_time
+
 Format = Literal["bag", "db3", "mcap", "db3 zstd file", "db3 zstd message"]
 FORMATS: tuple[Format, ...] = ("bag", "db3", "mcap")
 DepthForm = Literal["raw", "png", "rvl", "32FC1", "32FC1 png"]
@@ -282,6 +284,7 @@ class Encoder:
         context.width, context.height, context.pix_fmt = self.width, self.height, "yuv420p"
         context.time_base, context.framerate, context.gop_size = Fraction(1, 25), Fraction(25), self.gop
         context.options = self.options
+        open_without_real_time(context)
         found: list[Any] = []
         for number, image in enumerate(images):
             frame = av.VideoFrame.from_ndarray(image, format="rgb24")

@@ -6,6 +6,7 @@ where H.264 takes 7 and a JPEG of quality 85 takes 66 (25 frames of ``studio_tal
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterator
 from fractions import Fraction
@@ -47,6 +48,7 @@ class VideoEncoder:
             "crf": str(_QUALITY),
             "svtav1-params": f"pred-struct=1:lp=1:keyint={key_every}:scd=0",
         }
+        open_without_real_time(codec)
         self._codec = codec
         self._count = 0
 
@@ -71,6 +73,23 @@ class VideoEncoder:
         for packet in self._codec.encode(frame):
             assert packet.pts is not None
             yield packet.pts, bytes(packet)
+
+
+def open_without_real_time(codec: av.VideoCodecContext) -> None:
+    """Open the encoder, and give its threads and this one the scheduling that this one had.
+
+    For root, SVT-AV1 makes them all real-time threads: they, and every process that is started later, would take the
+    processor from everything else on the machine.
+    """
+    if not hasattr(os, "sched_setscheduler"):
+        codec.open()
+        return
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    codec.open()
+    for thread in map(int, os.listdir("/proc/self/task")):
+        with contextlib.suppress(ProcessLookupError):
+            if os.sched_getscheduler(thread) != policy:
+                os.sched_setscheduler(thread, policy, parameters)
 
 
 def _even(size_px: int) -> int:

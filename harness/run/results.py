@@ -215,6 +215,7 @@ def find_blocks(path: Path) -> list[Block]:
     frames: list[int] = []
     first, start, end = 1, 0, 0
     pair: tuple[str, str] | None = None
+    check_readable(path)
     try:
         with path.open("rb") as file:
             for number, line in enumerate(file, start=1):

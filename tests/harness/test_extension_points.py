@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import csv
+import re
+import zlib
 from pathlib import Path
 
 import pytest
@@ -40,7 +43,9 @@ def test_a_metric_of_one_file_is_a_column_of_frr_csv_and_of_the_report(
         rows = list(csv.DictReader(file))
     assert [float(row["longest_wrong"]) for row in rows] == [3.0] * len(rows)
     assert "Longest wrong" in (run / "frr.md").read_text(encoding="utf-8")
-    assert "Longest wrong" in (run / "report.html").read_text(encoding="utf-8")
+    page = (run / "report.html").read_text(encoding="utf-8")
+    packs = re.findall(r'id="pack-[^"]*"[^>]*>([^<]+)<', page)
+    assert any(b"Longest wrong" in zlib.decompress(base64.b64decode(pack)) for pack in packs)
 
 
 def test_a_metric_with_the_name_of_a_column_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import os
 import pickle
 import subprocess
 from dataclasses import replace
@@ -17,6 +18,7 @@ from harness.record import entities, frame_log
 from harness.record.layers import ClipFiles
 from harness.record.program import viewer_binary
 from harness.record.recorder import Recorder
+from harness.record.video import VideoEncoder
 from tests.harness.record.conftest import CONFIGURATION, LAYERS, verdict
 
 ANN = "Ann Müller/left"
@@ -264,3 +266,12 @@ def test_what_never_changes_is_logged_once_and_not_by_time(frames, record_run, r
     ):
         assert columns.static(path, component)
         assert columns.at(path, component) == {}
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getscheduler"), reason="this system tells no scheduling of threads")
+def test_the_encoder_makes_no_thread_a_real_time_one() -> None:
+    usual = os.sched_getscheduler(0)
+    encoder = VideoEncoder(128, 96, 5)
+    packets = list(encoder.encode(np.zeros((96, 128, 3), np.uint8))) + list(encoder.finish())
+    assert len(packets) == 1
+    assert {os.sched_getscheduler(int(thread)) for thread in os.listdir("/proc/self/task")} == {usual}
