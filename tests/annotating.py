@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 from harness.annotate.server import PageServer
 from harness.annotate.session import Session
 from harness.labels.labels import IGNORED, Label, Labels, ranges_of
-from harness.run.results import FrameRecord, to_line
+from harness.run.records import FrameRecord
+from harness.run.results import to_line
 from harness.sources import Clip
 from harness.studio import StudioSettings
 from tests.disk import stereo_pair_folder, write_text

@@ -9,7 +9,7 @@ import numpy as np
 
 from harness.clips.naming import NameRule
 from harness.labels.bodies import Box, Point
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.sources import AnyClip, Truth
 
 

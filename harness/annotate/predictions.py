@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.labels.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels, ranges_of
-from harness.run.results import FrameRecord, SubjectRecord
+from harness.run.records import FrameRecord, SubjectRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

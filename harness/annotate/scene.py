@@ -18,7 +18,7 @@ from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_targets
 from harness.config_errors import read_toml
 from harness.run.directory import RunDirectory
-from harness.run.results import BoxPx, FrameRecord
+from harness.run.records import BoxPx, FrameRecord
 from harness.run.saved_outputs import VARIABLE
 from harness.sources import Clip
 from harness.stages.outputs.coco_panoptic import CocoPanoptic, CocoPanopticSettings

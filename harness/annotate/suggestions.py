@@ -8,7 +8,7 @@ from pathlib import Path
 
 from harness.labels.labels import NOWHERE
 from harness.run.clip_records import read_clip_records
-from harness.run.results import FrameRecord, SubjectRecord
+from harness.run.records import FrameRecord, SubjectRecord
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

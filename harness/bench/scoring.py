@@ -13,15 +13,8 @@ import numpy as np
 
 from harness.report.rescore import rescore
 from harness.run.directory import RunDirectory
-from harness.run.results import (
-    AttentionRecord,
-    BoxRecord,
-    FrameRecord,
-    SubjectRecord,
-    TargetRecord,
-    read_results,
-    to_line,
-)
+from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.results import read_results, to_line
 from harness.stages.measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from vfoa.types import Float
 

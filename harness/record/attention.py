@@ -19,7 +19,7 @@ from harness.record.labels import (
     subject_names,
     target_names,
 )
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from vfoa.types import CUES, Attention, Cone, FrameResult, Rays
 
 ARROW_M = 0.25

@@ -14,7 +14,7 @@ from harness.record import Size, entities
 from harness.record.frame_log import FrameLog
 from harness.record.labels import Colour, Colours
 from harness.record.video import LEAST_SIDE_PX, VideoEncoder
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from vfoa.types import Float, Image, Map, Percepts, StereoFrame, StereoRig
 
 KEY_FRAME_S = 1.0

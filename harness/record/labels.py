@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from harness.labels.files import IGNORED, NOWHERE
-from harness.run.results import AttentionRecord, FrameRecord, SubjectRecord
+from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord
 from vfoa.types import Cue
 
 Colour = tuple[int, int, int]

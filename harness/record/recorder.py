@@ -21,7 +21,7 @@ from harness.record.thinning import Judged, Whole
 from harness.record.verdicts import log_verdicts
 from harness.run.checkpoint import SinkState
 from harness.run.frame_sink import FinishedFrame
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.score.verdicts import Verdict
 
 Judge = Callable[[FrameRecord], Sequence[Verdict]]

@@ -10,7 +10,7 @@ from harness.labels.files import Labels
 from harness.record import Size
 from harness.record.layers import ClipFiles, LayerNames, layer_names
 from harness.run.frame_sink import SinkContext
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.score.verdicts import Verdict, judge
 from harness.stages.configuration import Configuration
 

@@ -20,7 +20,7 @@ from rerun.chunk import Chunk, RrdReader
 
 from harness.record import entities
 from harness.record.layers import ClipFiles
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.score.verdicts import Verdict
 
 if TYPE_CHECKING:

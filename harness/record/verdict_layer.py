@@ -23,7 +23,8 @@ from harness.record.layers import ClipFiles
 from harness.record.reading import properties
 from harness.record.verdicts import log_verdicts
 from harness.run.directory import Pair, RunDirectory
-from harness.run.results import FrameRecord, read_results
+from harness.run.records import FrameRecord
+from harness.run.results import read_results
 from harness.score import prediction_sets
 from harness.score import verdicts as scored
 from harness.score.verdicts import judge

@@ -25,7 +25,7 @@ from harness.record.labels import (
     subject_names,
     target_names,
 )
-from harness.run.results import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.prediction_sets import prediction_set
 from harness.score.verdicts import ERROR_TYPES, Verdict
 

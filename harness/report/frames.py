@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 from harness.report.formats import csv_cell
-from harness.run.results import FrameRecord, SubjectRecord
+from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.prediction_sets import prediction_set
 from harness.score.verdicts import Verdict
 

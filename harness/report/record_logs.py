@@ -11,7 +11,7 @@ from harness.report.frames import FrameLines, FrameRows
 from harness.report.page.attention_log import AttentionLog, TrackPart
 from harness.report.posterior_checks import direction_check_table, prediction_set_table
 from harness.run.measure_log import MeasureLog
-from harness.run.results import DirectionFitRecord, FrameRecord
+from harness.run.records import DirectionFitRecord, FrameRecord
 from harness.score.direction_checks import DirectionLog
 from harness.score.outcomes import Judged, OutcomeLog
 from harness.score.prediction_sets import SetLog

@@ -16,7 +16,8 @@ from harness.report.reliability import reliability_figure, subject_reliability_t
 from harness.report.stage_times import stage_times
 from harness.report.tables import render_tables
 from harness.report.thumbnails.reader import read_thumbnails
-from harness.run.results import FrameRecord, read_results
+from harness.run.records import FrameRecord
+from harness.run.results import read_results
 from harness.score.reference import Reference
 from harness.score.score import Scores
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.run.directory import RunDirectory
-from harness.run.results import FrameRecord, read_results
+from harness.run.records import FrameRecord
+from harness.run.results import read_results
 from vfoa.errors import VfoaError, did_you_mean
 
 

@@ -15,7 +15,7 @@ from harness.clips.manifest import ClipManifest
 from harness.labels.files import Labels
 from harness.run.checkpoint import SinkState
 from harness.run.directory import Pair, RunDirectory
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.stages.memo import Timings
 from vfoa.types import FrameResult, Percepts, StereoFrame
 

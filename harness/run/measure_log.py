@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.stages.measures import FrameMeasures, TargetMeasure
 
 

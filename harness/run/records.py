@@ -1,22 +1,119 @@
-"""From a frame's result to its record: arrays to plain numbers, ids to names."""
+"""The record of a frame: named, plain values, made from a frame's result.
+
+Everything the scores, tables and pages need is here, so that none of them needs images or models.
+"""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from harness.clips.naming import Names
-from harness.run.results import (
-    AttentionRecord,
-    BoxPx,
-    BoxRecord,
-    DirectionFitRecord,
-    FrameRecord,
-    SubjectRecord,
-    TargetRecord,
-    Vector,
-)
 from harness.stages.measures import FrameMeasures
 from vfoa.types import Attention, Box3D, DirectionFit, Float, FrameResult, Target
+
+Vector = tuple[float, float, float]
+BoxPx = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoxRecord:
+    """A 3D box in the camera frame: centre and half extents in metres, axes as rows (the rotation's columns)."""
+
+    center_m: Vector
+    half_size_m: Vector
+    axes: tuple[Vector, Vector, Vector]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TargetRecord:
+    """One instance of a frame. ``name`` is the manifest's name for it, or ``label#id``; it may occur twice.
+
+    ``box_px`` is None where the clip has no images.
+    """
+
+    instance_id: int
+    name: str
+    label: str
+    score: float
+    box_px: BoxPx | None
+    points: int
+    box: BoxRecord | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AttentionRecord:
+    """A subject's attention to one instance, each in [0, 1]; None: that cue was not measured."""
+
+    instance_id: int
+    gaze: float | None
+    head: float | None
+    total: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DirectionFitRecord:
+    """How well a subject's directions fit the posterior, as :class:`vfoa.types.DirectionFit` has it."""
+
+    tail: float
+    claimed_error_rad: float | None
+    implied_error_rad: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubjectRecord:
+    """One tracked person of a frame.
+
+    ``name`` is the manifest's name, None for a person it does not know. Directions are unit vectors after
+    filtering, camera frame. ``missing`` is ``no_eyes_3d``, ``no_direction`` or None. ``focus`` is the instance id
+    with the most attention, None for nowhere. ``head_box_px`` is None where the clip has no images.
+    ``fit`` is there where the attention is a probability.
+    """
+
+    track_id: int
+    name: str | None
+    instance_id: int | None
+    head_box_px: BoxPx | None
+    eye_origin_m: Vector | None
+    gaze: Vector | None
+    gaze_sigma_rad: float | None
+    head: Vector | None
+    missing: str | None
+    attention: tuple[AttentionRecord, ...]
+    focus: int | None
+    tied: tuple[int, ...]
+    fit: DirectionFitRecord | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FrameRecord:
+    """All of one frame of one clip under one configuration. ``measures`` is None where the clip knows no truth."""
+
+    clip: str
+    configuration: str
+    frame: int
+    time_ns: int
+    targets: tuple[TargetRecord, ...]
+    subjects: tuple[SubjectRecord, ...]
+    measures: FrameMeasures | None = None
+
+    def __post_init__(self) -> None:
+        known = {target.instance_id for target in self.targets}
+        if len(known) != len(self.targets):
+            raise ValueError(f"frame {self.frame}: expected distinct instance ids in targets")
+        for subject in self.subjects:
+            named = {value.instance_id for value in subject.attention}
+            if subject.focus is not None:
+                named.add(subject.focus)
+            if not named <= known:
+                raise ValueError(
+                    f"frame {self.frame}: track {subject.track_id} attends to instances {sorted(named - known)}, "
+                    "which are not in targets"
+                )
+
+    def target(self, instance_id: int) -> TargetRecord:
+        """The target with this instance id."""
+        return next(target for target in self.targets if target.instance_id == instance_id)
 
 
 def to_record(

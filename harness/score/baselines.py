@@ -22,7 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.run.results import BoxPx, FrameRecord, SubjectRecord, Vector
+from harness.run.records import BoxPx, FrameRecord, SubjectRecord, Vector
 from harness.score.statistics import Flags
 from vfoa.types import Float
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from harness.run.results import DirectionFitRecord, FrameRecord
+from harness.run.records import DirectionFitRecord, FrameRecord
 
 SMALL_TAIL = 0.05
 """A tail probability below this is a surprise; that share of the frames has one where the model is right."""

@@ -13,7 +13,8 @@ from harness.files import is_file
 from harness.labels.timeline import Timeline
 from harness.run.directory import Pair, RunDirectory
 from harness.run.published import Published
-from harness.run.results import Block, FrameRecord, read_results
+from harness.run.records import FrameRecord
+from harness.run.results import Block, read_results
 from harness.score.changed_since import (
     RUN_LABELS,
     TABLE_LABELS,

@@ -11,7 +11,7 @@ import numpy as np
 
 from harness.labels.files import IGNORED, NOWHERE, Label, Labels
 from harness.run.fitted_settings import FitRecord, FittedSettings, FittedValue, HeldOut
-from harness.run.results import FrameRecord, SubjectRecord
+from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.reliability import BeliefLog, Reliability
 from harness.score.replay import replay, to_subject, to_target
 from harness.score.verdicts import find_subject, true_targets

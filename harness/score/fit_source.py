@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from harness.run.directory import RunDirectory
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.score.finished_run import FinishedRun
 from harness.score.fit_posterior import LabelledRecords
 from vfoa.errors import VfoaError, did_you_mean

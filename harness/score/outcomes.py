@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from harness.labels.files import NOWHERE, Label, Labels
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES, Baselines, Choices, best_limit_rad, commonest
 from harness.score.looks import number_looks
 from harness.score.reference import Reference

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.labels.files import IGNORED, Labels
-from harness.run.results import FrameRecord, SubjectRecord
+from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.verdicts import find_subject, right_answers
 
 LEVEL = 0.9

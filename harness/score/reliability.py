@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.labels.files import IGNORED, NOWHERE, Label, Labels
-from harness.run.results import FrameRecord, SubjectRecord
+from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
 from harness.score.statistics import UNKNOWN, Codes, Interval
 from harness.score.verdicts import find_subject, true_targets

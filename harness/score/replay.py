@@ -10,8 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from harness.run.records import attention_records
-from harness.run.results import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord, attention_records
 from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
 from vfoa.types import Attention, Box3D, Cues, Gaze, HeadPose, Instance, Person, Subject, Target
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from harness.run.measure_log import MeasureLog
 from harness.run.published import Published
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.run.seeds import base_of
 from harness.score.baselines import BASELINES
 from harness.score.events import EventCounts, count_events

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from harness.labels.files import IGNORED, NOWHERE, Label
-from harness.run.results import BoxPx, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.records import BoxPx, FrameRecord, SubjectRecord, TargetRecord
 
 Outcome = Literal["correct", "wrong", "unscored"]
 

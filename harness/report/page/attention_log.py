@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.record.labels import Colours, attention_by_name
-from harness.run.results import AttentionRecord, FrameRecord
+from harness.run.records import AttentionRecord, FrameRecord
 from harness.score.verdicts import find_subject
 
 Bytes = NDArray[np.uint8]

@@ -16,7 +16,7 @@ from harness.record.cones import cone_wire, reach_m
 from harness.report.thumbnails import Box, Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.run.checkpoint import SinkState
 from harness.run.frame_sink import FinishedFrame
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from vfoa.geometry import project
 from vfoa.types import CUES, Attention, Float, FrameResult, Image, Scene, StereoRig
 

@@ -15,7 +15,8 @@ from harness.annotate.predictions import predicted_labels
 from harness.annotate.run_labels import export_predictions
 from harness.labels.formats import FORMATS
 from harness.run.directory import RunDirectory
-from harness.run.results import FrameRecord, to_line
+from harness.run.records import FrameRecord
+from harness.run.results import to_line
 from tests.command import vfoa
 from tests.disk import write_image, write_text
 from tests.exchanges import SUBJECTS, TARGETS, PlainClip, exchange

@@ -14,7 +14,8 @@ from harness.report import kept_parts
 from harness.report.rescore import rescore
 from harness.run import results
 from harness.run.directory import RunDirectory
-from harness.run.results import Block, FrameRecord
+from harness.run.records import FrameRecord
+from harness.run.results import Block
 
 FRAMES, BLOCK, CONFIGURATIONS = 90, 30, 2
 

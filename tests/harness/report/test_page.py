@@ -20,7 +20,7 @@ from harness.report.page.confusion import confusions
 from harness.report.page.data import LETTERS, STATES, differing_settings
 from harness.report.page.packs import runs, steps
 from harness.report.page.render import render_page
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
 from harness.score.verdicts import NO_HIT

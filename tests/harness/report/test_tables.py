@@ -13,7 +13,8 @@ from harness.report.formats import to_rich
 from harness.report.frames import FrameRows
 from harness.report.tables import frr_table, paper_table, render_tables, terminal_table
 from harness.report.write import score_run
-from harness.run.results import FrameRecord, to_line
+from harness.run.records import FrameRecord
+from harness.run.results import to_line
 from harness.score.reference import Reference
 from harness.score.score import score
 from harness.score.verdicts import ERROR_TYPES

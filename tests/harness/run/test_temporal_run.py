@@ -12,7 +12,8 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from harness.run.experiment import Experiment, load_experiment
-from harness.run.results import FrameRecord, read_results
+from harness.run.records import FrameRecord
+from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from harness.sources import Clip
 from harness.stages.configuration import Configuration

@@ -11,7 +11,7 @@ from scipy.stats import t
 
 from harness.clips.manifest import load_manifest
 from harness.labels.timeline import timeline_of
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.score.behaviour import BehaviourRow, measure_behaviour
 from harness.score.intervals import Units, rate_interval
 from harness.score.outcomes import collect_outcomes

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.labels.labels import Label, LabelRange, Labels
-from harness.run.results import AttentionRecord, DirectionFitRecord, FrameRecord, SubjectRecord, TargetRecord
+from harness.run.records import AttentionRecord, DirectionFitRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.direction_checks import DirectionLog
 from harness.score.prediction_sets import SetLog, prediction_set
 

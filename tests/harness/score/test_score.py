@@ -8,7 +8,7 @@ import pytest
 from sklearn.metrics import cohen_kappa_score, f1_score
 
 from harness.labels.files import Label, LabelRange, Labels
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.score.reference import Reference
 from harness.score.score import ERROR_TYPES, ScoreRow, Scores, score
 from harness.score.statistics import wilson_interval

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from harness.labels.files import Label
-from harness.run.results import FrameRecord
+from harness.run.records import FrameRecord
 from harness.score.verdicts import ERROR_TYPES, NO_HIT, Verdict, judge, judge_absent
 from tests.records import frame_record, subject_record, target_record
 
