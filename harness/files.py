@@ -6,8 +6,8 @@ import hashlib
 import os
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from vfoa.errors import VfoaError
@@ -62,15 +62,29 @@ def atomic_write(path: Path, content: str | bytes) -> None:
 
     The folder is made where it is missing.
     """
+    write_together({path: content})
+
+
+def write_together(contents: Mapping[Path, str | bytes]) -> None:
+    """Write several files, each as :func:`atomic_write` does, but none before all of them are on the disk.
+
+    So a full disk leaves all of them as they were. The first one is put in place last.
+    """
+    with ExitStack() as drafts:
+        for path, content in contents.items():
+            data = _encoded(path, content)
+            with drafts.enter_context(replacing(path)).open("wb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+
+
+def _encoded(path: Path, content: str | bytes) -> bytes:
     try:
-        data = content.encode() if isinstance(content, str) else content
+        return content.encode() if isinstance(content, str) else content
     except UnicodeEncodeError as error:  # of a folder or a file whose name is not text
         near = error.object[max(error.start - 40, 0) : error.end]
         raise VfoaError(f"{path}: cannot be written: {near!a} is not UTF-8; expected folders whose names are") from None
-    with replacing(path) as temporary, temporary.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def check_new(path: Path, *, replace: bool, hint: str = "") -> None:
@@ -91,6 +105,24 @@ def check_new(path: Path, *, replace: bool, hint: str = "") -> None:
     _check_plain(path, "write", folders=False)
     if path.exists() and not replace:
         raise VfoaError(f"{path}: is there already; expected --replace{hint}")
+
+
+def check_new_folder(path: Path, *, replace: bool, hint: str = "") -> None:
+    """Refuse to write files into a folder that has some: as :func:`check_new`, for verbs that write a folder.
+
+    Raises
+    ------
+    VfoaError
+        If something is in the folder and is not to be replaced, or a file is in its place.
+    """
+    try:
+        if path.exists() and not path.is_dir():
+            raise VfoaError(f"{path}: is a file; expected a folder to write into")
+        is_taken = path.exists() and any(path.iterdir())
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from None
+    if is_taken and not replace:
+        raise VfoaError(f"{path}: has files already; expected --replace{hint}")
 
 
 def check_readable(path: Path) -> None:

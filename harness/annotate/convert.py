@@ -9,7 +9,7 @@ from typing import Literal
 
 from harness.annotate.bodies import RunBodies, TrueBodies
 from harness.clips.manifest import ClipManifest
-from harness.files import check_new
+from harness.files import check_new, check_new_folder
 from harness.labels.bodies import Bodies
 from harness.labels.drawn import Drawn, write_drawn
 from harness.labels.files import Labels, write_annotations
@@ -154,8 +154,7 @@ def export_labels(
     VfoaError
         If the clip has no such labels, the format needs what is not known, or ``to`` is there and not to be replaced.
     """
-    if not to.is_dir():  # some formats write a folder
-        check_new(to, replace=replace)
+    (check_new_folder if to.is_dir() else check_new)(to, replace=replace)  # some formats write a folder
     path = manifest.annotations.find() if annotator is None else manifest.annotations.expect(annotator)
     if path is None:
         raise VfoaError(f"{manifest.name}: no annotations; expected {manifest.annotations.place()}")

@@ -46,8 +46,8 @@ def calibrate(
     Says which pairs were not used, and why. Writes the file that stereo_folder reads, and a rectified pair to look at.
     Given a file it has written, it rescales its lengths to squares of another side.
     """
-    from harness.files import atomic_write, check_new
-    from harness.sources.calibrate.files import format_calibration, read_back, write_preview
+    from harness.files import atomic_write, check_new, write_together
+    from harness.sources.calibrate.files import format_calibration, preview_png, read_back
     from harness.sources.calibrate.pictures import Pictures
     from harness.sources.calibrate.preview import rectified_preview
     from harness.sources.calibrate.rescale import rescaled
@@ -81,8 +81,7 @@ def calibrate(
     rectified = read_back(text, pictures.size_px)
     shown = next(iter(found.errors))
     picture = rectified_preview(rectified, *views.read(shown))
-    atomic_write(out, text)  # all that can be refused has been by now
-    write_preview(preview, picture)
+    write_together({out: text, preview: preview_png(picture)})  # all that can be refused has been by now
     _print_result(out, preview, shown, found, rectified.calibration.baseline_m)
 
 

@@ -240,7 +240,7 @@ def agreement(
     """Compare annotators: kappa with its interval, per target, confusion, and a list of where they differ."""
     from harness.cli.printing import print_reports
     from harness.clips.manifest import load_manifest
-    from harness.files import atomic_write, check_new
+    from harness.files import check_new, write_together
     from harness.report.agreement import agreement_tables
     from harness.report.formats import to_csv, to_markdown
     from harness.score.agreement import compare_annotators
@@ -252,11 +252,11 @@ def agreement(
     tables = agreement_tables(manifest.name, labels, found, opened.frames)
     print_reports(tables.values())
     if out:
-        for name in (*(f"{each}.csv" for each in tables), "agreement.md"):
-            check_new(out / name, replace=replace, hint=", or another --out")
-        for name, table in tables.items():
-            atomic_write(out / f"{name}.csv", to_csv(table))
-        atomic_write(out / "agreement.md", "\n".join(to_markdown(table, level=2) for table in tables.values()))
+        page = "\n".join(to_markdown(table, level=2) for table in tables.values())
+        texts = {out / "agreement.md": page, **{out / f"{name}.csv": to_csv(each) for name, each in tables.items()}}
+        for path in texts:
+            check_new(path, replace=replace, hint=", or another --out")
+        write_together(texts)
 
 
 @app.command(name="merge", short_help="Merge the labels of several annotators into one file.")

@@ -135,6 +135,7 @@ def run(
         run_sweep(
             experiment,
             out=wanted,
+            beside=out is None,
             workers=workers,
             limit=limit,
             oracle=oracle,

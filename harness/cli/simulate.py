@@ -7,20 +7,26 @@ from typing import Annotated
 
 import typer
 
+from harness.cli.options import Replace
+
 
 def simulate(
     out: Annotated[
         Path | None,
         typer.Option(help="Directory for the CSV, the page, the figures and a recording of each case."),
     ] = None,
+    replace: Replace = False,
 ) -> None:
     """Check the paper's five synthetic cases over rays and field of view, and print which statements hold."""
     from rich.console import Console
 
     from harness.cli.printing import print_report
+    from harness.files import check_new_folder
     from harness.report.simulation import statements_table, write_simulation
     from vfoa import simulation
 
+    if out is not None:
+        check_new_folder(out, replace=replace, hint=", or another --out")
     rows = simulation.simulate()
     found = simulation.statements(rows)
     print_report(statements_table(found))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import OneClip, OneConfiguration, Recordings
+from harness.cli.options import OneClip, OneConfiguration, Recordings, Replace
 
 if TYPE_CHECKING:
     from harness.record.composed import Composed
@@ -32,9 +32,11 @@ def view(
         Path | None,
         typer.Option(metavar="PNG", help="Write a screenshot of the first recording; needs no display."),
     ] = None,
+    replace: Replace = False,
 ) -> None:
     """Open a run's recordings in the Rerun viewer: one for each clip, with a tab for each configuration."""
     from harness.cli.failures import browse_failures, step_through
+    from harness.files import check_new
     from harness.local_server import ended_by_sigterm, sigterm_as_ctrl_c
     from harness.record import viewer
     from harness.record.composed import find_recordings
@@ -51,6 +53,8 @@ def view(
         return
     if web and screenshot is not None:
         raise VfoaError("view: --web draws no file: leave out --screenshot")
+    if screenshot is not None:
+        check_new(screenshot, replace=replace, hint=", or another --screenshot")
     if compare is None:
         recordings = find_recordings(run, clip, config, subject)
     else:

@@ -13,8 +13,8 @@ from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest
 from harness.clips.manifest_checks import unknown_categories
 from harness.clips.recognition import recognise
 from harness.data_folders import find
-from harness.files import atomic_write, read_text
-from harness.labels.files import IGNORED, VERSION_LINE, Label, LabelRange, Labels, write_annotations
+from harness.files import read_text, write_together
+from harness.labels.files import IGNORED, VERSION_LINE, Label, LabelRange, Labels, format_annotations
 from harness.labels.labels import UNLABELLED
 from harness.sources import Clip, MeasuredClip, Recognised
 from harness.toml_text import toml_key, toml_value
@@ -121,20 +121,11 @@ def add_clip(
         annotations=annotations_path,
     )
     try:
-        write_annotations(annotations_path, _first_labels(manifest, clip))
-        _write_beside(annotations_path, manifest_path, text)
+        # the manifest is put in place last: without it, labels are a left-over
+        write_together({manifest_path: text, annotations_path: format_annotations(_first_labels(manifest, clip))})
     except OSError as error:
         raise VfoaError(f"{error.filename}: cannot be written: {error.strerror or error}") from None
     return added
-
-
-def _write_beside(first: Path, path: Path, text: str) -> None:
-    """Write the second of two files that are there together or not at all."""
-    try:
-        atomic_write(path, text)
-    except OSError:
-        first.unlink(missing_ok=True)
-        raise
 
 
 def _free_paths(name: str) -> tuple[Path, Path]:

@@ -15,20 +15,23 @@ from vfoa.errors import VfoaError
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": None}
 
 
-def write_figure(stem: Path, figure: Figure) -> None:
-    """Write a figure as ``<stem>.svg`` and ``<stem>.png``."""
-    for kind in ("svg", "png"):
-        save_figure(stem.with_name(f"{stem.name}.{kind}"), figure)
+def figure_files(stem: Path, figure: Figure) -> dict[Path, bytes]:
+    """The content of ``<stem>.svg`` and ``<stem>.png``."""
+    return {path: _drawn(figure, path) for path in (stem.with_name(f"{stem.name}.{kind}") for kind in ("svg", "png"))}
 
 
 def save_figure(path: Path, figure: Figure) -> None:
     """Write a figure in the format of the file's name: see :func:`check_format`."""
+    atomic_write(path, _drawn(figure, path))
+
+
+def _drawn(figure: Figure, path: Path) -> bytes:
     kind = check_format(path)
     content = io.BytesIO()
     # a Figure without pyplot draws off screen, whatever the back end; without the salt the ids in an SVG are random
     with mpl.rc_context(STYLE):
         figure.savefig(content, format=kind, metadata=_UNDATED[kind])
-    atomic_write(path, content.getvalue())
+    return content.getvalue()
 
 
 def check_format(path: Path) -> str:

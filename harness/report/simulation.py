@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from harness.files import atomic_write
-from harness.report.figures import write_figure
+from harness.files import write_together
+from harness.report.figures import figure_files
 from harness.report.formats import Table, to_csv, to_markdown
 from vfoa.geometry import fov_from_radius
 from vfoa.simulation import CASES, Row, Statement, best_setting, setting_sums, tuning_sums
@@ -33,16 +33,19 @@ def statements_table(found: Sequence[Statement]) -> Table:
 def write_simulation(out: Path, rows: Sequence[Row], found: Sequence[Statement]) -> None:
     """Write ``attention.csv``, ``simulation.md`` and the figures ``curves``, ``tuning``, ``settings`` (SVG, PNG)."""
     figures = {"curves": _curves(rows), "tuning": _tuning(rows), "settings": _settings(rows)}
-    for name, figure in figures.items():
-        write_figure(out / name, figure)
-    atomic_write(out / "attention.csv", to_csv(_rows_table(rows)))
     n_rays, radius_cm = best_setting(rows)
     best = (
         f"Greatest sum of attention over all cases: {n_rays} rays, {_fov_deg(radius_cm):.1f}° "
         f"(radius {radius_cm:g} cm at 1.10 m). With few rays the sum hangs on where each one falls.\n"
     )
     pictures = "".join(f"\n![{name}]({name}.svg)\n" for name in figures)
-    atomic_write(out / "simulation.md", f"{to_markdown(statements_table(found))}\n{best}{pictures}")
+    write_together(
+        {
+            out / "simulation.md": f"{to_markdown(statements_table(found))}\n{best}{pictures}",
+            out / "attention.csv": to_csv(_rows_table(rows)),
+            **{path: data for name, each in figures.items() for path, data in figure_files(out / name, each).items()},
+        }
+    )
 
 
 def _rows_table(rows: Sequence[Row]) -> Table:

@@ -8,8 +8,8 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from harness.files import atomic_write
-from harness.report.figures import write_figure
+from harness.files import write_together
+from harness.report.figures import figure_files
 from harness.report.formats import Table, to_csv, to_markdown
 from harness.report.page.render_sweep import render_sweep
 from harness.report.plots.style import STYLE
@@ -20,12 +20,17 @@ from harness.score.sweep.runner import Sweep, SweepRow
 def write_sweep(out: Path, sweep: Sweep) -> None:
     """Write ``sweep.csv`` (a row a configuration), ``sweep.md`` (the answers), the figure (SVG, PNG) and the page."""
     best, effects, rows = best_table(sweep), effects_table(sweep), _all_rows(sweep)
-    atomic_write(out / "sweep.csv", to_csv(rows))
-    with mpl.rc_context(STYLE):
-        write_figure(out / "sweep", draw_sweep(sweep))
     pages = [to_markdown(best), to_markdown(effects, level=2), "![rate over the sweep](sweep.svg)\n"]
-    atomic_write(out / "sweep.md", "\n".join(pages))
-    atomic_write(out / "report.html", render_sweep(sweep, [best, effects, rows]))
+    with mpl.rc_context(STYLE):
+        figures = figure_files(out / "sweep", draw_sweep(sweep))
+    write_together(
+        {
+            out / "report.html": render_sweep(sweep, [best, effects, rows]),
+            out / "sweep.csv": to_csv(rows),
+            out / "sweep.md": "\n".join(pages),
+            **figures,
+        }
+    )
 
 
 def best_table(sweep: Sweep) -> Table:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from harness.files import atomic_write
+from harness.files import write_together
 from harness.report.behaviour import behaviour_csv
 from harness.report.formats import to_csv
 from harness.report.page.data import Served
@@ -29,7 +29,7 @@ def score_run(
     records: Iterable[FrameRecord] | None = None,
     manifest: Mapping[str, Any] | None = None,
 ) -> Scores:
-    """Score a ``results.jsonl`` and write the tables and the page beside it, each whole or not at all.
+    """Score a ``results.jsonl`` and write the tables and the page beside it, all of them or none.
 
     ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``frames.csv``,
     ``behaviour.csv``, ``comparisons.csv .md``, ``report.html``, and ``reliability.svg .png`` where a
@@ -56,18 +56,19 @@ def write_scores(results: Path, logs: RecordLogs, manifest: Mapping[str, Any] | 
     """Write the tables and the page of records that the logs have seen, as :func:`score_run` does."""
     scores = logs.scores()
     reliabilities = logs.beliefs.reliabilities()
+    folder = results.parent
     texts = {
         **render_tables(scores, reliabilities, logs.beliefs.by_subject(), logs.tables()),
         "frames.csv": logs.frames.to_csv(scores.verdicts),
         "behaviour.csv": to_csv(behaviour_csv(scores)),
         "report.html": _page(results, logs, scores, manifest),
     }
-    for name, text in texts.items():
-        atomic_write(results.parent / name, text)
+    files: dict[Path, str | bytes] = {folder / name: text for name, text in texts.items()}
     if reliabilities:
-        from harness.report.figures import write_figure
+        from harness.report.figures import figure_files
 
-        write_figure(results.parent / "reliability", reliability_figure(reliabilities))
+        files |= figure_files(folder / "reliability", reliability_figure(reliabilities))
+    write_together(files)
     return scores
 
 

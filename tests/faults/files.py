@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import io
 import json
 import tomllib
 from collections.abc import Iterable
@@ -69,7 +68,9 @@ def unread(path: Path) -> str:
         elif path.suffix == ".toml":
             tomllib.loads(path.read_text())
         elif path.suffix == ".csv":
-            widths = {len(row) for row in csv.reader(io.StringIO(path.read_text()), strict=True)}
+            lines = path.read_text().splitlines(keepends=True)
+            rows = lines[1:] if lines and lines[0].startswith("#") else lines  # without the line of the version
+            widths = {len(row) for row in csv.reader(rows, strict=True)}
             if len(widths) != 1:
                 return "rows of different widths"
         elif path.suffix == ".html" and not path.read_text().rstrip().endswith("</html>"):

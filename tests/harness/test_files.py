@@ -6,7 +6,16 @@ from pathlib import Path
 
 import pytest
 
-from harness.files import atomic_write, check_new, digest_files, file_digest, read_bytes, read_text
+from harness.files import (
+    atomic_write,
+    check_new,
+    check_new_folder,
+    digest_files,
+    file_digest,
+    read_bytes,
+    read_text,
+    write_together,
+)
 from vfoa.errors import VfoaError
 
 
@@ -44,6 +53,27 @@ def test_a_write_that_fails_leaves_the_old_file_alone(tmp_path: Path, monkeypatc
     assert os.listdir(tmp_path) == ["a.txt"]
 
 
+def test_of_files_that_are_written_together_a_full_disk_leaves_all_as_they_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    old, new = tmp_path / "old", tmp_path / "folder" / "new"
+    atomic_write(old, "old")
+    forced: list[int] = []
+
+    def full(file: int) -> None:
+        forced.append(file)
+        if len(forced) == 2:
+            raise OSError("disk full")
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OSError, match="disk full"):
+        write_together({old: "changed", new: b"1"})
+    assert old.read_text() == "old"
+    assert list(new.parent.iterdir()) == []
+    write_together({old: "changed", new: b"1"})
+    assert (old.read_text(), new.read_bytes()) == ("changed", b"1")
+
+
 def test_a_digest_sees_contents_and_roles_but_not_paths(tmp_path: Path) -> None:
     for name, content in {"a": b"1", "b": b"2", "c": b"1"}.items():
         (tmp_path / name).write_bytes(content)
@@ -66,6 +96,17 @@ def test_a_file_is_replaced_only_where_that_was_said(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"a\.csv: is there already; expected --replace, or another"):
         check_new(place, replace=False, hint=", or another")
     check_new(place, replace=True)
+
+
+def test_a_folder_with_files_is_written_into_only_where_that_was_said(tmp_path: Path) -> None:
+    check_new_folder(tmp_path / "new", replace=False)
+    check_new_folder(tmp_path, replace=False)
+    (tmp_path / "mine").touch()
+    with pytest.raises(VfoaError, match="has files already; expected --replace, or another"):
+        check_new_folder(tmp_path, replace=False, hint=", or another")
+    check_new_folder(tmp_path, replace=True)
+    with pytest.raises(VfoaError, match="mine: is a file; expected a folder"):
+        check_new_folder(tmp_path / "mine", replace=True)
 
 
 @pytest.mark.parametrize("write", [lambda path: atomic_write(path, "x"), lambda path: check_new(path, replace=True)])

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
-from harness.files import atomic_write
+from harness.files import write_together
 from harness.labels.bodies import Point
 from harness.labels.formats.exchange import Exchange, Imported, left_out
 from harness.labels.formats.gaze_points import GazePoint, from_points, point_of, to_points
@@ -42,6 +42,7 @@ class VideoAttentionTarget:
         """Write a folder; names are lost, as are ignored frames."""
         shown, said = to_points(labels, exchange)
         ignored = sum(each.label.target == IGNORED for each in shown)
+        files: dict[Path, str | bytes] = {}
         for subject, lines in groupby(shown, key=lambda each: each.subject):
             text = io.StringIO()
             writer = csv.writer(text, lineterminator="\n")
@@ -50,7 +51,8 @@ class VideoAttentionTarget:
                     numbers = (*each.head_px, *(each.point_px or _OUTSIDE))
                     image = f"{each.frame + exchange.first_number:08d}.jpg"
                     writer.writerow([image, *(f"{value:.2f}".removesuffix(".00") for value in numbers)])
-            atomic_write(path / f"{subject}.txt", text.getvalue())
+            files[path / f"{subject}.txt"] = text.getvalue()
+        write_together(files)
         said.append("Names of targets are left out: VideoAttentionTarget holds points.")
         if ignored:
             said.append(f"{ignored} ignored frames have no line: VideoAttentionTarget has no place for them.")

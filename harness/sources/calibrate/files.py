@@ -46,7 +46,7 @@ def read_back(text: str, size_px: tuple[int, int]) -> Optics:
             raise VfoaError(f"calibration: {str(error).removeprefix(f'{path}: ')}; no file is written") from None
 
 
-def write_preview(path: Path, picture: Image) -> None:
-    """Write an RGB picture as PNG."""
+def preview_png(picture: Image) -> bytes:
+    """An RGB picture as PNG."""
     _, data = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
-    atomic_write(path, data.tobytes())
+    return data.tobytes()

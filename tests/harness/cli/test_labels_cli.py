@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 from pathlib import Path
@@ -57,6 +58,34 @@ def test_a_file_that_is_read_is_not_written_over(
     code, _, said = vfoa(monkeypatch, capsys, "labels", "export", CLIP, str(own), "--format", "boris")
     assert (code, own.read_bytes()) == (2, before)
     assert "is there already; expected --replace" in said
+
+
+def test_a_folder_with_files_is_not_written_over(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine = write_text(folder / "theirs" / "anna.txt", "mine")
+    words = ("labels", "export", CLIP, "theirs", "--format", "videoattentiontarget")
+    code, _, said = vfoa(monkeypatch, capsys, *words)
+    assert (code, mine.read_text()) == (2, "mine")
+    assert "theirs: has files already; expected --replace" in said
+
+
+def test_tables_of_agreement_are_written_all_or_none(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ("labels", "agreement", CLIP, "anna", "ben", "--out", "tables")
+    asked = iter(range(3))
+
+    def full(file: int) -> None:
+        if next(asked) == 2:
+            raise OSError(errno.ENOSPC, "No space left on device", "tables")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "fsync", full)
+        code, _, said = vfoa(monkeypatch, capsys, *words)
+    assert (code, said) == (2, "vfoa: tables: No space left on device\n")
+    assert list((folder / "tables").iterdir()) == []
+    assert vfoa(monkeypatch, capsys, *words)[0] == 0
 
 
 def test_a_device_is_not_replaced(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

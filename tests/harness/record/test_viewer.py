@@ -156,6 +156,13 @@ def _vfoa(monkeypatch, *arguments: str) -> int:
     return int(ended.value.code or 0)
 
 
+def test_a_screenshot_replaces_no_file_unasked(tmp_path, monkeypatch, capsys):
+    (tmp_path / "a.png").write_text("mine")
+    assert _vfoa(monkeypatch, "view", str(tmp_path / "a.rrd"), "--screenshot", str(tmp_path / "a.png")) == 2
+    assert "a.png: is there already; expected --replace, or another --screenshot" in capsys.readouterr().err
+    assert (tmp_path / "a.png").read_text() == "mine"
+
+
 @pytest.mark.parametrize(("options", "code"), [([], 0), (["--screenshot", "a.png"], 130)])
 def test_a_viewer_does_not_outlive_the_command_that_opened_it(tmp_path, options, code):
     recording = tmp_path / "a__one.rrd"

@@ -49,3 +49,7 @@ def test_the_verb_prints_the_statements_and_writes_the_files(tmp_path):
     assert result.exit_code == 0, result.output
     assert "gaze and head on different objects" in result.output
     assert (tmp_path / "sim" / "simulation.md").is_file()
+    written = (tmp_path / "sim" / "simulation.md").stat().st_mtime_ns
+    result = CliRunner().invoke(app, ["simulate", "--out", str(tmp_path / "sim")])
+    assert "has files already; expected --replace, or another --out" in str(result.exception)
+    assert (tmp_path / "sim" / "simulation.md").stat().st_mtime_ns == written

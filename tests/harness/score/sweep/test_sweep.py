@@ -88,6 +88,14 @@ def test_the_command_writes_the_table_the_answers_and_the_figure(
     assert written == {"sweep.csv", "sweep.md", "sweep.json", "sweep.svg", "sweep.png", "report.html"}
     for name in written:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    assert vfoa(monkeypatch, capsys, *words, str(tmp_path / "a"))[0] == 0, "the same sweep again"
+    code, _, said = vfoa(monkeypatch, capsys, *words, str(tmp_path / "a"), "--set", "gaze.seed=5")
+    assert (code, said.count("\n")) == (2, 1)
+    assert "a: holds another sweep (different: configurations_sha256); expected an empty directory" in said
+    write_text(tmp_path / "mine" / "notes.md", "mine")
+    code, _, said = vfoa(monkeypatch, capsys, *words, str(tmp_path / "mine"))
+    assert code == 2
+    assert "mine: holds other files; expected an empty directory" in said
 
 
 @pytest.mark.parametrize(
