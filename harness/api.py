@@ -13,7 +13,7 @@ import pandas as pd
 
 from harness.report.comparisons import comparisons_csv
 from harness.report.formats import to_csv
-from harness.report.rescore import rescore
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.score.run_comparison import compare_runs as _compare_runs

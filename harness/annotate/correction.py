@@ -10,7 +10,7 @@ from harness.annotate import edits
 from harness.annotate.clip_stores import open_store
 from harness.clips.manifest import load_manifest
 from harness.labels.timeline import timeline_of
-from harness.report.rescore import rescore
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from vfoa.errors import VfoaError, did_you_mean
 

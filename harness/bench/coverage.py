@@ -15,8 +15,7 @@ from harness.bench.simulated_looks import HZ, Simulated, World, simulate
 from harness.files import atomic_write
 from harness.report.formats import Table, to_markdown
 from harness.score.intervals import rate_interval
-from harness.score.sign_flip import SIGNIFICANCE, sign_flip_p
-from harness.score.statistics import Interval, wilson_interval
+from harness.score.statistics import SIGNIFICANCE, Interval, sign_flip_p, wilson_interval
 
 CLIPS, LOOKS_S, MARGINS = (4, 8, 20), (0.7, 1.5, 3.0), (1.9, 2.6)
 

@@ -23,8 +23,8 @@ from rich.console import Console
 from harness.bench.mcap_memory import peak_mib
 from harness.processes import spawning
 from harness.report.formats import Table, to_markdown
-from harness.report.rescore import rescore
 from harness.report.sinks import composed_sinks
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.plan import prepare

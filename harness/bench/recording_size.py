@@ -20,7 +20,7 @@ from harness.labels.files import IGNORED, Label, LabelRange, Labels, write_annot
 from harness.record import Size
 from harness.record.sink import recordings
 from harness.report.formats import Table
-from harness.report.rescore import rescore
+from harness.report.write import rescore
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.studio.scenario import SCENARIOS

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.report.rescore import rescore
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.run.results import read_results, to_line

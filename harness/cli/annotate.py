@@ -52,7 +52,7 @@ def annotate(
 
 def _score_again(run: Path, annotator: str | None) -> None:
     """Let a run's tables, page and recordings follow the labels, if it is scored against them."""
-    from harness.report.rescore import rescore
+    from harness.report.write import rescore
     from harness.run.directory import RunDirectory
 
     directory = RunDirectory(run)

@@ -114,7 +114,7 @@ def print_scores(scores: Scores) -> None:
     """Print the FRR table, and what else fits a terminal, each with what a reader must know of it."""
     from harness.report.oracle_ablation import terminal_ablation
     from harness.report.published import published_table
-    from harness.report.stage_measures import terminal_measures
+    from harness.report.stages import terminal_measures
     from harness.report.tables import seeds_table, terminal_table
 
     others = (seeds_table(scores), published_table(scores), terminal_ablation(scores), terminal_measures(scores))

@@ -22,8 +22,8 @@ def report(
     no_open: NoOpen = False,
 ) -> None:
     """Write a run's report page from its results and the present labels, or the page of a sweep."""
-    from harness.report.rescore import report_page, rescore
     from harness.report.sweep import write_sweep
+    from harness.report.write import report_page, rescore
     from harness.run.directory import RunDirectory
     from harness.score.sweep.read import is_sweep, read_sweep
     from vfoa.errors import VfoaError

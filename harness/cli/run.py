@@ -119,8 +119,8 @@ def run(
     from harness.cli.printing import print_scores
     from harness.cli.progress import frames_bar
     from harness.remote import cache_root
-    from harness.report.rescore import rescore
     from harness.report.sinks import composed_sinks
+    from harness.report.write import rescore
     from harness.run.runner import prepare, run_plan
     from harness.stages.cache.store import Store, cache_limit
 

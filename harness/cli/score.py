@@ -20,7 +20,7 @@ def score(
 ) -> None:
     """Score a run again from its results and the present labels; needs no images and no models."""
     from harness.cli.printing import print_scores
-    from harness.report.rescore import rescore
+    from harness.report.write import rescore
     from harness.run.directory import RunDirectory
 
     print_scores(rescore(RunDirectory(run), annotator))

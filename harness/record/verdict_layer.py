@@ -25,7 +25,7 @@ from harness.record.verdicts import log_verdicts
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.results import read_results
-from harness.score import prediction_sets
+from harness.score import posterior_checks
 from harness.score import verdicts as scored
 from harness.score.verdicts import judge
 from vfoa.errors import VfoaError
@@ -87,7 +87,7 @@ def _digest(results: str, names: object, labels: Labels | None) -> str:
 @cache
 def _code() -> str:
     """The digest of what writes the layer. That of all that it imports would take longer than to write a small one."""
-    modules = (verdicts, entities, frame_log, layer_file, names_and_colours, scored, prediction_sets)
+    modules = (verdicts, entities, frame_log, layer_file, names_and_colours, scored, posterior_checks)
     files = [Path(__file__), *(Path(str(each.__file__)) for each in modules)]
     return digest_files((file.name, file) for file in files)
 

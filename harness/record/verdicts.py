@@ -26,7 +26,7 @@ from harness.record.labels import (
     target_names,
 )
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.prediction_sets import prediction_set
+from harness.score.posterior_checks import prediction_set
 from harness.score.verdicts import ERROR_TYPES, Verdict
 
 NO_PREDICTION = "no prediction"

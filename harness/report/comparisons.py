@@ -12,7 +12,7 @@ from harness.score.intervals import LEAST_CLIPS
 from harness.score.mixed_model import OddsRatio
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
-from harness.score.sign_flip import SIGNIFICANCE
+from harness.score.statistics import SIGNIFICANCE
 
 _TITLE = "Configurations compared on the same frames"
 _NOTES = (

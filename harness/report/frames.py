@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from harness.report.formats import csv_cell
 from harness.run.records import FrameRecord, SubjectRecord
-from harness.score.prediction_sets import prediction_set
+from harness.score.posterior_checks import prediction_set
 from harness.score.verdicts import Verdict
 
 COLUMNS = (

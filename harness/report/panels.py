@@ -43,8 +43,8 @@ PANELS = Registry(
         "behaviour": "harness.report.behaviour:behaviour_table",
         "transitions": "harness.report.behaviour:transitions_table",
         "baselines": "harness.report.tables:baselines_table",
-        "stages": "harness.report.stage_measures:stage_measures_table",
-        "objects": "harness.report.stage_measures:object_measures_table",
+        "stages": "harness.report.stages:stage_measures_table",
+        "objects": "harness.report.stages:object_measures_table",
     },
     group="vfoa.panels",
 )

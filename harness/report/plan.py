@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from harness.report.formats import UNKNOWN, Table
+from harness.score.comparison import POWER, Spread, clips_needed, detectable_difference
 from harness.score.intervals import LEAST_CLIPS, Units
 from harness.score.oracle_ablation import without_oracles
-from harness.score.power import POWER, Spread, clips_needed, detectable_difference
 from harness.score.score import Scores
 from harness.score.scored_frames import pair
 

@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 from harness.report.formats import Table
 from harness.report.frames import FrameLines, FrameRows
 from harness.report.page.attention_log import AttentionLog, TrackPart
-from harness.report.posterior_checks import direction_check_table, prediction_set_table
+from harness.report.reliability import direction_check_table, prediction_set_table
 from harness.run.measure_log import MeasureLog
 from harness.run.records import DirectionFitRecord, FrameRecord
-from harness.score.direction_checks import DirectionLog
 from harness.score.outcomes import Judged, OutcomeLog
-from harness.score.prediction_sets import SetLog
+from harness.score.posterior_checks import DirectionLog, SetLog
 from harness.score.reference import Reference
 from harness.score.reliability import BeliefLog, Sureness
 from harness.score.score import Scores, score_outcomes

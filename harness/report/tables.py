@@ -12,11 +12,11 @@ from harness.report.formats import LATEX_HEAD, UNKNOWN, Table, to_csv, to_latex,
 from harness.report.oracle_ablation import ablation_csv, ablation_table, terminal_ablation
 from harness.report.published import published_table
 from harness.report.reliability import reliability_table, subject_reliability_table
-from harness.report.stage_measures import object_measures_table, stage_measures_table, terminal_measures
+from harness.report.stages import object_measures_table, stage_measures_table, terminal_measures
+from harness.report.verdict import next_steps
 from harness.score.baselines import BASELINES
 from harness.score.intervals import LEAST_CLIPS
 from harness.score.metrics import load_metrics
-from harness.score.next_steps import next_steps
 from harness.score.oracle_ablation import without_oracles
 from harness.score.reliability import Reliability
 from harness.score.score import ERROR_TYPES, ScoreRow, Scores

@@ -1,16 +1,64 @@
-"""What a run found, in one sentence: which configurations are better, by how much, and which cannot be told apart."""
+"""What a run found, in one sentence: which configurations are better, by how much, and which cannot be told apart.
+
+And in further sentences: why the wrong frames are wrong, and what to do next.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 
-from harness.score.comparison import Comparison, compare
-from harness.score.factors import compare_factors
+from harness.score.comparison import Comparison, compare, with_holm
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
+from harness.score.scored_frames import ScoredFrames
+from harness.score.verdicts import ERROR_TYPES, Verdict
 
 _MOST_NAMES = 4
+_MOST_STEPS = 2
+
+NEXT_STEPS = {
+    "no_subject": (
+        "see which heads were found (vfoa view RUN --failures); check the subject's rule in the manifest "
+        "([subjects.NAME]), or take another head detector (--set heads.detector=person_mask)"
+    ),
+    "no_eyes_3d": (
+        "the head has no depth: check stereo.min_depth_m and the calibration (vfoa clips check CLIP), or another "
+        "matcher (--set stereo.matcher=bm)"
+    ),
+    "no_direction": (
+        "gaze and head models gave nothing: look at the head boxes (vfoa view RUN --failures), or score coverage apart"
+    ),
+    "target_not_segmented": (
+        "give the target a category that the model finds ([targets.NAME] in the manifest), take another model, or "
+        "masks of your own (--set segmentation.model=coco_panoptic --set segmentation.root=FOLDER)"
+    ),
+    "target_without_box": (
+        "the target has no depth: check stereo.min_depth_m (vfoa clips check CLIP), or another matcher "
+        "(--set stereo.matcher=bm)"
+    ),
+    "false_attention": (
+        "narrower cones (--set attention.cones_deg=[20]), or the posterior, which knows of nowhere "
+        "(--set attention.method=bayes)"
+    ),
+    "wrong_subject": (
+        "tell people apart by at_px or box_px in the manifest ([subjects.NAME]), and see the tracks (vfoa view RUN)"
+    ),
+    "no_hit": (
+        "no ray met any object: wider cones (--set attention.cones_deg=[40]), or the posterior, which always has an "
+        "answer (--set attention.method=bayes)"
+    ),
+    "missed": (
+        "no ray met the target: see by how much gaze and head are off (vfoa view RUN --failures); wider cones "
+        "(--set attention.cones_deg=[40]) forgive more, and must be chosen on other clips"
+    ),
+    "outscored": (
+        "another object got more attention: see which (vfoa view RUN --failures), and which stage costs the frames "
+        "(vfoa run CLIP --oracle)"
+    ),
+}
+"""What to try for each error type, in the imperative and without a full stop."""
 
 
 def verdict_sentence(scores: Scores) -> str:
@@ -104,3 +152,74 @@ def _ends(best: str, each: Comparison) -> str:
 
 def _joined(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
+def factor_levels(configurations: Sequence[str]) -> list[tuple[str, ...]]:
+    """The values of each factor of a grid, from names like bm-one, bm-two, sgbm-one, sgbm-two; () for one value.
+
+    Empty where the names are not all combinations, or where fewer than two factors have several values.
+    """
+    words = [name.split("-") for name in configurations]
+    if len({len(each) for each in words}) != 1:
+        return []
+    levels = [tuple(dict.fromkeys(column)) for column in zip(*words, strict=True)]
+    if math.prod(map(len, levels)) != len(configurations) or sum(len(each) > 1 for each in levels) < 2:
+        return []
+    return [each if len(each) > 1 else () for each in levels]
+
+
+def compare_factors(frames: Mapping[str, Sequence[ScoredFrames]]) -> list[tuple[Comparison, ...]]:
+    """For each factor of a grid, every two of its values compared on the frames of all configurations that have them.
+
+    A frame counts once for each value of the other factors. p values are corrected over all factors together.
+    ``frames`` are by configuration; names that are no grid give nothing.
+    """
+    names = list(frames)
+    found = []
+    for place, levels in enumerate(factor_levels(names)):
+        pooled = {
+            level: _pooled([frames[name] for name in names if name.split("-")[place] == level]) for level in levels
+        }
+        found.append(compare(pooled))
+    corrected = list(with_holm([each for group in found for each in group]))
+    return [tuple(corrected.pop(0) for _ in group) for group in found if group]
+
+
+def _pooled(configurations: Sequence[Sequence[ScoredFrames]]) -> list[ScoredFrames]:
+    """Several configurations as seeds of one: the frames that all of them scored."""
+    by_subject = [{(each.clip, each.subject): each for each in frames} for frames in configurations]
+    pooled = []
+    for key, first in by_subject[0].items():
+        others = [each[key] for each in by_subject[1:] if key in each]
+        if len(others) < len(by_subject) - 1:
+            continue
+        right = [dict(zip(each.frames, each.correct, strict=True)) for each in (first, *others)]
+        kept = [i for i, frame in enumerate(first.frames) if all(frame in each for each in right)]
+        frames = tuple(first.frames[i] for i in kept)
+        pooled.append(
+            ScoredFrames(
+                clip=first.clip,
+                subject=first.subject,
+                frames=frames,
+                looks=tuple(first.looks[i] for i in kept),
+                truth=tuple(first.truth[i] for i in kept),
+                correct=tuple(sum(each[frame] for each in right) for frame in frames),
+                seeds=sum(each.seeds for each in (first, *others)),
+            )
+        )
+    return pooled
+
+
+def next_steps(verdicts: Iterable[Verdict]) -> list[str]:
+    """A sentence for each of the most frequent error types: how many wrong frames have it, its meaning, what to try.
+
+    Empty where nothing is wrong. Frames of several configurations count each.
+    """
+    counts = Counter(each.error_type for each in verdicts if each.error_type is not None)
+    wrong = sum(counts.values())
+    order = list(ERROR_TYPES)
+    top = sorted(counts.items(), key=lambda each: (-each[1], order.index(each[0])))
+    return [
+        f"{count} of {wrong} wrong frames: {name} ({ERROR_TYPES[name]}). Next: {NEXT_STEPS[name]}."
+        for name, count in top[:_MOST_STEPS]
+    ]

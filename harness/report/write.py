@@ -1,23 +1,29 @@
-"""Score a run and write its tables and its page."""
+"""Score a run and write its tables and its page: as it ends, or again from its directory, without images or models."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import gc
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from harness.files import write_together
+from harness.record.verdict_layer import write_verdict_layers
 from harness.report.behaviour import behaviour_csv
 from harness.report.formats import to_csv
+from harness.report.kept_parts import KeptParts
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
 from harness.report.record_logs import RecordLogs
 from harness.report.reliability import reliability_figure, subject_reliability_table
-from harness.report.stage_times import stage_times
+from harness.report.stages import stage_times
 from harness.report.tables import render_tables
 from harness.report.thumbnails.reader import read_thumbnails
+from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.results import read_results
+from harness.score.finished_run import FinishedRun
 from harness.score.reference import Reference
 from harness.score.score import Scores
 
@@ -109,3 +115,48 @@ def probabilistic(manifest: Mapping[str, Any] | None) -> list[str]:
     """The configurations whose attention is a probability."""
     configurations = manifest["configurations"] if manifest else {}
     return [name for name, each in configurations.items() if each.get("attention", {}).get("method") == "bayes"]
+
+
+def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
+    """Score a finished run and write its tables, its page, and the verdicts of its recordings.
+
+    Parameters
+    ----------
+    annotator
+        Score against this annotator's labels; None for those that the run was made with.
+
+    Raises
+    ------
+    VfoaError
+        If the run is not finished, no configuration ran on every clip, or a clip's manifest or labels cannot be read.
+    """
+    run = FinishedRun.read(directory)
+    reference = run.reference(annotator, compare_content=True)
+    with _collector_paused():
+        kept = KeptParts(run, reference, probabilistic(run.manifest))
+        scores = write_scores(directory.results, kept.logs(), run.manifest)
+    write_verdict_layers(directory, reference.labels)  # last: a damaged run is refused before anything is written
+    run.note_labels(annotator)
+    return scores
+
+
+def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:
+    """A finished run's page for a server that opens ``recordings`` by these names; writes nothing.
+
+    Raises as :func:`rescore` does.
+    """
+    run = FinishedRun.read(directory)
+    served = Served(run=str(directory.path.resolve()), recordings=recordings)
+    return render_run(directory.results, run.reference(), records=run.records(), manifest=run.manifest, served=served)
+
+
+@contextmanager
+def _collector_paused() -> Iterator[None]:
+    """No search for reference cycles: a run is a million small values that have none, and looking takes a fifth."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()

@@ -20,14 +20,13 @@ from harness.run.published import Published
 from harness.run.records import FrameRecord
 from harness.run.seeds import base_of
 from harness.score.baselines import BASELINES
-from harness.score.events import EventCounts, count_events
 from harness.score.intervals import Units, rate_interval
+from harness.score.looks import EventCounts, count_events
 from harness.score.metrics import Metric, load_metrics
 from harness.score.outcomes import OutcomeLog, Outcomes
 from harness.score.reference import Reference
 from harness.score.scored_frames import ScoredFrames
-from harness.score.sign_flip import SIGNIFICANCE, sign_flip_p
-from harness.score.statistics import Flags, Interval, wilson_interval
+from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES, Verdict, judge
 from vfoa.types import Float
 

@@ -20,8 +20,7 @@ from harness.report.page.packs import pack_json
 from harness.report.panels import Picture, draw_panels
 from harness.report.published import published_table
 from harness.report.reliability import reliability_table
-from harness.report.stage_measures import terminal_measures
-from harness.report.stage_times import StageTimes
+from harness.report.stages import StageTimes, terminal_measures
 from harness.report.tables import error_types_table, frr_table, nowhere_table, remarks, seeds_table, visible_table
 from harness.report.thumbnails.reader import Thumbnails
 from harness.report.verdict import verdict_sentence

@@ -9,7 +9,7 @@ import pytest
 from harness.bench import scoring
 from harness.bench.scoring import time_scoring
 from harness.bench.tables import scoring_table
-from harness.report.rescore import rescore
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.score.score import Scores
 

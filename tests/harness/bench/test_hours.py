@@ -6,7 +6,7 @@ from pathlib import Path
 
 from harness.bench import hours
 from harness.bench.overhead import measure_overhead, overhead_table
-from harness.report.rescore import rescore
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 

@@ -11,7 +11,7 @@ import pytest
 
 from harness.bench import scoring
 from harness.report import kept_parts
-from harness.report.rescore import rescore
+from harness.report.write import rescore
 from harness.run import results
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord

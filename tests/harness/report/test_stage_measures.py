@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from harness.report.stage_measures import object_measures_table, stage_measures_table, terminal_measures
+from harness.report.stages import object_measures_table, stage_measures_table, terminal_measures
 from harness.run.records import FrameRecord
 from harness.score.reference import Reference
 from harness.score.score import Scores, score

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.report.stage_times import stage_times
+from harness.report.stages import stage_times
 from vfoa.errors import VfoaError
 
 HEADER = "clip,configuration,frame,stage,ms\n"

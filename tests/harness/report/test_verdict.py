@@ -6,8 +6,7 @@ from collections.abc import Mapping
 
 import pytest
 
-from harness.report.verdict import verdict_sentence
-from harness.score.factors import factor_levels
+from harness.report.verdict import factor_levels, verdict_sentence
 from harness.score.reference import Reference
 from harness.score.score import score
 from tests.records import answers, labels

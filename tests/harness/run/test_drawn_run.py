@@ -13,7 +13,7 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from harness.labels.drawn import KeyFrame, Kind, drawn_of, read_drawn, write_drawn
-from harness.report.rescore import rescore
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.results import read_results

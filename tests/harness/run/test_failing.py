@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from harness.cli import main
-from harness.report.rescore import rescore
 from harness.report.sinks import composed_sinks
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.results import read_results

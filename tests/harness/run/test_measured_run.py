@@ -14,8 +14,8 @@ from harness.cli.clips import app
 from harness.clips.check import check_clip
 from harness.clips.manifest import load_manifest
 from harness.record.composed import find_clips
-from harness.report.rescore import rescore
 from harness.report.sinks import composed_sinks
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.results import read_results

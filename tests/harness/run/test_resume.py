@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 
-from harness.report.rescore import rescore
 from harness.report.sinks import composed_sinks
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.partial_results import open_partial_results

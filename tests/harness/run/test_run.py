@@ -14,8 +14,8 @@ from harness.clips.manifest import load_manifest
 from harness.labels.files import NOWHERE, Label, Labels, write_annotations
 from harness.labels.timeline import timeline_of
 from harness.record import Size
-from harness.report.rescore import rescore
 from harness.report.sinks import composed_sinks
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.partial_results import partial_results

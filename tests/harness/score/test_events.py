@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
-from harness.score.events import Event, EventCounts, count_events, find_events, match_events
+from harness.score.looks import Event, EventCounts, count_events, find_events, match_events
 from harness.score.statistics import Codes
 
 CODES = {"A": 0, "B": 1, "C": 2, "-": 3, "?": -1}

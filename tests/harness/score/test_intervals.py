@@ -13,6 +13,7 @@ from hypothesis.extra import numpy as hnp
 from scipy.stats import beta, bootstrap, permutation_test
 from statsmodels.stats.power import TTestPower
 
+from harness.score.comparison import Spread, clips_needed, detectable_difference
 from harness.score.intervals import (
     Units,
     degrees_of_freedom,
@@ -21,8 +22,7 @@ from harness.score.intervals import (
     resampled_rates,
     standard_error,
 )
-from harness.score.power import Spread, clips_needed, detectable_difference
-from harness.score.sign_flip import sign_flip_p
+from harness.score.statistics import sign_flip_p
 
 
 def _run(rng: np.random.Generator, clips: int, looks: int = 5, signed: bool = False) -> Units:

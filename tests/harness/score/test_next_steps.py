@@ -3,7 +3,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from harness.labels.labels import Label
-from harness.score.next_steps import NEXT_STEPS, next_steps
+from harness.report.verdict import NEXT_STEPS, next_steps
 from harness.score.verdicts import ERROR_TYPES, judge_absent
 
 

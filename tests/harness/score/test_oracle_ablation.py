@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.report.rescore import rescore
+from harness.report.write import rescore
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.score.oracle_ablation import steps, with_oracle_ablation

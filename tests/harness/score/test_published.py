@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
+from harness.report.published import reproductions
 from harness.report.tables import render_tables
 from harness.run.experiment import load_experiment
 from harness.run.published import Published
 from harness.score.reference import Reference
-from harness.score.reproductions import reproductions
 from harness.score.score import score
 from tests.disk import write_text
 from tests.records import answers, labels

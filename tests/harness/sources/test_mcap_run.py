@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from harness.report.rescore import rescore
+from harness.report.write import rescore
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.sources.recordings.clip import McapClip

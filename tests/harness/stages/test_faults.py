@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 from harness.clips.manifest import load_manifest
-from harness.report.rescore import rescore
 from harness.report.sinks import composed_sinks
+from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.executors.cluster import local_cluster
 from harness.run.experiment import load_experiment

@@ -1,20 +1,29 @@
-"""Each stage against the truth, over a run: how far off disparities, boxes, heads, eyes and directions are."""
+"""Each stage over a run: how far it is off the truth, and how long it takes."""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from harness.files import read_text
 from harness.report.all_scores import ALL
 from harness.report.formats import UNKNOWN, Table
 from harness.run.measure_log import MeasureLog
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
 from harness.stages.measures import FrameMeasures, PersonMeasure, TargetMeasure
+from vfoa.errors import VfoaError
 
 _Value = float | None
+
+_TIMINGS = ["clip", "configuration", "frame", "stage", "ms"]
+"""The header of ``timings.csv``."""
 
 _NOTES = (
     "Against the clip's truth, before any filter over time. Disparity: median over frames of the frame's median error, "
@@ -133,3 +142,56 @@ def _printed(values: Iterable[_Value], of: Callable[[Sequence[float]], object], 
 
 def _percentile_95(values: Sequence[float]) -> float:
     return float(np.percentile(values, 95))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageTimes:
+    """Median milliseconds a frame over all clips: by stage, one for each configuration; None where it has no such."""
+
+    configurations: tuple[str, ...]
+    ms: dict[str, list[float | None]]
+
+    def table(self) -> Table:
+        """A row per stage and a column per configuration."""
+        return Table(
+            title="Stage times, median ms a frame",
+            columns=("Stage", *self.configurations),
+            words=1,
+            rows=tuple(
+                (stage.replace("_", " "), *(UNKNOWN if each is None else f"{each:.1f}" for each in of_stage))
+                for stage, of_stage in self.ms.items()
+            ),
+            notes=(
+                "On the machine of the run, with all its other work going on; a stage that configurations share "
+                "was computed once.",
+            ),
+        )
+
+
+def stage_times(timings: Path) -> StageTimes:
+    """Time per stage of a run.
+
+    Raises
+    ------
+    VfoaError
+        If the file is not a run's timings. A missing one gives no stages: scores need none.
+    """
+    times: dict[str, dict[str, list[float]]] = {}
+    configurations: dict[str, None] = {}
+    if timings.is_file():
+        rows = csv.reader(io.StringIO(read_text(timings), newline=""))
+        if (header := next(rows, [])) != _TIMINGS:
+            raise VfoaError(f"{timings}:1: expected the columns {','.join(_TIMINGS)}, found {','.join(header)}")
+        try:
+            for _, configuration, _, stage, ms in rows:
+                configurations.setdefault(configuration)
+                times.setdefault(stage, {}).setdefault(configuration, []).append(float(ms))
+        except ValueError as error:
+            raise VfoaError(f"{timings}:{rows.line_num}: not a stage's time: {error}") from None
+    return StageTimes(
+        configurations=tuple(configurations),
+        ms={
+            stage: [round(float(np.median(found[name])), 1) if name in found else None for name in configurations]
+            for stage, found in times.items()
+        },
+    )

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.records import AttentionRecord, DirectionFitRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.direction_checks import DirectionLog
-from harness.score.prediction_sets import SetLog, prediction_set
+from harness.score.posterior_checks import DirectionLog, SetLog, prediction_set
 
 FIT = DirectionFitRecord(tail=0.5, claimed_error_rad=0.2, implied_error_rad=0.2)
 
