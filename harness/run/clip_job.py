@@ -1,12 +1,13 @@
-"""The input and the report of one process that runs one clip."""
+"""What one process gets to run one clip, where that stands, and how it ended."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from harness.clips.manifest import ClipManifest
 from harness.labels.files import Labels
+from harness.run.checkpoint import Checkpoint, read_checkpoint
 from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import SinkFactory
 from harness.stages.cache.stage import ClipCache, Tally
@@ -48,6 +49,11 @@ class ClipJob:
         """The (clip, configuration) pairs of the job."""
         return [(self.manifest.name, configuration.name) for configuration in self.configurations]
 
+    def outcome(self, errors: Iterable[VfoaError | None], tallies: Mapping[str, Tally] | None = None) -> ClipOutcome:
+        """How the job ended, from the error of each configuration in order: None for one that is finished."""
+        failures = {pair: error for pair, error in zip(self.pairs, errors, strict=True) if error is not None}
+        return ClipOutcome(failures=failures, tallies=tallies or {})
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipOutcome:
@@ -55,3 +61,23 @@ class ClipOutcome:
 
     failures: Mapping[Pair, VfoaError]
     tallies: Mapping[str, Tally] = field(default_factory=dict)
+
+
+def checkpoints(job: ClipJob, tell: Callable[[str], None] = lambda line: None) -> dict[str, Checkpoint]:
+    """Where the configurations of a job stand, by name: those with a checkpoint that fits. ``tell`` is told of each."""
+    frames = frozenset(job.frames)
+    found: dict[str, Checkpoint] = {}
+    for clip, name in job.pairs:
+        read, misfit = read_checkpoint(job.directory, (clip, name), frames, job.sink_names)
+        if read is not None:
+            found[name] = read
+            tell(f"{clip} under {name}: goes on after frame {read.frame}")
+        elif misfit is not None:
+            tell(f"{clip} under {name}: its checkpoint does not fit ({misfit}); it begins with the first frame")
+    return found
+
+
+def first_frame(job: ClipJob, resumed: Mapping[str, Checkpoint]) -> int:
+    """The first frame that a job must read: that of the configuration that is least far."""
+    begin = min(job.frames, default=0)
+    return min(resumed[each.name].first_read if each.name in resumed else begin for each in job.configurations)

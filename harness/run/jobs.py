@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from harness.run.clip_job import ClipJob, ClipOutcome
+from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors.contract import Executor, Progress, compute_with
-from harness.run.loop import checkpoints, first_frame, run_clip
+from harness.run.loop import run_clip
 from harness.run.output_sink import OutputSinks
 from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, PreparedClip

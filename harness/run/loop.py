@@ -7,14 +7,13 @@ is read once and each distinct stage runs once. A configuration that fails is dr
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import ExitStack, closing
 
 from harness.run import checkpoint
-from harness.run.checkpoint import Checkpoint, read_checkpoint
-from harness.run.clip_job import ClipJob, ClipOutcome
+from harness.run.checkpoint import Checkpoint
+from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.configuration_runner import ConfigurationRunner
-from harness.run.directory import Pair
 from harness.run.executors.contract import Progress
 from harness.sources import Clip, MeasuredClip
 from harness.stages.measured import measured_frames
@@ -27,12 +26,8 @@ from vfoa.errors import VfoaError
 def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
     """Run one clip under all configurations of a job, from their checkpoints where there are any.
 
-    Parameters
-    ----------
-    progress
-        Called with the name of the clip after each frame.
-    numbers
-        The frames of the job, each as soon as it may be read; those of the job if not given.
+    ``progress`` is called with the name of the clip after each frame. ``numbers`` are the frames of the job, each as
+    soon as it may be read; those of the job if not given.
     """
     try:
         clip = job.manifest.open()
@@ -44,14 +39,13 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         progress(job.manifest.name)
     chosen = (number for number in (job.frames if numbers is None else numbers) if number >= first)
     if isinstance(clip, MeasuredClip):
-        frames = measured_frames(job.configurations, clip, chosen)
-        runners = lead(job, clip.rate_hz, frames, None, progress, resumed=resumed)
-        return ClipOutcome(failures=_failures(job, runners))
-    perceived, measured = one_at_a_time(clip, 2) if job.read_ahead or job.perceive_ahead else (clip, clip)
+        scenes = measured_frames(job.configurations, clip, chosen)
+        return job.outcome(each.error for each in attend_to(scenes, job, clip.rate_hz, progress, resumed=resumed))
+    images, truth = one_at_a_time(clip, 2) if job.read_ahead or job.perceive_ahead else (clip, clip)
     with closing(
         SharedPipeline(
             job.configurations,
-            perceived,
+            images,
             job.cache,
             drawn=job.drawn,
             parallel=job.perceive_ahead > 0,
@@ -59,77 +53,35 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
             starts={name: each.window for name, each in resumed.items() if each.window},
         )
     ) as pipeline:
-        runners = process(job, perceived, pipeline, chosen, progress, truth=measured, resumed=resumed)
+        scenes = reconstructed(images, pipeline, chosen, job)
+        measurer = Measurer(truth) if job.measured else None
+        runners = attend_to(scenes, job, images.rate_hz, progress, measurer=measurer, resumed=resumed)
     if job.cache:
         job.cache.store.trim()
-    return ClipOutcome(failures=_failures(job, runners), tallies=pipeline.take_tallies())
+    return job.outcome((each.error for each in runners), pipeline.take_tallies())
 
 
-def checkpoints(job: ClipJob, tell: Callable[[str], None] = lambda line: None) -> dict[str, Checkpoint]:
-    """Where the configurations of a job stand, by name: those with a checkpoint that fits. ``tell`` is told of each."""
-    frames = frozenset(job.frames)
-    found: dict[str, Checkpoint] = {}
-    for clip, name in job.pairs:
-        read, misfit = read_checkpoint(job.directory, (clip, name), frames, job.sink_names)
-        if read is not None:
-            found[name] = read
-            tell(f"{clip} under {name}: goes on after frame {read.frame}")
-        elif misfit is not None:
-            tell(f"{clip} under {name}: its checkpoint does not fit ({misfit}); it begins with the first frame")
-    return found
-
-
-def first_frame(job: ClipJob, resumed: Mapping[str, Checkpoint]) -> int:
-    """The first frame that a job must read: that of the configuration that is least far."""
-    begin = min(job.frames, default=0)
-    return min(resumed[each.name].first_read if each.name in resumed else begin for each in job.configurations)
-
-
-def process(
-    job: ClipJob,
-    clip: Clip,
-    pipeline: SharedPipeline,
-    numbers: Iterable[int],
-    progress: Progress,
-    *,
-    truth: Clip | None = None,
-    rehearsal: bool = False,
-    resumed: Mapping[str, Checkpoint] | None = None,
-) -> list[ConfigurationRunner]:
-    """Lead frames through the pipeline to the sinks, until they end or every configuration has failed.
-
-    Parameters
-    ----------
-    truth
-        The clip to measure against, if another thread reads ``clip``.
-    resumed
-        Where configurations go on, by name.
-
-    Returns
-    -------
-    list
-        One runner per configuration of the job, in order, each finished, with its error.
-    """
+def reconstructed(clip: Clip, pipeline: SharedPipeline, numbers: Iterable[int], job: ClipJob) -> Generator[SharedFrame]:
+    """Read, perceive and reconstruct frames, as far ahead in threads of their own as the job says."""
     read = prefetch(read_frames(clip, numbers), job.read_ahead)
     perceived = pipeline.perceive(read)
-    reconstructed = prefetch(pipeline.reconstruct(perceived), job.perceive_ahead)
-    measurer = Measurer(truth or clip) if job.measured else None
-    return lead(job, clip.rate_hz, reconstructed, measurer, progress, rehearsal=rehearsal, resumed=resumed)
+    return prefetch(pipeline.reconstruct(perceived), job.perceive_ahead)
 
 
-def lead(
+def attend_to(
+    frames: Generator[SharedFrame],
     job: ClipJob,
     rate_hz: float | None,
-    frames: Generator[SharedFrame],
-    measurer: Measurer | None,
     progress: Progress,
     *,
+    measurer: Measurer | None = None,
     rehearsal: bool = False,
     resumed: Mapping[str, Checkpoint] | None = None,
 ) -> list[ConfigurationRunner]:
     """Attend to frames and hand them to the sinks, until they end or every configuration has failed.
 
-    Checkpoints are written from time to time, unless the frames do not come again.
+    Checkpoints are written from time to time, unless the frames do not come again. ``resumed`` is where configurations
+    go on, by name. Returns one runner per configuration of the job, in order, each finished, with its error.
     """
     begun = resumed or {}
     runners = [
@@ -141,25 +93,15 @@ def lead(
         for runner in runners:
             sinks.enter_context(runner)
         try:
-            while any(each.error is None for each in runners) and (shared := next(frames, None)):
+            while any(each.error is None for each in runners) and (frame := next(frames, None)):
                 for runner in runners:
-                    for finished in runner.attend(shared):
+                    for finished in runner.attend(frame):
                         runner.hand_over(finished)
-                due = not job.keeps and time.monotonic() - written_s >= checkpoint.SECONDS
-                if due and _checkpoint(runners):
-                    written_s = time.monotonic()
+                if not job.keeps and time.monotonic() - written_s >= checkpoint.SECONDS:
+                    written = [runner.checkpoint() for runner in runners]
+                    written_s = time.monotonic() if any(written) else written_s
                 progress(job.manifest.name)
         except VfoaError as error:  # a frame that cannot be read
             for runner in runners:
                 runner.fail(error)
     return runners
-
-
-def _checkpoint(runners: list[ConfigurationRunner]) -> bool:
-    """Write the checkpoint of each configuration; whether there is one now."""
-    written = [runner.checkpoint() for runner in runners]
-    return any(written)
-
-
-def _failures(job: ClipJob, runners: list[ConfigurationRunner]) -> dict[Pair, VfoaError]:
-    return {pair: each.error for pair, each in zip(job.pairs, runners, strict=True) if each.error is not None}

@@ -21,7 +21,7 @@ from harness.run.experiment import Experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext, SinkFactory
 from harness.run.live.clip import Latency, LiveClip
 from harness.run.live.newest import Newest
-from harness.run.loop import process
+from harness.run.loop import attend_to, reconstructed
 from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, PreparedClip, describe
 from harness.run.runner import circumstances, now
@@ -126,7 +126,7 @@ def _follow(
     """Lead each frame that is taken from the source to the sinks; how many, and the error that ended it, if any."""
     with closing(SharedPipeline(job.configurations, clip, parallel=job.perceive_ahead > 0)) as pipeline:
         numbers = clip.numbers(lambda first: _rehearse(first, clip, pipeline, job), limit)
-        (runner,) = process(job, clip, pipeline, numbers, progress)
+        (runner,) = attend_to(reconstructed(clip, pipeline, numbers, job), job, clip.rate_hz, progress)
     return runner.written, runner.error
 
 
@@ -160,7 +160,8 @@ def _rehearse(number: int, clip: LiveClip, pipeline: SharedPipeline, job: ClipJo
     """Lead a frame through everything once, and keep nothing of it. What fails will fail again, and be said then."""
     with TemporaryDirectory() as folder:
         job = replace(job, directory=RunDirectory(Path(folder)), perceive_ahead=0, keeps=False)
-        process(job, clip, pipeline, [number], lambda clip: None, rehearsal=True)
+        frames = reconstructed(clip, pipeline, [number], job)
+        attend_to(frames, job, clip.rate_hz, lambda clip: None, rehearsal=True)
 
 
 def _prepared(manifest: ClipManifest, clip: LiveClip, written: int) -> PreparedClip:
