@@ -3,7 +3,8 @@
     python -m scripts.labelling_speed [FOLDER]
 
 Clips are written to FOLDER (kept there; without one, to a temporary folder): 4K at 30 Hz, 18,000 frames of 640 x 360 at
-30 Hz, and one that flashes when it beeps. Needs the packages of the tests, Debian's chromium and chromium-driver.
+30 Hz, and one that flashes when it beeps. Needs the packages of the tests, Debian's chromium and chromium-driver; the
+sound is measured where there is PulseAudio (pulseaudio, pulseaudio-utils), by recording what the browser plays.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
+from scripts.recorded_sound import Recording, recorded
 from tests.annotating import MANIFEST, serve, shown, wait_for
 from tests.beeps import write_beeping_video
 from tests.browser import chromium, set_width
@@ -86,40 +88,28 @@ def write_labels(path: Path, frames: int) -> None:
     path.write_text("\n".join([head, *rows]) + "\n")
 
 
-def measure_sound(browser: Chrome) -> None:
-    """From a flash on the screen to the beep that the browser plays with it, for each of eight."""
+def measure_sound(browser: Chrome, recording: Recording) -> None:
+    """From a flash on the screen to the beep that is played with it, for each of eight."""
     press(browser, "+")
-    browser.execute_script(HEAR)
+    browser.execute_script(FLASHES)
+    start = recording.length
     press(browser, " ")
+    wait_for(lambda: browser.execute_script("return document.body.classList.contains('playing')"))
     wait_for(lambda: not browser.execute_script("return document.body.classList.contains('playing')"))
-    flashes, beeps = browser.execute_script("return [window.flashes, window.beeps]")
-    apart = [min((beep - flash for beep in beeps), key=abs, default=float("nan")) for flash in flashes]
-    said = ", ".join(f"{each:.0f}" for each in apart)
+    flashes = browser.execute_script("return window.flashes")
+    beeps = recording.beeps_ms(start)
+    said = ", ".join(f"{min(beeps - flash, key=abs, default=float('nan')):.0f}" for flash in flashes)
     say(f"  {len(beeps)} beeps after {len(flashes)} flashes by {said} ms")
 
 
-HEAR = """
-const audio = document.getElementById("sound");
-const context = new AudioContext();
-const analyser = new AnalyserNode(context, {fftSize: 256});
-const source = new MediaElementAudioSourceNode(context, {mediaElement: audio});
-source.connect(analyser);
-source.connect(context.destination);
-[window.flashes, window.beeps] = [[], []];
-let [loud, bright] = [false, false];
-const wave = new Float32Array(256);
-setInterval(() => {
-    analyser.getFloatTimeDomainData(wave);
-    const isLoud = wave.some((each) => Math.abs(each) > .1);
-    const now = performance.now();
-    if (isLoud && !loud && (window.beeps.at(-1) ?? -1e9) < now - 300) window.beeps.push(now);
-    loud = isLoud;
-}, 2);
+FLASHES = """
+window.flashes = [];
+let bright = false;
 new MutationObserver(() => {
     const canvas = document.querySelector("#picture canvas");
-    requestAnimationFrame(() => {
+    requestAnimationFrame((begins) => {
         const isBright = canvas.getContext("2d").getImageData(8, 8, 1, 1).data[0] > 128;
-        if (isBright && !bright) window.flashes.push(performance.now());
+        if (isBright && !bright) window.flashes.push(performance.timeOrigin + begins);
         bright = isBright;
     });
 }).observe(document.body, {attributeFilter: ["data-frame"]});
@@ -193,6 +183,14 @@ def open_page(browser: Chrome, address: str) -> None:
 
 def main(folder: Path) -> None:
     """Measure and print."""
+    with recorded(folder / "pulse") as recording:
+        say("a flash and a beep once a second:" if recording else "no PulseAudio: the sound is not measured")
+        for _ in range(3 if recording else 0):
+            with chromium(folder / "profile") as browser, serve(clip=str(write_flashing(folder))) as page:
+                set_width(browser, 1280)
+                open_page(browser, page.address)
+                assert recording is not None
+                measure_sound(browser, recording)
     with chromium(folder / "profile") as browser:
         set_width(browser, 1280)
         manifest = write_clip(folder, 300, (3840, 2160))
@@ -200,10 +198,6 @@ def main(folder: Path) -> None:
             say("4K, two videos at 30 Hz:")
             open_page(browser, page.address)
             measure_playing(browser, {"0.5": "", "1": "+", "2": "+"})
-        with serve(clip=str(write_flashing(folder))) as page:
-            say("a flash and a beep once a second:")
-            open_page(browser, page.address)
-            measure_sound(browser)
         manifest = write_clip(folder, 18_000, (640, 360))
         write_labels(folder / "annotations" / f"{manifest.stem}.csv", 18_000)
         with serve(clip=str(manifest)) as page:

@@ -16,8 +16,6 @@ import { at, changes, open, read, undecided } from "./tracks.js";
 
 const NEAR = 10; // a jump further than this does not count as having seen what lies between
 
-const LONGEST_LEAD_S = .25;
-
 export class Page {
   constructor(about, state) {
     this.subject = about.subjects[0];
@@ -46,7 +44,7 @@ export class Page {
     });
     panel.makeSubjects(about.subjects, (name) => this.hands.press(() => this.turnTo(name)));
     panel.makeUnlabelled(() => this.hands.press(() => this.toOpen("unlabelled")));
-    this.wanted = this.shown = this.leadS = 0;
+    this.wanted = this.shown = 0;
     this.take(about);
     this.state = read(state, about.to_decide);
     panel.makePlenty(this.hasRun);
@@ -91,11 +89,12 @@ export class Page {
 
   // Where it is
 
-  // Go to a frame; ``near``: what lies between counts as seen if it is not far.
+  // Go to a frame; ``near``: what lies between counts as seen if it is not far. While it plays, the player shows it.
   go(position, near = false) {
     this.wanted = Math.min(Math.max(position, 0), this.total - 1);
     if (near && this.wanted <= this.state.seen[this.subject] + NEAR) this.see(this.wanted);
     this.settle();
+    if (this.player.playing) return this.showing;
     this.showing ??= this.show().finally(() => { this.showing = null; this.settle(); });
     return this.showing;
   }
@@ -105,16 +104,10 @@ export class Page {
     let wanted;
     do {
       wanted = this.wanted;
-      this.loadingSince = performance.now();
       try {
-        const [image, scene] = await this.stage.load(wanted);
-        this.leadS = .8 * this.leadS + .2 * Math.min(this.loadingForMs / 1000, LONGEST_LEAD_S);
-        this.shown = wanted;
-        document.body.dataset.frame = this.about.frames[wanted];
-        if (this.player.playing) this.pass(this.playedFrom, wanted);
-        this.playedFrom = wanted;
-        this.stage.show(image, scene, wanted, this.subject);
-        this.draw();
+        const found = await this.stage.load(wanted);
+        if (this.player.playing) return;
+        this.put(wanted, found);
         this.hands.open();
       } catch (error) {
         panel.say(error.message || `frame ${this.about.frames[wanted]} cannot be shown`);
@@ -122,17 +115,27 @@ export class Page {
         else this.hands.open();
         if (this.wanted === wanted) break;
       }
-      this.loadingSince = null;
     } while (this.wanted !== wanted);
-    this.loadingSince = null;
-    if (!this.player.playing) this.stage.ahead(wanted, 6, this.total);
+    this.stage.ahead(wanted, 6, this.total);
   }
 
-  get loadingForMs() { return this.loadingSince ? performance.now() - this.loadingSince : 0; }
+  // A frame whose time has come while it plays.
+  present(position, found) {
+    this.wanted = position;
+    this.put(position, found);
+    this.settle();
+  }
+
+  put(position, [image, scene]) {
+    this.shown = position;
+    document.body.dataset.frame = this.about.frames[position];
+    this.stage.show(image, scene, position, this.subject);
+    this.draw();
+  }
 
   // Whether all that was asked for is shown, and all that was said is saved.
   settle() {
-    const waits = this.wanted !== this.shown || this.showing || this.queue.waiting > 0 || this.seen.waits || this.hands.waiting > 0 || this.drawing?.waits;
+    const waits = this.wanted !== this.shown || this.showing || this.queue.waiting > 0 || this.seen.waits || this.hands.waiting > 0 || this.drawing?.waits || this.player?.film.waits;
     document.body.setAttribute("aria-busy", Boolean(waits));
   }
 
@@ -145,10 +148,6 @@ export class Page {
     const from = this.wanted;
     this.go(from + by);
     this.pass(from, this.wanted);
-  }
-
-  playTo(position) {
-    if (position !== this.wanted) this.go(position);
   }
 
   async toChange(direction) {
@@ -199,7 +198,7 @@ export class Page {
     this.select(null);
     if (position === null) return;
     this.go(position);
-    if (this.player.playing) this.player.anchor(this.player.times[this.wanted]);
+    if (this.player.playing) this.player.jump(this.wanted);
   }
 
   // Where a subject's work goes on: the first frame that is not labelled, confirmed or decided.

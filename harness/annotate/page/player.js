@@ -1,11 +1,13 @@
 // Playing by the clock: the frame of the time is shown, and what the computer is too slow for is left out.
 
+import { Lost } from "./api.js";
 import { SystemClock } from "./clock.js";
+import { Film } from "./film.js";
+import * as panel from "./panel.js";
 
 const USUAL_HZ = 10; // where the source does not know its rate
 const SLOWEST = 1 / 16;
 const FASTEST = 8;
-const STALL_MS = 1500; // the clock waits for a frame that takes longer
 
 export class Player {
   constructor(page, about) {
@@ -18,6 +20,16 @@ export class Player {
     this.clock = new SystemClock();
     this.run = null;
     this.loop = null; // [first, last]
+    this.film = new Film({
+      load: (position) => page.stage.load(position),
+      show: (position, found) => {
+        page.pass(this.from, position);
+        this.from = position;
+        page.present(position, found);
+      },
+      failed: (position, error) => this.failed(position, error),
+      moved: () => page.settle(),
+    });
   }
 
   get playing() { return this.run !== null; }
@@ -26,8 +38,9 @@ export class Player {
 
   // What is on the screen stays there.
   stop() {
-    if (this.playing) this.page.go(this.page.shown);
+    if (!this.playing) return;
     this.end();
+    this.page.go(this.page.wanted);
   }
 
   end() {
@@ -55,7 +68,7 @@ export class Player {
     const end = direction > 0 ? page.total - 1 : 0;
     if (loop && (page.wanted < loop[0] || page.wanted > loop[1])) page.go(loop[0]);
     else if (page.wanted === end && direction > 0) page.go(0);
-    this.anchor(times[page.wanted]);
+    this.jump(page.wanted);
     document.body.classList.add("playing");
     const run = this.run = {};
     const next = () => {
@@ -66,32 +79,58 @@ export class Player {
     next();
   }
 
-  anchor(timeS) { this.clock.start(timeS, this.direction * this.speed); }
+  anchor(timeS) {
+    this.isStalled = false;
+    this.clock.start(timeS, this.direction * this.speed);
+    this.film.clear(this.positionAt(timeS), this.direction);
+  }
 
   tick() {
-    const { page, times, loop, direction } = this;
-    if (page.loadingForMs > STALL_MS) { // as a film that is not there yet
-      this.anchor(times[page.shown]);
-      return;
-    }
+    const { page, times, loop, direction, film } = this;
+    if (this.stalls()) return;
     const time = this.clock.now();
-    const soon = time + this.direction * this.speed * page.leadS; // a picture takes that long to come
     const [first, last] = loop || [0, page.total - 1];
     if (direction > 0 && time >= times[last] + this.stepS) {
       if (!loop) return this.finish(last);
-      page.go(first);
-      this.anchor(times[first]);
+      this.jump(first);
     } else if (direction < 0 && time < times[first]) {
       if (!loop) return this.finish(first);
-      page.go(last);
-      this.anchor(times[last]);
-    } else page.playTo(Math.min(Math.max(this.positionAt(soon), first), last));
+      this.jump(last);
+    } else {
+      const at = (seconds) => this.positionAt(time + direction * this.speed * seconds);
+      film.tick((seconds) => Math.min(Math.max(at(seconds), first), last));
+    }
+  }
+
+  // Whether the clock waits for a picture, as a film that is not there yet; it goes on from the one that came.
+  stalls() {
+    const { isLate } = this.film;
+    if (isLate && !this.isStalled) this.clock.stop();
+    else if (this.isStalled && !isLate) {
+      this.film.showNewest();
+      this.anchor(this.times[this.page.shown]);
+    }
+    this.isStalled = isLate;
+    return isLate;
+  }
+
+  // What lies between here and there is not seen by that.
+  jump(position) {
+    this.page.wanted = this.from = position;
+    this.anchor(this.times[position]);
+  }
+
+  failed(position, error) {
+    if (error instanceof Lost) {
+      this.stop();
+      this.page.go(position);
+    } else panel.say(error.message || `frame ${this.page.about.frames[position]} cannot be shown`);
   }
 
   finish(position) {
-    this.page.playTo(position);
-    this.page.pass(this.page.playedFrom, position);
     this.end();
+    this.page.pass(this.from, position);
+    this.page.go(position);
   }
 
   // The last frame that was taken by then.
