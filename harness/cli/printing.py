@@ -112,7 +112,7 @@ def _without_nan(value: object) -> object:
 
 def print_scores(scores: Scores) -> None:
     """Print the FRR table, and what else fits a terminal, each with what a reader must know of it."""
-    from harness.report.oracle_ablation import terminal_ablation
+    from harness.report.comparisons import terminal_ablation
     from harness.report.published import published_table
     from harness.report.stages import terminal_measures
     from harness.report.tables import seeds_table, terminal_table

@@ -14,7 +14,7 @@ import typer
 
 from harness.files import atomic_write, read_text
 from harness.run.experiment import Experiment
-from harness.run.manifest_diff import differences
+from harness.run.manifest import differences
 from harness.run.plan import Plan, describe, prepare
 from harness.stages.cache.store import Store
 from vfoa.errors import VfoaError

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 
-from harness.report.all_scores import ALL
+from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table
 from harness.score.behaviour import BehaviourRow, measure_behaviour
 from harness.score.score import Scores

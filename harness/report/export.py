@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from harness.report.all_scores import scores_table
+from harness.report.csv_tables import scores_table
 from harness.report.formats import LATEX_HEAD, Table, to_csv, to_latex, to_markdown
 from harness.report.tables import frr_table
 from harness.score.exported import ExportedClip, ExportedSubject, ExportedTable, Sheet, labels_digest

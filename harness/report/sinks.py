@@ -2,13 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from harness.record import Size
 from harness.record.sink import recordings
-from harness.report.thumbnails.sink import ThumbnailSinks
-from harness.run.frame_sink import SinkFactory
+from harness.run.frame_sink import SinkContext, SinkFactory
 from harness.stages.configuration import Configuration
+
+if TYPE_CHECKING:
+    from harness.report.thumbnails.writer import ThumbnailWriter
+
+
+@dataclass(frozen=True, slots=True)
+class ThumbnailSinks:
+    """Thumbnails in the run's directory: the report needs them, and neither clip nor models."""
+
+    def described(self) -> Mapping[str, Any]:
+        """They are no setting of a run."""
+        return {}
+
+    def open(self, context: SinkContext) -> ThumbnailWriter:
+        """The thumbnails of one configuration on one clip."""
+        from harness.report.thumbnails.writer import ThumbnailWriter
+
+        return ThumbnailWriter(context.directory.path, *context.pair, resumed=context.resumed)
 
 
 def composed_sinks(

@@ -4,21 +4,14 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
 
-from harness.report.all_scores import ALL, scores_table
-from harness.report.comparisons import compare_configurations, comparison_table, comparisons_csv
-from harness.report.formats import LATEX_HEAD, UNKNOWN, Table, to_csv, to_latex, to_markdown
-from harness.report.oracle_ablation import ablation_csv, ablation_table, terminal_ablation
-from harness.report.published import published_table
-from harness.report.reliability import reliability_table, subject_reliability_table
-from harness.report.stages import object_measures_table, stage_measures_table, terminal_measures
+from harness.report.csv_tables import ALL
+from harness.report.formats import UNKNOWN, Table
 from harness.report.verdict import next_steps
 from harness.score.baselines import BASELINES
 from harness.score.intervals import LEAST_CLIPS
 from harness.score.metrics import load_metrics
 from harness.score.oracle_ablation import without_oracles
-from harness.score.reliability import Reliability
 from harness.score.score import ERROR_TYPES, ScoreRow, Scores
 from harness.score.statistics import Interval
 
@@ -42,56 +35,6 @@ TERMINAL_NOTE = (
     f"looks of these clips only, from {LEAST_CLIPS} clips on by clips. Beaten: whether the best baseline is, by a "
     "test of looks or clips. No hit: share in which no ray hit anything."
 )
-
-
-def render_tables(
-    scores: Scores,
-    reliabilities: Sequence[Reliability] = (),
-    by_subject: Sequence[Reliability] = (),
-    others: Sequence[Table] = (),
-) -> dict[str, str]:
-    """Every table but ``frames.csv``, by file name; ``others`` join the page. Tables without rows are left out."""
-    comparisons = compare_configurations(scores)
-    compared = comparison_table(comparisons)
-    sections = (paper_table, measures_table, baselines_table, error_types_table, subjects_table)
-    pages = [to_markdown(frr_table(scores)), *(to_markdown(make(scores), level=2) for make in sections)]
-    ablation, measures = ablation_table(scores), stage_measures_table(scores)
-    more = (
-        seeds_table(scores),
-        visible_table(scores),
-        nowhere_table(scores),
-        published_table(scores),
-        ablation,
-        measures,
-        reliability_table(reliabilities),
-        subject_reliability_table(by_subject),
-        *others,
-    )
-    pages += [to_markdown(table, level=2) for table in more if table.rows]
-    programs = {
-        "oracle_ablation.csv": ablation_csv(scores),
-        "measures.csv": measures,
-        "objects.csv": object_measures_table(scores),
-    }
-    return {
-        "frr.csv": to_csv(scores_table(scores)),
-        "frr.md": "\n".join(pages),
-        "frr.tex": _latex_tables(scores),
-        **{name: to_csv(table) for name, table in programs.items() if table.rows},
-        "comparisons.csv": to_csv(comparisons_csv(comparisons)),
-        "comparisons.md": to_markdown(compared),
-    }
-
-
-def _latex_tables(scores: Scores) -> str:
-    """The tables that fit a page of paper."""
-    papers = {
-        "frr": terminal_table(scores),
-        "paper": paper_table(scores),
-        "oracle_ablation": terminal_ablation(scores),
-        "measures": terminal_measures(scores),
-    }
-    return LATEX_HEAD + "\n".join(to_latex(table, label=f"tab:{name}") for name, table in papers.items() if table.rows)
 
 
 def frr_table(scores: Scores) -> Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -11,20 +11,41 @@ from typing import Any
 from harness.files import write_together
 from harness.record.verdict_layer import write_verdict_layers
 from harness.report.behaviour import behaviour_csv
-from harness.report.formats import to_csv
-from harness.report.kept_parts import KeptParts
+from harness.report.comparisons import (
+    ablation_csv,
+    ablation_table,
+    compare_configurations,
+    comparison_table,
+    comparisons_csv,
+    terminal_ablation,
+)
+from harness.report.csv_tables import scores_table
+from harness.report.formats import LATEX_HEAD, Table, to_csv, to_latex, to_markdown
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
-from harness.report.record_logs import RecordLogs
-from harness.report.reliability import reliability_figure, subject_reliability_table
-from harness.report.stages import stage_times
-from harness.report.tables import render_tables
-from harness.report.thumbnails.reader import read_thumbnails
+from harness.report.published import published_table
+from harness.report.record_logs import KeptParts, RecordLogs
+from harness.report.reliability import reliability_figure, reliability_table, subject_reliability_table
+from harness.report.stages import object_measures_table, stage_measures_table, stage_times, terminal_measures
+from harness.report.tables import (
+    baselines_table,
+    error_types_table,
+    frr_table,
+    measures_table,
+    nowhere_table,
+    paper_table,
+    seeds_table,
+    subjects_table,
+    terminal_table,
+    visible_table,
+)
+from harness.report.thumbnails import read_thumbnails
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.results import read_results
 from harness.score.finished_run import FinishedRun
 from harness.score.reference import Reference
+from harness.score.reliability import Reliability
 from harness.score.score import Scores
 
 
@@ -160,3 +181,53 @@ def _collector_paused() -> Iterator[None]:
     finally:
         if was_on:
             gc.enable()
+
+
+def render_tables(
+    scores: Scores,
+    reliabilities: Sequence[Reliability] = (),
+    by_subject: Sequence[Reliability] = (),
+    others: Sequence[Table] = (),
+) -> dict[str, str]:
+    """Every table but ``frames.csv``, by file name; ``others`` join the page. Tables without rows are left out."""
+    comparisons = compare_configurations(scores)
+    compared = comparison_table(comparisons)
+    sections = (paper_table, measures_table, baselines_table, error_types_table, subjects_table)
+    pages = [to_markdown(frr_table(scores)), *(to_markdown(make(scores), level=2) for make in sections)]
+    ablation, measures = ablation_table(scores), stage_measures_table(scores)
+    more = (
+        seeds_table(scores),
+        visible_table(scores),
+        nowhere_table(scores),
+        published_table(scores),
+        ablation,
+        measures,
+        reliability_table(reliabilities),
+        subject_reliability_table(by_subject),
+        *others,
+    )
+    pages += [to_markdown(table, level=2) for table in more if table.rows]
+    programs = {
+        "oracle_ablation.csv": ablation_csv(scores),
+        "measures.csv": measures,
+        "objects.csv": object_measures_table(scores),
+    }
+    return {
+        "frr.csv": to_csv(scores_table(scores)),
+        "frr.md": "\n".join(pages),
+        "frr.tex": _latex_tables(scores),
+        **{name: to_csv(table) for name, table in programs.items() if table.rows},
+        "comparisons.csv": to_csv(comparisons_csv(comparisons)),
+        "comparisons.md": to_markdown(compared),
+    }
+
+
+def _latex_tables(scores: Scores) -> str:
+    """The tables that fit a page of paper."""
+    papers = {
+        "frr": terminal_table(scores),
+        "paper": paper_table(scores),
+        "oracle_ablation": terminal_ablation(scores),
+        "measures": terminal_measures(scores),
+    }
+    return LATEX_HEAD + "\n".join(to_latex(table, label=f"tab:{name}") for name, table in papers.items() if table.rows)

@@ -18,7 +18,7 @@ from typing import Any
 from harness.bounded_parsing import parse_json
 from harness.files import atomic_write, read_bytes, unreadable
 from harness.run.lock import LOCK
-from harness.run.manifest_shape import check_manifest
+from harness.run.manifest import check_manifest
 from vfoa.errors import StageError, VfoaError, did_you_mean
 
 Pair = tuple[str, str]

@@ -16,7 +16,7 @@ from harness.run.executors.contract import Progress
 from harness.run.experiment import Experiment
 from harness.run.jobs import Done, run_jobs, skip
 from harness.run.lock import locked
-from harness.run.manifest_diff import differences
+from harness.run.manifest import differences
 from harness.run.plan import Plan, PreparedClip, describe, prepare
 from harness.run.saved_outputs import write_experiment
 from harness.stages.cache.stage import cache_lines

@@ -8,7 +8,7 @@ from typing import Any
 
 from harness.clips.manifest import ClipManifest
 from harness.files import digest_files
-from harness.run.manifest_diff import differences
+from harness.run.manifest import differences
 from vfoa.errors import VfoaError
 
 RUN_LABELS = "run_labels_sha256"

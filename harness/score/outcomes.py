@@ -15,12 +15,10 @@ from harness.score.baselines import BASELINES, Baselines, Choices, best_limit_ra
 from harness.score.looks import number_looks
 from harness.score.reference import Reference
 from harness.score.statistics import Codes, Flags
-from harness.score.verdicts import NO_HIT, Verdict, find_subject, judge, judge_absent, true_targets
+from harness.score.verdicts import NO_HIT, Verdict, answer, find_subject, judge, judge_absent, true_targets
 from vfoa.types import Float
 
 NO_PREDICTION = -1
-ANOTHER = "(another of this name)"
-"""Appended to a predicted name that is the truth's, but of another instance: it must not count as agreement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -285,20 +283,6 @@ def _limit_rad(others: list[Outcomes], place: int) -> float:
     angles_rad = np.concatenate([each.angles_rad for each in others])
     hits = np.concatenate([each.baselines[:, place] for each in others])
     return best_limit_rad(angles_rad, hits, np.concatenate([each.nowhere for each in others]))
-
-
-def answer(verdict: Verdict) -> str | None:
-    """What a verdict's prediction counts as: its name; None without prediction, or where nothing was hit in error.
-
-    A name that is the truth's, though another instance was meant, is marked.
-    """
-    if verdict.outcome == "correct":
-        return verdict.truth
-    if verdict.predicted == NO_HIT:
-        return None
-    if verdict.outcome == "wrong" and verdict.predicted == verdict.truth:
-        return f"{verdict.predicted} {ANOTHER}"
-    return verdict.predicted
 
 
 def _coded(names: Iterable[str | None], codes: dict[str, int]) -> Codes:

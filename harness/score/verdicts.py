@@ -47,6 +47,10 @@ ERROR_TYPES = {
 
 NO_HIT = "(nothing hit)"
 """The prediction of a frame in which nothing got any attention. It is not the answer "looks at nothing"."""
+NO_PREDICTION = "no prediction"
+"""What stands for people where a frame has no prediction."""
+ANOTHER = "(another of this name)"
+"""Appended to a predicted name that is the truth's, but of another instance: it must not count as agreement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -174,3 +178,24 @@ def _distance_px(box_px: BoxPx | None, point_px: tuple[float, float]) -> tuple[f
     (u0, v0, u1, v1), (u, v) = box_px, point_px
     outside = max(u0 - u, 0.0, u - u1) ** 2 + max(v0 - v, 0.0, v - v1) ** 2
     return outside, (u - (u0 + u1) / 2) ** 2 + (v - (v0 + v1) / 2) ** 2
+
+
+def answer(verdict: Verdict) -> str | None:
+    """What a verdict's prediction counts as: its name; None without prediction, or where nothing was hit in error.
+
+    A name that is the truth's, though another instance was meant, is marked.
+    """
+    if verdict.outcome == "correct":
+        return verdict.truth
+    if verdict.predicted == NO_HIT:
+        return None
+    if verdict.outcome == "wrong" and verdict.predicted == verdict.truth:
+        return f"{verdict.predicted} {ANOTHER}"
+    return verdict.predicted
+
+
+def answered(verdict: Verdict) -> str:
+    """The answer for people: a target, "nothing hit" where that is an error, or :data:`NO_PREDICTION`."""
+    if verdict.outcome == "wrong" and verdict.predicted == NO_HIT:
+        return NO_HIT
+    return answer(verdict) or NO_PREDICTION

@@ -20,8 +20,7 @@ from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
 from harness.labels.timeline import Timeline
 from harness.report.export import exported_table
-from harness.report.thumbnails import lines_path
-from harness.report.thumbnails.reader import read_thumbnails
+from harness.report.thumbnails import lines_path, read_thumbnails
 from harness.report.thumbnails.writer import ThumbnailWriter
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment

@@ -9,13 +9,12 @@ from typing import Any
 from harness.record.labels import Colours
 from harness.report.formats import UNKNOWN, Table
 from harness.report.page.attention_log import AttentionLog
-from harness.report.page.confusion import answered
-from harness.report.page.packs import pack, pack_json, runs, steps
-from harness.report.thumbnails.reader import Thumbnails
+from harness.report.page.packing import pack, pack_json, runs, steps
+from harness.report.thumbnails import Thumbnails
 from harness.run.directory import Pair
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
-from harness.score.verdicts import ERROR_TYPES, Verdict
+from harness.score.verdicts import ERROR_TYPES, Verdict, answered
 
 STATES = ("correct", "unscored", *ERROR_TYPES)
 """What a frame of a timeline can be; the data holds the place in this list, -1 where there is no frame."""
@@ -154,7 +153,7 @@ def _clip_data(
 ) -> dict[str, Any]:
     """A clip's timelines, and the colours of its targets as CSS by number of the name.
 
-    A track is a subject: ``frames`` are numbers as :func:`harness.report.page.packs.steps` codes them, ``truth`` and
+    A track is a subject: ``frames`` are numbers as :func:`harness.report.page.packing.steps` codes them, ``truth`` and
     each configuration's ``states``, ``predicted`` and ``answers`` are run-length codes over them. ``predicted`` is the
     target that was predicted, ``answers`` the column of the confusion. ``attended`` are the targets with values.
     """

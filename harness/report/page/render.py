@@ -10,19 +10,17 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from harness.report.comparisons import compare_configurations, comparison_table
+from harness.report.comparisons import ablation_table, compare_configurations, comparison_table
 from harness.report.formats import UNKNOWN, Table
-from harness.report.oracle_ablation import ablation_table
 from harness.report.page.attention_log import AttentionLog
-from harness.report.page.bundle import bundle
 from harness.report.page.data import Served, differing_settings, page_data
-from harness.report.page.packs import pack_json
+from harness.report.page.packing import bundle, pack_json
 from harness.report.panels import Picture, draw_panels
 from harness.report.published import published_table
 from harness.report.reliability import reliability_table
 from harness.report.stages import StageTimes, terminal_measures
 from harness.report.tables import error_types_table, frr_table, nowhere_table, remarks, seeds_table, visible_table
-from harness.report.thumbnails.reader import Thumbnails
+from harness.report.thumbnails import Thumbnails
 from harness.report.verdict import verdict_sentence
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.reliability import Reliability

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from harness.report.formats import Table
-from harness.report.page.packs import pack_json
+from harness.report.page.packing import pack_json
 from harness.report.page.render import plain_table, script, template
 from harness.report.sweep_grid import grid_of
 from harness.score.sweep.runner import Sweep

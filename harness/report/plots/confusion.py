@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
+
 import numpy as np
 from matplotlib.figure import Figure
 
-from harness.report.page.confusion import NO_PREDICTION, Confusion, confusions
 from harness.report.plots.style import PAGE_IN
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
-from harness.score.verdicts import NO_HIT
+from harness.score.verdicts import NO_HIT, NO_PREDICTION, Verdict, answered
 from vfoa.errors import VfoaError
 
 MOST_NAMES = 24
+Confusion = Counter[tuple[str, str]]
+"""Scored frames by truth and answer."""
 
 
 def draw_confusion(scores: Scores, clip: str | None) -> Figure:
@@ -66,3 +70,13 @@ def draw_confusion(scores: Scores, clip: str | None) -> Figure:
     figure.supxlabel("answer", fontsize=8)
     figure.supylabel("truth", fontsize=8)
     return figure
+
+
+def confusions(verdicts: Iterable[Verdict]) -> dict[tuple[str, str], Confusion]:
+    """By clip and configuration, in the order of the verdicts."""
+    found: dict[tuple[str, str], Confusion] = {}
+    for verdict in verdicts:
+        if verdict.outcome != "unscored":
+            of_pair = found.setdefault((verdict.clip, verdict.configuration), Counter())
+            of_pair[str(verdict.truth), answered(verdict)] += 1
+    return found

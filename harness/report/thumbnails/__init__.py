@@ -6,18 +6,34 @@ then made without a clip or a model::
     thumbnails/<clip>/<frame>.webp                  the left image, made small, once for all configurations
     thumbnails/<clip>__<configuration>.jsonl        a line a frame: boxes, heads and cones in the picture's pixels
 
-``writer.py`` is the observer that writes them in a run, ``reader.py`` finds those of the wrong frames.
+``writer.py`` writes them in a run; :func:`read_thumbnails` finds those of the wrong frames.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from harness.score.verdicts import Verdict
+from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    import msgspec
 
 FOLDER = "thumbnails"
 
 Box = tuple[int, int, int, int]
 """Left, top, right, bottom in a picture's pixels."""
+BUDGET_BYTES = 1_000_000
+"""What all thumbnails of a page may weigh: a page stays under 3 MB beside them."""
+
+_Place = tuple[str, str]
+_Frame = tuple[str, int]
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,3 +64,106 @@ def picture_path(run: Path, clip: str, frame: int) -> Path:
 def lines_path(run: Path, clip: str, configuration: str) -> Path:
     """What a configuration saw in a clip."""
     return run / FOLDER / f"{clip}__{configuration}.jsonl"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Thumbnails:
+    """What a page shows of the wrong frames. ``pictures`` are data URIs by (clip, frame).
+
+    ``seen`` is what a configuration saw, by (clip, configuration, frame); ``wrong`` counts the wrong frames that have a
+    picture, of which a page may have room for fewer.
+    """
+
+    pictures: Mapping[_Frame, str] = field(default_factory=dict)
+    seen: Mapping[tuple[str, str, int], Thumbnail] = field(default_factory=dict)
+    wrong: int = 0
+
+
+def read_thumbnails(run: Path, verdicts: Iterable[Verdict], budget: int = BUDGET_BYTES) -> Thumbnails:
+    """The thumbnails of the frames in which somebody was judged wrong.
+
+    Where all of them weigh more than ``budget`` bytes, every second one is taken, or every third ...: as many as fit.
+    A run without thumbnails has none here.
+
+    Raises
+    ------
+    VfoaError
+        If a file of them cannot be read.
+    """
+    wrong: dict[_Place, dict[int, None]] = {}
+    for verdict in verdicts:
+        if verdict.outcome == "wrong":
+            wrong.setdefault((verdict.clip, verdict.configuration), {})[verdict.frame] = None
+    lines = {place: _lines(lines_path(run, *place), frames) for place, frames in wrong.items()}
+    sizes = _sizes(run, lines)
+    chosen = _fitting(sizes, budget)
+    return Thumbnails(
+        pictures={each: _data_uri(picture_path(run, *each)) for each in chosen},
+        seen={
+            (clip, configuration, frame): _decode(Thumbnail, line, lines_path(run, clip, configuration))
+            for (clip, configuration), found in lines.items()
+            for frame, line in found.items()
+            if (clip, frame) in chosen
+        },
+        wrong=len(sizes),
+    )
+
+
+def _lines(path: Path, frames: Mapping[int, None]) -> dict[int, bytes]:
+    """The lines of these frames, not yet read."""
+    found: dict[int, bytes] = {}
+    if path.is_file():
+        with path.open("rb") as file:
+            for line in file:
+                number = _decode(_Numbered, line, path).frame
+                if number in frames:
+                    found[number] = line
+    return found
+
+
+def _sizes(run: Path, lines: Mapping[_Place, Mapping[int, bytes]]) -> dict[_Frame, int]:
+    """What each frame with a picture weighs in a page, clip by clip in the order of the frames."""
+    sizes: dict[_Frame, int] = {}
+    for (clip, _), found in lines.items():
+        for frame, line in found.items():
+            sizes[clip, frame] = sizes.get((clip, frame), 0) + len(line)
+    weighed = {}
+    clips = list(dict.fromkeys(clip for clip, _ in lines))
+    for clip, frame in sorted(sizes, key=lambda each: (clips.index(each[0]), each[1])):
+        path = picture_path(run, clip, frame)
+        if path.is_file():
+            weighed[clip, frame] = sizes[clip, frame] + 4 * path.stat().st_size // 3
+    return weighed
+
+
+def _fitting(sizes: Mapping[_Frame, int], budget: int) -> dict[_Frame, None]:
+    frames: Sequence[_Frame] = list(sizes)
+    step = 1
+    while sum(sizes[each] for each in frames[::step]) > budget and step < len(frames):
+        step += 1
+    return dict.fromkeys(frames[::step])
+
+
+def _data_uri(path: Path) -> str:
+    return f"data:image/webp;base64,{base64.b64encode(path.read_bytes()).decode()}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Numbered:
+    frame: int
+
+
+def _decode(kind: type[_T], line: bytes, path: Path) -> _T:
+    import msgspec
+
+    try:
+        return _decoders()[kind].decode(line)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise VfoaError(f"{path}: not the thumbnails of a run: {error}") from None
+
+
+@cache
+def _decoders() -> Mapping[type[Any], msgspec.json.Decoder[Any]]:
+    import msgspec
+
+    return {kind: msgspec.json.Decoder(kind) for kind in (_Numbered, Thumbnail)}

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from harness.bench import scoring
-from harness.report import kept_parts
+from harness.report import record_logs
 from harness.report.write import rescore
 from harness.run import results
 from harness.run.directory import RunDirectory
@@ -56,7 +56,7 @@ def read(monkeypatch: pytest.MonkeyPatch) -> Read:
         seen.append((block.configuration, block.frames[0]))
         return real(path, block)
 
-    monkeypatch.setattr(kept_parts, "read_block", watched)
+    monkeypatch.setattr(record_logs, "read_block", watched)
     return seen
 
 
@@ -71,7 +71,7 @@ def _score_both_ways(directory: RunDirectory, read: Read) -> tuple[dict[str, byt
     rescore(directory)
     kept, seen = _written(directory), list(read)
     directory.manifest.write_bytes(manifest)
-    shutil.rmtree(directory.path / kept_parts.FOLDER)
+    shutil.rmtree(directory.path / record_logs.FOLDER)
     rescore(directory)
     assert _written(directory) == kept
     return kept, seen
@@ -107,7 +107,7 @@ def test_another_record_is_read_again(run: RunDirectory, read: Read) -> None:
 
 
 def test_a_damaged_part_is_made_anew(run: RunDirectory, read: Read) -> None:
-    for path in (run.path / kept_parts.FOLDER).iterdir():
+    for path in (run.path / record_logs.FOLDER).iterdir():
         path.write_bytes(path.read_bytes()[:-1])
     _, seen = _score_both_ways(run, read)
     assert len(seen) == CONFIGURATIONS * FRAMES // BLOCK
@@ -117,4 +117,4 @@ def test_parts_of_older_labels_are_removed(run: RunDirectory) -> None:
     for target in ("ball", "mug", "book"):
         scoring._write_labels(run.path.parent, FRAMES, 2, len(target))
         rescore(run)
-    assert len(list((run.path / kept_parts.FOLDER).glob("*.part"))) == CONFIGURATIONS * FRAMES // BLOCK
+    assert len(list((run.path / record_logs.FOLDER).glob("*.part"))) == CONFIGURATIONS * FRAMES // BLOCK

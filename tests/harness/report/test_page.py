@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 
 from harness.labels.files import Label, LabelRange, Labels
-from harness.report.page import bundle as bundle_module
+from harness.report.page import packing
 from harness.report.page.attention_log import AttentionLog
-from harness.report.page.bundle import bundle
-from harness.report.page.confusion import confusions
 from harness.report.page.data import LETTERS, STATES, differing_settings
-from harness.report.page.packs import runs, steps
+from harness.report.page.packing import bundle, runs, steps
 from harness.report.page.render import render_page
+from harness.report.plots.confusion import confusions
 from harness.run.records import FrameRecord
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
@@ -194,7 +193,7 @@ def test_it_says_when_and_of_what_it_is_and_under_which_terms() -> None:
 
 
 def test_every_name_that_a_module_imports_is_exported_there() -> None:
-    texts = {path.stem: path.read_text(encoding="utf-8") for path in Path(bundle_module.__file__).parent.glob("*.js")}
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in Path(packing.__file__).parent.glob("*.js")}
     exported = {
         name: set(re.findall(r"^export (?:async )?(?:const|function) (\w+)", text, re.MULTILINE))
         for name, text in texts.items()
@@ -208,6 +207,4 @@ def test_every_name_that_a_module_imports_is_exported_there() -> None:
     assert imported
     assert [each for each in imported if each[2] not in exported[each[1]]] == []
     for entry in ("main", "sweep"):
-        assert not re.search(
-            r"^(?:import|export) ", bundle(Path(bundle_module.__file__).with_name(f"{entry}.js")), re.M
-        )
+        assert not re.search(r"^(?:import|export) ", bundle(Path(packing.__file__).with_name(f"{entry}.js")), re.M)

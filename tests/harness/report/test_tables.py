@@ -9,10 +9,10 @@ import pytest
 from rich.console import Console
 
 from harness.labels.files import Labels
+from harness.report.csv_tables import FrameRows
 from harness.report.formats import to_rich
-from harness.report.frames import FrameRows
-from harness.report.tables import frr_table, paper_table, render_tables, terminal_table
-from harness.report.write import score_run
+from harness.report.tables import frr_table, paper_table, terminal_table
+from harness.report.write import render_tables, score_run
 from harness.run.records import FrameRecord
 from harness.run.results import to_line
 from harness.score.reference import Reference

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from harness.report.published import reproductions
-from harness.report.tables import render_tables
+from harness.report.write import render_tables
 from harness.run.experiment import load_experiment
 from harness.run.published import Published
 from harness.score.reference import Reference

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness.report.thumbnails import lines_path, picture_path
-from harness.report.thumbnails.reader import Thumbnails, read_thumbnails
+from harness.report.thumbnails import Thumbnails, lines_path, picture_path, read_thumbnails
 from harness.report.thumbnails.writer import ThumbnailWriter, picture, thumbnail
 from harness.run.frame_sink import FinishedFrame
 from harness.score.reference import Reference

@@ -1,19 +1,81 @@
-"""``frames.csv``: per frame, subject and target, the attention values, and how the frame was judged."""
+"""``frr.csv``: every measure of every row; ``frames.csv``: per frame, subject and target, attention and verdict."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
-from harness.report.formats import csv_cell
+from harness.report.formats import Table, csv_cell
 from harness.run.records import FrameRecord, SubjectRecord
+from harness.score.baselines import BASELINES
+from harness.score.metrics import load_metrics
 from harness.score.posterior_checks import prediction_set
+from harness.score.score import ERROR_TYPES, ScoreRow, Scores
 from harness.score.verdicts import Verdict
+from vfoa.errors import VfoaError
 
-COLUMNS = (
+ALL = "(all)"
+"""The clip, or the subject, in a row over all of them."""
+FRAME_COLUMNS = (
     *("clip", "configuration", "frame", "time_s", "subject", "track", "target", "instance"),
     *("gaze", "head", "total", "focus", "set_90", "truth", "predicted", "outcome", "error_type"),
 )
+
+
+def scores_table(scores: Scores) -> Table:
+    """Every measure of every row, for programs: shares with six decimals, unknown ones empty.
+
+    Raises
+    ------
+    VfoaError
+        If a metric has the name of a column that is there already.
+    """
+    columns = (
+        *("clip", "subject", "configuration", "n", "looks", "clips", "correct", "wrong", "predicted", "no_hit", "frr"),
+        *("interval_low", "interval_high", "interval_unit", "wilson_low", "wilson_high", "coverage", "frr_predicted"),
+        *("n_visible", "frr_visible"),
+        *("none_true", "none_said", "none_right", "none_precision", "none_recall"),
+        *("true_events", "found_events", "matched_events", "event_recall", "event_precision", "event_f"),
+        *(f"baseline_{name}" for name in BASELINES),
+        "beats_baselines",
+        *(f"error_type_{error_type}" for error_type in ERROR_TYPES),
+    )
+    metrics = tuple(load_metrics())
+    if taken := sorted({*columns} & {*metrics}):
+        raise VfoaError(f"metric {taken[0]!r}: frr.csv has a column of that name; expected another name")
+    rows = tuple((*_score_cells(row), *(_share(row.metrics[name]) for name in metrics)) for row in scores.rows)
+    return Table(title="Scores", columns=(*columns, *metrics), words=3, rows=rows)
+
+
+def _score_cells(row: ScoreRow) -> tuple[str, ...]:
+    events = row.events
+    return (
+        *(row.clip or ALL, row.subject or ALL, row.configuration),
+        *map(str, (row.n, row.looks, row.clips, row.correct, row.n - row.correct, row.predicted, row.no_hit)),
+        *map(_share, (row.frr, row.interval.low, row.interval.high)),
+        "" if math.isnan(row.interval.low) else row.interval.unit,
+        *map(_share, (row.wilson.low, row.wilson.high, row.coverage, row.frr_predicted)),
+        *(str(row.visible), _share(row.frr_visible)),
+        *_nowhere_cells(row),
+        *map(str, (events.true, events.found, events.matched)),
+        *map(_share, events.rates),
+        *(_share(row.baselines[name]) for name in BASELINES),
+        row.beats,
+        *(str(row.error_types[error_type]) for error_type in ERROR_TYPES),
+    )
+
+
+def _nowhere_cells(row: ScoreRow) -> tuple[str, ...]:
+    found = row.nowhere
+    if found is None:
+        return ("",) * 5
+    return (*map(str, (found.true, found.said, found.right)), _share(found.precision), _share(found.recall))
+
+
+def _share(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.6f}"
+
 
 _cell = lru_cache(maxsize=None)(csv_cell)
 _Key = tuple[str, str, int]
@@ -55,7 +117,7 @@ class FrameRows:
         the manifest does not know has a track and no name.
         """
         judged = {(each.clip, each.configuration, each.frame, each.subject): each for each in verdicts}
-        text = [",".join(COLUMNS) + "\n"]
+        text = [",".join(FRAME_COLUMNS) + "\n"]
         for key, subject, lines in self._rows:
             # taken out when used: of tracks that share a name the first is the one that was judged
             end = _judgement(judged.pop((*key, subject), None) if subject is not None else None)
