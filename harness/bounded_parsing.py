@@ -19,10 +19,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
+from harness.files import read_text
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
     import yaml
+
 
 MOST_LEVELS = 100
 """Tables within tables; real files have fewer than ten."""
@@ -50,6 +52,17 @@ _ZIP_DAMAGE = (
 """What :mod:`zipfile` raises for an archive that is cut, altered or encrypted."""
 _YAML_DAMAGE = (ValueError, OverflowError, RecursionError, KeyError, IndexError, TypeError, AttributeError)
 """What PyYAML raises beside its own errors for values that are not of their tag."""
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    VfoaError
+        If there is no such file, or it is not TOML; the message names the line.
+    """
+    return parse_toml(read_text(path), path)
 
 
 def parse_toml(text: str, where: object) -> dict[str, Any]:

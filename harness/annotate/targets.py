@@ -15,10 +15,10 @@ from harness.bounded_parsing import parse_toml
 from harness.clips.looks import looks
 from harness.clips.manifest import ClipManifest, make_manifest
 from harness.clips.naming import NameRule
-from harness.config_errors import parse
 from harness.data_folders import came_with_program
 from harness.files import atomic_write, read_bytes
 from vfoa.errors import VfoaError, did_you_mean
+from vfoa.validation import parse
 
 
 def add_target(path: Path, name: str, rule: NameRule) -> None:

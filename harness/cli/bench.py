@@ -31,7 +31,7 @@ def bench(
 ) -> None:
     """Measure the speed of stages, matchers, attention, recordings and scores, against plain reference code."""
     from harness.bench.sections import SECTIONS, Bench
-    from harness.cli.printing import print_report
+    from harness.cli.terminal import print_report
     from harness.clips.manifest import load_manifest
     from harness.files import atomic_write, check_new
     from harness.report.formats import to_markdown

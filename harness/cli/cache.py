@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from harness.cli.options import Cache, Json
-from harness.cli.printing import print_json, print_table
+from harness.cli.terminal import print_json, print_table
 
 app = typer.Typer(help="Show and clear the stage cache.", no_args_is_help=True)
 

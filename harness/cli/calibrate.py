@@ -109,8 +109,8 @@ def _check_name(out: Path) -> None:
 
 
 def _views(folder: Path, files: dict[str, str | None]) -> Views:
-    from harness.config_errors import parse
     from harness.sources.view_files import ViewFiles
+    from vfoa.validation import parse
 
     return parse(ViewFiles, files, "calibrate").views(folder)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.cli.options import Json
-from harness.cli.printing import print_json
+from harness.cli.terminal import print_json
 
 if TYPE_CHECKING:
     from harness.clips.add import Added

@@ -11,7 +11,7 @@ import typer
 from harness.cli.clip_add import add_clip
 from harness.cli.completion import clip_names
 from harness.cli.options import Json
-from harness.cli.printing import print_json, print_table
+from harness.cli.terminal import print_json, print_table
 
 if TYPE_CHECKING:
     from harness.clips.check import ClipCheck, ClipRow
@@ -83,7 +83,7 @@ def fetch_clips(
 
 
 def _fetch_sintel(root: Path) -> None:
-    from harness.cli.progress import bytes_bar
+    from harness.cli.terminal import bytes_bar
     from harness.clips.sintel_archives import ARCHIVES, fetch_sintel
 
     for part, archive in ARCHIVES.items():
@@ -93,7 +93,7 @@ def _fetch_sintel(root: Path) -> None:
 
 def _fetch_idiap(root: Path) -> None:
     from harness.annotate.convert import import_labels, open_exchange
-    from harness.cli.progress import bytes_bar
+    from harness.cli.terminal import bytes_bar
     from harness.clips.idiap_files import HEADS, LABELS, LICENCE, fetch_idiap_file
     from harness.clips.manifest import load_manifest
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Json
-from harness.cli.printing import print_json, print_reports
+from harness.cli.terminal import print_json, print_reports
 
 
 class FailOn(StrEnum):

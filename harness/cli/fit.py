@@ -34,7 +34,7 @@ def fit(
 
     Each clip is also judged with settings fitted on the others. Use the file with ``vfoa run X --preset FILE``.
     """
-    from harness.cli.printing import print_reports
+    from harness.cli.terminal import print_reports
     from harness.files import atomic_write, check_new
     from harness.report.fit import fit_tables, fitted_text
     from harness.score.fit_posterior import fit_posterior
@@ -54,7 +54,7 @@ def fit(
 
 def _directory(what: str) -> RunDirectory:
     """The run of that name, or a run of the experiment without recordings."""
-    from harness.cli.progress import frames_bar
+    from harness.cli.terminal import frames_bar
     from harness.run.directory import RunDirectory
     from harness.run.experiment import load_experiment
     from harness.run.runner import prepare, run_plan

@@ -238,7 +238,7 @@ def agreement(
     replace: Replace = False,
 ) -> None:
     """Compare annotators: kappa with its interval, per target, confusion, and a list of where they differ."""
-    from harness.cli.printing import print_reports
+    from harness.cli.terminal import print_reports
     from harness.clips.manifest import load_manifest
     from harness.files import check_new, write_together
     from harness.report.agreement import agreement_tables

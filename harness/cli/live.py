@@ -55,7 +55,7 @@ def live(
     threads: Annotated[int, typer.Option(min=0, help="Threads; 0: one per core.")] = 0,
 ) -> None:
     """Run on the newest frame of a live source until it ends or Ctrl-C."""
-    from harness.cli.progress import frames_bar
+    from harness.cli.terminal import frames_bar
     from harness.report.sinks import composed_sinks
     from harness.run.directory import RunDirectory
     from harness.run.experiment import load_experiment
@@ -121,11 +121,11 @@ def _open(
 
 
 def _tail(path: Path, settings: tuple[str, ...]) -> LiveSource:
-    from harness.config_errors import parse
     from harness.sources.mcap.tail import McapTail
     from harness.sources.recordings.settings import RecordingSettings
     from harness.toml_text import parse_assignment
     from vfoa.errors import VfoaError
+    from vfoa.validation import parse
 
     given = dict(parse_assignment(text, "left=/front/left/image", "--source") for text in settings)
     if unused := sorted(given.keys() & {"recording", "start_s", "end_s"}):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.options import Json, ProviderName, Replace
-from harness.cli.printing import print_json, print_table
+from harness.cli.terminal import print_json, print_table
 
 if TYPE_CHECKING:
     from harness.stages.weights.catalogue import CatalogueEntry
@@ -54,7 +54,7 @@ def fetch(
 
     One that cannot be fetched is named and does not stop the others; the exit code is 2 then.
     """
-    from harness.cli.progress import bytes_bar
+    from harness.cli.terminal import bytes_bar
     from harness.stages.weights.catalogue import fetch_model, find_model
     from vfoa.errors import VfoaError
 

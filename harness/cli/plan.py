@@ -18,7 +18,7 @@ def plan(
     """Say how many clips and looks it takes to see a difference, from the spread of this run."""
     from dataclasses import asdict
 
-    from harness.cli.printing import print_json, print_reports
+    from harness.cli.terminal import print_json, print_reports
     from harness.report.plan import plan_table, plans
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores

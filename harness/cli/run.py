@@ -116,8 +116,7 @@ def run(
     ] = False,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
-    from harness.cli.printing import print_scores
-    from harness.cli.progress import frames_bar
+    from harness.cli.terminal import frames_bar, print_scores
     from harness.remote import cache_root
     from harness.report.sinks import composed_sinks
     from harness.report.write import rescore

@@ -19,7 +19,7 @@ def score(
     ] = None,
 ) -> None:
     """Score a run again from its results and the present labels; needs no images and no models."""
-    from harness.cli.printing import print_scores
+    from harness.cli.terminal import print_scores
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
 

@@ -24,7 +24,7 @@ def settings(
     """Print every setting: key (for --set and for experiments), type, unit, default and meaning."""
     from dataclasses import asdict
 
-    from harness.cli.printing import print_json, print_table
+    from harness.cli.terminal import print_json, print_table
     from harness.stages.settings_reference import settings_tables
 
     tables = settings_tables(stage)

@@ -20,7 +20,7 @@ def simulate(
     """Check the paper's five synthetic cases over rays and field of view, and print which statements hold."""
     from rich.console import Console
 
-    from harness.cli.printing import print_report
+    from harness.cli.terminal import print_report
     from harness.files import check_new_folder
     from harness.report.simulation import statements_table, write_simulation
     from vfoa import simulation

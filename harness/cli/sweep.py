@@ -37,8 +37,7 @@ def run_sweep(
 
     ``beside``: as for :func:`harness.run.runner.run_plan`.
     """
-    from harness.cli.printing import print_report
-    from harness.cli.progress import frames_bar
+    from harness.cli.terminal import frames_bar, print_report
     from harness.report.sweep import best_table, effects_table, write_sweep
     from harness.score.sweep.runner import sweep_plan
 

@@ -10,8 +10,8 @@ from typing import Any, Self
 
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
+from harness.bounded_parsing import read_toml
 from harness.clips.naming import NameRule
-from harness.config_errors import parse, read_toml
 from harness.data_folders import expand, find, folders, names
 from harness.labels.annotators import AnnotationFiles
 from harness.labels.drawn import Drawn, read_drawn
@@ -22,6 +22,7 @@ from harness.safe_names import check_name
 from harness.sources import ADAPTERS, Clip, MeasuredClip
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
+from vfoa.validation import parse
 
 
 class ClipManifest(Settings):

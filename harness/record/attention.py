@@ -9,16 +9,17 @@ import numpy as np
 import rerun as rr
 
 from harness.record import entities
-from harness.record.cones import cone_wire, reach_m
-from harness.record.frame_log import FrameLog
-from harness.record.labels import (
+from harness.record.appearance import (
     CUE_COLOURS,
     Colour,
     Colours,
     attention_by_name,
+    cone_wire,
+    reach_m,
     subject_names,
     target_names,
 )
+from harness.record.frame_log import FrameLog
 from harness.run.records import FrameRecord
 from vfoa.types import CUES, Attention, Cone, FrameResult, Rays
 

@@ -8,9 +8,9 @@ import rerun.blueprint as rrb
 
 from harness.clips.naming import Names
 from harness.record import entities
+from harness.record.appearance import Colours
 from harness.record.attention import log_attention
 from harness.record.blueprint import eye_controls, orbital_eye
-from harness.record.labels import Colours
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles
 from harness.record.reconstruction import log_targets

@@ -1,12 +1,22 @@
 """Every entity path of a recording. A path names the layer that it belongs to (:mod:`harness.record.layers`).
 
 Names from manifests are escaped: spaces, slashes and any letter are allowed.
+
+Further entities have one file and one registry line each: a function that logs something of a frame. Another
+distribution adds one through the entry-point group ``vfoa.entities``. Where it logs decides where the layout shows it:
+below :data:`WORLD` in the 3D view, below :data:`CAMERA` also in the left image, below :data:`ATTENTION` in the plots.
 """
 
 from __future__ import annotations
 
+from typing import Protocol
+
 import rerun as rr
 
+from harness.record import Size
+from harness.record.frame_log import FrameLog
+from harness.run.frame_sink import FinishedFrame
+from vfoa.registry import Registry
 from vfoa.types import Cue
 
 WORLD = "/world"
@@ -134,3 +144,19 @@ def summary(configuration: str) -> str:
 def log(configuration: str) -> str:
     """One warning for each wrong frame."""
     return _join(LOG, configuration)
+
+
+class Entity(Protocol):
+    """Logs something of each frame, after all that the recorder itself logs."""
+
+    def __call__(self, log: FrameLog, frame: FinishedFrame, size: Size) -> None:
+        """Log one frame by ``log.log``, ``log.number`` or ``log.keep``; what is not logged again is cleared."""
+        ...
+
+
+ENTITIES = Registry(kind="recording entity", builtin={}, group="vfoa.entities")
+
+
+def load_entities() -> tuple[Entity, ...]:
+    """Every further entity, by the order of their names."""
+    return tuple(ENTITIES.load(name) for name in ENTITIES.names())

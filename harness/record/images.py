@@ -11,8 +11,8 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from harness.record import Size, entities
+from harness.record.appearance import Colour, Colours
 from harness.record.frame_log import FrameLog
-from harness.record.labels import Colour, Colours
 from harness.record.video import LEAST_SIDE_PX, VideoEncoder
 from harness.run.records import FrameRecord
 from vfoa.types import Float, Image, Map, Percepts, StereoFrame, StereoRig
@@ -126,7 +126,7 @@ def _painted(classes: NDArray[np.uint8], colours: Sequence[Colour]) -> bytes:
 
 
 def class_context(known: dict[str, Colour]) -> rr.AnnotationContext:
-    """Names and colours of the classes, which :attr:`harness.record.labels.Colours.known` has in their order."""
+    """Names and colours of the classes, which :attr:`harness.record.appearance.Colours.known` has in their order."""
     names = enumerate(known.items(), start=1)
     return rr.AnnotationContext([(0, "", (0, 0, 0, 0)), *((number, name, colour) for number, (name, colour) in names)])
 

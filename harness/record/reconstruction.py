@@ -7,9 +7,9 @@ import rerun as rr
 from scipy.spatial.transform import Rotation
 
 from harness.record import Size, entities
+from harness.record.appearance import Colours, target_names
 from harness.record.frame_log import FrameLog
 from harness.record.images import class_context, encoded_depth, png
-from harness.record.labels import Colours, target_names
 from harness.run.records import FrameRecord
 from vfoa.geometry import depth_from_disparity
 from vfoa.types import Box3D, Disparity, Float, Map, Percepts, Scene, StereoFrame

@@ -9,11 +9,11 @@ from types import TracebackType
 from typing import Any, ClassVar, Self
 
 from harness.record import Size, entities
+from harness.record.appearance import Colours
 from harness.record.attention import log_attention
 from harness.record.blueprint import Shown, Subjects, clip_layout, guide
-from harness.record.extra import load_entities
+from harness.record.entities import load_entities
 from harness.record.images import ImageLog, log_masks
-from harness.record.labels import Colours
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, LayerNames
 from harness.record.reconstruction import log_disparity, log_targets

@@ -14,10 +14,9 @@ import rerun as rr
 
 from harness.files import digest_files, file_digest
 from harness.labels.files import Labels
-from harness.record import entities, frame_log, layer_file, verdicts
-from harness.record import labels as names_and_colours
+from harness.record import appearance, entities, frame_log, layer_file, verdicts
+from harness.record.appearance import Colours
 from harness.record.composed import clip_names
-from harness.record.labels import Colours
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles
 from harness.record.reading import properties
@@ -87,7 +86,7 @@ def _digest(results: str, names: object, labels: Labels | None) -> str:
 @cache
 def _code() -> str:
     """The digest of what writes the layer. That of all that it imports would take longer than to write a small one."""
-    modules = (verdicts, entities, frame_log, layer_file, names_and_colours, scored, posterior_checks)
+    modules = (verdicts, entities, frame_log, layer_file, appearance, scored, posterior_checks)
     files = [Path(__file__), *(Path(str(each.__file__)) for each in modules)]
     return digest_files((file.name, file) for file in files)
 

@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from harness.labels.files import IGNORED, NOWHERE
 from harness.record import entities
-from harness.record.frame_log import FrameLog
-from harness.record.labels import (
+from harness.record.appearance import (
     GREY,
     OUTCOME_COLOURS,
     TRUTH_COLOUR,
@@ -25,6 +24,7 @@ from harness.record.labels import (
     subject_names,
     target_names,
 )
+from harness.record.frame_log import FrameLog
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.posterior_checks import prediction_set
 from harness.score.verdicts import ERROR_TYPES, Verdict

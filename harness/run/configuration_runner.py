@@ -15,9 +15,8 @@ from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, Sink
 from harness.run.records import to_record
 from harness.stages.configuration import Configuration
 from harness.stages.measures import FrameMeasures, Measurer
-from harness.stages.memo import Timings, timed
 from harness.stages.sharing import SharedFrame
-from harness.stages.stage_runner import guarded
+from harness.stages.stage_runner import Timings, guarded, timed
 from vfoa.bayes import BayesSettings, frames_awaited, smooth
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze.temporal import WindowStart

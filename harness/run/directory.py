@@ -3,26 +3,30 @@
 While a run is on, ``partial/`` holds one JSON-lines file per (clip, configuration), with the suffix ``.partial`` until
 it is finished, and the directory has no tables. At the end these files are joined into ``results.jsonl`` and
 ``timings.csv``, in the order of the experiment, and the tables are written from those. The traceback of a faulty stage
-is in ``partial/``.
+is in ``partial/``. One run at a time holds the directory.
 """
 
 from __future__ import annotations
 
 import json
+import os
+import platform
 import shutil
-from collections.abc import Iterable, Mapping
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from harness.bounded_parsing import parse_json
 from harness.files import atomic_write, read_bytes, unreadable
-from harness.run.lock import LOCK
 from harness.run.manifest import check_manifest
 from vfoa.errors import StageError, VfoaError, did_you_mean
 
 Pair = tuple[str, str]
 """A clip's name and a configuration's."""
+LOCK = ".lock"
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,3 +156,46 @@ def _concatenate(parts: list[Path], place: Path, header: str = "") -> None:
             with open(part, "rb") as source:
                 shutil.copyfileobj(source, joined)
     draft.replace(place)
+
+
+@contextmanager
+def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
+    """Keep a folder to this process. The lock of a process that has ended is taken over, and ``tell`` is told so.
+
+    Windows has no such lock: there, only the files of each configuration are kept to one process.
+
+    Raises
+    ------
+    VfoaError
+        If another process holds the lock.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / LOCK
+    while True:
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        holder = os.read(handle, 200).decode(errors="replace").strip()
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(handle)
+            raise VfoaError(
+                f"{folder}: {holder or 'another process'} runs here; expected one run in a directory: wait for it, or "
+                "choose another --out"
+            ) from None
+        if path.exists() and os.fstat(handle).st_ino == path.stat().st_ino:
+            break
+        os.close(handle)  # whoever held it has just removed it
+    try:
+        if holder:
+            tell(f"{folder}: took over the lock of {holder}, which has ended")
+        os.ftruncate(handle, 0)
+        os.pwrite(handle, f"process {os.getpid()} on {platform.node()}".encode(), 0)
+        yield
+    finally:
+        path.unlink(missing_ok=True)
+        os.close(handle)

@@ -34,12 +34,11 @@ from typing import Any
 
 from pydantic import Field
 
-from harness.config_errors import parse, read_toml
+from harness.bounded_parsing import read_toml
 from harness.data_folders import find, names
 from harness.run.fitted_settings import bayes_only, fitted_note, read_fitted
-from harness.run.grid import variants
+from harness.run.grid import base_of, repeated, variants
 from harness.run.published import Published
-from harness.run.seeds import base_of, repeated
 from harness.stages.configuration import (
     Configuration,
     Tables,
@@ -52,6 +51,7 @@ from harness.stages.configuration import (
 from harness.toml_text import parse_assignment
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
+from vfoa.validation import parse
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
     "none": {},

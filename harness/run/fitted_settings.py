@@ -13,8 +13,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from harness.config_errors import parse, read_toml
+from harness.bounded_parsing import read_toml
 from vfoa.settings import Settings
+from vfoa.validation import parse
 
 
 class FittedValue(Settings):

@@ -16,7 +16,7 @@ from harness.labels.files import Labels
 from harness.run.checkpoint import SinkState
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
-from harness.stages.memo import Timings
+from harness.stages.stage_runner import Timings
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
 

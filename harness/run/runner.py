@@ -10,12 +10,11 @@ from typing import Any
 
 from harness.files import digest_files
 from harness.run import provenance
-from harness.run.directory import RunDirectory
+from harness.run.directory import RunDirectory, locked
 from harness.run.executors import executor
 from harness.run.executors.contract import Progress
 from harness.run.experiment import Experiment
 from harness.run.jobs import Done, run_jobs, skip
-from harness.run.lock import locked
 from harness.run.manifest import differences
 from harness.run.plan import Plan, PreparedClip, describe, prepare
 from harness.run.saved_outputs import write_experiment

@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from harness.bounded_parsing import parse_json
-from harness.config_errors import parse
 from harness.files import read_text
-from harness.run.seeds import base_of
+from harness.run.grid import base_of
 from harness.score.scored_frames import ScoredFrames
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
+from vfoa.validation import parse
 
 FORMAT: Literal["vfoa table 1"] = "vfoa table 1"
 

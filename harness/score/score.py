@@ -15,10 +15,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.run.grid import base_of
 from harness.run.measure_log import MeasureLog
 from harness.run.published import Published
 from harness.run.records import FrameRecord
-from harness.run.seeds import base_of
 from harness.score.baselines import BASELINES
 from harness.score.intervals import Units, rate_interval
 from harness.score.looks import EventCounts, count_events

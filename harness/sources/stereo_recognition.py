@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from harness.config_errors import parse
 from harness.sources import Recognised
 from harness.sources.calibration_files.find import find_calibrations, find_incomplete
 from harness.sources.calibration_files.options import Options
@@ -16,6 +15,7 @@ from harness.sources.media.video import VIDEO_SUFFIXES
 from harness.sources.stereo_layouts import FoundLayout, find_layouts, images_below, read_layout
 from harness.sources.view_files import ViewFiles
 from vfoa.errors import VfoaError
+from vfoa.validation import parse
 
 _KITTI_GRAY = re.compile(r"(^|/)image_0?0(/|$)")
 _CALIBRATIONS = ("calibration", "camera")

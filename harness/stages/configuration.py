@@ -10,7 +10,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from harness.config_errors import parse
 from harness.stages.slots import DRAWN, SLOTS, StageChoice
 from vfoa.attention import AttentionSettings
 from vfoa.bayes import BayesSettings
@@ -22,6 +21,7 @@ from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.settings import Settings
 from vfoa.tracking import TrackingSettings
+from vfoa.validation import parse
 
 if TYPE_CHECKING:
     from vfoa.onnx import Provider

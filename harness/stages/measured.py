@@ -6,8 +6,8 @@ from collections.abc import Generator, Iterable, Sequence
 
 from harness.sources import MeasuredClip
 from harness.stages.configuration import Configuration
-from harness.stages.memo import Timings, timed
 from harness.stages.sharing import SharedFrame
+from harness.stages.stage_runner import Timings, timed
 
 
 def measured_frames(

@@ -1,7 +1,7 @@
 """One clip under many configurations: configurations that agree on a stage share its output.
 
 Stages are called through :class:`harness.stages.stage_runner.StageRunner`, which finds an output of the same frame in
-a :class:`harness.stages.memo.StageMemo`.
+a :class:`harness.stages.stage_runner.StageMemo`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ from harness.sources import Clip
 from harness.stages.cache.stage import ClipCache, Tally
 from harness.stages.configuration import Configuration
 from harness.stages.drawn import DrawnClip
-from harness.stages.memo import Output, StageMemo, Timings, timed
 from harness.stages.slots import OFF, SLOTS, StageChoice
-from harness.stages.stage_runner import StageRunner, build_stage, guarded
+from harness.stages.stage_runner import Output, StageMemo, StageRunner, Timings, build_stage, guarded, timed
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze import TemporalGazeModel

@@ -16,11 +16,11 @@ import vfoa.head_pose
 import vfoa.heads
 import vfoa.segmentation
 import vfoa.stereo
-from harness.config_errors import parse
 from harness.sources import Clip
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.registry import Registry
 from vfoa.settings import Settings
+from vfoa.validation import parse
 
 if TYPE_CHECKING:
     from vfoa.onnx import Provider

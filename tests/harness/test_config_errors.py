@@ -5,10 +5,11 @@ from pathlib import Path
 import pytest
 from pydantic import Field
 
-from harness.config_errors import parse, read_toml
+from harness.bounded_parsing import read_toml
 from tests.disk import write_bytes, write_text
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
+from vfoa.validation import parse
 
 
 class _Inner(Settings):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.record.labels import Colours, attention_by_name
+from harness.record.appearance import Colours, attention_by_name
 from harness.run.records import AttentionRecord, FrameRecord
 from harness.score.verdicts import find_subject
 

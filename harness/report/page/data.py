@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from harness.record.labels import Colours
+from harness.record.appearance import Colours
 from harness.report.formats import UNKNOWN, Table
 from harness.report.page.attention_log import AttentionLog
 from harness.report.page.packing import pack, pack_json, runs, steps

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from harness.files import replacing
-from harness.record.cones import cone_wire, reach_m
+from harness.record.appearance import cone_wire, reach_m
 from harness.report.thumbnails import Box, Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.run.checkpoint import SinkState
 from harness.run.frame_sink import FinishedFrame

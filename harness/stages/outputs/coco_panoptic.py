@@ -11,7 +11,6 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, Field
 
 from harness.bounded_parsing import parse_json
-from harness.config_errors import parse
 from harness.data_folders import expand
 from harness.files import digest_files, read_bytes
 from harness.safe_names import check_name
@@ -22,6 +21,7 @@ from harness.sources.media.segment_ids import present_ids, relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.types import Instance, Instances, StereoFrame
+from vfoa.validation import parse
 
 _Entry = TypeVar("_Entry", bound=BaseModel)
 

@@ -10,10 +10,11 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from harness.config_errors import parse, read_toml
+from harness.bounded_parsing import read_toml
 from harness.files import file_digest
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
+from vfoa.validation import parse
 from vfoa.weights import cache_directory, directories, locate
 
 Progress = Callable[[int, int | None], None]

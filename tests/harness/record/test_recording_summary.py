@@ -2,7 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from harness.record.labels import Colours, attention_by_name, subject_names
+from harness.record.appearance import Colours, attention_by_name, subject_names
 from harness.record.verdicts import summary
 from tests.harness.record.conftest import verdict as judged
 

@@ -15,9 +15,9 @@ from typing import Any, Self
 import cv2
 import pytest
 
+from harness.run.directory import LOCK, locked
 from harness.run.experiment import load_experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext
-from harness.run.lock import LOCK, locked
 from harness.run.runner import prepare, run_plan
 from harness.stages.cache.store import Store
 from tests.alley import write_clip, write_masks

@@ -9,7 +9,7 @@ import pytest
 
 from harness.report.tables import seeds_table
 from harness.run.experiment import load_experiment
-from harness.run.seeds import base_of
+from harness.run.grid import base_of
 from harness.score.comparison import compare
 from harness.score.reference import Reference
 from harness.score.score import score

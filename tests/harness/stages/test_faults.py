@@ -28,8 +28,7 @@ from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from harness.sources.live import Arrival
 from harness.stages.cache.store import Store
-from harness.stages.memo import StageMemo
-from harness.stages.stage_runner import StageRunner
+from harness.stages.stage_runner import StageMemo, StageRunner
 from tests import graphs
 from tests.alley import write_clip, write_masks
 from tests.command import vfoa

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from harness.stages.memo import StageMemo, Timings, timed
+from harness.stages.stage_runner import StageMemo, Timings, timed
 from vfoa.tracking import TrackingSettings
 
 
@@ -65,7 +65,7 @@ def test_equal_objects_are_different_inputs_but_equal_settings_are_the_same() ->
 def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     """A clock that stands unless a test moves it."""
     now = SimpleNamespace(s=100.0)
-    monkeypatch.setattr("harness.stages.memo.time", SimpleNamespace(perf_counter=lambda: now.s))
+    monkeypatch.setattr("harness.stages.stage_runner.time", SimpleNamespace(perf_counter=lambda: now.s))
     return now
 
 

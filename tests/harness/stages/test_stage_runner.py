@@ -13,10 +13,9 @@ from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
 from harness.stages.cache.stage import open_cache
 from harness.stages.cache.store import Store
-from harness.stages.memo import StageMemo
 from harness.stages.sharing import SharedPipeline
 from harness.stages.slots import SLOTS
-from harness.stages.stage_runner import StageRunner, build_stage
+from harness.stages.stage_runner import StageMemo, StageRunner, build_stage
 from vfoa.pipeline import perceive
 from vfoa.stereo.block_matching import BlockMatcher
 

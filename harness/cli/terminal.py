@@ -1,8 +1,11 @@
-"""Tables and JSON on the terminal."""
+"""What commands show on the terminal: tables, JSON, and progress bars on stderr."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+import sys
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import typer
@@ -12,6 +15,7 @@ from harness.safe_names import shown
 if TYPE_CHECKING:
     from harness.report.formats import Table
     from harness.score.score import Scores
+
 
 _GAP = 2
 """What rich puts beside each column: a blank, and its part of the frame."""
@@ -119,3 +123,53 @@ def print_scores(scores: Scores) -> None:
 
     others = (seeds_table(scores), published_table(scores), terminal_ablation(scores), terminal_measures(scores))
     print_reports((terminal_table(scores), *(table for table in others if table.rows)))
+
+
+@contextmanager
+def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
+    """Yield a function to call after each frame with the clip's name."""
+    if not sys.stderr.isatty():
+        yield lambda clip: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]:.1f} frames/s"),
+        TimeRemainingColumn(),
+    )
+    started, done = time.monotonic(), 0
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=total, rate=0.0)
+
+        def advance(clip: str) -> None:
+            nonlocal done
+            done += 1
+            rate = done / max(time.monotonic() - started, 1e-9)
+            bar.update(task, advance=1, description=clip, rate=rate)
+
+        yield advance
+
+
+@contextmanager
+def bytes_bar(what: str) -> Iterator[Callable[[int, int | None], None]]:
+    """Yield a function to call with the bytes that are there and those of the whole, None where it is not known."""
+    if not sys.stderr.isatty():
+        yield lambda done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, DownloadColumn, Progress, TextColumn, TimeRemainingColumn, TransferSpeedColumn
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        DownloadColumn(),
+        TransferSpeedColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -1,13 +1,17 @@
-"""What the people and things of a recording are called, and their colours: one per name, the same everywhere."""
+"""How people and things are shown wherever they are drawn: names, one colour per name, and cones as lines."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable
 
+import numpy as np
+
 from harness.labels.files import IGNORED, NOWHERE
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord
-from vfoa.types import Cue
+from vfoa.geometry import CONE_HEIGHT_M, left_from_crop
+from vfoa.types import Attention, Cone, Cue, Float, Scene
 
 Colour = tuple[int, int, int]
 
@@ -31,6 +35,9 @@ _TARGET_COLOURS: tuple[Colour, ...] = (
     (170, 110, 70),
     (225, 190, 225),
 )
+
+RIM = 32
+_RIBS = 4
 
 
 class Colours:
@@ -84,3 +91,28 @@ def attention_by_name(record: FrameRecord, subject: SubjectRecord) -> dict[str, 
         if name not in strongest or value.total > strongest[name].total:
             strongest[name] = value
     return strongest
+
+
+def reach_m(attention: Attention, scene: Scene) -> float:
+    """How far a subject's cones and missing rays are drawn: to the middling target; without one, the paper's height."""
+    eyes = attention.subject.person.eye_origin_left
+    attended = {value.instance_id for value in attention.values}
+    boxes = [target.box for target in scene.targets if target.instance.id in attended and target.box is not None]
+    if eyes is None or not boxes:
+        return CONE_HEIGHT_M
+    return float(np.median([np.linalg.norm(box.center_m - eyes) for box in boxes]))
+
+
+def cone_wire(cone: Cone, reach_m: float, *, rim: int = RIM) -> Float:
+    """A cone as one line (N, 3) in the camera frame, metres: four ribs of length ``reach_m``, then the rim they end on.
+
+    One line, because Rerun takes an array of lines ten times faster than a list of lines of several lengths. ``rim`` is
+    the number of points on it, a multiple of four.
+    """
+    half = cone.fov_rad / 2
+    turn = np.linspace(0, 2 * math.pi, rim + 1)
+    local = np.stack([math.sin(half) * np.cos(turn), math.sin(half) * np.sin(turn), np.full_like(turn, math.cos(half))])
+    ring = cone.apex_left + reach_m * (left_from_crop(cone.axis) @ local).T
+    ends = ring[: -1 : rim // _RIBS]
+    ribs = np.stack([ends, np.broadcast_to(cone.apex_left, ends.shape)], axis=1).reshape(-1, 3)
+    return np.concatenate([ribs, ring])
