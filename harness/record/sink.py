@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from harness.labels.files import Labels
 from harness.record import Size
@@ -25,6 +25,8 @@ class RecordingSinks:
     ``layers`` are those of every configuration of the experiment, by its name. ``around``: only so many frames before
     and after each wrong one are whole, the others thin; None: all are whole, and so are those of a clip without labels.
     """
+
+    shares_files: ClassVar[bool] = True
 
     layers: Mapping[str, LayerNames]
     size: Size = "light"

@@ -93,3 +93,10 @@ class SinkFactory(Protocol):
     def open(self, context: SinkContext) -> FrameSink | None:
         """Open the sink of one configuration on one clip; None if it takes none of these frames."""
         ...
+
+
+@runtime_checkable
+class SharedFilesFactory(SinkFactory, Protocol):
+    """A factory whose sinks write files that the configurations of a clip share: one process opens all of a clip's."""
+
+    shares_files: bool

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors.contract import Executor, Progress, compute_with
+from harness.run.frame_sink import SharedFilesFactory
 from harness.run.loop import run_clip
 from harness.run.output_sink import OutputSinks
 from harness.run.partial_results import ResultsSinks
@@ -54,7 +55,8 @@ def run_jobs(
     Where there are clips enough to keep every worker at work, a job is a clip. Else the workers help each other through
     the cache: each perceives stretches of a clip, under all its configurations, so that nothing is decoded or computed
     twice by them. What has to be done in order goes along behind them in this process, or, where configurations are too
-    many for that, is dealt to the workers when all is perceived.
+    many for that, is dealt to the workers when all is perceived. Configurations that write files together (recordings)
+    are not dealt out.
     """
     account = Account()
     ahead = PREFETCHED if executor.threads > 1 else 0
@@ -71,9 +73,10 @@ def run_jobs(
     if cache and not plan.save_outputs and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
         todo = _share(todo, begun, executor, account, progress, failures)
         progress = _silent
-    for job, outcome in zip(todo, executor.run(run_clip, todo, progress, _lost), strict=True):
-        failures.update(outcome.failures)
-        account.add(job.manifest.name, outcome.tallies)
+    for jobs in _rounds(todo):
+        for job, outcome in zip(jobs, executor.run(run_clip, jobs, progress, _lost), strict=True):
+            failures.update(outcome.failures)
+            account.add(job.manifest.name, outcome.tallies)
     return Done(failures=failures, account=account)
 
 
@@ -93,7 +96,7 @@ def _share(
     compute_with(executor.threads)
     for job in jobs:
         if not (perceived.lacked(job) and _goes_along(job, executor.workers)):
-            left += _dealt(job, executor.workers)
+            left += _dealt(job, 1 if _shares_files(job) else executor.workers)
             continue
         try:
             outcome = run_clip(job, _silent, perceived.frames(job))
@@ -115,6 +118,21 @@ def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
     groups = _together(job)
     dealt = [[each for group in groups[hand::hands] for each in group] for hand in range(min(hands, len(groups)))]
     return [replace(job, configurations=tuple(configurations)) for configurations in dealt]
+
+
+def _rounds(jobs: Sequence[ClipJob]) -> list[list[ClipJob]]:
+    """The jobs in groups to be done at the same time, without two jobs that write the same files."""
+    rounds: list[list[ClipJob]] = []
+    for job in jobs:
+        busy = {each.manifest.name for each in rounds[-1]} if rounds else set[str]()
+        if not rounds or (_shares_files(job) and job.manifest.name in busy):
+            rounds.append([])
+        rounds[-1].append(job)
+    return rounds
+
+
+def _shares_files(job: ClipJob) -> bool:
+    return any(isinstance(factory, SharedFilesFactory) and factory.shares_files for factory in job.sinks)
 
 
 def _together(job: ClipJob) -> list[list[Configuration]]:

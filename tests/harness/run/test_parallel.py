@@ -19,10 +19,12 @@ from typing import Any
 import cv2
 import pytest
 
+from harness.record.sink import recordings
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.executors.cluster import Cluster, connect, local_cluster
 from harness.run.experiment import load_experiment
+from harness.run.loop import run_clip
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from harness.stages.cache.store import Store
@@ -180,6 +182,38 @@ def test_what_kills_workers_is_never_done_by_the_run_itself_and_ends_no_other_co
     expected = [line for line in alone.results.read_text().splitlines() if '"configuration":"wider"' in line]
     assert len(expected) == FRAMES
     assert run.results.read_text().splitlines() == expected
+
+
+class _Watched:
+    """Two workers in this process; ``dealt`` is whose frames were written at the same time, by call."""
+
+    workers, threads = 2, 1
+
+    def __init__(self) -> None:
+        self.dealt: list[list[str]] = []
+
+    def run(self, work: Any, jobs: Any, progress: Any, lost: Any) -> Iterator[Any]:
+        if work is run_clip:
+            self.dealt.append([each.name for job in jobs for each in job.configurations])
+            assert len(jobs) == 1
+        for job in jobs:
+            yield work(job, progress)
+
+
+def test_one_process_at_a_time_writes_the_recordings_of_a_clip_also_when_nothing_is_left_to_perceive(
+    experiment: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    watched = _Watched()
+    monkeypatch.setattr("harness.run.runner.executor", lambda *_, **__: nullcontext(watched))
+    loaded, store = load_experiment(str(experiment)), Store(tmp_path / "cache", 10**9)
+    for name in ("perceived", "cached"):
+        plan = prepare(loaded, sinks=recordings(loaded.configurations, "light"), limit=3)
+        directory = run_plan(plan, tmp_path / name, workers=2, progress=len, cache=store)
+        assert not directory.read_manifest()["failed"]
+        written = {path.name for path in directory.path.glob("*.rrd*")}
+        assert {"alley.rrd", "alley__bm.rrd", "alley__sgbm.rrd", "alley__wider.rrd"} <= written
+        assert not [each for each in written if "partial" in each]
+    assert watched.dealt == [["bm", "sgbm", "wider"]]
 
 
 @pytest.fixture(scope="module")
