@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 from typing import Literal
 
+from harness.files import stands
 from harness.remote import is_address, local_copy
 from vfoa.errors import VfoaError
 
@@ -41,14 +42,14 @@ def came_with_program(manifest: Path) -> bool:
 def find(kind: Kind, name: str) -> Path | None:
     """The file of this kind called ``name`` (without its suffix), or None."""
     candidates = (folder / f"{name}{_SUFFIX[kind]}" for folder in folders(kind))
-    return next((path for path in candidates if path.is_file()), None)
+    return next((path for path in candidates if stands(path)), None)
 
 
 def names(kind: Kind) -> dict[str, Path]:
     """All files of this kind by name, sorted; where two folders have the same name, the one :func:`find` takes."""
     found: dict[str, Path] = {}
     for folder in reversed(folders(kind)):
-        found.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}") if path.is_file())
+        found.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}") if stands(path))
     return dict(sorted(found.items()))
 
 

@@ -48,8 +48,15 @@ def is_file(path: Path) -> bool:
         return False
 
 
+def stands(path: Path) -> bool:
+    """Whether a file is there, or in its place a pipe or a link to nothing: reading it says so. A folder is none."""
+    return os.path.lexists(path) and not path.is_dir()
+
+
 def unreadable(path: Path, error: OSError | ValueError) -> VfoaError:
     """What to say of a file that cannot be read; a ValueError is of an invalid name."""
+    if isinstance(error, FileNotFoundError) and path.is_symlink():
+        return VfoaError(f"{path}: a link to {path.readlink()}, which is not there")
     if isinstance(error, FileNotFoundError):
         return VfoaError(f"{path}: no such file")
     if isinstance(error, ValueError):

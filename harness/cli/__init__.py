@@ -32,6 +32,7 @@ from harness.cli.run import run
 from harness.cli.score import score
 from harness.cli.settings import settings
 from harness.cli.simulate import simulate
+from harness.cli.terminal import say
 from harness.cli.view import view
 from harness.processes import keep_working_directory_out
 from harness.safe_names import shown
@@ -50,7 +51,7 @@ def _print_version(wanted: bool) -> None:
     if wanted:
         from vfoa import __version__
 
-        typer.echo(f"vfoa {__version__}")
+        say(f"vfoa {__version__}")
         raise typer.Exit
 
 
@@ -96,6 +97,7 @@ def main() -> None:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a file's name need not be text
     with one_line_errors():
+        _check_working_directory()
         app(prog_name="vfoa")
 
 
@@ -125,6 +127,13 @@ def one_line_errors() -> Iterator[None]:
         _refuse(f"not enough memory to load a library: {error}")
     except MemoryError as error:
         _refuse(f"not enough memory: {str(error) or 'none left'}")
+
+
+def _check_working_directory() -> None:
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise VfoaError("the working directory was removed; expected one that is there: change to another") from None
 
 
 def _open_closed() -> None:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Clip, NoOpen, Port, RunConfiguration
+from harness.cli.terminal import say
 
 
 def annotate(
@@ -34,11 +35,11 @@ def annotate(
         clip, run=run, configuration=config, annotator=annotator, blind=blind, uncertain_first=uncertain_first
     )
     if session.notice:
-        typer.echo(session.notice, err=True)
+        say(session.notice, err=True)
     server = PageServer(session, port, last_address(session.path))
     remember(session.path, server.parts)
     before = session.digest()
-    typer.echo(f"{session.path}\n{server.address}")
+    say(f"{session.path}\n{server.address}")
     if not no_open:
         open_browser(server.address)
     try:
@@ -58,7 +59,7 @@ def _score_again(run: Path, annotator: str | None) -> None:
     directory = RunDirectory(run)
     if directory.read_manifest().get("annotator") == annotator:
         rescore(directory)
-        typer.echo(f"{run}: tables, page and recordings follow the changed labels")
+        say(f"{run}: tables, page and recordings follow the changed labels")
     else:
         chosen = f" --annotator {annotator}" if annotator else ""
-        typer.echo(f"{run} is scored against other labels; `vfoa score {run}{chosen}` scores it against these")
+        say(f"{run} is scored against other labels; `vfoa score {run}{chosen}` scores it against these")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING
 
-import typer
+from harness.cli.terminal import say
 
 if TYPE_CHECKING:
     from harness.record.composed import Composed
@@ -30,7 +30,7 @@ def browse(
         app = site({each.name: each for each in recordings}, web_viewer_files(), page=page, more=more)
         server = LocalServer(app, port)
         addresses = [server.address_of(path) for path in paths]
-        typer.echo("\n".join(["Serving until Ctrl-C:", *addresses]))
+        say("\n".join(["Serving until Ctrl-C:", *addresses]))
         if not no_open:
             open_browser(addresses[0])
         server.run()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import typer
 
 from harness.cli.options import Cache, Json
-from harness.cli.terminal import print_json, print_table
+from harness.cli.terminal import print_json, print_table, say
 
 app = typer.Typer(help="Show and clear the stage cache.", no_args_is_help=True)
 
@@ -33,7 +33,7 @@ def info(
             ["stage", "clip", "results", "MB"],
             [[f"{each.slot} {each.name}", each.clip, each.files, f"{each.bytes / 1e6:.1f}"] for each in usage],
         )
-    typer.echo(f"{store.stages}: {total / 1e6:.1f} MB of at most {store.limit_bytes / 1e6:.0f} MB ($VFOA_CACHE_GB)")
+    say(f"{store.stages}: {total / 1e6:.1f} MB of at most {store.limit_bytes / 1e6:.0f} MB ($VFOA_CACHE_GB)")
 
 
 @app.command()
@@ -45,4 +45,4 @@ def clear(cache: Cache = None) -> None:
     store = Store(cache or cache_root(), cache_limit())
     total = sum(each.bytes for each in store.usage())
     store.clear()
-    typer.echo(f"{store.stages}: removed {total / 1e6:.1f} MB")
+    say(f"{store.stages}: removed {total / 1e6:.1f} MB")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from harness.cli.terminal import say
+
 if TYPE_CHECKING:
     from harness.sources.calibrate.boards import Board
     from harness.sources.calibrate.solve import StereoCalibration
@@ -58,7 +60,7 @@ def calibrate(
     check_new(out, replace=replace, hint=", or another --out")
     if folder.is_file():
         atomic_write(out, rescaled(folder, square_mm / 1000))
-        typer.echo(f"{out}: {folder} for squares of {square_mm:g} mm")
+        say(f"{out}: {folder} for squares of {square_mm:g} mm")
         return
     board = _board(columns, rows, square_mm, marker_mm, dictionary, legacy)
     preview = out.with_suffix(".png")
@@ -67,16 +69,16 @@ def calibrate(
         left, right = "left*", "right*"
     views = _views(folder, {"layout": layout, "left": left, "right": right, "both": both})
     for note in views.notes:
-        typer.echo(note)
+        say(note)
     pictures = Pictures(views, every)
     seen, unseen = find_views(pictures, board, max_edge_px)
     for each in sorted((*pictures.dropped, *unseen), key=lambda each: each.number):
-        typer.echo(f"frame {each.number} dropped: {each.reason}")
+        say(f"frame {each.number} dropped: {each.reason}")
     found = solve(seen, pictures.size_px)
     for each in found.dropped:
-        typer.echo(f"frame {each.number} dropped: {each.reason}")
+        say(f"frame {each.number} dropped: {each.reason}")
     for number, error in found.errors.items():
-        typer.echo(f"frame {number}: RMS {error.rms_px:.3f} px, epipolar error {error.epipolar_px:.3f} px")
+        say(f"frame {number}: RMS {error.rms_px:.3f} px, epipolar error {error.epipolar_px:.3f} px")
     text = format_calibration(found, square_mm / 1000)
     rectified = read_back(text, pictures.size_px)
     shown = next(iter(found.errors))
@@ -88,16 +90,16 @@ def calibrate(
 def _print_result(out: Path, preview: Path, shown: int, found: StereoCalibration, baseline_m: float) -> None:
     from harness.clips.frame_checks import MAX_BASELINE_M, MIN_BASELINE_M
 
-    typer.echo(f"{preview}: frame {shown}, rectified")
+    say(f"{preview}: frame {shown}, rectified")
     errors = f"RMS {found.rms_px:.3f} px, mean epipolar error {found.epipolar_px:.3f} px"
-    typer.echo(f"{out}: {len(found.errors)} pairs, {errors}, baseline {baseline_m:.4f} m")
+    say(f"{out}: {len(found.errors)} pairs, {errors}, baseline {baseline_m:.4f} m")
     if not MIN_BASELINE_M <= baseline_m <= MAX_BASELINE_M:
-        typer.echo(
+        say(
             f"next: measure a square of the board: {baseline_m:.4f} m is no usual distance of two cameras "
             f"({MIN_BASELINE_M:g} to {MAX_BASELINE_M:g} m); vfoa calibrate {out} --square-mm SIDE --replace rescales it"
         )
-    typer.echo(f"next: look at {preview}: the same thing must lie on the same row on both sides")
-    typer.echo(f"next: vfoa clips add PATH --calibration {out}")
+    say(f"next: look at {preview}: the same thing must lie on the same row on both sides")
+    say(f"next: vfoa clips add PATH --calibration {out}")
 
 
 def _check_name(out: Path) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from harness.cli.options import Json
-from harness.cli.terminal import print_json
+from harness.cli.terminal import print_json, say
 
 if TYPE_CHECKING:
     from harness.clips.add import Added
@@ -91,20 +91,20 @@ def _names(given: list[str] | None, category: str | None) -> dict[str, str]:
 
 def _print(added: Added) -> None:
     rate = added.rate_hz
-    typer.echo(f"{added.adapter}: {added.layout}")
-    typer.echo(f"  frames       {added.frames}, {added.first_frame} to {added.last_frame}")
-    typer.echo(f"  rate         {'not known' if rate is None else f'{rate:g} Hz'}")
+    say(f"{added.adapter}: {added.layout}")
+    say(f"  frames       {added.frames}, {added.first_frame} to {added.last_frame}")
+    say(f"  rate         {'not known' if rate is None else f'{rate:g} Hz'}")
     _print_rig(added)
     if added.has_depth:
-        typer.echo("  depth        measured; a run takes it with --set stereo.matcher=sensor")
+        say("  depth        measured; a run takes it with --set stereo.matcher=sensor")
     for note in added.notes:
-        typer.echo(f"  note         {note}")
-    typer.echo(f"wrote {added.manifest}\nwrote {added.annotations}")
+        say(f"  note         {note}")
+    say(f"wrote {added.manifest}\nwrote {added.annotations}")
     # Who is in a clip of images is not seen in its files: without subjects there is nothing to label.
     for verb in ("clips check", "annotate", "run") if added.subjects else ("clips check", "run"):
-        typer.echo(f"next: vfoa {verb} {added.name}")
+        say(f"next: vfoa {verb} {added.name}")
     if not added.subjects:
-        typer.echo(
+        say(
             f"nobody can be labelled yet: write [subjects.NAME] into {added.manifest.name}, or remove both files and "
             "add the clip again with --subject NAME"
         )
@@ -114,9 +114,9 @@ def _print_rig(added: Added) -> None:
     """The camera, or, of a clip without images, who and what was measured."""
     rig = added.rig
     if rig is None:
-        typer.echo(f"  people       {', '.join(added.subjects)}")
-        typer.echo(f"  objects      {', '.join(added.targets) or 'none'}")
+        say(f"  people       {', '.join(added.subjects)}")
+        say(f"  objects      {', '.join(added.targets) or 'none'}")
         return
     distance = f", baseline {rig.baseline_m:.4g} m" if added.has_right else ""
-    typer.echo(f"  size         {rig.width_px}x{rig.height_px}")
-    typer.echo(f"  calibration  {added.calibration}: fx {rig.fx_px:.5g} px{distance}")
+    say(f"  size         {rig.width_px}x{rig.height_px}")
+    say(f"  calibration  {added.calibration}: fx {rig.fx_px:.5g} px{distance}")

@@ -11,7 +11,7 @@ import typer
 from harness.cli.clip_add import add_clip
 from harness.cli.completion import clip_names
 from harness.cli.options import Json
-from harness.cli.terminal import print_json, print_table
+from harness.cli.terminal import print_json, print_table, say
 
 if TYPE_CHECKING:
     from harness.clips.check import ClipCheck, ClipRow
@@ -54,9 +54,9 @@ def check_clips(
     else:
         _print_checks(checks)
         for variable, absent in at_hand.elsewhere.items() if at_hand else ():
-            typer.echo(f"not checked, {variable} is not set: {', '.join(absent)}")
+            say(f"not checked, {variable} is not set: {', '.join(absent)}")
         if at_hand and at_hand.packaged:
-            typer.echo(f"not checked: {len(at_hand.packaged)} clips that came with vfoa; name one to check it")
+            say(f"not checked: {len(at_hand.packaged)} clips that came with vfoa; name one to check it")
     if any(check.problems for check in checks):
         raise typer.Exit(2)
 
@@ -79,7 +79,7 @@ def fetch_clips(
         raise VfoaError(f"clips fetch: no {source!r}; {did_you_mean(source, fetchers)}")
     root = out or expand(f"${{VFOA_DATA}}/{source}", Path.cwd(), "clips fetch")
     fetchers[source](root)
-    typer.echo(f"{source}: {root}")
+    say(f"{source}: {root}")
 
 
 def _fetch_sintel(root: Path) -> None:
@@ -97,19 +97,19 @@ def _fetch_idiap(root: Path) -> None:
     from harness.clips.idiap_files import HEADS, LABELS, LICENCE, fetch_idiap_file
     from harness.clips.manifest import load_manifest
 
-    typer.echo(f"licence: {LICENCE}")
+    say(f"licence: {LICENCE}")
     for file in (HEADS, LABELS):
         with bytes_bar(file.name) as progress:
             path = fetch_idiap_file(root, file, progress=progress)
-        typer.echo(f"{path}: sha256 {file.sha256}")
+        say(f"{path}: sha256 {file.sha256}")
     manifest = load_manifest("idiap_vfoa")
     place = manifest.annotations.place()
     if place.exists():
-        typer.echo(f"{place}: is there already and is kept")
+        say(f"{place}: is there already and is kept")
         return
     manifest = manifest.with_root(root)
     imported = import_labels(root / LABELS.name, "idiap_vfoa", open_exchange(manifest), place, replace=False)
-    typer.echo(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
+    say(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
 
 
 def _print_list(rows: list[ClipRow]) -> None:
@@ -123,7 +123,7 @@ def _print_list(rows: list[ClipRow]) -> None:
     )
     for row in rows:
         if row.problem:
-            typer.echo(f"{row.name}: {row.problem}")
+            say(f"{row.name}: {row.problem}")
 
 
 def _print_checks(checks: list[ClipCheck]) -> None:
@@ -147,7 +147,7 @@ def _print_checks(checks: list[ClipCheck]) -> None:
         for line in (*check.problems, *(f"note: {note}" for note in check.notes)):
             said.setdefault(line, []).append(check.name)
     for line, clips in said.items():
-        typer.echo(f"{', '.join(clips)}: {line}")
+        say(f"{', '.join(clips)}: {line}")
 
 
 def _rounded(value: float | None, digits: int) -> str | None:

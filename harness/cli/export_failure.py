@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import OneClip, OneConfiguration, Recordings
+from harness.cli.terminal import say
 
 
 def export_failure(
@@ -36,4 +37,4 @@ def export_failure(
     excerpt = out or Path(f"{recording.name}__{frame}.rrd")
     check_new(excerpt, replace=replace or out is None, hint=", or another --out")
     write_excerpt(recording, found[0].rate_hz, frame, margin, excerpt)
-    typer.echo(f"{excerpt}: {excerpt.stat().st_size / 1e6:.1f} MB")
+    say(f"{excerpt}: {excerpt.stat().st_size / 1e6:.1f} MB")

@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Replace, Run
+from harness.cli.terminal import say
 
 
 class TableFormat(StrEnum):
@@ -39,6 +40,6 @@ def export_table(
     scores = score(finished.records(), finished.reference())
     text = FORMATS[to.value](scores, exported_table(scores, finished.manifest))
     if out is None:
-        typer.echo(text, nl=False)
+        say(text, nl=False)
     else:
         atomic_write(out, text)

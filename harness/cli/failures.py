@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from harness.cli.terminal import say
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ def step_through(run: Path, clip: str | None, configuration: str | None) -> None
         raise VfoaError(
             "view --failures: expected a terminal to read keys from, found none; --failures --web has links"
         )
-    typer.echo(KEYS)
+    say(KEYS)
     place: int | None = 0
     while place is not None:
         place = _steps(run, clip, configuration, place)
@@ -41,7 +42,7 @@ def _steps(run: Path, clip: str | None, configuration: str | None, start: int) -
 
     wrong, recordings = _wrong_frames(run, clip, configuration)
     if not wrong:
-        typer.echo("No wrong frame.")
+        say("No wrong frame.")
         return None
     shown = {clip: recording.compose() for clip, recording in recordings.items()}
     place, corrected = start, False
@@ -59,7 +60,7 @@ def _steps(run: Path, clip: str | None, configuration: str | None, start: int) -
         for place in walk(len(wrong), keys(), start):
             at = wrong[place]
             go_to(shown[at.clip], at.frame, (at.configuration, at.subject))
-            typer.echo(describe(wrong, place))
+            say(describe(wrong, place))
     return place if corrected else None
 
 
@@ -70,15 +71,15 @@ def _correct(run: Path, wrong: Verdict) -> bool:
 
     directory = RunDirectory(run)
     try:
-        typer.echo(f"{', '.join(choices(directory, wrong.clip, wrong.subject))}; FIRST-LAST for more than this frame")
+        say(f"{', '.join(choices(directory, wrong.clip, wrong.subject))}; FIRST-LAST for more than this frame")
         said = typer.prompt("right target [FIRST-LAST], or nothing", default="", show_default=False).strip()
         if not said:
             return False
         target, first, last = _told(said, wrong.frame)
         correction = Correction(clip=wrong.clip, subject=wrong.subject, target=target, first=first, last=last)
-        typer.echo(f"{correct(directory, correction)}: {correction}. Tables, page and recordings follow.")
+        say(f"{correct(directory, correction)}: {correction}. Tables, page and recordings follow.")
     except (VfoaError, typer.Abort) as error:
-        typer.echo(f"vfoa: {error or 'nothing was changed'}", err=True)
+        say(f"vfoa: {error or 'nothing was changed'}", err=True)
         return False
     return True
 
@@ -98,13 +99,13 @@ def browse_failures(run: Path, clip: str | None, configuration: str | None) -> N
 
     wrong, recordings = _wrong_frames(run, clip, configuration)
     if not wrong:
-        typer.echo("No wrong frame.")
+        say("No wrong frame.")
         return
     shown = {
         (each.clip, each.configuration): recordings[each.clip].under(each.configuration).compose() for each in wrong
     }
     for place in range(len(wrong)):
-        typer.echo(describe(wrong, place))
+        say(describe(wrong, place))
     paths = [open_path(shown[each.clip, each.configuration].name, each.frame) for each in wrong]
     browse(shown.values(), paths)
 

@@ -9,6 +9,7 @@ import typer
 
 from harness.cli.completion import experiment_and_clip_names
 from harness.cli.options import Replace
+from harness.cli.terminal import say
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
@@ -49,7 +50,7 @@ def fit(
     fitted = fit_posterior(found)
     atomic_write(path, fitted_text(fitted))
     print_reports(fit_tables(fitted))
-    typer.echo(f"{path}: vfoa run EXPERIMENT --preset {path}")
+    say(f"{path}: vfoa run EXPERIMENT --preset {path}")
 
 
 def _directory(what: str) -> RunDirectory:

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from harness.cli.terminal import say
+
 _FOLDERS = {
     "datasets": "clips, a .toml each, as `vfoa clips add PATH` writes them",
     "annotations": "who looks at what, a .csv for each clip (`vfoa annotate CLIP`)",
@@ -25,6 +27,6 @@ def init(
             (folder / name).mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError):
             raise VfoaError(f"{folder / name}: a file is in the way; expected a folder") from None
-        typer.echo(f"{folder / name}: {use}")
+        say(f"{folder / name}: {use}")
     inside = "" if folder.resolve() == Path.cwd() else f"cd {folder} && "
-    typer.echo(f"next: {inside}vfoa clips add PATH")
+    say(f"next: {inside}vfoa clips add PATH")

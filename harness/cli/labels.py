@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.options import Clip, Replace, RunConfiguration
+from harness.cli.terminal import say
 
 if TYPE_CHECKING:
     from harness.clips.manifest import ClipManifest
@@ -117,20 +118,20 @@ def import_(
     if drawn:
         path, found, notes = import_drawn(file, format_, exchange, manifest, replace=replace)
         for note in notes:
-            typer.echo(f"- {note}", err=True)
-        typer.echo(f"{path}: {sum(len(each.keys) for each in found.tracks)} key frames of {', '.join(found.names)}")
+            say(f"- {note}", err=True)
+        say(f"{path}: {sum(len(each.keys) for each in found.tracks)} key frames of {', '.join(found.names)}")
         return
     if speech:
         path, turns = import_speech(file, format_, exchange, manifest, replace=replace)
         for note in turns.notes:
-            typer.echo(f"- {note}", err=True)
-        typer.echo(f"{path}: {len(turns.labels.ranges)} turns of {', '.join(turns.labels.subjects)}")
+            say(f"- {note}", err=True)
+        say(f"{path}: {len(turns.labels.ranges)} turns of {', '.join(turns.labels.subjects)}")
         return
     place = manifest.annotations.place(annotator)
     imported = import_labels(file, format_, exchange, place, replace=replace, confirm=confirm)
     for note in imported.notes:
-        typer.echo(f"- {note}", err=True)
-    typer.echo(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
+        say(f"- {note}", err=True)
+    say(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
 
 
 @app.command(name="export", short_help="Write labels, or a run's predictions, for another program.")
@@ -207,8 +208,8 @@ def _export_speech(name: str, to: Path, format_: str, fps: float | None, offset:
 
 def _print_export(path: Path, notes: Iterable[str]) -> None:
     for note in notes:
-        typer.echo(f"- {note}", err=True)
-    typer.echo(str(path))
+        say(f"- {note}", err=True)
+    say(str(path))
 
 
 @app.command(name="check", short_help="Read a clip's label files; name the first mistake.")
@@ -224,10 +225,10 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
         labels = manifest.labels(timeline, name)
         if labels is not None:
             counts = ", ".join(f"{each} {len(labels.of(each))}" for each in labels.subjects) or "no ranges"
-            typer.echo(f"{manifest.annotations.place(name)}: {counts}")
+            say(f"{manifest.annotations.place(name)}: {counts}")
     if drawn is not None:
         counts = ", ".join(f"{each.name} ({each.kind}) {len(each.keys)}" for each in drawn.tracks) or "nothing"
-        typer.echo(f"{manifest.annotations.place_drawn()}: {counts}")
+        say(f"{manifest.annotations.place_drawn()}: {counts}")
 
 
 @app.command(name="agreement", short_help="Compare annotators: kappa, confusion, where they differ.")
@@ -282,9 +283,9 @@ def merge(
     check_new(place, replace=replace, hint=", or another --to")
     merged = merge_labels(labels, opened.frames, rule.value)
     write_annotations(place, merged)
-    typer.echo(f"{place}: {len(merged.ranges)} ranges of {', '.join(labels)}")
+    say(f"{place}: {len(merged.ranges)} ranges of {', '.join(labels)}")
     if left := to_decide(merged):
-        typer.echo(f"- {len(left)} ranges are to be decided, the first at frame {left[0].first_frame}.")
+        say(f"- {len(left)} ranges are to be decided, the first at frame {left[0].first_frame}.")
 
 
 def _labels_by_annotator(

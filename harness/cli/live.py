@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.run import Recording
+from harness.cli.terminal import say
 
 if TYPE_CHECKING:
     from harness.clips.manifest import ClipManifest
@@ -85,7 +86,7 @@ def live(
             threads=threads or os.cpu_count() or 1,
             progress=progress,
         )
-    typer.echo(f"{report}\nKept: {directory.path}  (vfoa view {directory.path})")
+    say(f"{report}\nKept: {directory.path}  (vfoa view {directory.path})")
 
 
 def _viewer() -> AbstractContextManager[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.options import Json, ProviderName, Replace
-from harness.cli.terminal import print_json, print_table
+from harness.cli.terminal import print_json, print_table, say
 
 if TYPE_CHECKING:
     from harness.stages.weights.catalogue import CatalogueEntry
@@ -60,15 +60,15 @@ def fetch(
 
     failed = False
     for name, entry in [(name, find_model(name)) for name in names]:
-        typer.echo(f"{name}: licence: {entry.licence}; {entry.home}")
+        say(f"{name}: licence: {entry.licence}; {entry.home}")
         try:
             with bytes_bar(name) as progress:
                 path = fetch_model(name, entry, accept_licence=accept_licence, progress=progress)
         except VfoaError as error:
-            typer.echo(f"vfoa: {error}", err=True)
+            say(f"vfoa: {error}", err=True)
             failed = True
         else:
-            typer.echo(f"{name}: {path}")
+            say(f"{name}: {path}")
     if failed:
         raise typer.Exit(2)
 
@@ -94,7 +94,7 @@ def check(
     for name, entry in chosen.items():
         checks.append(check_model(name, entry, settings))
         if not as_json:
-            typer.echo(_line(checks[-1]))
+            say(_line(checks[-1]))
     if as_json:
         from dataclasses import asdict
 
@@ -118,7 +118,7 @@ def export(
 
     check_new(out, replace=replace, hint=", or another --out")
     difference_rad = export_gaze360(locate(str(checkpoint)), out)
-    typer.echo(f"{name}: {out}: ONNX and PyTorch differ by {difference_rad:.1e} rad at most on 20 random inputs")
+    say(f"{name}: {out}: ONNX and PyTorch differ by {difference_rad:.1e} rad at most on 20 random inputs")
 
 
 def _line(found: ModelCheck) -> str:

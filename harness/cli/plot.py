@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Run
+from harness.cli.terminal import say
 
 
 class Kind(StrEnum):
@@ -42,4 +43,4 @@ def plot(
     check_format(out)
     check_new(out, replace=replace, hint=", or another --out")
     save_figure(out, plot_run(run, kind.value, clip=clip, subject=subject))
-    typer.echo(f"Figure: {out}")
+    say(f"Figure: {out}")

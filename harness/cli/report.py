@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import NoOpen, Port, Run
+from harness.cli.terminal import say
 
 
 def report(
@@ -35,11 +36,11 @@ def report(
         if serve:
             raise VfoaError(f"{run}: a sweep has no recordings to serve; expected --serve left out")
         write_sweep(run, read_sweep(run))
-        typer.echo(f"Page: {run / 'report.html'}")
+        say(f"Page: {run / 'report.html'}")
         return
     if not serve:
         rescore(directory)
-        typer.echo(f"Page: {directory.path / 'report.html'}")
+        say(f"Page: {directory.path / 'report.html'}")
         return
     from harness.annotate.correction_page import correction_routes
     from harness.cli.browse import browse

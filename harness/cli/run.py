@@ -15,6 +15,7 @@ import typer
 
 from harness.cli.completion import clip_names, experiment_and_clip_names, preset_names, setting_assignments
 from harness.cli.options import Cache, Out, Workers
+from harness.cli.terminal import say
 
 if TYPE_CHECKING:
     from harness.record import Size
@@ -169,10 +170,10 @@ def run(
     scores = rescore(directory)
     print_scores(scores)
     for notice in notices:
-        typer.echo(notice)
+        say(notice)
     if save_outputs:
-        typer.echo(f"\nStage outputs: {directory.stage_outputs}  (run from them: its {experiment.name}.toml says how)")
-    typer.echo(
+        say(f"\nStage outputs: {directory.stage_outputs}  (run from them: its {experiment.name}.toml says how)")
+    say(
         f"\nPage: {directory.path / 'report.html'}"
         f"\nTables: {directory.path / 'frr.md'} (all of them), frr.csv, frr.tex, comparisons.md (paired tests)"
         f"\n{'Scrub a failure' if scores.rows else 'Scrub'}: vfoa view {directory.path}"
@@ -207,7 +208,7 @@ def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         for notice in notices or ["interrupted before the first frame"]:
-            typer.echo(f"vfoa: {notice}", err=True)
+            say(f"vfoa: {notice}", err=True)
         raise typer.Exit(130) from None
     finally:
         for number, handler in before.items():
@@ -218,9 +219,9 @@ def _report_failures(directory: RunDirectory) -> None:
     """Say what could not be finished, and leave with exit code 1 if there is anything."""
     failed = directory.read_manifest()["failed"]
     for each in failed:
-        typer.echo(f"vfoa: {directory.told(each)}", err=True)
+        say(f"vfoa: {directory.told(each)}", err=True)
     if failed:
-        typer.echo(f"vfoa: {len(failed)} failed; again with --retry-failed, when it is mended", err=True)
+        say(f"vfoa: {len(failed)} failed; again with --retry-failed, when it is mended", err=True)
         raise typer.Exit(1)
 
 

@@ -8,6 +8,7 @@ import typer
 
 from harness.cli.completion import stage_names
 from harness.cli.options import Json
+from harness.cli.terminal import say
 
 
 def settings(
@@ -32,7 +33,7 @@ def settings(
         print_json([asdict(table) for table in tables])
         return
     for table in tables:
-        typer.echo(f"{table.title}{': ' if table.summary else ''}{table.summary}")
+        say(f"{table.title}{': ' if table.summary else ''}{table.summary}")
         if table.settings:
             print_table(
                 ("Key", "Type", "Unit", "Default", "Meaning"),
@@ -40,4 +41,4 @@ def settings(
                 wrapped=("Type", "Default", "Meaning"),
             )
         else:
-            typer.echo("  nothing to set\n")
+            say("  nothing to set\n")

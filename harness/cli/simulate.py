@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Replace
+from harness.cli.terminal import say
 
 
 def simulate(
@@ -37,4 +38,4 @@ def simulate(
 
         write_simulation(out, rows, found)
         first, *_ = record_cases(out / "scenes")
-        typer.echo(f"Page: {out / 'simulation.md'}\nScenes, one frame a radius: rerun '{first}'")
+        say(f"Page: {out / 'simulation.md'}\nScenes, one frame a radius: rerun '{first}'")

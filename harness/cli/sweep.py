@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import typer
-
+from harness.cli.terminal import say
 from harness.files import atomic_write, read_text
 from harness.run.experiment import Experiment
 from harness.run.manifest import differences
@@ -56,7 +55,7 @@ def run_sweep(
     write_sweep(out, sweep)
     for table in (best_table(sweep), effects_table(sweep)):
         print_report(table)
-    typer.echo(
+    say(
         f"{len(sweep.rows):,} configurations x {sweep.frames} frames in {seconds:.0f} s with {workers} "
         f"{'worker' if workers == 1 else 'workers'}\n"
         f"Page: {out / 'report.html'}\nTable: {out / 'sweep.csv'}\nFigure: {out / 'sweep.svg'}"

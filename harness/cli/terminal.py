@@ -23,6 +23,11 @@ _WORDS = 20
 """The least width in which sentences are readable."""
 
 
+def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
+    """Print text that may hold names of files, clips and people: a terminal obeys nothing in it."""
+    typer.echo(shown(text), err=err, nl=nl)
+
+
 def print_table(
     header: Sequence[str],
     rows: Sequence[Sequence[object]],
@@ -103,7 +108,7 @@ def print_json(value: object) -> None:
     """Print JSON, indented; what JSON has no word for (a path) as text, numbers without a value as null."""
     import json
 
-    typer.echo(json.dumps(_without_nan(value), indent=2, ensure_ascii=False, default=str))
+    say(json.dumps(_without_nan(value), indent=2, ensure_ascii=False, default=str))
 
 
 def _without_nan(value: object) -> object:
@@ -143,13 +148,13 @@ def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
     )
     started, done = time.monotonic(), 0
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=total, rate=0.0)
+        task = bar.add_task(shown(what), total=total, rate=0.0)
 
         def advance(clip: str) -> None:
             nonlocal done
             done += 1
             rate = done / max(time.monotonic() - started, 1e-9)
-            bar.update(task, advance=1, description=clip, rate=rate)
+            bar.update(task, advance=1, description=shown(clip), rate=rate)
 
         yield advance
 
@@ -171,5 +176,5 @@ def bytes_bar(what: str) -> Iterator[Callable[[int, int | None], None]]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=None)
+        task = bar.add_task(shown(what), total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)

@@ -14,15 +14,11 @@ _COCO = frozenset({*THINGS.values(), *STUFF.values()})
 
 
 def manifest_problems(manifest: ClipManifest) -> list[str]:
-    """Names that the program gives to unnamed objects, and an annotation file that is a link to nothing."""
+    """Names that the program gives to unnamed objects."""
     automatic = [name for name in (*manifest.subjects, *manifest.targets) if _AUTOMATIC.fullmatch(name)]
-    problems = [
+    return [
         f"{name!r} is what an object without a name is called (label#id); expected another name" for name in automatic
     ]
-    place = manifest.annotations.place()
-    if place.is_symlink() and not place.exists():
-        problems.append(f"{place}: a link to {place.readlink()}, which is not there")
-    return problems
 
 
 def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:

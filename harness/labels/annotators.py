@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.data_folders import came_with_program, folders
+from harness.files import stands
 from vfoa.errors import VfoaError, did_you_mean
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
@@ -48,7 +49,7 @@ class AnnotationFiles:
         return self.place().with_name(f"{self.clip}.speech.csv")
 
     def _find(self, name: str) -> Path | None:
-        return next((folder / name for folder in self._folders if (folder / name).is_file()), None)
+        return next((folder / name for folder in self._folders if stands(folder / name)), None)
 
     def expect(self, annotator: str) -> Path:
         """A named annotator's file.

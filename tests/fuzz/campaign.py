@@ -125,10 +125,15 @@ def table(outcomes: Sequence[Outcome], seed: int) -> str:
     ]
     total = sum(each.cases for each in outcomes)
     rows += [f"| **{len(outcomes)} parsers** | **{total}** | **{sum(len(each.first) for each in outcomes)}** | | |", ""]
-    for each in outcomes:
-        for where, (number, line) in each.first.items():
-            rows.append(f"- {each.parser.name}, case {number}, {each.counts[where]} times, {where}: {line}")
+    rows += [line for each in outcomes for line in _findings(each)]
     return "\n".join(rows)
+
+
+def _findings(outcome: Outcome) -> list[str]:
+    return [
+        f"- {outcome.parser.name}, case {number}, {outcome.counts[where]} times, {where}: {line}"
+        for where, (number, line) in outcome.first.items()
+    ]
 
 
 def keep(outcomes: Sequence[Outcome], seed: int, folder: Path) -> None:
@@ -158,7 +163,8 @@ def main(words: Sequence[str] | None = None) -> int:
 
     def one(parser: Parser) -> Any:
         outcome = fuzz(parser, given.cases, given.seed, until)
-        print(f"{parser.name}: {outcome.cases} cases, {len(outcome.first)} findings", file=sys.stderr)  # noqa: T201
+        told = [f"{parser.name}: {outcome.cases} cases, {len(outcome.first)} findings", *_findings(outcome)]
+        print("\n".join(told), file=sys.stderr)  # noqa: T201
         return outcome
 
     with ThreadPoolExecutor(given.workers) as pool:

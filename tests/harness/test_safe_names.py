@@ -16,6 +16,7 @@ from harness.stages.outputs.coco_panoptic import _Category, _Segment
 from tests.command import vfoa
 from tests.disk import stereo_pair_folder, write_text
 from tests.harness.clips.adding import NUMBERS
+from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 
 WRONG = ["=1+1", "+1", "-1", "@SUM(A1)", "\tcup", "\rcup", "cup\x1b[2J", "cup\x00", "", " ", "cup\u202e"]
@@ -76,3 +77,15 @@ def test_what_is_not_ours_is_text_in_tables_and_on_the_terminal(
     assert code == 2
     assert "\x1b" not in said
     assert r"\x1b[2Jrun" in said
+
+
+def test_what_is_done_is_told_without_a_control_character(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, said, _ = vfoa(monkeypatch, capsys, "init", "\x1b[2Jmine")
+    assert code == 0
+    assert "\x1b" not in said
+    assert r"\x1b[2Jmine" in said
+    speaking = [path.name for path in (REPOSITORY / "harness" / "cli").glob("*.py") if "typer.echo" in path.read_text()]
+    assert speaking == ["terminal.py"], "expected harness.cli.terminal.say, which shows control characters"

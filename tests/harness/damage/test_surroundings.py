@@ -103,6 +103,21 @@ def test_a_working_directory_whose_name_is_no_text_is_one_line(project: Path) ->
     assert done.stderr.count(b"\n") == (done.returncode == 2), done.stderr
 
 
+def test_a_working_directory_that_was_removed_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "gone").mkdir()
+    code = "import os, harness.cli; os.rmdir(os.getcwd()); harness.cli.main()"
+    done = subprocess.run(
+        [sys.executable, "-B", "-c", code, "clips", "list"],
+        cwd=tmp_path / "gone",
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert done.stderr == "vfoa: the working directory was removed; expected one that is there: change to another\n"
+
+
 def test_a_run_whose_directory_is_removed_meanwhile_is_one_line(
     project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
