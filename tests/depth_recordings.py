@@ -22,7 +22,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Bag2Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from harness.record.video import open_without_real_time
+from harness.record.images import open_without_real_time
 
 Format = Literal["bag", "db3", "mcap", "db3 zstd file", "db3 zstd message"]
 FORMATS: tuple[Format, ...] = ("bag", "db3", "mcap")

@@ -40,7 +40,7 @@ DOORS = {
     "av": (
         "harness/sources/recordings/video_decoder.py",
         "harness/sources/media/sound.py",
-        "harness/record/video.py",
+        "harness/record/images.py",
         "harness/bench/depth_memory.py",
     ),
     "mcap_protobuf": ("harness/sources/recordings/decoding.py",),

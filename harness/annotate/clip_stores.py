@@ -9,8 +9,8 @@ from harness.annotate.drawing import DrawingStore
 from harness.annotate.store import LabelStore
 from harness.clips.manifest import ClipManifest
 from harness.data_folders import came_with_program
-from harness.labels.files import RESERVED, target_names
-from harness.labels.labels import SPEAKS
+from harness.labels.files import target_names
+from harness.labels.labels import RESERVED, SPEAKS
 from harness.labels.timeline import Timeline
 
 

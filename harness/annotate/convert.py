@@ -12,11 +12,12 @@ from harness.clips.manifest import ClipManifest
 from harness.files import check_new, check_new_folder
 from harness.labels.bodies import Bodies
 from harness.labels.drawn import Drawn, write_drawn
-from harness.labels.files import Labels, write_annotations
+from harness.labels.files import write_annotations
 from harness.labels.formats import FORMATS, AnnotationFormat
 from harness.labels.formats.cvat_drawn import read_cvat_drawn
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.formats.speech import of_speech
+from harness.labels.labels import Labels
 from harness.labels.timeline import timeline_of
 from harness.run.clip_records import read_clip_records
 from vfoa.errors import VfoaError

@@ -13,9 +13,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from harness.bench.parallel import CONES_CM, PLENTY, with_cones
-from harness.record.sink import recordings
 from harness.report.formats import Table
-from harness.report.sinks import ThumbnailSinks
+from harness.report.sinks import ThumbnailSinks, recordings
 from harness.report.write import rescore
 from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory

@@ -16,8 +16,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from harness.record import Size
-from harness.record.sink import recordings
 from harness.report.formats import UNKNOWN, Table
+from harness.report.sinks import recordings
 from harness.run.executors.cluster import cpu_seconds, local_cluster
 from harness.run.experiment import Experiment
 from harness.run.runner import prepare, run_plan

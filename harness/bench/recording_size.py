@@ -16,10 +16,11 @@ from pathlib import Path
 
 from harness.clips.manifest import load_manifest
 from harness.data_folders import find
-from harness.labels.files import IGNORED, Label, LabelRange, Labels, write_annotations
+from harness.labels.files import write_annotations
+from harness.labels.labels import IGNORED, Label, LabelRange, Labels
 from harness.record import Size
-from harness.record.sink import recordings
 from harness.report.formats import Table
+from harness.report.sinks import recordings
 from harness.report.write import rescore
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.runner import prepare, run_plan

@@ -15,8 +15,7 @@ import numpy as np
 
 from harness.bench.scoring import synthetic_subject, synthetic_target
 from harness.files import atomic_write
-from harness.labels.files import Label, LabelRange
-from harness.labels.labels import Labels
+from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.formats import UNKNOWN, Table
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.write import render_run

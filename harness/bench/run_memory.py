@@ -10,7 +10,7 @@ import numpy as np
 
 from harness.bench.mcap_memory import HEIGHT, WIDTH, peak_mib, write_recording
 from harness.processes import spawning
-from harness.record.sink import recordings
+from harness.report.sinks import recordings
 from harness.run.experiment import load_experiment
 from harness.run.plan import prepare
 from harness.run.runner import run_plan

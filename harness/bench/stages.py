@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from harness.clips.manifest import ClipManifest
 from harness.record import Size
-from harness.record.sink import recordings
-from harness.report.sinks import ThumbnailSinks
+from harness.report.sinks import ThumbnailSinks, recordings
 from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
 from harness.run.executors import work_through

@@ -14,8 +14,8 @@ from harness.clips.manifest_checks import unknown_categories
 from harness.clips.recognition import recognise
 from harness.data_folders import find
 from harness.files import read_text, write_together
-from harness.labels.files import IGNORED, VERSION_LINE, Label, LabelRange, Labels, format_annotations
-from harness.labels.labels import UNLABELLED
+from harness.labels.files import VERSION_LINE, format_annotations
+from harness.labels.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels
 from harness.sources import Clip, MeasuredClip, Recognised
 from harness.toml_text import toml_key, toml_value
 from vfoa.errors import VfoaError

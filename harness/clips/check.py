@@ -14,7 +14,7 @@ from harness.clips.matching import matched_offsets_px
 from harness.clips.measured import measurement_problems
 from harness.clips.near_limit import first_middle_last, near_notes
 from harness.data_folders import folders, names, unset_variables
-from harness.labels.files import IGNORED
+from harness.labels.labels import IGNORED
 from harness.labels.timeline import timeline_of
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError

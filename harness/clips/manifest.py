@@ -13,10 +13,9 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 from harness.bounded_parsing import read_toml
 from harness.clips.naming import NameRule
 from harness.data_folders import expand, find, folders, names
-from harness.labels.annotators import AnnotationFiles
 from harness.labels.drawn import Drawn, read_drawn
-from harness.labels.files import RESERVED, Labels, read_annotations
-from harness.labels.labels import SPEAKS
+from harness.labels.files import AnnotationFiles, read_annotations
+from harness.labels.labels import RESERVED, SPEAKS, Labels
 from harness.labels.timeline import Timeline
 from harness.safe_names import check_name
 from harness.sources import ADAPTERS, Clip, MeasuredClip

@@ -1,21 +1,25 @@
-"""Who looks at what: the CSV files under ``annotations/``, read strictly and written canonically.
+"""Annotation files: which a clip has, and who looks at what in them, read strictly and written canonically.
 
     # vfoa annotations 1
     first_frame,last_frame,subject,target,note[,u_px,v_px][,state]
 
-Ranges of frames are inclusive, in the source's own numbers; with ``start_s,end_s`` in their place a row holds for the
-frames whose time lies in [start, end). ``annotations/README.md`` tells it to those who label.
+``annotations/<clip>.csv`` is scored, ``<clip>@<annotator>.csv`` is an annotator's, and ``<clip>.drawn.csv`` is what is
+drawn on the clip's images. Ranges of frames are inclusive, in the source's own numbers; with ``start_s,end_s`` in their
+place a row holds for the frames whose time lies in [start, end). ``annotations/README.md`` tells it to those who label.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-from harness.files import atomic_write, read_text
-from harness.labels.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels
+from harness.data_folders import came_with_program, folders
+from harness.files import atomic_write, read_text, stands
+from harness.labels.labels import LabelRange, Labels
 from harness.labels.rows import (
     FRAME_COLUMNS,
     POINT_COLUMNS,
@@ -28,21 +32,9 @@ from harness.labels.rows import (
     check_text,
 )
 from harness.labels.timeline import Timeline, format_seconds
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, did_you_mean
 
-__all__ = [
-    "IGNORED",
-    "NOWHERE",
-    "RESERVED",
-    "VERSION_LINE",
-    "Label",
-    "LabelRange",
-    "Labels",
-    "format_annotations",
-    "read_annotations",
-    "target_names",
-    "write_annotations",
-]
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 VERSION_LINE = "# vfoa annotations 1"
 
@@ -170,3 +162,84 @@ def _check_header(found: list[str], where: str) -> None:
 
 def _number(value: float) -> str:
     return repr(float(value)).removesuffix(".0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnnotationFiles:
+    """The annotation files of one clip. An annotator of None means ``<clip>.csv``.
+
+    They are looked for in ``annotations`` beside the manifest's folder, then in that of the working directory. Labels
+    that came with the program are taken for clips that did: never for another clip of the same name.
+    """
+
+    clip: str
+    manifest: Path
+
+    def find(self, annotator: str | None = None) -> Path | None:
+        """An annotator's file; None where there is none."""
+        return self._find(f"{self._stem(annotator)}.csv")
+
+    def find_drawn(self) -> Path | None:
+        """What is drawn on the clip, the same for all annotators; None where there is nothing."""
+        return self._find(f"{self.clip}.drawn.csv")
+
+    def place_drawn(self) -> Path:
+        """Where what is drawn is written: in the folder of :meth:`place`."""
+        return self.place().with_name(f"{self.clip}.drawn.csv")
+
+    def find_speech(self) -> Path | None:
+        """Who speaks in the clip, the same for all annotators; None where nobody has said."""
+        return self._find(f"{self.clip}.speech.csv")
+
+    def place_speech(self) -> Path:
+        """Where speaking turns are written: in the folder of :meth:`place`."""
+        return self.place().with_name(f"{self.clip}.speech.csv")
+
+    def _find(self, name: str) -> Path | None:
+        return next((folder / name for folder in self._folders if stands(folder / name)), None)
+
+    def expect(self, annotator: str) -> Path:
+        """A named annotator's file.
+
+        Raises
+        ------
+        VfoaError
+            If there is none; the message proposes the nearest name.
+        """
+        if path := self.find(annotator):
+            return path
+        known = self.annotators()
+        hint = did_you_mean(annotator, known) if known else f"expected one of {self.clip}@ANNOTATOR.csv, found none"
+        raise VfoaError(f"{self.clip}: no annotations by {annotator!r} ({self._stem(annotator)}.csv); {hint}")
+
+    def place(self, annotator: str | None = None) -> Path:
+        """Where an annotator's file is written.
+
+        That is beside the manifest, or in the working directory for a clip that came with the program; never in the
+        file of another clip of this name.
+        """
+        return self._beside / f"{self._stem(annotator)}.csv"
+
+    def annotators(self) -> tuple[str, ...]:
+        """Everyone who has a file for this clip, sorted; ``<clip>.csv`` is not counted."""
+        stems = (path.stem for folder in self._folders for path in folder.glob(f"{self.clip}@*.csv"))
+        return tuple(sorted({stem.partition("@")[2] for stem in stems}))
+
+    @property
+    def _beside(self) -> Path:
+        if came_with_program(self.manifest):  # the working directory's own labels of such a clip come first
+            return Path.cwd() / "annotations"
+        return self.manifest.resolve().parent.parent / "annotations"
+
+    @property
+    def _folders(self) -> list[Path]:
+        """Where files are looked for, the first first."""
+        own, *of_program = folders("annotations")
+        return [self._beside, own, *(of_program if came_with_program(self.manifest) else ())]
+
+    def _stem(self, annotator: str | None) -> str:
+        if annotator is None:
+            return self.clip
+        if not _NAME.fullmatch(annotator):
+            raise VfoaError(f"annotator: found {annotator!r}; expected a name of letters, digits and . _ - alone")
+        return f"{self.clip}@{annotator}"

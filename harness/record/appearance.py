@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from harness.labels.files import IGNORED, NOWHERE
+from harness.labels.labels import IGNORED, NOWHERE
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord
 from vfoa.geometry import CONE_HEIGHT_M, left_from_crop
 from vfoa.types import Attention, Cone, Cue, Float, Scene

@@ -13,7 +13,7 @@ from typing import Any
 import rerun as rr
 
 from harness.files import digest_files, file_digest
-from harness.labels.files import Labels
+from harness.labels.labels import Labels
 from harness.record import appearance, entities, frame_log, layer_file, verdicts
 from harness.record.appearance import Colours
 from harness.record.composed import clip_names

@@ -12,7 +12,7 @@ import numpy as np
 import rerun as rr
 from scipy.spatial.transform import Rotation
 
-from harness.labels.files import IGNORED, NOWHERE
+from harness.labels.labels import IGNORED, NOWHERE
 from harness.record import entities
 from harness.record.appearance import (
     GREY,

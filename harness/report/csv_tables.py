@@ -11,8 +11,8 @@ from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.baselines import BASELINES
 from harness.score.metrics import load_metrics
 from harness.score.posterior_checks import prediction_set
-from harness.score.score import ERROR_TYPES, ScoreRow, Scores
-from harness.score.verdicts import Verdict
+from harness.score.score import ScoreRow, Scores
+from harness.score.verdicts import ERROR_TYPES, Verdict
 from vfoa.errors import VfoaError
 
 ALL = "(all)"

@@ -1,18 +1,86 @@
-"""The sinks that receive a run's frames, beside its results."""
+"""The sinks that receive a run's frames, beside its results: recordings and thumbnails.
+
+Importing this does not import Rerun.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from harness.labels.labels import Labels
 from harness.record import Size
-from harness.record.sink import recordings
+from harness.record.layers import ClipFiles, LayerNames, layer_names
 from harness.run.frame_sink import SinkContext, SinkFactory
+from harness.run.records import FrameRecord
+from harness.score.verdicts import Verdict, judge
 from harness.stages.configuration import Configuration
 
 if TYPE_CHECKING:
+    from harness.record.recorder import Recorder
     from harness.report.thumbnails.writer import ThumbnailWriter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordingSinks:
+    """Recordings of this size, next to the results. ``watched_at`` is the address of a viewer that gets each frame.
+
+    ``layers`` are those of every configuration of the experiment, by its name. ``around``: only so many frames before
+    and after each wrong one are whole, the others thin; None: all are whole, and so are those of a clip without labels.
+    """
+
+    shares_files: ClassVar[bool] = True
+
+    layers: Mapping[str, LayerNames]
+    size: Size = "light"
+    watched_at: str | None = None
+    around: int | None = None
+
+    def described(self) -> Mapping[str, Any]:
+        """How much the recordings hold."""
+        if self.around is None:
+            return {"recording": self.size}
+        return {"recording": "failures", "recording_around": self.around}
+
+    def open(self, context: SinkContext) -> Recorder:
+        """The recording of one configuration on one clip."""
+        from harness.record.recorder import Recorder
+
+        manifest = context.manifest
+        subjects = tuple(manifest.subjects)
+        return Recorder(
+            ClipFiles(run=context.directory.path, clip=manifest.name),
+            self.layers[context.configuration],
+            rate_hz=context.rate_hz,
+            size=self.size,
+            subjects=subjects,
+            targets=tuple(manifest.targets),
+            watched_at=None if context.rehearsal else self.watched_at,
+            around=None if context.labels is None else self.around,
+            judge=lambda record: _judged(record, subjects, context.labels),
+            resumed=context.resumed,
+        )
+
+
+def _judged(record: FrameRecord, subjects: Sequence[str], labels: Labels | None) -> list[Verdict]:
+    return [judge(record, name, labels.at(record.frame, name) if labels else None) for name in subjects]
+
+
+def recordings(
+    configurations: Iterable[Configuration],
+    size: Size | None,
+    watched_at: str | None = None,
+    around: int | None = None,
+) -> tuple[RecordingSinks, ...]:
+    """The recordings of an experiment with these configurations: of this size, or none.
+
+    ``around`` is as :class:`RecordingSinks` has it.
+    """
+    if size is None:
+        return ()
+    layers = layer_names({each.name: each.plain() for each in configurations})
+    return (RecordingSinks(layers=layers, size=size, watched_at=watched_at, around=around),)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,9 @@ from harness.score.baselines import BASELINES
 from harness.score.intervals import LEAST_CLIPS
 from harness.score.metrics import load_metrics
 from harness.score.oracle_ablation import without_oracles
-from harness.score.score import ERROR_TYPES, ScoreRow, Scores
+from harness.score.score import ScoreRow, Scores
 from harness.score.statistics import Interval
+from harness.score.verdicts import ERROR_TYPES
 
 FRR_NOTES = (
     "FRR: correct / annotated (frame, subject) pairs that are not marked ignore; n counts these pairs. A pair "

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from harness.clips.manifest import ClipManifest
-from harness.labels.files import Labels
+from harness.labels.labels import Labels
 from harness.run.checkpoint import Checkpoint, read_checkpoint
 from harness.run.directory import Pair, RunDirectory
 from harness.run.frame_sink import SinkFactory

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any, Protocol, Self, runtime_checkable
 
 from harness.clips.manifest import ClipManifest
-from harness.labels.files import Labels
+from harness.labels.labels import Labels
 from harness.run.checkpoint import SinkState
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord

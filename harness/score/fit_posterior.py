@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from harness.labels.files import IGNORED, NOWHERE, Label, Labels
+from harness.labels.labels import IGNORED, NOWHERE, Label, Labels
 from harness.run.fitted_settings import FitRecord, FittedSettings, FittedValue, HeldOut
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.reliability import BeliefLog, Reliability

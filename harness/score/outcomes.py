@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.labels.files import NOWHERE, Label, Labels
+from harness.labels.labels import NOWHERE, Label, Labels
 from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES, Baselines, Choices, best_limit_rad, commonest
 from harness.score.looks import number_looks

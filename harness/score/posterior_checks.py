@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from harness.labels.files import IGNORED, Labels
+from harness.labels.labels import IGNORED, Labels
 from harness.run.records import DirectionFitRecord, FrameRecord, SubjectRecord
 from harness.score.verdicts import find_subject, right_answers
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.labels.files import IGNORED, NOWHERE, Label, Labels
+from harness.labels.labels import IGNORED, NOWHERE, Label, Labels
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
 from harness.score.statistics import UNKNOWN, Codes, Interval

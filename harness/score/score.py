@@ -10,28 +10,23 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.run.grid import base_of
 from harness.run.measure_log import MeasureLog
 from harness.run.published import Published
 from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES
-from harness.score.intervals import Units, rate_interval
+from harness.score.intervals import rate_interval
 from harness.score.looks import EventCounts, count_events
 from harness.score.metrics import Metric, load_metrics
 from harness.score.outcomes import OutcomeLog, Outcomes
 from harness.score.reference import Reference
-from harness.score.scored_frames import ScoredFrames
+from harness.score.scored_frames import ScoredFrames, units_of
 from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
-from harness.score.verdicts import ERROR_TYPES, Verdict, judge
-from vfoa.types import Float
-
-__all__ = ["ERROR_TYPES", "ScoreRow", "Scores", "Verdict", "judge", "score"]
-
+from harness.score.verdicts import ERROR_TYPES, Verdict
 
 Beats = Literal["yes", "not shown", "no"]
 """Whether a configuration beats the best baseline: significantly, by chance for all one knows, or not at all."""
@@ -300,19 +295,6 @@ def _beats(group: list[Outcomes], baselines: Flags) -> Beats:
     if gains.values.sum() <= 0:
         return "no"
     return "yes" if sign_flip_p(gains.merged().values) < SIGNIFICANCE else "not shown"
-
-
-def units_of(group: Sequence[Outcomes], values: Sequence[NDArray[Any]]) -> Units:
-    """The looks of some outcomes, with the sums of a value (n,) of each of their frames."""
-    clips: dict[str, int] = {}
-    sums: dict[tuple[str, str], Float] = {}  # (looks, 2) by clip and subject: seeds share the looks
-    for each, value in zip(group, values, strict=True):
-        of_looks = np.stack([np.bincount(each.looks), np.bincount(each.looks, value)], axis=1).astype(np.float64)
-        key = each.clip, each.subject
-        sums[key] = sums[key] + of_looks if key in sums else of_looks
-    codes = [np.full(len(each), clips.setdefault(clip, len(clips)), dtype=np.intp) for (clip, _), each in sums.items()]
-    frames, totals = np.concatenate(list(sums.values())).T
-    return Units(clips=np.concatenate(codes), frames=frames, values=totals)
 
 
 def _count(flags: Flags) -> int:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.score.intervals import Units
+from harness.score.outcomes import Outcomes
 from vfoa.errors import VfoaError
+from vfoa.types import Float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,3 +98,16 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
         values=np.array(values, dtype=np.float64),
     )
     return Pairs(n=sum(frames) // repeats, better=better, worse=worse, units=units)
+
+
+def units_of(group: Sequence[Outcomes], values: Sequence[NDArray[Any]]) -> Units:
+    """The looks of some outcomes, with the sums of a value (n,) of each of their frames."""
+    clips: dict[str, int] = {}
+    sums: dict[tuple[str, str], Float] = {}  # (looks, 2) by clip and subject: seeds share the looks
+    for each, value in zip(group, values, strict=True):
+        of_looks = np.stack([np.bincount(each.looks), np.bincount(each.looks, value)], axis=1).astype(np.float64)
+        key = each.clip, each.subject
+        sums[key] = sums[key] + of_looks if key in sums else of_looks
+    codes = [np.full(len(each), clips.setdefault(clip, len(clips)), dtype=np.intp) for (clip, _), each in sums.items()]
+    frames, totals = np.concatenate(list(sums.values())).T
+    return Units(clips=np.concatenate(codes), frames=frames, values=totals)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.labels.files import IGNORED, NOWHERE
+from harness.labels.labels import IGNORED, NOWHERE
 from harness.score.looks import number_looks
 from harness.score.outcomes import Outcomes
 from harness.score.statistics import Codes

@@ -25,7 +25,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from harness.labels.files import IGNORED, NOWHERE, Label
+from harness.labels.labels import IGNORED, NOWHERE, Label
 from harness.run.records import BoxPx, FrameRecord, SubjectRecord, TargetRecord
 
 Outcome = Literal["correct", "wrong", "unscored"]

@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 from harness.report.plots.style import COLUMN_IN, HATCHES, colour
 from harness.report.verdict import overall
 from harness.score.oracle_ablation import without_oracles
-from harness.score.score import ERROR_TYPES, Scores
+from harness.score.score import Scores
+from harness.score.verdicts import ERROR_TYPES
 
 
 def draw_errors(scores: Scores) -> Figure:

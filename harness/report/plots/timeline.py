@@ -10,8 +10,8 @@ from matplotlib.patches import Patch
 
 from harness.report.plots.style import HATCHES, PAGE_IN, colour
 from harness.score.oracle_ablation import without_oracles
-from harness.score.score import ERROR_TYPES, Scores
-from harness.score.verdicts import Verdict
+from harness.score.score import Scores
+from harness.score.verdicts import ERROR_TYPES, Verdict
 from vfoa.errors import VfoaError
 
 CORRECT = "#cfe8d5"

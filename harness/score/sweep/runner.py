@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.labels.files import Labels
+from harness.labels.labels import Labels
 from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
 from harness.run.executors import work_through

@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.labels.files import IGNORED, Labels
+from harness.labels.labels import IGNORED, Labels
 from harness.run.clip_job import ClipJob
 from harness.run.executors.contract import Progress
 from harness.run.frame_sink import FinishedFrame, SinkContext

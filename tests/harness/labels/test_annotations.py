@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.labels.files import Label, LabelRange, Labels, read_annotations, write_annotations
-from harness.labels.labels import ranges_of
+from harness.labels.files import read_annotations, write_annotations
+from harness.labels.labels import Label, LabelRange, Labels, ranges_of
 from harness.labels.timeline import Timeline
 from tests.disk import write_bytes, write_text
 from tests.repository import REPOSITORY

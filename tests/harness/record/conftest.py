@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from harness.clips.naming import Names
-from harness.labels.files import Label, LabelRange, Labels
+from harness.labels.labels import Label, LabelRange, Labels
 from harness.record.composed import find_clips
 from harness.record.layers import ClipFiles, LayerNames, layer_names
 from harness.record.recorder import Recorder

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from rerun.chunk import RrdReader
 
-from harness.labels.files import Label, LabelRange, Labels
+from harness.labels.labels import Label, LabelRange, Labels
 from harness.record import entities
 from harness.record.layers import ClipFiles, LayerNames, layer_names
 from harness.record.recorder import Recorder

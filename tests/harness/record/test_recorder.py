@@ -15,10 +15,10 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from harness.record import entities, frame_log
+from harness.record.images import VideoEncoder
 from harness.record.layers import ClipFiles
 from harness.record.program import viewer_binary
 from harness.record.recorder import Recorder
-from harness.record.video import VideoEncoder
 from tests.harness.record.conftest import CONFIGURATION, LAYERS, verdict
 
 ANN = "Ann Müller/left"

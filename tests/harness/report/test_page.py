@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.labels.files import Label, LabelRange, Labels
+from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.page import packing
 from harness.report.page.attention_log import AttentionLog
 from harness.report.page.data import LETTERS, STATES, differing_settings

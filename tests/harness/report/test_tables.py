@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from harness.labels.files import Labels
+from harness.labels.labels import Labels
 from harness.report.csv_tables import FrameRows
 from harness.report.formats import to_rich
 from harness.report.tables import frr_table, paper_table, terminal_table

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from harness.clips.manifest import load_manifest
-from harness.labels.files import NOWHERE, Label, Labels, write_annotations
+from harness.labels.files import write_annotations
+from harness.labels.labels import NOWHERE, Label, Labels
 from harness.labels.timeline import timeline_of
 from harness.record import Size
 from harness.report.sinks import composed_sinks

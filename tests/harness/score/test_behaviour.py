@@ -12,10 +12,9 @@ from scipy.stats import t
 from harness.clips.manifest import load_manifest
 from harness.labels.timeline import timeline_of
 from harness.run.records import FrameRecord
-from harness.score.behaviour import BehaviourRow, measure_behaviour
+from harness.score.behaviour import BehaviourRow, measure_behaviour, pooled_ratios
 from harness.score.intervals import Units, rate_interval
 from harness.score.outcomes import collect_outcomes
-from harness.score.ratios import pooled_ratios
 from harness.score.reference import Reference
 from harness.score.sequences import TRUTH
 from harness.studio.choreography import SACCADE_FRAMES, Choreography

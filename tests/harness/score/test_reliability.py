@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from harness.files import write_together
-from harness.labels.files import Label, LabelRange, Labels
+from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.figures import figure_files
 from harness.report.reliability import reliability_figure, reliability_table
 from harness.score.reliability import BeliefLog, adaptive_error, reliability

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from sklearn.metrics import cohen_kappa_score, f1_score
 
-from harness.labels.files import Label, LabelRange, Labels
+from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.records import FrameRecord
 from harness.score.reference import Reference
-from harness.score.score import ERROR_TYPES, ScoreRow, Scores, score
+from harness.score.score import ScoreRow, Scores, score
 from harness.score.statistics import wilson_interval
+from harness.score.verdicts import ERROR_TYPES
 from tests.records import answers, frame_record, labels, subject_record, target_record
 
 

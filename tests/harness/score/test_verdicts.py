@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from harness.labels.files import Label
+from harness.labels.labels import Label
 from harness.run.records import FrameRecord
 from harness.score.verdicts import ERROR_TYPES, NO_HIT, Verdict, judge, judge_absent
 from tests.records import frame_record, subject_record, target_record

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from harness.clips.manifest import load_manifest
-from harness.labels.files import IGNORED
+from harness.labels.labels import IGNORED
 from harness.labels.timeline import timeline_of
 from harness.sources import Clip
 from harness.stages.ground_truth.oracle import true_labels

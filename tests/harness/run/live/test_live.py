@@ -23,7 +23,7 @@ from rerun.experimental import ViewerClient
 from harness.cli import main
 from harness.clips.manifest import ClipManifest, make_manifest
 from harness.record import viewer
-from harness.record.sink import recordings
+from harness.report.sinks import recordings
 from harness.run.directory import RunDirectory
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.live.newest import Newest

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from harness.labels.files import Label
+from harness.labels.labels import Label
 from harness.sources import PersonTruth, Truth
 from harness.stages.ground_truth.oracle import (
     OracleSettings,
