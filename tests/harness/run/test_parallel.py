@@ -19,7 +19,7 @@ from typing import Any
 import cv2
 import pytest
 
-from harness.record.sink import recordings
+from harness.report.sinks import recordings
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.executors.cluster import Cluster, connect, local_cluster
