@@ -90,6 +90,7 @@ def _run(plan: Plan, sinks: tuple[SinkFactory, ...], cache: ClipCache, out: Path
         directory=RunDirectory(out),
         sinks=sinks,
         cache=cache,
+        drawn=clip.drawn,
     )
     started = time.process_time()
     for error in run_clip(job, lambda clip: None).failures.values():

@@ -33,8 +33,10 @@ class Bench:
 def _stages(bench: Bench) -> list[Table]:
     from harness.bench.stages import measure_stages
     from harness.bench.tables import stages_table
+    from harness.run.plan import drawn_on
 
-    costs = measure_stages(bench.manifest, bench.experiment.configurations, bench.frames, "light")
+    drawn = drawn_on(bench.manifest, bench.manifest.open().frames, bench.experiment)
+    costs = measure_stages(bench.manifest, bench.experiment.configurations, bench.frames, "light", drawn)
     return [stages_table(bench.manifest.name, costs)]
 
 

@@ -17,6 +17,7 @@ from harness.run.executors import work_through
 from harness.run.loop import run_clip
 from harness.run.partial_results import ResultsSinks
 from harness.stages.configuration import Configuration
+from harness.stages.drawn import DrawnClip
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -55,11 +56,15 @@ class StageCosts:
 
 
 def measure_stages(
-    manifest: ClipManifest, configurations: Sequence[Configuration], frames: Sequence[int], recording: Size | None
+    manifest: ClipManifest,
+    configurations: Sequence[Configuration],
+    frames: Sequence[int],
+    recording: Size | None,
+    drawn: DrawnClip | None,
 ) -> list[StageCosts]:
     """Run the frames under the configurations and read the costs from the run's timings.
 
-    The first frame, in which networks are warmed up and tables are built, is left out.
+    The first frame, in which networks are warmed up and tables are built, is left out. ``drawn`` is what a person drew.
     """
     with tempfile.TemporaryDirectory() as folder:
         directory = RunDirectory(Path(folder))
@@ -70,6 +75,7 @@ def measure_stages(
             configurations=tuple(configurations),
             directory=directory,
             sinks=(*recordings(configurations, recording), ThumbnailSinks(), ResultsSinks()),
+            drawn=drawn,
         )
         for outcome in work_through(run_clip, [job], 1, lambda clip: None):
             for error in outcome.failures.values():

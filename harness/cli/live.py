@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import datetime
 from pathlib import Path
@@ -67,7 +67,7 @@ def live(
         raise VfoaError("live: --recording failures needs labels, which a live source has not; expected light or full")
     if recording.size is None and (viewer or connect):
         raise VfoaError("live: --recording none leaves nothing for a viewer: leave out --viewer and --connect")
-    opened, manifest = _open(source, right, calibration, tuple(settings or ()))
+    opened, manifest, frames = _open(source, right, calibration, tuple(settings or ()))
     chosen = _only(
         load_experiment(experiment, clips=(manifest.name,), overrides=tuple(overrides or ()), preset=preset), config
     )
@@ -81,6 +81,7 @@ def live(
             chosen,
             directory,
             stopped=stopped,
+            frames=frames,
             sinks=composed_sinks(chosen.configurations, recording.size, watched_at=address),
             limit=limit,
             threads=threads or os.cpu_count() or 1,
@@ -98,8 +99,8 @@ def _viewer() -> AbstractContextManager[str]:
 
 def _open(
     source: str, right: str | None, calibration: Path | None, settings: tuple[str, ...]
-) -> tuple[LiveSource, ClipManifest]:
-    """The source, and the manifest that says what it is called."""
+) -> tuple[LiveSource, ClipManifest, Sequence[int] | None]:
+    """The source, the manifest that says what it is called, and the frame numbers of a clip that is played."""
     from harness.clips.manifest import as_clip_name, load_manifest, make_manifest
     from harness.sources.live_sources import CameraPair, PlayedClip, open_capture
     from vfoa.errors import VfoaError
@@ -110,15 +111,16 @@ def _open(
         if calibration is None:
             raise VfoaError("live: two cameras need --calibration FILE")
         manifest = make_manifest({"name": "cameras", "adapter": "cameras"}, Path("cameras.toml"))
-        return CameraPair(open_capture(source), open_capture(right), calibration), manifest
+        return CameraPair(open_capture(source), open_capture(right), calibration), manifest, None
     if calibration is not None:
         raise VfoaError("live: --calibration is for two cameras; expected --right too, or no --calibration")
     if source.endswith(".mcap"):
         name = as_clip_name(Path(source).stem, default="recording")
         data = {"name": name, "adapter": "mcap", "source": {"recording": Path(source).name}}
-        return _tail(Path(source), settings), make_manifest(data, Path(f"{name}.toml"))
+        return _tail(Path(source), settings), make_manifest(data, Path(f"{name}.toml")), None
     manifest = load_manifest(source)
-    return PlayedClip(manifest.open_images(), str(manifest.path)), manifest
+    clip = manifest.open_images()
+    return PlayedClip(clip, str(manifest.path)), manifest, clip.frames
 
 
 def _tail(path: Path, settings: tuple[str, ...]) -> LiveSource:

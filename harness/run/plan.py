@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -100,15 +100,21 @@ def _prepare_clip(name: str, limit: int | None, experiment: Experiment) -> Prepa
     manifest = load_manifest(name)
     clip = manifest.open()
     labels = manifest.labels(timeline_of(clip), experiment.annotator)
-    drawn = None if isinstance(clip, MeasuredClip) else _drawn(manifest, clip, experiment)
+    drawn = None if isinstance(clip, MeasuredClip) else drawn_on(manifest, clip.frames, experiment)
     return PreparedClip(manifest=manifest, clip=clip, frames=tuple(clip.frames)[:limit], labels=labels, drawn=drawn)
 
 
-def _drawn(manifest: ClipManifest, clip: Clip, experiment: Experiment) -> DrawnClip | None:
-    """What is drawn on a clip, where some configuration uses it."""
+def drawn_on(manifest: ClipManifest, frames: Sequence[int] | None, experiment: Experiment) -> DrawnClip | None:
+    """What is drawn on a clip with these frames, where some configuration uses it; None: on a source that is no clip.
+
+    Raises
+    ------
+    VfoaError
+        If the file is wrong, or a configuration has nothing but what is drawn, and nothing is.
+    """
     if not any(each.uses_drawn for each in experiment.configurations):
         return None
-    drawn = manifest.drawn(clip.frames)
+    drawn = None if frames is None else manifest.drawn(frames)
     for each in experiment.configurations:
         check_drawn(manifest.name, drawn, each)
     return DrawnClip.of(manifest, drawn) if drawn else None
@@ -131,8 +137,13 @@ def _said_of_drawn(clips: Iterable[PreparedClip]) -> Iterator[str]:
     """A sentence where a person drew what models find elsewhere: a reader of the table must know."""
     for one in clips:
         if one.drawn is not None:
-            keys = sum(len(each.keys) for each in one.drawn.drawn.tracks)
-            yield f"{one.manifest.name}: drawn by hand: {', '.join(one.drawn.drawn.names)} ({keys} key frames)."
+            yield said_of_drawn(one.manifest.name, one.drawn)
+
+
+def said_of_drawn(clip: str, drawn: DrawnClip) -> str:
+    """What is drawn on a clip, and with how many key frames."""
+    keys = sum(len(each.keys) for each in drawn.drawn.tracks)
+    return f"{clip}: drawn by hand: {', '.join(drawn.drawn.names)} ({keys} key frames)."
 
 
 def _said_of_near(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import statistics
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -23,7 +23,7 @@ from harness.run.live.clip import Latency, LiveClip
 from harness.run.live.newest import Newest
 from harness.run.loop import attend_to, reconstructed
 from harness.run.partial_results import ResultsSinks
-from harness.run.plan import Plan, PreparedClip, describe
+from harness.run.plan import Plan, PreparedClip, describe, drawn_on, said_of_drawn
 from harness.run.runner import circumstances, now
 from harness.sources.live import LiveSource
 from harness.stages.sharing import SharedPipeline
@@ -58,6 +58,7 @@ def run_live(
     directory: RunDirectory,
     *,
     stopped: Event,
+    frames: Sequence[int] | None = None,
     sinks: Iterable[SinkFactory] = (),
     limit: int | None = None,
     threads: int = 1,
@@ -69,6 +70,8 @@ def run_live(
     ----------
     manifest
         What the source and the people and things in it are called.
+    frames
+        The frame numbers of a clip that is played: what is drawn on it is used. None: cameras, a recording.
     experiment
         Its only configuration is run.
     directory
@@ -87,6 +90,9 @@ def run_live(
         raise VfoaError(
             f"{directory.path}: holds a run already; a live one cannot be gone on with: choose another --out"
         )
+    drawn = drawn_on(manifest, frames, experiment)
+    if drawn is not None:
+        experiment = replace(experiment, notes=(*experiment.notes, said_of_drawn(manifest.name, drawn)))
     started, sinks = now(), tuple(sinks)
     compute_with(min(threads, MOST_THREADS))
     (configuration,) = experiment.configurations
@@ -100,6 +106,7 @@ def run_live(
         sinks=(*sinks, ResultsSinks(), _Arrivals(clip, stopped)),
         perceive_ahead=1 if threads > 1 else 0,
         keeps=True,
+        drawn=drawn,
     )
     written, error = _follow(clip, job, limit=limit, progress=progress)
     if error is None and clip.damaged and not clip.frames:
@@ -108,7 +115,7 @@ def run_live(
         shutil.rmtree(directory.path, ignore_errors=True)  # it was new, and nothing came of it
         raise error
     report = _report(clip)
-    plan = Plan(experiment=experiment, clips=(_prepared(manifest, clip, written),), sinks=sinks)
+    plan = Plan(experiment=experiment, clips=(_prepared(job, clip, written),), sinks=sinks)
     failure = None if error is None else directory.failure(job.pairs[0], error)
     _write(directory, plan, clip, report, started, failure)
     if error is not None and failure is not None:
@@ -124,7 +131,8 @@ def _follow(
     progress: Callable[[str], None],
 ) -> tuple[int, VfoaError | None]:
     """Lead each frame that is taken from the source to the sinks; how many, and the error that ended it, if any."""
-    with closing(SharedPipeline(job.configurations, clip, parallel=job.perceive_ahead > 0)) as pipeline:
+    parallel = job.perceive_ahead > 0
+    with closing(SharedPipeline(job.configurations, clip, drawn=job.drawn, parallel=parallel)) as pipeline:
         numbers = clip.numbers(lambda first: _rehearse(first, clip, pipeline, job), limit)
         (runner,) = attend_to(reconstructed(clip, pipeline, numbers, job), job, clip.rate_hz, progress)
     return runner.written, runner.error
@@ -164,9 +172,9 @@ def _rehearse(number: int, clip: LiveClip, pipeline: SharedPipeline, job: ClipJo
         attend_to(frames, job, clip.rate_hz, lambda clip: None, rehearsal=True)
 
 
-def _prepared(manifest: ClipManifest, clip: LiveClip, written: int) -> PreparedClip:
+def _prepared(job: ClipJob, clip: LiveClip, written: int) -> PreparedClip:
     frames = tuple(each.frame for each in clip.latencies[:written])
-    return PreparedClip(manifest=manifest, clip=clip, frames=frames, labels=None)
+    return PreparedClip(manifest=job.manifest, clip=clip, frames=frames, labels=None, drawn=job.drawn)
 
 
 def _write(
