@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
+from weakref import WeakKeyDictionary
 
 from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table
+from harness.run.measure_log import MeasureLog
 from harness.score.behaviour import BehaviourRow, measure_behaviour
 from harness.score.score import Scores
 from harness.score.sequences import TRUTH
@@ -45,7 +47,7 @@ def behaviour_csv(scores: Scores) -> Table:
             *("value", "n", "interval_low", "interval_high", "interval_unit"),
         ),
         words=7,
-        rows=tuple(_csv_row(row) for row in measure_behaviour(scores.outcomes)),
+        rows=tuple(_csv_row(row) for row in _measured(scores)),
     )
 
 
@@ -69,8 +71,20 @@ def transitions_table(scores: Scores) -> Table:
 
 def _shown(scores: Scores) -> list[BehaviourRow]:
     few = len({each.clip for each in scores.outcomes}) <= _MOST_CLIPS
-    rows = measure_behaviour(scores.outcomes, by_clip=few)
-    return sorted(rows, key=lambda row: row.clip is not None)
+    return sorted(_measured(scores, by_clip=few), key=lambda row: row.clip is not None)
+
+
+_known: WeakKeyDictionary[MeasureLog, dict[bool, list[BehaviourRow]]] = WeakKeyDictionary()
+"""The rows by run, and by whether those of single clips are among them: tables and panels show the same ones."""
+
+
+def _measured(scores: Scores, *, by_clip: bool = True) -> list[BehaviourRow]:
+    known = _known.setdefault(scores.measures, {})
+    if not by_clip and True in known:
+        return [row for row in known[True] if row.clip is None]
+    if by_clip not in known:
+        known[by_clip] = measure_behaviour(scores.outcomes, by_clip=by_clip)
+    return known[by_clip]
 
 
 def _side_by_side(

@@ -179,7 +179,7 @@ def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | 
 
 
 def _clip_cache(one: PreparedClip, clip: Clip, job: ClipJob, store: Store, account: Account) -> ClipCache:
-    cache = open_cache(store, one.manifest.name, clip, job.configurations)
+    cache = open_cache(store, one.manifest.name, clip, job.configurations, one.digest)
     for key, identity in cache.identities.items():
         account.open(one.manifest.name, key, identity, store)
     return cache

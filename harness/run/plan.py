@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 from harness.clips.manifest import ClipManifest, load_manifest
@@ -23,7 +24,7 @@ from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class PreparedClip:
     """A clip that was opened and whose labels, and what is drawn on it if that is used, were read."""
 
@@ -32,6 +33,11 @@ class PreparedClip:
     frames: tuple[int, ...]
     labels: Labels | None
     drawn: DrawnClip | None = None
+
+    @cached_property
+    def digest(self) -> str:
+        """Of the clip's content, as it was when it was asked for first: to compute it, all images are read."""
+        return self.clip.digest()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,7 +196,7 @@ def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
         "rate_hz": one.clip.rate_hz,
         "frames": list(one.frames),
         "times_ns": [one.clip.time_ns(number) for number in one.frames],
-        "sha256": one.clip.digest(),
+        "sha256": one.digest,
         "drawn_sha256": None if one.drawn is None else one.drawn.digest,
         "names": one.manifest.naming(),
         "stage_outputs_sha256": provenance.output_digests(experiment, one.manifest.name, one.clip),

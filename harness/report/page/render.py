@@ -18,7 +18,7 @@ from harness.report.page.packing import bundle, pack_json
 from harness.report.panels import Picture, draw_panels
 from harness.report.published import published_table
 from harness.report.reliability import reliability_table
-from harness.report.stages import StageTimes, terminal_measures
+from harness.report.stages import StageTimes
 from harness.report.tables import error_types_table, frr_table, nowhere_table, remarks, seeds_table, visible_table
 from harness.report.thumbnails import Thumbnails
 from harness.report.verdict import verdict_sentence
@@ -76,7 +76,7 @@ def render_page(
             "oracle": [ablation_table(scores)],
             "calibration": [reliability_table(reliabilities), *checks],
             "speed": [times.table()] if times else [],
-            "more": [terminal_measures(scores), *(each for each in panels if isinstance(each, Table))],
+            "more": [each for each in panels if isinstance(each, Table)],
             "settings": [*([_clips(manifest["clips"])] if manifest else []), *([differing] if differing else [])],
         }
     )

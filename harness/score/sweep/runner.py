@@ -98,7 +98,7 @@ def _job(
     if isinstance(clip, MeasuredClip):
         raise VfoaError(f"sweep: {name} holds measurements; expected clips with images")
     configurations = tuple(each.for_clip(name) for each in experiment.configurations)
-    cache = open_cache(store, name, clip, configurations) if store else None
+    cache = open_cache(store, name, clip, configurations, one.digest) if store else None
     return ClipJob(
         manifest=one.manifest,
         frames=one.frames,

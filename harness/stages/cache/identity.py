@@ -47,10 +47,10 @@ class Source:
     versions: Mapping[str, str]
 
     @classmethod
-    def of(cls, name: str, clip: Clip) -> Source:
-        """The clip as it is read now."""
+    def of(cls, name: str, clip: Clip, digest: str | None = None) -> Source:
+        """The clip as it is read now; ``digest`` is that of its content, where it is known already."""
         code, versions = code_of(type(clip).__module__)
-        return cls(name=name, digest=clip.digest(), code=code, versions=versions)
+        return cls(name=name, digest=digest or clip.digest(), code=code, versions=versions)
 
 
 def identify(choice: StageChoice, source: Source) -> Identity | None:

@@ -62,10 +62,15 @@ class ClipCache:
         return not alone or not all(_place(self.store, each, frame, ()).exists() for each in alone)
 
 
-def open_cache(store: Store, name: str, clip: Clip, configurations: Iterable[Configuration]) -> ClipCache:
-    """The cache for all stages of these configurations on the clip of this name."""
+def open_cache(
+    store: Store, name: str, clip: Clip, configurations: Iterable[Configuration], digest: str | None = None
+) -> ClipCache:
+    """The cache for all stages of these configurations on the clip of this name.
+
+    ``digest`` is that of the clip's content, where it is known already: to compute it, all images are read.
+    """
     choices = {choice.key: choice for each in configurations for choice in each.choices.values() if choice}
-    source = Source.of(name, clip)
+    source = Source.of(name, clip, digest)
     found = {key: identify(choice, source) for key, choice in choices.items()}
     return ClipCache(store=store, identities={key: each for key, each in found.items() if each is not None})
 

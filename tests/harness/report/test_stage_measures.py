@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import pytest
 
+from harness.report.page.attention_log import AttentionLog
+from harness.report.page.render import render_page
 from harness.report.stages import object_measures_table, stage_measures_table, terminal_measures
 from harness.run.records import FrameRecord
 from harness.score.reference import Reference
@@ -57,3 +60,9 @@ def test_a_true_thing_bears_the_runs_own_name_for_it(scores: Scores) -> None:
 def test_a_run_that_knows_no_truth_has_no_rows() -> None:
     unknown = score(answers(["mug"]), Reference(labels={"clip": labels("mug")}))
     assert stage_measures_table(unknown).rows == object_measures_table(unknown).rows == ()
+
+
+def test_the_page_has_every_table_once(scores: Scores) -> None:
+    titles = re.findall(r"<summary>([^<]*)</summary>", render_page(scores, AttentionLog()))
+    assert "Stages against the truth" in titles
+    assert sorted(set(titles)) == sorted(titles)

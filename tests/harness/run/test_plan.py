@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+
 from harness.run.experiment import load_experiment
-from harness.run.plan import prepare
+from harness.run.plan import describe, prepare
+from harness.stages.cache.stage import open_cache
+from harness.stages.cache.store import Store
 
 
 def test_names_by_the_sources_ids_are_doubted_where_a_network_numbers_the_masks() -> None:
@@ -26,3 +32,17 @@ def test_things_nearer_than_the_matchers_search_are_said_for_each_limit() -> Non
     (*_, note) = prepare(far).experiment.notes
     assert note.startswith("studio_talk: ")
     assert "of the matches are nearer than stereo.min_depth_m = 2" in note
+
+
+def test_a_clips_content_is_digested_once_for_the_plan_and_the_cache(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = prepare(load_experiment("demo", clips=("studio_table",)), limit=1)
+    (one,) = plan.clips
+    asked = []
+    content = type(one.clip).digest
+    monkeypatch.setattr(type(one.clip), "digest", lambda clip: asked.append(clip) or content(clip))
+    described = describe(plan)["clips"][0]["sha256"]
+    cache = open_cache(Store(tmp_path, 10**9), "studio_table", one.clip, plan.experiment.configurations, one.digest)
+    assert asked == [one.clip]
+    assert {each.parts["clip sha256"] for each in cache.identities.values()} == {described}
