@@ -15,6 +15,19 @@ PEOPLE_HEADER = (
     "frame,time_ns,person,x_m,y_m,z_m,head_x,head_y,head_z,head_sigma_deg,gaze_x,gaze_y,gaze_z,gaze_sigma_deg"
 )
 OBJECTS_HEADER = "frame,object,category,x_m,y_m,z_m,size_x_m,size_y_m,size_z_m"
+EXPERIMENT = """\
+clips = ["talk"]
+preset = "measured"
+[[configuration]]
+name = "cones"
+attention.cones_cm = [25]
+[[configuration]]
+name = "forward"
+attention.method = "bayes"
+attention.smoothing = "forward"
+"""
+"""An experiment on a clip ``talk`` of :func:`measured_tables`."""
+LABELS_HEADER = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
 START_NS, STEP_NS = 1_700_000_000_000_000_000, 40_000_000
 
 
@@ -32,6 +45,17 @@ def measured_tables(folder: Path, frames: Sequence[int] = range(1, 13)) -> Path:
     (folder / "people.csv").write_text("\n".join(people) + "\n")
     (folder / "objects.csv").write_text("\n".join(objects) + "\n")
     return folder
+
+
+def true_labels(count: int = 12) -> str:
+    """The labels of :func:`measured_tables` with so many frames from 1 on."""
+    half = count // 2
+    rows = [
+        f"{first},{last},{subject},{target},\n"
+        for subject, other in (("anna", "ben"), ("ben", "anna"))
+        for first, last, target in ((1, half, other), (half + 1, count, "robot"))
+    ]
+    return LABELS_HEADER + "".join(rows)
 
 
 def idiap_file(folder: Path, count: int = 6) -> Path:

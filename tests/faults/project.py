@@ -12,7 +12,7 @@ from harness.annotate.edits import look
 from harness.annotate.store import LabelStore
 from harness.labels.timeline import Timeline
 from tests.disk import write_image, write_text
-from tests.measured import measured_tables
+from tests.measured import EXPERIMENT, LABELS_HEADER, measured_tables, true_labels
 
 MANIFEST = """\
 name = "talk"
@@ -32,20 +32,7 @@ category = "robot"
 [targets.cup]
 category = "cup"
 """
-EXPERIMENT = """\
-clips = ["talk"]
-preset = "measured"
-[[configuration]]
-name = "cones"
-attention.cones_cm = [25]
-[[configuration]]
-name = "forward"
-attention.method = "bayes"
-attention.smoothing = "forward"
-"""
-LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
-TRUE = "1,30,anna,ben,\n31,60,anna,robot,\n1,30,ben,anna,\n31,60,ben,robot,\n"
-OTHER = "1,25,anna,ben,\n26,60,anna,robot,\n1,30,ben,anna,\n31,60,ben,robot,\n"
+OTHER = LABELS_HEADER + "1,25,anna,ben,\n26,60,anna,robot,\n1,30,ben,anna,\n31,60,ben,robot,\n"
 FRAMES = range(1, 61)
 
 MODEL = np.random.default_rng(0).bytes(300_000)
@@ -57,8 +44,8 @@ def write_project(folder: Path) -> None:
     measured_tables(folder / "data" / "talk", FRAMES)
     measured_tables(folder / "data" / "walk", range(1, 9))
     write_text(folder / "datasets" / "talk.toml", MANIFEST)
-    write_text(folder / "annotations" / "talk.csv", LABELS + TRUE)
-    write_text(folder / "annotations" / "talk@ben.csv", LABELS + OTHER)
+    write_text(folder / "annotations" / "talk.csv", true_labels(len(FRAMES)))
+    write_text(folder / "annotations" / "talk@ben.csv", OTHER)
     write_text(folder / "talk.toml", EXPERIMENT)
     _write_board(folder / "board")
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from harness.annotate.session import Session
 from tests.annotating import Page, make_work, serve
 
 
@@ -26,3 +27,17 @@ def noise(work: Path) -> Iterator[Callable[..., Page]]:
             return stack.enter_context(serve(clip=str(work / "datasets" / "noise.toml"), **choices))
 
         yield start
+
+
+@pytest.fixture
+def opened(work: Path) -> Iterator[Any]:
+    """Opens the clip ``noise`` with the choices it is given."""
+    sessions: list[Session] = []
+
+    def start(**choices: Any) -> Session:
+        sessions.append(Session(str(work / "datasets" / "noise.toml"), **choices))
+        return sessions[-1]
+
+    yield start
+    for session in sessions:
+        session.close()

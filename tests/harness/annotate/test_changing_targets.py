@@ -23,19 +23,6 @@ if TYPE_CHECKING:
 HEAD = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
 
 
-@pytest.fixture
-def opened(work: Path) -> Iterator[Any]:
-    sessions: list[Session] = []
-
-    def start(**choices: Any) -> Session:
-        sessions.append(Session(str(work / "datasets" / "noise.toml"), **choices))
-        return sessions[-1]
-
-    yield start
-    for session in sessions:
-        session.close()
-
-
 def _manifest(work: Path) -> ClipManifest:
     return load_manifest(str(work / "datasets" / "noise.toml"))
 

@@ -6,7 +6,6 @@ import json
 import os
 import shutil
 import socket
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,20 +27,6 @@ from tests.disk import HEIGHT, WIDTH, write_image, write_text
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity
-
-
-@pytest.fixture
-def opened(work: Path) -> Iterator[Any]:
-    """Opens the clip ``noise`` with the choices it is given."""
-    sessions: list[Session] = []
-
-    def start(**choices: Any) -> Session:
-        sessions.append(Session(str(work / "datasets" / "noise.toml"), **choices))
-        return sessions[-1]
-
-    yield start
-    for session in sessions:
-        session.close()
 
 
 def test_an_outline_is_the_edge_of_the_mask() -> None:

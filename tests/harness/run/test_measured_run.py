@@ -21,22 +21,8 @@ from harness.run.experiment import load_experiment
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from tests.disk import write_text
-from tests.measured import measured_tables
+from tests.measured import EXPERIMENT, measured_tables, true_labels
 from vfoa.errors import VfoaError
-
-EXPERIMENT = """
-clips = ["talk"]
-preset = "measured"
-[[configuration]]
-name = "cones"
-attention.cones_cm = [25]
-[[configuration]]
-name = "forward"
-attention.method = "bayes"
-attention.smoothing = "forward"
-"""
-LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
-TRUE = "1,6,anna,ben,\n7,12,anna,robot,\n1,6,ben,anna,\n7,12,ben,robot,\n"
 
 
 @pytest.fixture
@@ -46,7 +32,7 @@ def talk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     found = CliRunner().invoke(app, ["add", str(tmp_path / "data" / "talk"), "--json"], catch_exceptions=False)
     assert json.loads(found.stdout)["subjects"] == ["anna", "ben"]
-    write_text(tmp_path / "annotations" / "talk.csv", LABELS + TRUE)
+    write_text(tmp_path / "annotations" / "talk.csv", true_labels())
     write_text(tmp_path / "talk.toml", EXPERIMENT)
     return tmp_path
 

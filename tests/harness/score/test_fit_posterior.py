@@ -11,22 +11,11 @@ from harness.clips.add import add_clip
 from harness.run.experiment import load_experiment
 from harness.run.fitted_settings import read_fitted
 from tests.disk import write_text
-from tests.measured import measured_tables
+from tests.measured import EXPERIMENT, measured_tables, true_labels
 from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError
 
-EXPERIMENT = """
-clips = ["one", "two"]
-preset = "measured"
-[[configuration]]
-name = "cones"
-attention.cones_cm = [25]
-[[configuration]]
-name = "forward"
-attention.method = "bayes"
-"""
-LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
-TRUE = "1,6,anna,ben,\n7,12,anna,robot,\n1,6,ben,anna,\n7,12,ben,robot,\n"
+TWO_CLIPS = EXPERIMENT.replace('"talk"', '"one", "two"').replace('attention.smoothing = "forward"\n', "")
 
 
 @pytest.fixture
@@ -35,8 +24,8 @@ def fitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     for name in ("one", "two"):
         add_clip(measured_tables(tmp_path / "data" / name), name=name)
-        write_text(tmp_path / "annotations" / f"{name}.csv", LABELS + TRUE)
-    write_text(tmp_path / "talk.toml", EXPERIMENT)
+        write_text(tmp_path / "annotations" / f"{name}.csv", true_labels())
+    write_text(tmp_path / "talk.toml", TWO_CLIPS)
     fit("talk.toml", Path("fitted.toml"), None)
     return Path("fitted.toml")
 
@@ -75,6 +64,6 @@ def test_a_wrong_key_is_named(fitted: Path) -> None:
 def test_clips_without_labels_cannot_be_fitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     add_clip(measured_tables(tmp_path / "data" / "one"), name="one")
-    write_text(tmp_path / "talk.toml", EXPERIMENT.replace('"one", "two"', '"one"'))
+    write_text(tmp_path / "talk.toml", TWO_CLIPS.replace('"one", "two"', '"one"'))
     with pytest.raises(VfoaError, match="fit: talk: no labelled frame"):
         fit("talk.toml", None, None)
