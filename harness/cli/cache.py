@@ -18,10 +18,9 @@ def info(
     """Show where the cache is, its limit, and the size of each stage and clip."""
     from dataclasses import asdict
 
-    from harness.remote import cache_root
-    from harness.stages.cache.store import Store, cache_limit
+    from harness.stages.cache.store import open_store
 
-    store = Store(cache or cache_root(), cache_limit())
+    store = open_store(cache)
     usage = store.usage()
     total = sum(each.bytes for each in usage)
     if as_json:
@@ -39,10 +38,9 @@ def info(
 @app.command()
 def clear(cache: Cache = None) -> None:
     """Remove every cached result."""
-    from harness.remote import cache_root
-    from harness.stages.cache.store import Store, cache_limit
+    from harness.stages.cache.store import open_store
 
-    store = Store(cache or cache_root(), cache_limit())
+    store = open_store(cache)
     total = sum(each.bytes for each in store.usage())
     store.clear()
     say(f"{store.stages}: removed {total / 1e6:.1f} MB")

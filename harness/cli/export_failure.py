@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import OneClip, OneConfiguration, Recordings
+from harness.cli.options import OneClip, OneConfiguration, Recordings, run_folder
 from harness.cli.terminal import say
 
 
@@ -29,7 +29,7 @@ def export_failure(
     from harness.record.excerpt import write_excerpt
     from vfoa.errors import VfoaError
 
-    found = find_clips(run, clip, config)
+    found = find_clips(run_folder(run), clip, config)
     pairs = [f"{each.files.clip}, {layers.configuration}" for each in found for layers in each.layers]
     if len(pairs) > 1:
         raise VfoaError(f"{run}: expected one recording, found {'; '.join(pairs)}: choose with --clip and --config")

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Replace, Run
+from harness.cli.options import Replace, Run, run_folder
 from harness.cli.terminal import say
 
 
@@ -36,7 +36,7 @@ def export_table(
 
     if out is not None:
         check_new(out, replace=replace, hint=", or another --out")
-    finished = FinishedRun.read(RunDirectory(run))
+    finished = FinishedRun.read(RunDirectory(run_folder(run)))
     scores = score(finished.records(), finished.reference())
     text = FORMATS[to.value](scores, exported_table(scores, finished.manifest))
     if out is None:

@@ -10,12 +10,29 @@ import typer
 
 from harness.cli.completion import clip_names, configuration_names, run_directories
 
+
+def run_folder(run: str) -> Path:
+    """The folder of a run: the path, or the copy of what is at an address of object storage."""
+    from harness.remote import is_address, local_copy
+
+    return local_copy(run.rstrip("/"), "RUN") if is_address(run) else Path(run)
+
+
 Run = Annotated[
-    Path, typer.Argument(metavar="RUN", help="Directory of a run, such as runs/demo.", autocompletion=run_directories)
+    str,
+    typer.Argument(
+        metavar="RUN",
+        help="Directory of a run, such as runs/demo.",
+        autocompletion=run_directories,
+    ),
 ]
 Recordings = Annotated[
-    Path,
-    typer.Argument(metavar="RUN", help="Directory of a run, or one .rrd file.", autocompletion=run_directories),
+    str,
+    typer.Argument(
+        metavar="RUN",
+        help="Directory of a run, or one .rrd file.",
+        autocompletion=run_directories,
+    ),
 ]
 Clip = Annotated[
     str, typer.Argument(metavar="CLIP", help="Clip by name, or its .toml file.", autocompletion=clip_names)
@@ -43,16 +60,21 @@ RunConfiguration = Annotated[
     ),
 ]
 Out = Annotated[
-    Path | None,
+    str | None,
     typer.Option(
+        metavar="DIRECTORY",
         help="Directory of the run. Default: runs/<experiment>, or the next free runs/<experiment>-N if that holds "
-        "another run."
+        "another run. May be on object storage: s3://bucket/runs/name.",
     ),
 ]
 Workers = Annotated[int, typer.Option(min=0, help="Number of processes, one thread each; 0: one per core.")]
 Cache = Annotated[
-    Path | None,
-    typer.Option(help="Directory of the stage cache. Default: $VFOA_CACHE, or the user's cache directory."),
+    str | None,
+    typer.Option(
+        metavar="DIRECTORY",
+        help="Directory of the stage cache. Default: $VFOA_CACHE, or the user's cache directory. May be on object "
+        "storage: s3://bucket/cache.",
+    ),
 ]
 Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0: any free port.")]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Print the address; do not open a browser.")]

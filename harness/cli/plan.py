@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Json, Run
+from harness.cli.options import Json, Run, run_folder
 
 
 def plan(
@@ -23,7 +23,7 @@ def plan(
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
 
-    found = plans(read_scores(RunDirectory(run)), points, power)
+    found = plans(read_scores(RunDirectory(run_folder(run))), points, power)
     if as_json:
         print_json([asdict(each) for each in found])
     else:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Run
+from harness.cli.options import Run, run_folder
 from harness.cli.terminal import say
 
 
@@ -42,5 +42,5 @@ def plot(
 
     check_format(out)
     check_new(out, replace=replace, hint=", or another --out")
-    save_figure(out, plot_run(run, kind.value, clip=clip, subject=subject))
+    save_figure(out, plot_run(run_folder(run), kind.value, clip=clip, subject=subject))
     say(f"Figure: {out}")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import NoOpen, Port, Run
+from harness.cli.options import NoOpen, Port, Run, run_folder
 from harness.cli.terminal import say
 
 
@@ -23,30 +23,34 @@ def report(
     no_open: NoOpen = False,
 ) -> None:
     """Write a run's report page from its results and the present labels, or the page of a sweep."""
+    from harness.remote import Mirror
     from harness.report.sweep import write_sweep
     from harness.report.write import report_page, rescore
     from harness.run.directory import RunDirectory
     from harness.score.sweep.read import is_sweep, read_sweep
     from vfoa.errors import VfoaError
 
-    directory = RunDirectory(run)
+    folder = run_folder(run)
+    directory = RunDirectory(folder)
     if not serve and (port or no_open):
         raise VfoaError("report: --port and --no-open are for --serve: leave them out, or add it")
-    if is_sweep(run):
+    if is_sweep(folder):
         if serve:
             raise VfoaError(f"{run}: a sweep has no recordings to serve; expected --serve left out")
-        write_sweep(run, read_sweep(run))
-        say(f"Page: {run / 'report.html'}")
+        write_sweep(folder, read_sweep(folder))
+        say(f"Page: {folder / 'report.html'}")
         return
     if not serve:
         rescore(directory)
+        if mirror := Mirror.at(folder):
+            mirror.push()
         say(f"Page: {directory.path / 'report.html'}")
         return
     from harness.annotate.correction_page import correction_routes
     from harness.cli.browse import browse
     from harness.record.composed import served_recordings
 
-    recordings = served_recordings(run)
+    recordings = served_recordings(folder)
     page = partial(report_page, directory, {pair: each.name for pair, each in recordings.items()})
     page()  # what is wrong with the run is said here, and not in the browser
     more = correction_routes(directory)

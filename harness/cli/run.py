@@ -118,17 +118,20 @@ def run(
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.terminal import frames_bar, print_scores
-    from harness.remote import cache_root
+    from harness.remote import Mirror, bring_models, open_mirror
     from harness.report.sinks import composed_sinks
     from harness.report.write import rescore
     from harness.run.runner import prepare, run_plan
-    from harness.stages.cache.store import Store, cache_limit
+    from harness.stages.cache.store import open_store
 
+    bring_models()
     experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
         experiment = replace(experiment, annotator=annotator)
-    store = None if no_cache else Store(cache or cache_root(), cache_limit())
-    wanted, workers = out or Path("runs") / experiment.name, workers or os.cpu_count() or 1
+    store = None if no_cache else open_store(cache)
+    wanted = open_mirror(out) if out else Path("runs") / experiment.name
+    mirror = Mirror.at(wanted)
+    workers = workers or os.cpu_count() or 1
     if experiment.sweep:
         from harness.cli.sweep import run_sweep
 
@@ -142,6 +145,8 @@ def run(
             save_outputs=save_outputs,
             cache=store,
         )
+        if mirror:
+            mirror.push()
         return
     if oracle:
         from harness.score.oracle_ablation import with_oracle_ablation
@@ -168,6 +173,8 @@ def run(
             retry_failed=retry_failed,
         )
     scores = rescore(directory)
+    if mirror:
+        mirror.push()
     print_scores(scores)
     for notice in notices:
         say(notice)
@@ -179,6 +186,8 @@ def run(
         f"\n{'Scrub a failure' if scores.rows else 'Scrub'}: vfoa view {directory.path}"
         f"{' --failures' if scores.rows else ''}"
     )
+    if mirror:
+        typer.echo(f"All of it: {mirror.address}")
     _report_failures(directory)
 
 

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Run
+from harness.cli.options import Run, run_folder
 
 
 def score(
@@ -20,7 +20,12 @@ def score(
 ) -> None:
     """Score a run again from its results and the present labels; needs no images and no models."""
     from harness.cli.terminal import print_scores
+    from harness.remote import Mirror
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
 
-    print_scores(rescore(RunDirectory(run), annotator))
+    folder = run_folder(run)
+    scores = rescore(RunDirectory(folder), annotator)
+    if mirror := Mirror.at(folder):
+        mirror.push()
+    print_scores(scores)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import OneClip, OneConfiguration, Recordings, Replace
+from harness.cli.options import OneClip, OneConfiguration, Recordings, Replace, run_folder
 
 if TYPE_CHECKING:
     from harness.record.composed import Composed
@@ -42,23 +42,24 @@ def view(
     from harness.record.composed import find_recordings
     from vfoa.errors import VfoaError
 
+    folder = run_folder(run)
     if failures:
         if frame is not None or screenshot is not None or compare is not None:
             raise VfoaError("view: --failures chooses the frames itself: leave out --frame, --compare and --screenshot")
         if web:
-            browse_failures(run, clip, config)
+            browse_failures(folder, clip, config)
             return
         with ended_by_sigterm():
-            step_through(run, clip, config)
+            step_through(folder, clip, config)
         return
     if web and screenshot is not None:
         raise VfoaError("view: --web draws no file: leave out --screenshot")
     if screenshot is not None:
         check_new(screenshot, replace=replace, hint=", or another --screenshot")
     if compare is None:
-        recordings = find_recordings(run, clip, config, subject)
+        recordings = find_recordings(folder, clip, config, subject)
     else:
-        recordings = [_compared(run, clip, config, compare)]
+        recordings = [_compared(folder, clip, config, compare)]
     if frame is not None:
         recordings[0].expect_frame(frame)
     if screenshot is not None:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
+from harness.remote import Mirror
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
-from harness.run.executors.contract import Executor, Progress, compute_with
+from harness.run.elsewhere import run_elsewhere
+from harness.run.executors.contract import Executor, Progress, Work, compute_with
 from harness.run.frame_sink import SharedFilesFactory
 from harness.run.loop import run_clip
 from harness.run.output_sink import OutputSinks
@@ -49,8 +52,11 @@ def run_jobs(
     executor: Executor,
     progress: Progress,
     tell: Callable[[str], None] = lambda line: None,
+    mirror: Mirror | None = None,
 ) -> Done:
     """Do what is not done of a plan; ``tell`` is told where it goes on.
+
+    ``mirror``: the directory is the copy of one on object storage.
 
     Where there are clips enough to keep every worker at work, a job is a clip. Else the workers help each other through
     the cache: each perceives stretches of a clip, under all its configurations, so that nothing is decoded or computed
@@ -73,10 +79,15 @@ def run_jobs(
     if cache and not plan.save_outputs and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
         todo = _share(todo, begun, executor, account, progress, failures)
         progress = _silent
+    work: Work[ClipJob, ClipOutcome] = run_clip
+    if mirror and executor.is_elsewhere:
+        work = partial(run_elsewhere, mirror.address)
     for jobs in _rounds(todo):
-        for job, outcome in zip(jobs, executor.run(run_clip, jobs, progress, _lost), strict=True):
+        for job, outcome in zip(jobs, executor.run(work, jobs, progress, _lost), strict=True):
             failures.update(outcome.failures)
             account.add(job.manifest.name, outcome.tallies)
+    if mirror and executor.is_elsewhere:
+        mirror.pull()
     return Done(failures=failures, account=account)
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.files import digest_files
+from harness.remote import Mirror, forget_copies
 from harness.run import provenance
 from harness.run.directory import RunDirectory, locked
 from harness.run.executors import executor
@@ -77,6 +78,12 @@ def run_plan(
             skip(one, progress)
         tell(f"{directory.path}: finished before; nothing was computed")
         return directory
+    mirror = Mirror.at(directory.path)
+    if mirror and scheduler and cache and not cache.remote:
+        raise VfoaError(
+            f"--out {mirror.address}: workers may not see the cache {cache.root}; expected --cache on object storage, "
+            "too, or --no-cache"
+        )
     with locked(directory.path, tell):
         _choose(directory, identity, beside=False)  # again: another run may have begun here before the lock
         if not directory.is_new():
@@ -84,10 +91,17 @@ def run_plan(
                 directory.discard((failure["clip"], failure["configuration"]))
         started = now()
         directory.write_manifest(identity)
+        if mirror:
+            mirror.push()
         try:
-            with executor(workers, scheduler, threads=threads, modules=plan.deciding_modules) as chosen:
-                done = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress, tell=tell)
+            sees = None if mirror else directory.manifest
+            with executor(workers, scheduler, threads=threads, modules=plan.deciding_modules, sees=sees) as chosen:
+                done = run_jobs(
+                    plan, directory, cache=cache, executor=chosen, progress=progress, tell=tell, mirror=mirror
+                )
         except KeyboardInterrupt:
+            if mirror:
+                mirror.push()
             tell(
                 f"interrupted: {directory.kept_frames()} frames are kept in {directory.path}; the same command goes on"
             )
@@ -120,6 +134,7 @@ def _check_unchanged(plan: Plan, identity: dict[str, Any], done: Done, cache: St
         With the first clip whose content has changed.
     """
     before = {clip["name"]: clip["sha256"] for clip in identity["clips"]}
+    forget_copies()
     for one in plan.clips:
         if one.manifest.open().digest() != before[one.manifest.name]:
             if cache:

@@ -71,7 +71,8 @@ class Perceived:
         self._outcomes: list[ClipOutcome] = []
         for job in jobs:
             begin = begun[job.manifest.name]
-            lacking = [frame for frame in job.frames if frame >= begin and job.cache and job.cache.lacks(frame)]
+            needed = [frame for frame in job.frames if frame >= begin]
+            lacking = job.cache.lacking(needed) if job.cache else []
             for _ in range(len(job.frames) - len(lacking)):
                 progress(job.manifest.name)
             self._cut(job, lacking, executor.workers)

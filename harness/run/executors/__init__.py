@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from harness.run.executors.contract import Executor, InProcess, Job, Outcome, Progress, Work
@@ -12,12 +13,17 @@ from vfoa.errors import VfoaError
 
 @contextmanager
 def executor(
-    workers: int, scheduler: str | None = None, *, threads: int = 1, modules: tuple[str, ...] = ()
+    workers: int,
+    scheduler: str | None = None,
+    *,
+    threads: int = 1,
+    modules: tuple[str, ...] = (),
+    sees: Path | None = None,
 ) -> Iterator[Executor]:
     """Yield the way to work with this many processes here, or with the cluster of a Dask scheduler (``tcp://host:port``).
 
     ``threads`` are those of a single process; several have one each. ``modules`` decide the results: workers of a
-    cluster whose code of them is another refuse the jobs.
+    cluster whose code of them is another refuse the jobs, and so do those that do not see the file ``sees``.
 
     Raises
     ------
@@ -28,7 +34,7 @@ def executor(
         from harness.run.executors.cluster import Cluster, connect
 
         with connect(scheduler) as client:
-            yield Cluster(client, modules)
+            yield Cluster(client, modules, sees)
     elif workers == 1:
         yield InProcess(threads)
     else:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
 from harness.code_digest import code_digest
+from harness.remote import CACHE_VARIABLE, bring_models, forget_copies
 from harness.run.executors.contract import GIVEN_UP, Job, Lost, Outcome, Progress, StoppedError, Work, compute_with
 from vfoa.errors import VfoaError
 
@@ -83,16 +84,18 @@ def _check_workers(client: Client, address: str) -> None:
 class Cluster:
     """The workers of a Dask scheduler.
 
-    Each must have one thread, run this very program, and see clips, weights and the run's directory at the same paths;
-    it works in the folder, and with the ``VFOA_`` variables, of whoever started the run. The digest of the code of
+    Each must have one thread, run this very program, and see clips, weights and the run's directory at the same paths,
+    if they are not at addresses of object storage; it works in the folder of whoever started the run, where it has such
+    a folder, and with the same ``VFOA_`` variables, but for a ``VFOA_CACHE`` of its own. The digest of the code of
     ``modules``, which decide the results, travels with each job: a worker with other code, which may have joined while
-    the run was on, refuses it.
+    the run was on, refuses it. So does one that does not see the file ``sees``.
     """
 
     threads = 1
+    is_elsewhere = True
 
-    def __init__(self, client: Client, modules: tuple[str, ...] = ()) -> None:
-        self._client = client
+    def __init__(self, client: Client, modules: tuple[str, ...] = (), sees: Path | None = None) -> None:
+        self._client, self._sees = client, sees
         self._code = modules, code_digest(modules)
         self.workers = len(client.nthreads())
 
@@ -115,7 +118,7 @@ class Cluster:
         self._client.subscribe_topic(TOPIC, heard)
         here = Surroundings()
         run = uuid4().hex
-        submit = partial(self._client.submit, _on_worker, here, self._code, run, work, pure=False)
+        submit = partial(self._client.submit, _on_worker, here, self._code, self._sees, run, work, pure=False)
         futures = [submit(job) for job in jobs]
         try:
             for job, future in zip(jobs, futures, strict=True):
@@ -152,6 +155,10 @@ def _note_stopped(run: str) -> None:
     _stopped.add(run)
 
 
+_OWN_CACHE, _OWN_FOLDER = os.environ.get(CACHE_VARIABLE), Path.cwd()
+"""In a worker: its own cache folder, if it was given one, and where it was started."""
+
+
 @dataclass(frozen=True, slots=True)
 class Surroundings:
     """What paths and weights are looked up by."""
@@ -162,24 +169,44 @@ class Surroundings:
     )
 
     def enter(self) -> None:
-        """Make this process's surroundings the same."""
-        os.chdir(self.folder)
-        for name in [name for name in os.environ if name.startswith("VFOA_") and name not in self.variables]:
+        """Make this process's surroundings the same, as far as this machine has them."""
+        os.chdir(self.folder if Path(self.folder).is_dir() else _OWN_FOLDER)
+        variables = self.variables | ({CACHE_VARIABLE: _OWN_CACHE} if _OWN_CACHE else {})
+        for name in [name for name in os.environ if name.startswith("VFOA_") and name not in variables]:
             del os.environ[name]
-        os.environ.update(self.variables)
+        os.environ.update(variables)
+
+
+_run = ""
+"""In a worker: the run whose job it did last."""
 
 
 def _on_worker(
-    here: Surroundings, code: tuple[tuple[str, ...], str], run: str, work: Callable[[Any, Progress], Any], job: Any
+    here: Surroundings,
+    code: tuple[tuple[str, ...], str],
+    sees: Path | None,
+    run: str,
+    work: Callable[[Any, Progress], Any],
+    job: Any,
 ) -> Any:
     from distributed import get_worker
 
+    global _run
     here.enter()
+    if run != _run:  # a clip may have changed since the last one
+        forget_copies()
+        _run = run
+    bring_models()
     compute_with(1)
     worker = get_worker()
     modules, digest = code
     if code_digest(modules) != digest:
         raise VfoaError(f"{worker.address}: runs another version of vfoa; expected the same source as here")
+    if sees is not None and not _appears(sees):
+        raise VfoaError(
+            f"{worker.address}: sees no {sees}; expected the disk of the run's directory, or --out and --cache on "
+            "object storage (s3://bucket/runs/name)"
+        )
     told = _Told(lambda words: worker.log_event(TOPIC, words))
 
     def progress(word: str) -> None:
@@ -193,6 +220,16 @@ def _on_worker(
         return work(job, progress)
     finally:
         told.send()
+
+
+def _appears(path: Path) -> bool:
+    """Whether a file that was just written is there: shared disks may show it after a while."""
+    deadline = time.monotonic() + PATIENCE_SECONDS
+    while not path.exists():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(TOLD_EVERY_SECONDS)
+    return True
 
 
 class _Told:

@@ -46,6 +46,11 @@ class Executor(Protocol):
         """With how many threads a job may be done."""
         ...
 
+    @property
+    def is_elsewhere(self) -> bool:
+        """Whether workers may be on other machines."""
+        ...
+
     def run(
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
     ) -> Iterator[Outcome]:
@@ -60,6 +65,7 @@ class InProcess:
     """One job after the other, here, with a few threads."""
 
     workers = 1
+    is_elsewhere = False
 
     def __init__(self, threads: int = 1) -> None:
         self.threads = min(threads, MOST_THREADS)

@@ -40,6 +40,7 @@ class Pool:
     """
 
     threads = 1
+    is_elsewhere = False
 
     def __init__(self, workers: int) -> None:
         self.workers = workers

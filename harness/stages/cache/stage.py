@@ -14,6 +14,7 @@ from harness.stages.cache.store import Store
 from harness.stages.cache.values import content_digest, decode, encode
 from harness.stages.configuration import Configuration
 from harness.stages.slots import StageChoice
+from vfoa.errors import VfoaError
 from vfoa.types import StereoFrame
 
 _log = logging.getLogger(__name__)
@@ -52,14 +53,15 @@ class ClipCache:
             return None
         return StoredOutputs(store=self.store, identity=identity, tally=tallies.setdefault(choice.key, Tally()))
 
-    def lacks(self, frame: int) -> bool:
-        """Whether something of a frame is not stored, as far as that can be told before anything is read."""
+    def lacking(self, frames: Iterable[int]) -> list[int]:
+        """The frames of which something is not stored, as far as that can be told before anything is read."""
         alone = [
             each
             for each in self.identities.values()
             if each.slot == "segmentation" or (each.slot == "stereo" and not each.is_in_region)
         ]
-        return not alone or not all(_place(self.store, each, frame, ()).exists() for each in alone)
+        stored = [self.store.names(each.slot, each.digest) for each in alone]
+        return [frame for frame in frames if not stored or not all(_file_name(frame, ()) in each for each in stored)]
 
 
 def open_cache(
@@ -76,8 +78,12 @@ def open_cache(
 
 
 def _place(store: Store, identity: Identity, frame: int | None, inputs: tuple[object, ...]) -> Path:
+    return store.folder(identity.slot, identity.digest) / _file_name(frame, inputs)
+
+
+def _file_name(frame: int | None, inputs: tuple[object, ...]) -> str:
     name = "any" if frame is None else f"{frame:06d}"
-    return store.folder(identity.slot, identity.digest) / f"{name}-{content_digest(*inputs)}.bin"
+    return f"{name}-{content_digest(*inputs)}.bin"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,7 +122,7 @@ class StoredOutputs:
         try:
             self.store.describe(self.identity.slot, self.identity.digest, dict(self.identity.parts))
             self.store.save(path, encode((self._label(path), seconds, value)))
-        except (OSError, TypeError) as error:
+        except (OSError, TypeError, VfoaError) as error:
             self.unwritable.append(str(error))
             _log.warning("%s: results of %s are not kept: %s", path.parent, self.identity.parts["stage"], error)
 
@@ -147,7 +153,7 @@ class Account:
 
     def open(self, clip: str, key: str, identity: Identity, store: Store) -> None:
         """Look what there is of a stage, by its key, on a clip."""
-        stored = store.folder(identity.slot, identity.digest).exists()
+        stored = store.has(identity.slot, identity.digest)
         absent = None if stored else difference(identity.parts, store.described(identity.slot))
         self._entries[clip, key] = _Entry(identity, absent)
 
@@ -161,7 +167,7 @@ class Account:
         for (name, _), entry in self._entries.items():
             folder = store.folder(entry.identity.slot, entry.identity.digest)
             for stored in entry.tally.computed if name == clip else ():
-                (folder / stored).unlink(missing_ok=True)
+                store.remove(folder / stored)
 
     def rows(self) -> list[dict[str, Any]]:
         """One row per stage and clip of the run's manifest; ``why`` outputs were computed, None if all were reused."""
