@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
+from pathlib import Path
 
 from harness.annotate.drawing import DrawingStore
 from harness.annotate.store import LabelStore
@@ -53,8 +54,11 @@ def open_speech(manifest: ClipManifest, timeline: Timeline) -> LabelStore:
     )
 
 
-def open_drawing(manifest: ClipManifest, frames: Sequence[int]) -> DrawingStore:
-    """What is drawn on a clip, the same for all annotators. Raises as :class:`DrawingStore`."""
+def open_drawing(manifest: ClipManifest, frames: Sequence[int], also: Sequence[str] = ()) -> DrawingStore:
+    """What is drawn on a clip, the same for all annotators; ``also``: targets that the manifest has no longer.
+
+    Raises as :class:`DrawingStore`.
+    """
     files = manifest.annotations
     path, found = files.place_drawn(), files.find_drawn()
     return DrawingStore(
@@ -62,22 +66,23 @@ def open_drawing(manifest: ClipManifest, frames: Sequence[int]) -> DrawingStore:
         path.parent / ".journal" / f"{path.stem}.jsonl",
         frames=frames,
         subjects=manifest.subjects,
-        targets=manifest.targets,
+        targets=[*manifest.targets, *also],
         origin=found if found != path and came_with_program(manifest.path) else None,
     )
+
+
+def open_stores(manifest: ClipManifest, timeline: Timeline, but: Path | None = None) -> Iterator[LabelStore]:
+    """The labels of every annotator who has a file, one after the other, without the one of this path."""
+    files = manifest.annotations
+    for annotator in (None, *files.annotators()):
+        place = files.place(annotator)
+        if place != but and place.is_file():
+            yield open_store(manifest, annotator, timeline)
 
 
 @contextmanager
 def with_others(store: LabelStore, manifest: ClipManifest, timeline: Timeline) -> Iterator[list[LabelStore]]:
     """A store and those of the other annotators of its clip, until the block ends. Raises as :func:`open_store`."""
-    files = manifest.annotations
-    places = {annotator: files.place(annotator) for annotator in (None, *files.annotators())}
     with ExitStack() as stack:
-        yield [
-            store,
-            *(
-                stack.enter_context(closing(open_store(manifest, annotator, timeline)))
-                for annotator, place in places.items()
-                if place != store.path and place.is_file()
-            ),
-        ]
+        others = open_stores(manifest, timeline, but=store.path)
+        yield [store, *(stack.enter_context(closing(each)) for each in others)]

@@ -14,7 +14,7 @@ from harness.labels.bodies import Bodies
 from harness.labels.drawn import Drawn, write_drawn
 from harness.labels.files import write_annotations
 from harness.labels.formats import FORMATS, AnnotationFormat
-from harness.labels.formats.cvat_drawn import read_cvat_drawn
+from harness.labels.formats.cvat_drawn import read_cvat_drawn, write_cvat_drawn
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.formats.speech import of_speech
 from harness.labels.labels import Labels
@@ -106,13 +106,27 @@ def import_drawn(
     VfoaError
         If the format has no boxes, the file cannot be read as this clip's, or there is one that is not to be replaced.
     """
-    if name != "cvat":
-        raise VfoaError(f"--drawn: found --format {name}; expected --format cvat, the only one of drawn boxes")
+    _check_draws(name)
     place = manifest.annotations.place_drawn()
     check_new(place, replace=replace)
     imported = read_cvat_drawn(source, exchange)
     write_drawn(place, imported.drawn)
     return place, imported.drawn, imported.notes
+
+
+def export_drawn(manifest: ClipManifest, name: str, exchange: Exchange, to: Path, *, replace: bool) -> list[str]:
+    """Write what is drawn on a clip, in the format called ``name``. Returns and raises as :func:`export_labels`."""
+    _check_draws(name)
+    check_new(to, replace=replace)
+    drawn = manifest.drawn(exchange.frames)
+    if drawn is None or not drawn.tracks:
+        raise VfoaError(f"{manifest.name}: nothing is drawn; expected {manifest.annotations.place_drawn()}")
+    return [f"{to}: {each}" for each in write_cvat_drawn(to, drawn, exchange)]
+
+
+def _check_draws(name: str) -> None:
+    if name != "cvat":
+        raise VfoaError(f"--drawn: found --format {name}; expected --format cvat, the only one of drawn boxes")
 
 
 def import_speech(

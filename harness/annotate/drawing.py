@@ -160,11 +160,17 @@ class DrawingStore:
         self._targets = list(targets)
         if renamed is None or all(name != renamed[0] for name, _ in self._tracks):
             return
+        self.check_change(renamed[0])
         old, new = renamed
         kept = {key: keys for key, keys in self._tracks.items() if key[0] != old}
         moved = {(new, kind): keys for (name, kind), keys in self._tracks.items() if name == old and new is not None}
         write_drawn(self.path, drawn_of({**moved, **kept}))
         self.refresh()
+
+    def check_change(self, name: str) -> None:
+        """Refuse another name for what is drawn while another process draws (:class:`VfoaError`)."""
+        if self.read_only is not None and any(name == each for each, _ in self._tracks):
+            raise VfoaError(self.read_only)
 
     def close(self) -> None:
         """Let go of the journal."""
@@ -221,7 +227,7 @@ class DrawingStore:
             return
         before = None
         for number, entry in enumerate(entries[bases[-1] :], start=bases[-1] + 1):
-            before = self.drawn
+            before = None if "base" in entry else self.drawn
             try:
                 self._apply(entry)
             except (LookupError, TypeError, ValueError, AttributeError) as error:

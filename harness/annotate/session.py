@@ -17,6 +17,7 @@ from harness.annotate.scene import Scenes, saved_folder
 from harness.annotate.sound import Sound
 from harness.annotate.speech import Speech
 from harness.annotate.suggestions import Predictions
+from harness.annotate.target_change import TargetChange, finish_change
 from harness.clips.looks import COLOURS, KEYS, looks
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.manifest_checks import known_categories
@@ -90,6 +91,7 @@ class Session:
         self._picture = lru_cache(_CACHED_PICTURES)(self._draw)
         self._scene = lru_cache(_CACHED_SCENES)(self._look_at)
         self._timeline = timeline_of(self._clip)
+        self.manifest = finish_change(self.manifest, self._timeline)
         self.speech = Speech(self.manifest, self._timeline)
         self._drawing = open_drawing(self.manifest, self._frames)
         try:
@@ -213,26 +215,22 @@ class Session:
 
     def change_target(self, name: str, *, new_name: str, key: str | None, colour: str) -> None:
         """Give a target another name, in the labels of all annotators, too, or another key or colour."""
-        with self._changing, with_others(self._store, self.manifest, self._timeline) as stores:
-            targets.change_target(self.manifest.path, name, new_name=new_name, key=key, colour=colour)
-            for store in stores if new_name != name else ():
-                store.rename_target(name, new_name)
-            self._read_manifest()
-            self._drawing.set_names(self.manifest.targets, (name, new_name))
+        self._change(TargetChange(name=name, new_name=new_name, labels_to=new_name, key=key, colour=colour))
 
     def delete_target(self, name: str, to: str | None) -> None:
         """Take a target out of the manifest; the labels that have it, of all annotators, become ``to``."""
+        self._change(TargetChange(name=name, labels_to=to))
+
+    def _change(self, change: TargetChange) -> None:
         with self._changing, with_others(self._store, self.manifest, self._timeline) as stores:
-            uses = sum(store.uses(name) for store in stores)
-            if uses and to is None:
-                raise VfoaError(f"{name!r} is the target of {uses} labels; expected another target for them")
-            for store in stores if to is not None else ():
-                store.check_reassignment(name, to or "")
-            targets.delete_target(self.manifest.path, name)
-            for store in stores:
-                store.delete_target(name) if to is None else store.rename_target(name, to)
-            self._read_manifest()
-            self._drawing.set_names(self.manifest.targets, (name, None))
+            if change.new_name is None:
+                change.check_deletion(stores)
+            self._drawing.check_change(change.name)
+            with change.kept(self.manifest):
+                change.in_manifest(self.manifest.path)
+                change.in_labels(stores)
+                self._read_manifest()
+                self._drawing.set_names(self.manifest.targets, (change.name, change.new_name))
 
     def scene(self, at: int) -> dict[str, Any]:
         """Outlines and heads at a position, as JSON."""

@@ -223,7 +223,7 @@ class LabelStore:
     def delete_target(self, name: str) -> None:
         """Allow a name no longer, which no label has. What was done before cannot be undone any more."""
         self._commit({"forget": name})
-        self._targets.remove(name)
+        self._targets = [each for each in self._targets if each != name]
 
     def close(self) -> None:
         """Let go of the journal."""

@@ -62,6 +62,7 @@ Offset = Annotated[
 Speech = Annotated[
     bool, typer.Option("--speech", help="Speaking turns (CLIP.speech.csv): an annotation with words is a turn.")
 ]
+Drawn = Annotated[bool, typer.Option("--drawn", help="CVAT: boxes and points of CLIP.drawn.csv, not the labels.")]
 FromRun = Annotated[
     Path | None,
     typer.Option("--run", metavar="RUN", help="Take heads and boxes from this run. Default: the clip's ground truth."),
@@ -90,9 +91,7 @@ def import_(
     confirm: Annotated[
         bool, typer.Option("--confirm", help="Take suggestions (a run's predictions) as checked by a person.")
     ] = False,
-    drawn: Annotated[
-        bool, typer.Option("--drawn", help="CVAT: read the tracks' boxes and points as CLIP.drawn.csv, not the labels.")
-    ] = False,
+    drawn: Drawn = False,
     speech: Speech = False,
     run: FromRun = None,
     config: RunConfiguration = None,
@@ -149,6 +148,7 @@ def export(
     clip: Annotated[str | None, typer.Option(help="Of a run: only this clip.")] = None,
     fps: Fps = None,
     offset: Offset = 0.0,
+    drawn: Drawn = False,
     speech: Speech = False,
     run: FromRun = None,
     config: RunConfiguration = None,
@@ -162,8 +162,8 @@ def export(
     from vfoa.errors import VfoaError
 
     if is_run(Path(source)):
-        if annotator is not None or run is not None or speech:
-            option = "--annotator" if annotator is not None else "--run" if run is not None else "--speech"
+        given = {"--annotator": annotator, "--run": run, "--speech": speech, "--drawn": drawn}
+        for option in [name for name, value in given.items() if value]:
             raise VfoaError(f"{option}: found it for the predictions of a run; expected it for a clip's labels")
         for each in export_predictions(
             Path(source), format_, clip=clip, configuration=config, to=to, fps=fps, offset=offset, replace=replace
@@ -172,8 +172,8 @@ def export(
         return
     if to is None:
         raise VfoaError(f"{source}: no run's directory; expected FILE, the file to write the clip's labels to")
-    if speech:
-        _export_speech(source, to, format_, fps, offset, replace)
+    if speech or drawn:
+        _export_by_kind(source, to, format_, fps, offset, replace, is_drawn=drawn)
     else:
         _export_clip(source, to, format_, annotator, fps, offset, run, config, replace)
 
@@ -197,13 +197,17 @@ def _export_clip(
     _print_export(to, export_labels(manifest, annotator, format_, exchange, to, replace=replace))
 
 
-def _export_speech(name: str, to: Path, format_: str, fps: float | None, offset: float, replace: bool) -> None:
-    from harness.annotate.convert import export_speech, open_exchange
+def _export_by_kind(
+    name: str, to: Path, format_: str, fps: float | None, offset: float, replace: bool, *, is_drawn: bool
+) -> None:
+    """Write speaking turns, or what is drawn, which are the same for all annotators."""
+    from harness.annotate.convert import export_drawn, export_speech, open_exchange
     from harness.clips.manifest import load_manifest
 
     manifest = load_manifest(name)
     exchange = open_exchange(manifest, fps=fps, offset=offset)
-    _print_export(to, export_speech(manifest, format_, exchange, to, replace=replace))
+    write = export_drawn if is_drawn else export_speech
+    _print_export(to, write(manifest, format_, exchange, to, replace=replace))
 
 
 def _print_export(path: Path, notes: Iterable[str]) -> None:

@@ -3,9 +3,10 @@
     <track label="robot"> <box frame="0" keyframe="1" outside="0" xtl="10" ytl="20" xbr="60" ybr="80"/> ... </track>
     <track label="lamp">  <points frame="0" keyframe="1" outside="0" points="611.5,88.5"/> ... </track>
 
-A track is of the target or subject that its label names; a subject's box is the head. Only key frames are read, and
-every shape that comes or goes: both programs move boxes linearly in between. CVAT counts pixels from the upper left
-corner of the image, so that its numbers are greater by half a pixel.
+A track is of the target or subject that its label names; a subject's box is the head, or the whole person if its
+attribute ``kind`` is ``box``. Only key frames are read and written, and every shape that comes or goes: both programs
+move boxes linearly in between, CVAT by position in the clip. CVAT counts pixels from the upper left corner of the
+image, so that its numbers are greater by half a pixel.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ import math
 import re
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
+from harness.files import atomic_write
 from harness.labels.drawn import BOX, Drawn, KeyFrame, Kind, Place, Track, check_kind, check_place, drawn_of
 from harness.labels.formats.cvat import read_tracks
 from harness.labels.formats.exchange import Exchange
@@ -24,6 +28,7 @@ from vfoa.errors import VfoaError
 
 _CORNERS = ("xtl", "ytl", "xbr", "ybr")
 _HALF_PX = 0.5
+_KIND = "kind"
 _FRAME = re.compile(r"[0-9]{1,18}")
 
 
@@ -79,13 +84,18 @@ def _tracks(element: ElementTree.Element, name: str, exchange: Exchange, where: 
             continue
         was_outside = outside
         kind, place = _place(shape, f"{where}, frame {frame}")
-        if kind == "box" and name in exchange.subjects:
+        if kind == "box" and name in exchange.subjects and _kind(shape) != "box":
             kind = "head"
         keys = found.setdefault(kind, [])
         if keys and keys[-1].frame == frame:
             raise VfoaError(f"{where}: frame {frame}: found two shapes; expected one")
         keys.append(KeyFrame(frame=frame, place=check_place(kind, place, f"{where}, frame {frame}"), outside=outside))
     return found
+
+
+def _kind(shape: ElementTree.Element) -> str | None:
+    """The attribute that tells a whole person from a head."""
+    return next((each.text for each in shape.iter("attribute") if each.get("name") == _KIND), None)
 
 
 def _number(shape: ElementTree.Element, where: str) -> int:
@@ -143,3 +153,46 @@ def _joined(one: list[KeyFrame], other: list[KeyFrame], name: str, where: str) -
             "expected one at a time"
         )
     return [*(before[:-1] if end.frame == after[0].frame else before), *after]
+
+
+def write_cvat_drawn(path: Path, drawn: Drawn, exchange: Exchange) -> tuple[str, ...]:
+    """Write a track for each of what is drawn; the answer says what CVAT has to be told first."""
+    root = ElementTree.Element("annotations")
+    ElementTree.SubElement(root, "version").text = "1.1"
+    task = ElementTree.SubElement(ElementTree.SubElement(root, "meta"), "task")
+    for tag, value in {"name": path.stem, "size": str(len(exchange.frames)), "mode": "interpolation"}.items():
+        ElementTree.SubElement(task, tag).text = value
+    listed = ElementTree.SubElement(task, "labels")
+    for name in drawn.names:
+        ElementTree.SubElement(ElementTree.SubElement(listed, "label"), "name").text = name
+    for number, track in enumerate(drawn.tracks):
+        element = ElementTree.SubElement(root, "track", id=str(number), label=track.name, source="manual")
+        for key in _keys(track, exchange.frames):
+            shape = _write_shape(element, track.kind, key, exchange)
+            if track.kind == "box" and track.name in exchange.subjects:
+                ElementTree.SubElement(shape, "attribute", name=_KIND).text = "box"
+    ElementTree.indent(root)
+    text = ElementTree.tostring(root, encoding="unicode")
+    atomic_write(path, f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n')
+    people = [each.name for each in drawn.tracks if each.kind == "box" and each.name in exchange.subjects]
+    said = f"whole people are told from heads by a text attribute {_KIND!r}: give it to {', '.join(people)} in CVAT."
+    return (said,) if people else ()
+
+
+def _keys(track: Track, frames: Sequence[int]) -> list[KeyFrame]:
+    """The key frames, and all frames between two of them where frames are missing: CVAT knows positions only."""
+    found = list(track.keys)
+    for before, after in pairwise(track.keys):
+        between = frames[frames.index(before.frame) + 1 : frames.index(after.frame)]
+        if len(between) != after.frame - before.frame - 1 and not before.outside:
+            found += [KeyFrame(frame=frame, place=track.place_at(frame)) for frame in between]
+    return sorted(found, key=lambda each: each.frame)
+
+
+def _write_shape(element: ElementTree.Element, kind: Kind, key: KeyFrame, exchange: Exchange) -> ElementTree.Element:
+    frame = exchange.frames.index(key.frame) + exchange.first_number
+    flags = {"frame": str(frame), "keyframe": "1", "outside": str(int(key.outside)), "occluded": "0", "z_order": "0"}
+    values = [f"{each + _HALF_PX:.2f}" for each in key.place]
+    if kind == "point":
+        return ElementTree.SubElement(element, "points", {**flags, "points": ",".join(values)})
+    return ElementTree.SubElement(element, "box", {**flags, **dict(zip(_CORNERS, values, strict=True))})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -104,6 +105,59 @@ def test_two_names_with_one_key_are_refused(opened: Any, work: Path) -> None:
     with pytest.raises(VfoaError, match=r"key: '2' is the key of .*; expected another one"):
         opened().change_target("cup", new_name="cup", key="2", colour="blue plain")
     assert (work / "datasets" / "noise.toml").read_text() == MANIFEST
+
+
+class Killed(BaseException):
+    """As SIGKILL: nobody catches it."""
+
+
+@pytest.mark.parametrize("to", ["mug", None], ids=["renamed", "deleted"])
+def test_a_kill_between_any_two_files_is_finished_when_the_clip_is_opened_next(
+    opened: Any, work: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch, to: str | None
+) -> None:
+    """Either nothing has changed, or the manifest, the labels of both annotators and the drawing have."""
+    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,cup,\n")
+    write_text(work / "annotations" / "noise.csv", f"{HEAD}1,6,ann,cup,\n")
+    head = "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n"
+    write_text(work / "annotations" / "noise.drawn.csv", f"{head}1,cup,box,4,30,14,44,\n")
+    at_first = tmp_path_factory.mktemp("as") / "it was"
+    shutil.copytree(work, at_first)
+    replace = Path.replace
+    results: list[tuple[object, ...]] = []
+    for kill_at in range(20):
+        shutil.rmtree(work)
+        shutil.copytree(at_first, work)
+        session = opened()
+        left = iter(range(kill_at))
+
+        def until_killed(source: Path, target: Path, left: Iterator[int] = left) -> Path:
+            if next(left, None) is None:
+                raise Killed
+            return replace(source, target)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "replace", until_killed)
+            try:
+                if to is None:
+                    session.delete_target("cup", "book")
+                else:
+                    session.change_target("cup", new_name=to, key="9", colour="olive plain")
+                was_killed = False
+            except Killed:
+                was_killed = True
+        session.close()
+        again = opened()
+        found = (*again.manifest.targets, _said(work), _said(work, annotator="ben"), len(again.drawn()["tracks"]))
+        again.close()
+        assert not [*(work / "annotations" / ".journal").glob("*.json")]
+        results.append(found)
+        if not was_killed:
+            break
+    letter, names = ("b", ("book",)) if to is None else ("m", (to, "book"))
+    done = (*names, letter * 6 + "." * 6, letter * 4 + "." * 8, int(to is not None))
+    assert results[0] == ("cup", "book", "c" * 6 + "." * 6, "c" * 4 + "." * 8, 1)
+    assert results[1:] == [done] * (len(results) - 1)
+    assert len(results) >= 6  # what is to be done, the manifest, two files of labels, what is drawn, and unharmed
 
 
 @pytest.fixture(scope="module")

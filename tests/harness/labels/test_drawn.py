@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,9 +19,9 @@ from harness.labels.drawn import (
     format_drawn,
     read_drawn,
 )
-from harness.labels.formats.cvat_drawn import read_cvat_drawn
+from harness.labels.formats.cvat_drawn import read_cvat_drawn, write_cvat_drawn
 from tests.disk import write_text
-from tests.exchanges import exchange
+from tests.exchanges import PlainClip, exchange
 from vfoa.errors import VfoaError
 
 HEAD = "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n"
@@ -142,6 +143,31 @@ def test_cvat_s_tracks_move_as_they_do_there(tmp_path: Path) -> None:
     assert imported.notes == (f"{path}: tracks of other labels are left out: 1 of 'car'.",)
     write_text(tmp_path / "b.drawn.csv", format_drawn(drawn))
     assert _read(tmp_path / "b.drawn.csv") == drawn
+
+
+@pytest.mark.parametrize("frames", [range(1, 51), (*range(1, 7), 9, *range(20, 41, 2), 50)], ids=["all", "with gaps"])
+@given(data=st.data(), offset=st.sampled_from([0, 7]))
+def test_what_is_written_for_cvat_is_read_from_it(
+    frames: Sequence[int], data: st.DataObject, offset: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """To a hundredth of a pixel, in every frame, heads and whole people apart, frames missing or not."""
+    kinds: list[tuple[str, Kind]] = [("bird", "box"), ("girl", "head"), ("girl", "box"), ("cup", "point")]
+    found = {each: data.draw(tracks(*each)) for each in kinds}
+    keys = {each: [key for key in track.keys if key.frame in frames] for each, track in found.items()}
+    drawn = drawn_of({each: own for each, own in keys.items() if not all(key.outside for key in own)})
+    path = tmp_path_factory.getbasetemp() / "out.xml"
+    clip = exchange(PlainClip(frames), offset=offset)
+    said = write_cvat_drawn(path, drawn, clip)
+    assert bool(said) == (drawn.of("girl", "box") is not None)
+    if not drawn.tracks:
+        with pytest.raises(VfoaError, match="found <annotations> without tracks"):
+            read_cvat_drawn(path, clip)
+        return
+    read = read_cvat_drawn(path, clip).drawn
+    for frame in frames:
+        one, other = ({(shape.name, shape.kind): shape.place for shape in each.at(frame)} for each in (drawn, read))
+        assert one.keys() == other.keys()
+        assert [*other.values()] == [pytest.approx(one[each], abs=0.011) for each in other]
 
 
 def test_a_track_of_cvat_that_began_before_the_clip_is_cut(tmp_path: Path) -> None:
