@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 
 from harness.labels.labels import Label, LabelRange, Labels
+from harness.report.record_logs import RecordLogs
+from harness.report.write import write_scores
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
+from harness.run.results import read_results
+from harness.score.outcomes import OutcomeLog, Outcomes
+from harness.score.reference import Reference
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -89,3 +95,18 @@ def labels(*targets: str, subject: str = "girl") -> Labels:
         LabelRange(first_frame=frame, last_frame=frame, subject=subject, label=Label(target=target))
         for frame, target in enumerate(targets, start=1)
     )
+
+
+def score_run(results: Path, reference: Reference) -> None:
+    """Score a ``results.jsonl``, and write the tables and the page beside it."""
+    logs = RecordLogs(reference, ())
+    logs.watch(read_results(results))
+    write_scores(results, logs)
+
+
+def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> list[Outcomes]:
+    """Judge records, each of which is looked at once."""
+    log = OutcomeLog(reference)
+    for record in records:
+        log.judge(record)
+    return log.outcomes()

@@ -42,45 +42,24 @@ from harness.report.tables import (
 from harness.report.thumbnails import read_thumbnails
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
-from harness.run.results import read_results
 from harness.score.finished_run import FinishedRun
 from harness.score.reference import Reference
 from harness.score.reliability import Reliability
 from harness.score.score import Scores
 
 
-def score_run(
-    results: Path,
-    reference: Reference,
-    *,
-    records: Iterable[FrameRecord] | None = None,
-    manifest: Mapping[str, Any] | None = None,
-) -> Scores:
-    """Score a ``results.jsonl`` and write the tables and the page beside it, all of them or none.
+def write_scores(results: Path, logs: RecordLogs, manifest: Mapping[str, Any] | None = None) -> Scores:
+    """Write the tables and the page of records that the logs have seen beside the results, all or none.
 
     ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``frames.csv``,
     ``behaviour.csv``, ``comparisons.csv .md``, ``report.html``, and ``reliability.svg .png`` where a
-    configuration gives probabilities. Nothing is written unless all of them could be made.
-
-    Parameters
-    ----------
-    records
-        Those of the results to score; all if not given.
-    manifest
-        As for :func:`harness.report.page.render.render_page`.
+    configuration gives probabilities. ``manifest`` is as for :func:`harness.report.page.render.render_page`.
 
     Raises
     ------
     VfoaError
-        If the results, or the ``timings.csv`` that a run has beside them, cannot be read.
+        If the ``timings.csv`` that a run has beside its results cannot be read.
     """
-    logs = RecordLogs(reference, probabilistic(manifest))
-    logs.watch(records if records is not None else read_results(results))
-    return write_scores(results, logs, manifest)
-
-
-def write_scores(results: Path, logs: RecordLogs, manifest: Mapping[str, Any] | None = None) -> Scores:
-    """Write the tables and the page of records that the logs have seen, as :func:`score_run` does."""
     scores = logs.scores()
     reliabilities = logs.beliefs.reliabilities()
     folder = results.parent
@@ -107,7 +86,7 @@ def render_run(
     manifest: Mapping[str, Any],
     served: Served | None,
 ) -> str:
-    """The page that :func:`score_run` writes, as text; nothing is written. ``served``: for a server of recordings."""
+    """The page that :func:`write_scores` writes, as text. ``served``: for a server of recordings."""
     logs = RecordLogs(reference, probabilistic(manifest))
     logs.watch(records)
     return _page(results, logs, logs.scores(), manifest, served)

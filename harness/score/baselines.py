@@ -22,8 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from harness.labels.labels import Label
 from harness.run.records import BoxPx, FrameRecord, SubjectRecord, Vector
 from harness.score.statistics import Flags
+from harness.score.verdicts import true_targets
 from vfoa.types import Float
 
 BASELINES = ("commonest", "nearest", "largest", "central", "nearest_in_angle")
@@ -123,3 +125,28 @@ def _angle_rad(direction: Vector, eyes: Vector, center: Vector) -> float:
 def _off_axis(center_m: Vector) -> float:
     """Minus the cosine of the angle between a point and the camera's axis: grows with the angle."""
     return -center_m[2] / (math.hypot(*center_m) or math.inf)
+
+
+class Hits(NamedTuple):
+    """Which of the baselines that look at the frame were right, and the angle of the last one's pick."""
+
+    nearest: bool
+    largest: bool
+    central: bool
+    in_angle: bool
+    angle_rad: float
+
+
+NO_HITS = Hits(nearest=False, largest=False, central=False, in_angle=False, angle_rad=math.nan)
+
+
+def hits_of(record: FrameRecord, choices: Choices, label: Label) -> Hits:
+    """Which choices of a subject in a frame are what its label names."""
+    right = {target.instance_id for target in true_targets(record, label)}
+    return Hits(
+        nearest=choices.nearest in right,
+        largest=choices.largest in right,
+        central=choices.central in right,
+        in_angle=choices.in_angle in right,
+        angle_rad=choices.angle_rad,
+    )

@@ -11,11 +11,11 @@ import numpy as np
 
 from harness.labels.labels import NOWHERE, Label, Labels
 from harness.run.records import FrameRecord
-from harness.score.baselines import BASELINES, Baselines, Choices, best_limit_rad, commonest
+from harness.score.baselines import BASELINES, NO_HITS, Baselines, Hits, best_limit_rad, commonest, hits_of
 from harness.score.looks import number_looks
 from harness.score.reference import Reference
 from harness.score.statistics import Codes, Flags
-from harness.score.verdicts import NO_HIT, Verdict, answer, find_subject, judge, judge_absent, true_targets
+from harness.score.verdicts import NO_HIT, Verdict, answer, find_subject, judge, judge_absent
 from vfoa.types import Float
 
 NO_PREDICTION = -1
@@ -54,19 +54,6 @@ class Outcomes:
     error_types: tuple[str, ...]
     all_positions: Codes
     rate_hz: float | None
-
-
-class Hits(NamedTuple):
-    """Which of the baselines that look at the frame were right, and the angle of the last one's pick."""
-
-    nearest: bool
-    largest: bool
-    central: bool
-    in_angle: bool
-    angle_rad: float
-
-
-_NO_HITS = Hits(nearest=False, largest=False, central=False, in_angle=False, angle_rad=math.nan)
 
 
 class Judgement(NamedTuple):
@@ -164,14 +151,6 @@ class OutcomeLog:
         return _with_limits(found)
 
 
-def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> list[Outcomes]:
-    """Judge records, each of which is looked at once."""
-    log = OutcomeLog(reference)
-    for record in records:
-        log.judge(record)
-    return log.outcomes()
-
-
 def _wanted(labels: Labels | None, frames: Iterable[int] | None) -> list[int]:
     if frames is not None:
         return sorted(set(frames))
@@ -189,9 +168,9 @@ def _judge_record(record: FrameRecord, clip: _Clip, by_subject: dict[str, Judged
         verdict = judge(record, subject, label)
         if says_nowhere:
             verdict = _as_said(verdict)
-        hits = _NO_HITS
+        hits = NO_HITS
         if baselines and label and verdict.outcome != "unscored":
-            hits = _hits(record, baselines.choose(find_subject(record, subject)), label)
+            hits = hits_of(record, baselines.choose(find_subject(record, subject)), label)
         blocked = label is not None and label.is_blocked
         by_subject.setdefault(subject, {})[record.frame] = Judgement(verdict, hits, blocked)
 
@@ -204,24 +183,13 @@ def _as_said(verdict: Verdict) -> Verdict:
     return replace(verdict, predicted=NOWHERE, error_type=error_type)
 
 
-def _hits(record: FrameRecord, choices: Choices, label: Label) -> Hits:
-    right = {target.instance_id for target in true_targets(record, label)}
-    return Hits(
-        nearest=choices.nearest in right,
-        largest=choices.largest in right,
-        central=choices.central in right,
-        in_angle=choices.in_angle in right,
-        angle_rad=choices.angle_rad,
-    )
-
-
 def _judge_absent_frames(clip: str, configuration: str, known: _Clip, by_subject: dict[str, Judged]) -> None:
     for frame in known.wanted:
         for subject, label in known.labels_in(frame).items():
             judged = by_subject.setdefault(subject, {})
             if frame not in judged:
                 verdict = judge_absent(clip, configuration, frame, subject, label)
-                judged[frame] = Judgement(verdict, _NO_HITS, label.is_blocked)
+                judged[frame] = Judgement(verdict, NO_HITS, label.is_blocked)
 
 
 def _outcomes(

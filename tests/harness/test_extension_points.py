@@ -10,12 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from harness.report.write import score_run
 from harness.run.results import to_line
 from harness.score.metrics import load_metrics
 from harness.score.reference import Reference
 from tests.plugins import install
-from tests.records import answers, labels
+from tests.records import answers, labels, score_run
 from tests.worked_examples import example
 from vfoa.errors import VfoaError
 

@@ -1,4 +1,4 @@
-"""Every named subject's attention over the frames, kept small: a byte for each value."""
+"""Every named subject's attention over the frames, kept small: a byte for each value; and packed for the page."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.record.appearance import Colours, attention_by_name
+from harness.report.page.packing import pack
 from harness.run.records import AttentionRecord, FrameRecord
-from harness.score.verdicts import find_subject
+from harness.score.verdicts import Verdict, find_subject
 
 Bytes = NDArray[np.uint8]
 
@@ -20,9 +21,13 @@ SCALE = 250
 UNKNOWN = 255
 """Not measured, or no attention in this frame."""
 PARTS = ("total", "gaze", "head")
+MOST_BYTES = 3_000_000
+"""What the attention values of all clips may weigh in a page. More: every second frame, or every third, has values."""
 
 TrackPart = tuple[list[int], dict[str, list[bytes]]]
 """Frames, and by target the bytes of each part."""
+Judged = dict[str, list[Verdict]]
+"""A subject's verdicts by configuration."""
 
 
 @dataclass(slots=True)
@@ -113,3 +118,42 @@ class AttentionLog:
 
 def _byte(value: float | None) -> int:
     return UNKNOWN if value is None else min(max(round(SCALE * value), 0), SCALE)
+
+
+@dataclass(frozen=True, slots=True)
+class PackedAttention:
+    """Packs by clip, of every ``stride`` frames."""
+
+    stride: int
+    has_cues: bool
+    packs: Mapping[str, str]
+
+
+def pack_attention(
+    clips: Sequence[str], by_clip: Mapping[str, Mapping[str, Judged]], attention: AttentionLog
+) -> PackedAttention:
+    """As much of the attention as fits: totals of every frame or of every second, third ..., then gaze and head."""
+    parts = {clip: _values(clip, by_clip.get(clip, {}), attention, 1) for clip in clips}
+    whole = {clip: pack(totals + cues) for clip, (totals, cues) in parts.items()}
+    if sum(map(len, whole.values())) <= MOST_BYTES:
+        return PackedAttention(1, True, {clip: text if parts[clip][0] else "" for clip, text in whole.items()})
+    totals = {clip: pack(each) if each else "" for clip, (each, _) in parts.items()}
+    stride = -(-sum(map(len, totals.values())) // MOST_BYTES)
+    if stride > 1:
+        thinned = {clip: _values(clip, by_clip.get(clip, {}), attention, stride)[0] for clip in clips}
+        totals = {clip: pack(each) if each else "" for clip, each in thinned.items()}
+    return PackedAttention(stride, False, totals)
+
+
+def _values(clip: str, subjects: Mapping[str, Judged], attention: AttentionLog, stride: int) -> tuple[bytes, bytes]:
+    """Totals, and gaze and head, of all timelines of a clip in the order of the page's data."""
+    totals, cues = [], []
+    for subject, judged in subjects.items():
+        frames = sorted({verdict.frame for each in judged.values() for verdict in each})[::stride]
+        for configuration in judged:
+            track = attention.track(clip, configuration, subject)
+            for name in track.attended():
+                total, *others = track.aligned(name, frames)
+                totals.append(total.tobytes())
+                cues += [each.tobytes() for each in others]
+    return b"".join(totals), b"".join(cues)

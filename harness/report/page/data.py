@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from harness.record.appearance import Colours
 from harness.report.formats import UNKNOWN, Table
-from harness.report.page.attention_log import AttentionLog
-from harness.report.page.packing import pack, pack_json, runs, steps
+from harness.report.page.attention_log import AttentionLog, Judged, pack_attention
+from harness.report.page.packing import pack_json, runs, steps
 from harness.report.thumbnails import Thumbnails
 from harness.run.directory import Pair
 from harness.score.oracle_ablation import without_oracles
@@ -35,9 +35,6 @@ LETTERS = {
 }
 """What stands in a frame of a timeline, so that outcomes can be told apart without colour."""
 
-ATTENTION_BYTES = 3_000_000
-"""What the attention values of all clips may weigh in a page. More: every second frame, or every third, has values."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Served:
@@ -56,10 +53,6 @@ class Names:
     def code(self, name: str | None) -> int:
         """The number of a name; -1 for none."""
         return -1 if name is None else self.codes.setdefault(name, len(self.codes))
-
-
-_Judged = dict[str, list[Verdict]]
-"""A subject's verdicts by configuration."""
 
 
 def page_data(
@@ -94,7 +87,7 @@ def page_data(
     plain = set(without_oracles(scores.scored_configurations)) | set(without_oracles(scores.configurations))
     by_clip = _by_clip(scores.verdicts)
     clips, packs = [], {}
-    values = _attention(scores.clips, by_clip, attention)
+    values = pack_attention(scores.clips, by_clip, attention)
     for number, clip in enumerate(scores.clips):
         subjects = by_clip.get(clip, {})
         track = _clip_data(clip, subjects, numbers, names, attention)
@@ -126,8 +119,8 @@ def page_data(
     return data, packs
 
 
-def _by_clip(verdicts: Iterable[Verdict]) -> dict[str, dict[str, _Judged]]:
-    found: dict[str, dict[str, _Judged]] = {}
+def _by_clip(verdicts: Iterable[Verdict]) -> dict[str, dict[str, Judged]]:
+    found: dict[str, dict[str, Judged]] = {}
     for each in verdicts:
         found.setdefault(each.clip, {}).setdefault(each.subject, {}).setdefault(each.configuration, []).append(each)
     return found
@@ -149,7 +142,7 @@ def _row(row: ScoreRow, places: Mapping[str, int], scored: Mapping[str, int]) ->
 
 
 def _clip_data(
-    clip: str, subjects: Mapping[str, _Judged], numbers: Mapping[str, int], names: Names, attention: AttentionLog
+    clip: str, subjects: Mapping[str, Judged], numbers: Mapping[str, int], names: Names, attention: AttentionLog
 ) -> dict[str, Any]:
     """A clip's timelines, and the colours of its targets as CSS by number of the name.
 
@@ -194,47 +187,8 @@ def _colours(colours: Colours, tracks: list[dict[str, Any]], names: Names) -> di
     return {code: "rgb({} {} {})".format(*colours.of(words[code])) for code in sorted(shown)}
 
 
-@dataclass(frozen=True, slots=True)
-class _Attention:
-    """Packs by clip, of every ``stride`` frames."""
-
-    stride: int
-    has_cues: bool
-    packs: Mapping[str, str]
-
-
-def _attention(
-    clips: Sequence[str], by_clip: Mapping[str, Mapping[str, _Judged]], attention: AttentionLog
-) -> _Attention:
-    """As much of the attention as fits: totals of every frame or of every second, third ..., then gaze and head."""
-    parts = {clip: _bytes(clip, by_clip.get(clip, {}), attention, 1) for clip in clips}
-    whole = {clip: pack(totals + cues) for clip, (totals, cues) in parts.items()}
-    if sum(map(len, whole.values())) <= ATTENTION_BYTES:
-        return _Attention(1, True, {clip: text if parts[clip][0] else "" for clip, text in whole.items()})
-    totals = {clip: pack(each) if each else "" for clip, (each, _) in parts.items()}
-    stride = -(-sum(map(len, totals.values())) // ATTENTION_BYTES)
-    if stride > 1:
-        thinned = {clip: _bytes(clip, by_clip.get(clip, {}), attention, stride)[0] for clip in clips}
-        totals = {clip: pack(each) if each else "" for clip, each in thinned.items()}
-    return _Attention(stride, False, totals)
-
-
-def _bytes(clip: str, subjects: Mapping[str, _Judged], attention: AttentionLog, stride: int) -> tuple[bytes, bytes]:
-    """Totals, and gaze and head, of all timelines of a clip in the order of :func:`_clip_data`."""
-    totals, cues = [], []
-    for subject, judged in subjects.items():
-        frames = sorted({verdict.frame for each in judged.values() for verdict in each})[::stride]
-        for configuration in judged:
-            track = attention.track(clip, configuration, subject)
-            for name in track.attended():
-                total, *others = track.aligned(name, frames)
-                totals.append(total.tobytes())
-                cues += [each.tobytes() for each in others]
-    return b"".join(totals), b"".join(cues)
-
-
 def _pictures(
-    clip: str, subjects: Mapping[str, _Judged], numbers: Mapping[str, int], thumbnails: Thumbnails
+    clip: str, subjects: Mapping[str, Judged], numbers: Mapping[str, int], thumbnails: Thumbnails
 ) -> dict[str, Any] | None:
     """``pictures`` by frame; ``seen`` by subject, configuration and frame, of the frames judged wrong."""
     pictures = {frame: uri for (of, frame), uri in thumbnails.pictures.items() if of == clip}

@@ -15,12 +15,11 @@ from PIL import Image
 from harness.files import atomic_write
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.thumbnails.writer import picture
-from harness.report.write import score_run
 from harness.run.results import to_line
 from harness.score.reference import Reference
 from harness.score.verdicts import ERROR_TYPES
 from tests.browser import chromium, point_at, requested, set_width, wait_until_drawn
-from tests.records import answers, labels
+from tests.records import answers, labels, score_run
 
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome

@@ -12,13 +12,13 @@ from harness.labels.labels import Labels
 from harness.report.csv_tables import FrameRows
 from harness.report.formats import to_rich
 from harness.report.tables import frr_table, paper_table, terminal_table
-from harness.report.write import render_tables, score_run
+from harness.report.write import render_tables
 from harness.run.records import FrameRecord
 from harness.run.results import to_line
 from harness.score.reference import Reference
 from harness.score.score import score
 from harness.score.verdicts import ERROR_TYPES
-from tests.records import answers, frame_record, labels, subject_record, target_record
+from tests.records import answers, frame_record, labels, score_run, subject_record, target_record
 from vfoa.errors import VfoaError
 
 PAPER = {"BM, 1 cone": 28, "SGBM, 1 cone": 35, "BM, 2 cones": 31, "SGBM, 2 cones": 38}

@@ -14,12 +14,11 @@ from harness.labels.timeline import timeline_of
 from harness.run.records import FrameRecord
 from harness.score.behaviour import BehaviourRow, measure_behaviour, pooled_ratios
 from harness.score.intervals import Units, rate_interval
-from harness.score.outcomes import collect_outcomes
 from harness.score.reference import Reference
 from harness.score.sequences import TRUTH
 from harness.studio.choreography import SACCADE_FRAMES, Choreography
 from harness.studio.scenario import SCENARIOS, ScenarioName
-from tests.records import answers, labels
+from tests.records import answers, collect_outcomes, labels
 
 NAMES: tuple[ScenarioName, ...] = ("table", "talk", "split", "crowd")
 FRAMES, SEED = 60, 7
