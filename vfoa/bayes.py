@@ -20,7 +20,8 @@ from pydantic import Field
 
 from vfoa.attention import boxes_of_others
 from vfoa.geometry import unit
-from vfoa.posterior.filter import Belief, Measured, Scenery, answered, update
+from vfoa.posterior.belief import Belief, Measured, Scenery
+from vfoa.posterior.filter import answered, update
 from vfoa.posterior.fit_of_directions import fit_of
 from vfoa.posterior.looks import Keys
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad

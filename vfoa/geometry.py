@@ -152,6 +152,13 @@ def tangent_offset(direction: ArrayLike, other: ArrayLike) -> Float:
     return np.stack([angle * np.where(aside > 0, right / length, 1), angle * down / length], axis=-1)
 
 
+def on_the_way(start: ArrayLike, ends: ArrayLike, share: float) -> Float:
+    """Unit vectors (..., 3) at a share of the great circles from one unit vector to others."""
+    start, ends = np.asarray(start), np.asarray(ends)
+    angle = np.maximum(angle_between(start, ends), 1e-6)[..., None]
+    return unit((np.sin((1 - share) * angle) * start + np.sin(share * angle) * ends) / np.maximum(np.sin(angle), 1e-9))
+
+
 def turn_about_z(angle_rad: float) -> Float:
     """Rotation (3, 3) about z that turns x towards y by an angle."""
     sine, cosine = np.sin(angle_rad), np.cos(angle_rad)

@@ -493,7 +493,7 @@ class Attention:
     ``tied`` are the ids of the other targets with exactly the same value (the nearest won).
     ``missing`` says why nothing could be computed; then ``values`` is empty and ``focus`` is None.
     ``fit`` and ``belief`` are there where the attention is a posterior: ``belief`` is a
-    :class:`vfoa.posterior.filter.Belief`, which smoothing needs.
+    :class:`vfoa.posterior.belief.Belief`, which smoothing needs.
     """
 
     subject: Subject

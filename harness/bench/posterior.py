@@ -17,7 +17,8 @@ import numpy as np
 
 from harness.report.formats import Table
 from vfoa.geometry import angle_between, unit
-from vfoa.posterior.filter import Belief, Measured, Scenery, answered, update
+from vfoa.posterior.belief import Belief, Measured, Scenery
+from vfoa.posterior.filter import answered, update
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.posterior.smoothing import smoothed
 from vfoa.simulated_scenes import NOWHERE, Errors, Generator, draw_sequence

@@ -24,7 +24,7 @@ from vfoa.bayes import BeliefState
 from vfoa.gaze.temporal import WindowStart
 from vfoa.gaze_filter import CueFilter, GazeFilterState
 from vfoa.pipeline import Memory
-from vfoa.posterior.filter import Belief
+from vfoa.posterior.belief import Belief
 from vfoa.posterior.gaze_error import GazeError
 from vfoa.posterior.grid import GazeHypotheses, HeadHypotheses
 from vfoa.posterior.head_motion import HeadMotion

@@ -19,7 +19,7 @@ from vfoa.attention import boxes_of_others
 from vfoa.bayes import BayesSettings, measured_cues
 from vfoa.errors import VfoaError
 from vfoa.geometry import unit
-from vfoa.posterior.filter import Scenery
+from vfoa.posterior.belief import Scenery
 from vfoa.posterior.fit import Estimate, LabelledFrame, LabelledPerson, fit, settings_from
 from vfoa.posterior.settings import PosteriorSettings
 from vfoa.visible import views_of

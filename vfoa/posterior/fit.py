@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfoa.geometry import tangent_offset
-from vfoa.posterior.filter import Measured, Scenery
+from vfoa.posterior.belief import Measured, Scenery
 from vfoa.posterior.settings import PosteriorSettings
 from vfoa.types import Float
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vfoa.posterior.filter import Belief, Measured
+from vfoa.posterior.belief import Belief, Measured
 from vfoa.posterior.settings import MEAN_ANGLE_PER_SIGMA
 from vfoa.types import DirectionFit
 

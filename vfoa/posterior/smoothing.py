@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vfoa.posterior.filter import Belief
+from vfoa.posterior.belief import Belief
 from vfoa.posterior.looks import Keys, columns_of, predicted_looks
 from vfoa.types import Float
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from vfoa.geometry import perturb
-from vfoa.posterior.filter import Belief, Measured, Scenery, update
+from vfoa.posterior.belief import Belief, Measured, Scenery
+from vfoa.posterior.filter import update
 from vfoa.posterior.head_motion import HEAD, HeadMotion, first_motion, next_motion
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.posterior.smoothing import smoothed

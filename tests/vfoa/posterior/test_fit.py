@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vfoa.geometry import unit
-from vfoa.posterior.filter import Measured, Scenery
+from vfoa.posterior.belief import Measured, Scenery
 from vfoa.posterior.fit import LabelledFrame, LabelledPerson, fit, settings_from
 from vfoa.posterior.settings import PosteriorSettings
 from vfoa.simulated_scenes import NOWHERE, Errors, draw_sequence

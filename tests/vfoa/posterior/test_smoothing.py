@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vfoa.posterior.filter import Belief
+from vfoa.posterior.belief import Belief
 from vfoa.posterior.grid import gaze_hypotheses, head_hypotheses
 from vfoa.posterior.looks import Keys, columns_of, no_looks, predicted_looks
 from vfoa.posterior.settings import PosteriorSettings

@@ -1,0 +1,151 @@
+"""What is believed of a person, and what it rests on: the targets that are seen, and the measured directions.
+
+A hypothesis is a pair of a gaze hypothesis (scale of the error, bias, gain) and a head hypothesis (share). Each has an
+own probability of every target and own counts of looks. The filters of gaze and head are kept for the gaze hypothesis
+and for the head hypothesis alone, averaged over the other: the pairs would cost as many times more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vfoa.geometry import unit
+from vfoa.posterior.gaze_error import GazeError
+from vfoa.posterior.grid import GazeHypotheses, HeadHypotheses, gaze_hypotheses, head_hypotheses
+from vfoa.posterior.head_motion import HeadMotion
+from vfoa.posterior.looks import Keys, Looks, no_looks
+from vfoa.posterior.settings import PosteriorSettings
+from vfoa.types import Float
+
+_UNLIKELY = 1e-6
+"""Hypotheses this much less likely than the likeliest are given up."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scenery:
+    """The targets of a person, as ``keys`` (T,), of which the last is None for nowhere.
+
+    Directions (T - 1, 3) of the targets and the variances (T - 1,) of the looks at each per tangent direction, rad^2;
+    the direction (3,) to the camera.
+    """
+
+    keys: Keys
+    directions: Float
+    variances: Float
+    to_camera: Float
+
+    @property
+    def middle(self) -> Float:
+        """The middle (3,) of the targets' directions; the way to the camera where they have none."""
+        if len(self.directions):
+            mean = self.directions.mean(axis=0)
+            if np.linalg.norm(mean) > 1e-9:
+                return unit(mean)
+        return self.to_camera
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Measured:
+    """The measured directions (3,), None where there is none, and the claimed errors: standard deviations, rad."""
+
+    gaze: Float | None
+    head: Float | None
+    gaze_sigma_rad: float
+    head_sigma_rad: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Belief:
+    """The belief about a person. G gaze hypotheses, K head hypotheses, T targets of ``keys``.
+
+    ``log_weights`` (G, K) up to a constant; ``looked`` (G, K, T) sums to 1 over the targets. ``leave`` (G, K) and
+    ``new`` (G, K, T) are the transition that led to this frame. ``tail`` is the probability, before the frame, of
+    directions that fit worse than those that were measured.
+    """
+
+    keys: Keys
+    gaze: GazeHypotheses
+    head: HeadHypotheses
+    log_weights: Float
+    looked: Float
+    looks: Looks
+    leave: Float
+    new: Float
+    error: GazeError | None = None
+    motion: HeadMotion | None = None
+    last_head: Float | None = None
+    tail: float = 1.0
+
+    @property
+    def weights(self) -> Float:
+        """Probabilities (G, K) of the hypotheses."""
+        weights = np.exp(self.log_weights - self.log_weights.max())
+        return np.asarray(weights / weights.sum())
+
+    @property
+    def probabilities(self) -> Float:
+        """Probabilities (T,) of the targets, whatever the hypothesis."""
+        return np.einsum("gk,gkt->t", self.weights, self.looked)
+
+
+def first_belief(keys: Keys, settings: PosteriorSettings) -> Belief:
+    """The belief before anything was measured: one hypothesis of each kind, until there is a cue to tell several."""
+    told = settings.model_copy(update={"error": "told"})
+    return Belief(
+        keys=keys,
+        gaze=gaze_hypotheses(told),
+        head=head_hypotheses(told),
+        log_weights=np.zeros((1, 1)),
+        looked=np.full((1, 1, len(keys)), 1 / len(keys)),
+        looks=no_looks((1, 1)),
+        leave=np.ones((1, 1)),
+        new=np.ones((1, 1, len(keys))),
+    )
+
+
+def with_cues(belief: Belief, measured: Measured, settings: PosteriorSettings) -> Belief:
+    """The belief with the hypotheses of a cue that is measured for the first time."""
+    if belief.error is None and measured.gaze is not None:
+        gaze = gaze_hypotheses(settings)
+        belief = _repeated(replace(belief, gaze=gaze), gaze.log_prior, axis=0)
+    if belief.motion is None and measured.head is not None:
+        head = head_hypotheses(settings)
+        belief = _repeated(replace(belief, head=head), head.log_prior, axis=1)
+    return belief
+
+
+def _repeated(belief: Belief, log_prior: Float, axis: int) -> Belief:
+    count, shape = len(log_prior), (-1, 1) if axis == 0 else (1, -1)
+    looks = belief.looks
+    return replace(
+        belief,
+        log_weights=belief.log_weights + log_prior.reshape(shape),
+        looked=np.repeat(belief.looked, count, axis=axis),
+        looks=Looks(
+            begun=np.repeat(looks.begun, count, axis=axis),
+            nowhere=np.repeat(looks.nowhere, count, axis=axis),
+            watched_s=np.repeat(looks.watched_s, count, axis=axis),
+        ),
+    )
+
+
+def pruned(belief: Belief) -> Belief:
+    """Without the gaze hypotheses that have become very unlikely, if they are many enough to be worth it."""
+    top = belief.log_weights.max(axis=1)
+    rows = top > top.max() + np.log(_UNLIKELY)
+    if rows.mean() > 0.8:
+        return belief
+    return replace(
+        belief,
+        gaze=belief.gaze.kept(rows),
+        log_weights=belief.log_weights[rows] - top.max(),
+        looked=belief.looked[rows],
+        leave=belief.leave[rows],
+        new=belief.new[rows],
+        looks=Looks(
+            begun=belief.looks.begun[rows], nowhere=belief.looks.nowhere[rows], watched_s=belief.looks.watched_s[rows]
+        ),
+        error=belief.error.kept(rows) if belief.error else None,
+    )

@@ -1,0 +1,45 @@
+"""The gaze of one frame: where each hypothesis expects it for each target, and how well the measured one fits."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vfoa.geometry import on_the_way, tangent_offset
+from vfoa.posterior.belief import Belief, Measured, Scenery
+from vfoa.posterior.evidence import Evidence, Flow
+from vfoa.posterior.gaze_error import GazeError, first_error, next_error, weigh_gaze
+from vfoa.posterior.settings import PosteriorSettings, sigma_rad
+from vfoa.types import Float
+
+
+def weighed_gaze(
+    prior: Belief, scenery: Scenery, measured: Measured, flow: Flow, dt_s: float, settings: PosteriorSettings
+) -> tuple[GazeError | None, Evidence]:
+    """The filter of the gaze error after the frame, None before the first gaze, and what the gaze says."""
+    hypotheses = prior.gaze
+    nothing = Evidence.none(len(hypotheses.scale), len(scenery.keys))
+    if prior.error is None and measured.gaze is None:
+        return None, nothing
+    variance = ((hypotheses.scale * measured.gaze_sigma_rad) ** 2)[:, None]
+    slow = settings.bias_share * variance
+    head = prior.last_head if measured.head is None else measured.head
+    around = sigma_rad(settings.nowhere_deg if head is None else settings.about_head_deg)
+    drift = slow + np.append(scenery.variances, around**2)
+    if prior.error is None:
+        predicted = first_error(hypotheses.cell_rad**2, drift)
+    else:
+        looked, stay = flow.of("gaze")
+        keep = float(np.exp(-dt_s / settings.bias_s))
+        predicted = next_error(prior.error, looked, flow.columns, stay, slow, drift, keep)
+    if measured.gaze is None:
+        return predicted, nothing
+    aims = np.stack([_aims(scenery, gain, head) for gain in hypotheses.gains])
+    offset = tangent_offset(aims, measured.gaze)[hypotheses.gain].transpose(2, 0, 1) - hypotheses.bias_rad[..., None]
+    error, likelihood, square = weigh_gaze(predicted, offset, variance - slow, settings.tails)
+    return error, Evidence.of(likelihood, square, settings.tails)
+
+
+def _aims(scenery: Scenery, gain: float, head: Float | None) -> Float:
+    """Where a gaze at each target (T, 3) is measured with this gain. A gaze at nothing is about the measured head."""
+    nowhere = on_the_way(scenery.to_camera, scenery.middle, gain) if head is None else head
+    return np.vstack([on_the_way(scenery.to_camera, scenery.directions, gain), nowhere])
