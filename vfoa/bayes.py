@@ -125,7 +125,7 @@ def _smoothed_track(window: Sequence[FrameResult], track: int, settings: BayesSe
     path = likeliest_path(beliefs) if settings.smoothing == "viterbi" else [None] * len(known)
     found = {}
     for (index, attention, belief), probability, key in zip(known, smoothed(beliefs), path, strict=True):
-        revised = _with_probabilities(attention, belief.keys, answered(belief, probability, settings))
+        revised = _with_probabilities(attention, belief.keys, answered(belief, probability, settings, later_known=True))
         found[index] = replace(revised, focus=key, tied=()) if settings.smoothing == "viterbi" else revised
     return found
 

@@ -156,7 +156,7 @@ def _measured_cell(
         beliefs = _beliefs(each, settings)
         seconds, frames = seconds + time.perf_counter() - start, frames + len(truth)
         answers["forward"].add(*_judged(_answers(beliefs, settings), truth))
-        both = [answered(*each, settings) for each in zip(beliefs, smoothed(beliefs), strict=True)]
+        both = [answered(*each, settings, later_known=True) for each in zip(beliefs, smoothed(beliefs), strict=True)]
         answers["both"].add(*_judged(both, truth))
         known = smoothed(_beliefs(unbiased, told))
         answers["all known"].add(*_judged(known, truth))

@@ -56,14 +56,16 @@ def update(
     return pruned(belief)
 
 
-def answered(belief: Belief, probabilities: Float, settings: PosteriorSettings) -> Float:
+def answered(belief: Belief, probabilities: Float, settings: PosteriorSettings, *, later_known: bool = False) -> Float:
     """The answer (T,) where the model has these probabilities (T,): flatter with a gaze of unknown error.
+
+    ``later_known`` says that they are those of smoothing.
 
     Heads alone need no such correction: their likelihood is flattened already (``head_evidence``).
     """
     if settings.error == "told" or belief.error is None:
         return probabilities
-    flat = probabilities ** (1 / settings.temperature)
+    flat = probabilities ** (1 / (settings.smoothed_temperature if later_known else settings.temperature))
     return np.asarray(flat / flat.sum())
 
 

@@ -31,9 +31,9 @@ class GazeErrorSettings(Settings):
     """Published mean angle of the head-pose error."""
     scale_spread: float = Field(default=0.7, gt=0, le=3)
     """Standard deviation of the natural logarithm of the true gaze error over the claimed one."""
-    unbiased: float = Field(default=0.4, ge=0, lt=1)
+    unbiased: float = Field(default=0.3, ge=0, lt=1)
     """Prior probability that the gaze of a person has no constant bias."""
-    bias_deg: float = Field(default=12.0, gt=0, le=60)
+    bias_deg: float = Field(default=18.0, gt=0, le=60)
     """Mean angle of the constant bias where there is one."""
     bias_share: float = Field(default=0.35, ge=0, lt=1)
     """Share of the variance of the error that drifts; the rest is new in each frame."""
@@ -44,6 +44,8 @@ class GazeErrorSettings(Settings):
     temperature: float = Field(default=1.4, ge=1, le=10)
     """Where a gaze of ``unknown`` error was measured, probabilities are raised to the power 1 / temperature: the model
     is also wrong in ways that it has no hypothesis for (temperature scaling, Guo et al. 2017)."""
+    smoothed_temperature: float = Field(default=2.0, ge=1, le=10)
+    """The same where later frames are known: they are wrong in the same ways once more."""
     evidence: float = Field(default=0.7, gt=0, le=1)
     """Power of what every frame but the first says of the error (not of the target): errors last in more ways than
     the model has, so that frames in a row say less of them than as many apart."""
@@ -77,7 +79,7 @@ class LookSettings(Settings):
     and long looks correct it.
     """
 
-    p_nowhere: float = Field(default=0.15, gt=0, lt=1)
+    p_nowhere: float = Field(default=0.2, gt=0, lt=1)
     """Prior share of looks at no target."""
     nowhere_looks: float = Field(default=6.0, gt=0)
     """Number of looks that ``p_nowhere`` is worth."""

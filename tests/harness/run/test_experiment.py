@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from harness.run.experiment import load_experiment
+from harness.run.grid import base_of
 from harness.stages.configuration import Configuration
 from vfoa.errors import VfoaError
 
@@ -116,10 +117,10 @@ def test_an_unknown_experiment_proposes_the_nearest() -> None:
 
 def test_the_method_of_attention_decides_which_settings_are_known():
     experiment = load_experiment("bayes")
-    methods = {each.name: each.attend.attention.method for each in experiment.configurations}
-    assert {methods[name] for name in ("best_cones", "one_cone", "two_cones")} == {"cones"}
-    assert {methods[name] for name in ("bayes", "bayes_both", "bayes_told")} == {"bayes"}
-    assert methods["nearest"] == "nearest"
+    methods = {base_of(each.name): each.attend.attention.method for each in experiment.configurations}
+    assert methods["best_cones"] == "cones"
+    assert {methods[name] for name in ("bayes", "bayes_both", "bayes_told", "wrong_bayes")} == {"bayes"}
+    assert {methods[name] for name in ("nearest", "wrong_nearest")} == {"nearest"}
     with pytest.raises(VfoaError, match=r"attention.*p_nowhere"):
         load_experiment("demo", overrides=("attention.p_nowhere=0.2",))
 

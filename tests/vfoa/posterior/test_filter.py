@@ -7,7 +7,7 @@ import pytest
 
 from vfoa.geometry import perturb
 from vfoa.posterior.belief import Belief, Measured, Scenery
-from vfoa.posterior.filter import update
+from vfoa.posterior.filter import answered, update
 from vfoa.posterior.head_motion import HEAD, HeadMotion, first_motion, next_motion
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.posterior.smoothing import smoothed
@@ -255,3 +255,13 @@ def test_how_uncertain_a_turning_head_is_depends_on_the_time_alone() -> None:
 
     coarse, fine = (after(steps).covariances[0, 0, HEAD, HEAD] for steps in (1, 4))
     assert fine == pytest.approx(coarse, rel=0.25)
+
+
+def test_answers_of_an_unknown_error_are_flatter_and_most_where_later_frames_are_known() -> None:
+    model = np.array([0.6, 0.3, 0.1])
+    unknown, told = PosteriorSettings(), PosteriorSettings(error="told")
+    belief, known = (beliefs_of(scenery(0, 20), offsets_of(np.zeros((1, 2))), each)[0] for each in (unknown, told))
+    forward, both = answered(belief, model, unknown), answered(belief, model, unknown, later_known=True)
+    assert 1 / 3 < both[0] < forward[0] < model[0]
+    assert both == pytest.approx(np.sqrt(model) / np.sqrt(model).sum())
+    assert answered(known, model, told, later_known=True) == pytest.approx(model)
