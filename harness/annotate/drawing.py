@@ -94,7 +94,7 @@ class DrawingStore:
         self.read_only: str | None = None
         self._journal: Journal | None = None
         try:
-            self._journal = Journal(journal, of=str(path))
+            self._journal = Journal(journal, of=path)
         except VfoaError as error:
             self.read_only = str(error)
             self._begin(stored)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import stat
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +24,15 @@ class Journal:
         If it cannot be written, another process holds it, or a line is not JSON.
     """
 
-    def __init__(self, path: Path, *, of: str) -> None:
-        """``of`` is what the journal is about, for messages."""
+    def __init__(self, path: Path, *, of: Path) -> None:
+        """``of`` is the file that the journal is about; a new journal may be read by those who may read that file."""
         self.path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
+            mode = stat.S_IMODE(of.stat().st_mode) if of.exists() and not path.exists() else None
             self._file = path.open("a+b", buffering=0)
+            if mode is not None:
+                os.fchmod(self._file.fileno(), mode)
         except OSError as error:
             raise VfoaError(f"{path}: cannot be written: {error.strerror}") from None
         try:

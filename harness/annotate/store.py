@@ -73,7 +73,7 @@ class LabelStore:
         self._origin = origin
         self._frames = tuple(timeline.frames)
         self._history = History(subjects, self._frames, fill_gaps=fill_gaps)
-        self._journal = Journal(journal, of=str(path))
+        self._journal = Journal(journal, of=path)
         self._request, self._requests = "", {entry["id"] for entry in self._journal.entries if "id" in entry}
         try:
             self._start()

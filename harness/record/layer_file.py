@@ -19,17 +19,15 @@ from harness.record import entities
 from harness.record.frame_log import FrameLog
 from harness.record.layers import ClipFiles
 from harness.record.thinning import Whole, thin
+from harness.record.writing_out import GO_ON, write_out
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 _FLUSHED_EVERY = 50
 """Frames. What waits in memory does not grow with the clip, and a kill loses no more than this."""
-_PATIENCE_S = 30.0
-"""How long Rerun may take to write out what waits; without a limit it waits for a disk that is full."""
 LEAST_FREE_BYTES = 32 * 2**20
 """A recording stops while the disk has this much: what remains is for the results."""
-_GO_ON = "finished frames are kept, and the same command goes on"
 
 
 class LayerFile:
@@ -139,7 +137,8 @@ class LayerFile:
                 with nullcontext() if complete else suppress(OSError):  # of an error that is being told already
                     self._flush()
         finally:
-            self.stream.disconnect()
+            if not self._broken:
+                self.stream.disconnect()
         if complete:
             if whole:
                 thin(self._partial, self._files, self._layout, whole)
@@ -151,15 +150,15 @@ class LayerFile:
     def _check_room(self) -> None:
         free = shutil.disk_usage(self._path.parent).free
         if free < LEAST_FREE_BYTES:
-            said = f"{os.strerror(errno.ENOSPC)}: {free // 2**20} MB are free; {_GO_ON}"
+            said = f"{os.strerror(errno.ENOSPC)}: {free // 2**20} MB are free; {GO_ON}"
             raise OSError(errno.ENOSPC, said, str(self._partial))
 
     def _flush(self) -> None:
         try:
-            self.stream.flush(timeout_sec=_PATIENCE_S)
-        except RuntimeError as error:
+            write_out(self.stream, self._partial)
+        except OSError:
             self._broken = True
-            raise OSError(errno.EIO, f"cannot be written ({error}); {_GO_ON}", str(self._partial)) from None
+            raise
 
     def _take_in(self) -> None:
         """Write what earlier runs left into the file, chunk by chunk."""

@@ -20,6 +20,7 @@ from rerun.chunk import Chunk, RrdReader
 
 from harness.record import entities
 from harness.record.layers import ClipFiles
+from harness.record.writing_out import write_out
 from harness.run.records import FrameRecord
 from harness.score.verdicts import Verdict
 
@@ -95,7 +96,7 @@ def thin(path: Path, files: ClipFiles, layout: rrb.Blueprint | None, whole: Whol
     stream.set_log_tick_enabled(False)
     stream.save(draft, default_blueprint=layout)
     stream.send_chunks(_thinned(RrdReader(path).stream(), whole.frames, whole.ends_ns()))
-    stream.flush()
+    write_out(stream, draft)
     stream.disconnect()
     draft.replace(path)
 

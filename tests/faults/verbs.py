@@ -43,7 +43,7 @@ VERBS: dict[str, Writes | Left] = {
     "live": Left("what it writes depends on when frames come; it does not resume"),
     "score": Writes(("score", "run"), varies=_RUN_VARIES),
     "report": Writes(("report", "run"), varies=_RUN_VARIES),
-    "view": Left("opens a viewer, writes nothing"),
+    "view": Left("opens a viewer; with --screenshot one file, by the writer that export-table has"),
     "export-failure": Writes(
         ("export-failure", "run", "--frame", "20", "--config", "cones", "--out", "small.rrd", "--replace"),
         varies=(".rrd",),

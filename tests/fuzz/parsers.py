@@ -31,6 +31,9 @@ from harness.sources.stamped_list import read_stamped_list
 from harness.stages.outputs.tables import read_table
 from tests.calibrations import SIZE
 from tests.exchanges import exchange
+from tests.fuzz import calibration_seeds as cameras
+from tests.fuzz import media_seeds as media
+from tests.fuzz import recorded_states as recorded
 from tests.fuzz import seeds, states
 from tests.fuzz.mutations import Kind
 
@@ -79,7 +82,7 @@ def _beside(name: str) -> Callable[[Path], Any]:
     def read(path: Path) -> Any:
         other = path.with_name(name)
         if not other.exists():
-            seeds.other_calibration(other)
+            cameras.other_calibration(other)
         return read_cameras([path, other], lambda: SIZE)
 
     return read
@@ -169,62 +172,88 @@ PARSERS: Sequence[Parser] = (
     ),
     Parser("Idiap tracker", "tracker.csv", "csv", seeds.idiap_tracker, states.open_idiap),
     Parser("list of stamps", "rgb.txt", "text", seeds.stamps, read_stamped_list),
-    Parser("OpenCV calibration", "stereo.yml", "yaml", seeds.opencv, _cameras, (seeds.opencv_rectified,)),
-    Parser("OpenCV XML calibration", "stereo.xml", "xml", seeds.opencv, _cameras, (seeds.opencv_rectified,)),
-    Parser("OpenCV intrinsics", "intrinsics.yml", "yaml", seeds.opencv_inner, _beside("extrinsics.yml")),
-    Parser("ROS calibration", "left.yaml", "yaml", seeds.ros, _beside("right.yaml")),
-    Parser("EuRoC calibration", "cam0.yaml", "yaml", seeds.euroc, _beside("cam1.yaml")),
-    Parser("Kalibr calibration", "camchain.yaml", "yaml", seeds.kalibr, _cameras),
-    Parser("ZED calibration", "SN1.conf", "text", seeds.zed, _cameras),
-    Parser("KITTI calibration", "calib.txt", "text", seeds.kitti, _cameras),
-    Parser("Middlebury calibration", "calib.txt", "text", seeds.middlebury, _cameras),
+    Parser(
+        "OpenCV calibration",
+        "stereo.yml",
+        "yaml",
+        cameras.opencv,
+        _cameras,
+        (cameras.opencv_rectified,),
+    ),
+    Parser(
+        "OpenCV XML calibration",
+        "stereo.xml",
+        "xml",
+        cameras.opencv,
+        _cameras,
+        (cameras.opencv_rectified,),
+    ),
+    Parser("OpenCV intrinsics", "intrinsics.yml", "yaml", cameras.opencv_inner, _beside("extrinsics.yml")),
+    Parser("ROS calibration", "left.yaml", "yaml", cameras.ros, _beside("right.yaml")),
+    Parser("EuRoC calibration", "cam0.yaml", "yaml", cameras.euroc, _beside("cam1.yaml")),
+    Parser("Kalibr calibration", "camchain.yaml", "yaml", cameras.kalibr, _cameras),
+    Parser("ZED calibration", "SN1.conf", "text", cameras.zed, _cameras),
+    Parser("KITTI calibration", "calib.txt", "text", cameras.kitti, _cameras),
+    Parser("Middlebury calibration", "calib.txt", "text", cameras.middlebury, _cameras),
     Parser(
         "matrix calibration",
         "K.txt",
         "text",
-        seeds.matrix,
+        cameras.matrix,
         lambda path: read_cameras([path], lambda: SIZE, Options(baseline_m=0.1)),
-        (seeds.foundation,),
+        (cameras.foundation,),
     ),
-    Parser("one camera, ROS", "camera.yaml", "yaml", seeds.ros, _camera),
-    Parser("one camera, JSON", "camera.json", "json", seeds.open3d, _camera, (seeds.realsense,)),
-    Parser("one camera, numbers", "camera.txt", "text", seeds.matrix, _camera, (seeds.four_numbers,)),
-    Parser("one camera, npy", "camera.npy", "binary", seeds.npy_camera, _camera),
-    Parser("Sintel camera", "frame.cam", "binary", seeds.sintel_cam, read_camera),
-    Parser("Sintel depth", "frame.dpt", "binary", seeds.dpt, read_depth),
-    Parser("Sintel disparity", "frame.png", "binary", seeds.sintel_png, read_sintel_disparity),
-    Parser("Sintel segments", "frame.png", "binary", seeds.segments_png, read_segments),
-    Parser("KITTI disparity", "frame.png", "binary", seeds.png_16, read_disparity),
-    Parser("npy disparity", "frame.npy", "binary", seeds.npy, read_disparity),
-    Parser("PFM disparity", "frame.pfm", "binary", seeds.pfm, read_disparity),
+    Parser("one camera, ROS", "camera.yaml", "yaml", cameras.ros, _camera),
+    Parser("one camera, JSON", "camera.json", "json", cameras.open3d, _camera, (cameras.realsense,)),
+    Parser(
+        "one camera, numbers",
+        "camera.txt",
+        "text",
+        cameras.matrix,
+        _camera,
+        (cameras.four_numbers,),
+    ),
+    Parser("one camera, npy", "camera.npy", "binary", cameras.npy_camera, _camera),
+    Parser("Sintel camera", "frame.cam", "binary", media.sintel_cam, read_camera),
+    Parser("Sintel depth", "frame.dpt", "binary", media.dpt, read_depth),
+    Parser("Sintel disparity", "frame.png", "binary", media.sintel_png, read_sintel_disparity),
+    Parser("Sintel segments", "frame.png", "binary", media.segments_png, read_segments),
+    Parser("KITTI disparity", "frame.png", "binary", media.png_16, read_disparity),
+    Parser("npy disparity", "frame.npy", "binary", media.npy, read_disparity),
+    Parser("PFM disparity", "frame.pfm", "binary", media.pfm, read_disparity),
     *(
         Parser(f"{suffix} depth", f"frame.{suffix}", "binary", write, lambda path: read_depth_file(path, None))
-        for suffix, write in (("npy", seeds.npy), ("exr", seeds.exr), ("pfm", seeds.pfm), ("tif", seeds.png_16))
+        for suffix, write in (
+            ("npy", media.npy),
+            ("exr", media.exr),
+            ("pfm", media.pfm),
+            ("tif", media.png_16),
+        )
     ),
-    Parser("PNG image", "frame.png", "binary", seeds.image, read_rgb),
-    Parser("JPEG image", "frame.jpg", "binary", seeds.image, read_rgb, (seeds.turned_jpeg,)),
-    Parser("TIFF image", "frame.tif", "binary", seeds.image, read_raw),
-    Parser("WebP image", "frame.webp", "binary", seeds.image, read_rgb),
-    Parser("video", "both.mkv", "binary", seeds.video, _video),
+    Parser("PNG image", "frame.png", "binary", media.image, read_rgb),
+    Parser("JPEG image", "frame.jpg", "binary", media.image, read_rgb, (media.turned_jpeg,)),
+    Parser("TIFF image", "frame.tif", "binary", media.image, read_raw),
+    Parser("WebP image", "frame.webp", "binary", media.image, read_rgb),
+    Parser("video", "both.mkv", "binary", media.video, _video),
     *(
-        Parser(f"MCAP, {family}", "take.mcap", "binary", seeds.mcap(family), states.read_recording)
+        Parser(f"MCAP, {family}", "take.mcap", "binary", media.mcap(family), recorded.read_recording)
         for family in ("ros2", "protobuf", "json")
     ),
-    Parser("MCAP of a depth camera", "take.mcap", "binary", seeds.depth_bag("mcap"), states.read_recording),
-    Parser("MCAP of a video", "take.mcap", "binary", seeds.video_mcap, states.read_recording),
-    Parser("ROS 1 bag", "take.bag", "binary", seeds.depth_bag("bag"), states.read_recording),
-    Parser("ROS 2 bag", "take.db3", "binary", seeds.depth_bag("db3"), states.read_recording),
+    Parser("MCAP of a depth camera", "take.mcap", "binary", media.depth_bag("mcap"), recorded.read_recording),
+    Parser("MCAP of a video", "take.mcap", "binary", media.video_mcap, recorded.read_recording),
+    Parser("ROS 1 bag", "take.bag", "binary", media.depth_bag("bag"), recorded.read_recording),
+    Parser("ROS 2 bag", "take.db3", "binary", media.depth_bag("db3"), recorded.read_recording),
     Parser(
         "ROS 2 bag's metadata",
         "metadata.yaml",
         "yaml",
-        states.write_metadata,
-        states.read_with_metadata,
+        recorded.write_metadata,
+        recorded.read_with_metadata,
         suite_cases=50,
     ),
     *(
-        Parser(f"message: {name}", "message.bin", "binary", write, states.read_message(name))
-        for name, write in states.MESSAGES.items()
+        Parser(f"message: {name}", "message.bin", "binary", write, recorded.read_message(name))
+        for name, write in recorded.MESSAGES.items()
     ),
 )
 """All parsers, each under its own name."""

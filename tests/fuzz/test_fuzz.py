@@ -12,8 +12,8 @@ from random import Random
 import pytest
 
 from tests.fuzz.cases import Finding, bounded, case_bytes, try_case
-from tests.fuzz.mutations import change_tree
 from tests.fuzz.parsers import PARSERS, Parser
+from tests.fuzz.structured import change_tree
 from vfoa.errors import VfoaError
 
 SEED = 2026

@@ -208,6 +208,14 @@ def test_a_csv_that_was_changed_elsewhere_wins_and_is_not_overwritten(tmp_path: 
     assert (tmp_path / "annotations" / "clip.csv").read_text() == text
 
 
+def test_who_may_not_read_the_csv_may_not_read_its_journal(tmp_path: Path) -> None:
+    text = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,2,ann,cup,\n"
+    write_text(tmp_path / "annotations" / "clip.csv", text).chmod(0o600)
+    _look(_open(tmp_path), 3, "book")
+    modes = {path.stat().st_mode & 0o777 for path in tmp_path.rglob("*") if path.is_file()}
+    assert modes == {0o600}
+
+
 def test_a_deleted_csv_is_a_fresh_start(tmp_path: Path) -> None:
     store = _open(tmp_path)
     _look(store, 0, "cup")
