@@ -63,7 +63,12 @@ DOORS = {
     "matplotlib": ("harness/report/figures.py", "harness/report/", "harness/report/sweep.py"),
     "rich": ("harness/cli/", "harness/report/formats.py", "harness/bench/"),
     "pandas": ("harness/api.py", "harness/bench/stages.py"),
-    "msgspec": ("harness/run/results.py", "harness/report/", "harness/stages/cache/values.py"),
+    "msgspec": (
+        "harness/run/results.py",
+        "harness/record/verdict_layer.py",
+        "harness/report/",
+        "harness/stages/cache/values.py",
+    ),
     "zstandard": ("harness/stages/cache/values.py",),
     "pyarrow": ("harness/record/", "harness/strict_tables.py"),
     "yaml": ("harness/bounded_parsing.py", "harness/sources/calibration_files/documents.py"),

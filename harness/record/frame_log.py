@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -85,13 +85,63 @@ class FrameLog:
         """Send the numbers that wait."""
         for path, rows in self._waiting.items():
             frames, times_ns, values = zip(*rows, strict=True)
-            times = [
-                rr.TimeColumn("frame", sequence=frames),
-                rr.TimeColumn("time", duration=np.array(times_ns, dtype="timedelta64[ns]")),
-            ]
-            self._stream.send_columns(path, indexes=times, columns=rr.Scalars.columns(scalars=values))
+            columns = rr.Scalars.columns(scalars=values)
+            self._stream.send_columns(path, indexes=_time_columns(frames, times_ns), columns=columns)
         self._waiting, self._frames_waiting = {}, 0
 
     def _set_time(self, frame: int, time_ns: int) -> None:
         self._stream.set_time("frame", sequence=frame)
         self._stream.set_time("time", duration=np.timedelta64(time_ns, "ns"))
+
+
+class ColumnLog:
+    """As :class:`FrameLog`, for what is known of many frames at a time: an entity is sent as one column of them.
+
+    A call to Rerun costs as much as twenty rows. ``before`` are the paths that the frame before the first one had.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, before: Iterable[str] = ()) -> None:
+        self._stream = stream
+        self._time = (0, 0)
+        self._rows: dict[tuple[str, Any], list[tuple[int, int, Mapping[str, Any]]]] = {}
+        self._before, self._now = set(before), set[str]()
+
+    @property
+    def shown(self) -> list[str]:
+        """The paths that the last frame had, sorted."""
+        return sorted(self._before)
+
+    @property
+    def paths(self) -> set[str]:
+        """All paths with rows that wait."""
+        return {path for path, _ in self._rows}
+
+    def begin(self, frame: int, time_ns: int) -> None:
+        """Set the time of all that follows: the source's frame number and time."""
+        self._time = (frame, time_ns)
+
+    def log(self, path: str, archetype: Any, **row: Any) -> None:
+        """Log an entity of this frame: one row of the archetype's ``columns``."""
+        self._now.add(path)
+        self._rows.setdefault((path, archetype), []).append((*self._time, row))
+
+    def end(self) -> None:
+        """Clear what the frame before had and this one has not."""
+        for path in sorted(self._before - self._now):
+            self._rows.setdefault((path, rr.Clear), []).append((*self._time, {"is_recursive": True}))
+        self._before, self._now = self._now, set()
+
+    def send(self) -> None:
+        """Send the rows that wait."""
+        for (path, archetype), rows in self._rows.items():
+            frames, times_ns, values = zip(*rows, strict=True)
+            columns = archetype.columns(**{name: [row[name] for row in values] for name in values[0]})
+            self._stream.send_columns(path, indexes=_time_columns(frames, times_ns), columns=columns)
+        self._rows = {}
+
+
+def _time_columns(frames: Iterable[int], times_ns: Iterable[int]) -> list[rr.TimeColumn]:
+    return [
+        rr.TimeColumn("frame", sequence=list(frames)),
+        rr.TimeColumn("time", duration=np.array(list(times_ns), dtype="timedelta64[ns]")),
+    ]

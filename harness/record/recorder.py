@@ -18,7 +18,7 @@ from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, LayerNames
 from harness.record.reconstruction import log_disparity, log_targets
 from harness.record.thinning import Judged, Whole
-from harness.record.verdicts import log_verdicts
+from harness.record.verdicts import LiveVerdicts
 from harness.run.checkpoint import SinkState
 from harness.run.frame_sink import FinishedFrame
 from harness.run.records import FrameRecord
@@ -178,6 +178,7 @@ class Recorder:
     def __enter__(self) -> Self:
         self._shared = SharedLayers.join(self._files, self._size, self._rate_hz, self._names, self._watched_at)
         self._layer = LayerFile(self.path, self._files, watched_at=self._watched_at)
+        self._verdicts = LiveVerdicts(self._layer.stream, self._layers.configuration, self._subjects)
         if self._resumed:
             self._layer.resume(self._resumed.values["own"])
             self._shared.resume(self._layers, self._resumed.values["shared"])
@@ -217,7 +218,7 @@ class Recorder:
             verdicts = self._judge(record)
             self._judged.add(record, verdicts)
             if self._watched_at:
-                log_verdicts(log, record, verdicts, colours)
+                self._verdicts.show(record, verdicts, colours)
         log.end()
         self._layer.end_frame()
 

@@ -4,45 +4,68 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Mapping, Sequence
 from functools import cache
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import rerun as rr
+from rerun.chunk import RrdReader
 
-from harness.files import digest_files, file_digest
-from harness.labels.labels import Labels
+from harness.files import digest_files
+from harness.labels.labels import Label, Labels
 from harness.record import appearance, entities, frame_log, layer_file, verdicts
 from harness.record.appearance import Colours
 from harness.record.composed import clip_names
+from harness.record.frame_log import ColumnLog
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles
-from harness.record.reading import properties
-from harness.record.verdicts import log_verdicts
+from harness.record.reading import properties, reading
+from harness.record.verdicts import log_palettes, log_styles, log_verdicts
 from harness.run.directory import Pair, RunDirectory
-from harness.run.records import FrameRecord
-from harness.run.results import read_results
+from harness.run.results import Block, find_blocks, read_block
 from harness.score import posterior_checks
 from harness.score import verdicts as scored
 from harness.score.verdicts import judge
 from vfoa.errors import VfoaError
 
 _MADE_FROM = "made_from"
-"""The property of a layer that says what it was written from."""
+"""The property of a layer that says what each of its stretches was written from."""
 
 
 _Names = tuple[tuple[str, ...], tuple[str, ...]]
 """Subjects and targets of a clip."""
 
 
-def write_verdict_layers(directory: RunDirectory, labels: Mapping[str, Labels]) -> None:
+class _Stretch(msgspec.Struct, frozen=True):
+    """The frames of a block of results in a layer: the digest of what they follow from, and what they add up to.
+
+    ``outcomes`` are counts, ``targets`` the names in order of their coming, ``shown`` the paths that the last frame
+    has, ``paths`` those that any has.
+    """
+
+    key: str
+    outcomes: dict[str, int]
+    targets: list[str]
+    shown: list[str]
+    paths: list[str]
+
+
+def write_verdict_layers(
+    directory: RunDirectory, labels: Mapping[str, Labels], blocks: Sequence[Block] | None = None
+) -> None:
     """Write ``CLIP__CONFIGURATION.verdicts.rrd`` for every recording of a run; older ones are replaced.
 
-    A recording then shows what the tables say, also after a label was edited. A layer that was written from the same
-    results and labels by the same code is left as it is. ``labels`` are those of the clips by name; a clip without any
-    has only predictions.
+    A recording then shows what the tables say, also after a label was edited. What was written from the same results
+    and labels by the same code is taken from the older layer, and a layer in which all is the same is left as it is.
+
+    Parameters
+    ----------
+    labels
+        Those of the clips by name; a clip without any has only predictions.
+    blocks
+        Those of the results; found if not given.
 
     Raises
     ------
@@ -51,36 +74,12 @@ def write_verdict_layers(directory: RunDirectory, labels: Mapping[str, Labels]) 
     """
     manifest = directory.read_manifest()
     clips = {clip["name"]: clip_names(clip) for clip in manifest["clips"]}
-    stale = _stale(directory, manifest["configurations"], clips, labels)
-    if not stale:
-        return
-    for pair, records in groupby(read_results(directory.results), lambda each: (each.clip, each.configuration)):
-        if pair in stale:
-            clip, configuration = pair
-            files = ClipFiles(run=directory.path, clip=clip)
-            _write(files, configuration, *clips[clip], labels.get(clip), records, stale[pair])
-
-
-def _stale(
-    directory: RunDirectory, configurations: Iterable[str], clips: Mapping[str, _Names], labels: Mapping[str, Labels]
-) -> dict[Pair, str]:
-    """The layers that must be written, with what they are then made from."""
-    results = file_digest(directory.results)
-    stale: dict[Pair, str] = {}
-    for clip, names in clips.items():
-        files, made_from = ClipFiles(run=directory.path, clip=clip), _digest(results, names, labels.get(clip))
-        for configuration in configurations:
-            if files.attention(configuration).is_file() and _made_from(files.verdicts(configuration)) != made_from:
-                stale[clip, configuration] = made_from
-    return stale
-
-
-def _digest(results: str, names: object, labels: Labels | None) -> str:
-    ranges = labels and [
-        (each.first_frame, each.last_frame, each.subject, each.label.target, each.label.point_px)
-        for each in labels.ranges
-    ]
-    return hashlib.sha256(repr((_code(), rr.__version__, results, names, ranges)).encode()).hexdigest()
+    of_pair: dict[Pair, list[Block]] = {}
+    for block in find_blocks(directory.results) if blocks is None else blocks:
+        of_pair.setdefault((block.clip, block.configuration), []).append(block)
+    for (clip, configuration), its_blocks in of_pair.items():
+        if ClipFiles(run=directory.path, clip=clip).attention(configuration).is_file():
+            _Layer(directory, clip, configuration, clips[clip], labels.get(clip)).write(its_blocks)
 
 
 @cache
@@ -91,41 +90,106 @@ def _code() -> str:
     return digest_files((file.name, file) for file in files)
 
 
-def _made_from(layer: Path) -> object:
-    """What a layer was made from; None where there is none, or it is damaged: then it is written anew."""
-    if not layer.is_file():
-        return None
-    try:
-        return properties(layer).get(_MADE_FROM)
-    except VfoaError:
-        return None
+class _Layer:
+    """The layer of one configuration on one clip."""
 
+    def __init__(
+        self, directory: RunDirectory, clip: str, configuration: str, names: _Names, labels: Labels | None
+    ) -> None:
+        self._results, self._configuration, self._labels = directory.results, configuration, labels
+        self._subjects, self._targets = names
+        self._files = ClipFiles(run=directory.path, clip=clip)
+        self._path = self._files.verdicts(configuration)
 
-def _write(
-    files: ClipFiles,
-    configuration: str,
-    subjects: tuple[str, ...],
-    targets: tuple[str, ...],
-    labels: Labels | None,
-    records: Iterable[FrameRecord],
-    made_from: str,
-) -> None:
-    layer = LayerFile(files.verdicts(configuration), files)
-    colours, outcomes = Colours((*targets, *subjects)), Counter[str]()
-    layer.open()
-    log = layer.part("verdicts")
-    for record in records:
-        verdicts = [judge(record, name, labels.at(record.frame, name) if labels else None) for name in subjects]
-        outcomes.update(each.outcome for each in verdicts)
-        for target in record.targets:
-            colours.class_of(target.name)
-        log.begin(record.frame, record.time_ns)
-        log_verdicts(log, record, verdicts, colours)
-        log.end()
+    def write(self, blocks: Sequence[Block]) -> None:
+        """Write what has changed; nothing, where nothing has."""
+        old, stretches, kept_frames = _stretches(self._path), list[_Stretch](), set[int]()
+        layer: LayerFile | None = None
+        for number, block in enumerate(blocks):
+            shown = stretches[-1].shown if stretches else []
+            key = self._key(block, shown)
+            if number < len(old) and old[number].key == key:
+                stretches.append(old[number])
+                kept_frames.update(block.frames)
+            else:
+                layer = layer or self._open()
+                stretches.append(self._log(layer, block, key, shown))
+        if layer is None and len(stretches) == len(old):
+            return
+        layer = layer or self._open()
+        if kept_frames:
+            _copy(self._path, layer.stream, kept_frames)
+        self._end(layer, stretches)
+
+    def _open(self) -> LayerFile:
+        layer = LayerFile(self._path, self._files)
+        layer.open()
+        return layer
+
+    def _key(self, block: Block, shown: list[str]) -> str:
+        """The digest of all that a stretch follows from."""
+        first, last = min(block.frames), max(block.frames)
+        ranges = [
+            (max(first, each.first_frame), min(last, each.last_frame), each.subject, *_plain(each.label))
+            for each in (self._labels.ranges if self._labels else ())
+            if each.first_frame <= last and each.last_frame >= first
+        ]
+        names = self._subjects, self._targets, self._labels is None
+        of = _code(), rr.__version__, self._configuration, names, block.digest, ranges, shown
+        return hashlib.sha256(repr(of).encode()).hexdigest()[:32]
+
+    def _log(self, layer: LayerFile, block: Block, key: str, shown: list[str]) -> _Stretch:
+        log, outcomes, targets = ColumnLog(layer.stream, shown), Counter[str](), dict[str, None]()
+        for record in read_block(self._results, block):
+            labels = self._labels
+            verdicts = [
+                judge(record, name, labels.at(record.frame, name) if labels else None) for name in self._subjects
+            ]
+            outcomes.update(each.outcome for each in verdicts)
+            targets.update(dict.fromkeys(target.name for target in record.targets))
+            log.begin(record.frame, record.time_ns)
+            log_verdicts(log, record, verdicts)
+            log.end()
+        paths = sorted(log.paths)
+        log.send()
         layer.end_frame()
-    properties_of = {**_properties(files.clip, configuration, outcomes), _MADE_FROM: made_from}
-    layer.stream.send_property(configuration, rr.AnyValues(**properties_of))
-    layer.close(complete=True)
+        return _Stretch(key=key, outcomes=dict(outcomes), targets=list(targets), shown=log.shown, paths=paths)
+
+    def _end(self, layer: LayerFile, stretches: Sequence[_Stretch]) -> None:
+        outcomes, colours = Counter[str](), Colours((*self._targets, *self._subjects))
+        for stretch in stretches:
+            outcomes.update(stretch.outcomes)
+            for name in stretch.targets:
+                colours.class_of(name)
+        log_palettes(layer.stream, self._configuration, self._subjects, colours)
+        paths = {path for stretch in stretches for path in stretch.paths}
+        log_styles(layer.stream, self._configuration, self._subjects, paths)
+        made_from = msgspec.json.encode(stretches).decode()
+        properties_of = {**_properties(self._files.clip, self._configuration, outcomes), _MADE_FROM: made_from}
+        layer.stream.send_property(self._configuration, rr.AnyValues(**properties_of))
+        layer.close(complete=True)
+
+
+def _plain(label: Label) -> tuple[object, ...]:
+    return label.target, label.point_px
+
+
+def _stretches(path: Path) -> list[_Stretch]:
+    """What a layer was made from; nothing where there is none, or it is damaged: then it is written anew."""
+    if not path.is_file():
+        return []
+    try:
+        return msgspec.json.decode(str(properties(path).get(_MADE_FROM)), type=list[_Stretch])
+    except (VfoaError, msgspec.DecodeError):
+        return []
+
+
+def _copy(layer: Path, stream: rr.RecordingStream, frames: Container[int]) -> None:
+    """Send what a layer has of these frames; a stretch has chunks of its own. What is static is logged anew."""
+    with reading(layer):
+        for chunk in RrdReader(layer).stream():
+            if not chunk.is_static and chunk.to_record_batch().column("frame")[0].as_py() in frames:
+                stream.send_chunks(chunk)
 
 
 def _properties(clip: str, configuration: str, outcomes: Counter[str]) -> dict[str, Any]:

@@ -5,8 +5,7 @@ It is made from a run's results and the labels alone, so that each scoring can w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 import rerun as rr
@@ -24,7 +23,7 @@ from harness.record.appearance import (
     subject_names,
     target_names,
 )
-from harness.record.frame_log import FrameLog
+from harness.record.frame_log import ColumnLog
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.posterior_checks import prediction_set
 from harness.score.verdicts import ERROR_TYPES, Verdict
@@ -33,31 +32,35 @@ NO_PREDICTION = "no prediction"
 NO_TRUTH = "not annotated"
 
 
-def log_verdicts(log: FrameLog, record: FrameRecord, verdicts: Sequence[Verdict], colours: Colours) -> None:
+def log_verdicts(log: ColumnLog, record: FrameRecord, verdicts: Sequence[Verdict]) -> None:
     """All of a frame's verdicts."""
     configuration = record.configuration
     for verdict in verdicts:
-        _log_states(log, verdict, colours)
+        _log_states(log, verdict)
         _log_answers(log, record, verdict)
         if verdict.outcome == "wrong":
-            log.log(entities.log(configuration), rr.TextLog(_sentence(verdict), level=rr.TextLogLevel.WARN))
-    page = rr.TextDocument(summary(record, verdicts), media_type=rr.MediaType.MARKDOWN)
-    log.log(entities.summary(configuration), page)
+            log.log(entities.log(configuration), rr.TextLog, text=_sentence(verdict), level=rr.TextLogLevel.WARN)
+    page = summary(record, verdicts)
+    log.log(entities.summary(configuration), rr.TextDocument, text=page, media_type=rr.MediaType.MARKDOWN)
 
 
-def _log_states(log: FrameLog, verdict: Verdict, colours: Colours) -> None:
+def _log_states(log: ColumnLog, verdict: Verdict) -> None:
     """Three lanes a subject: the truth, the prediction, and whether they agree."""
-    truth, predicted = verdict.truth or NO_TRUTH, verdict.predicted or NO_PREDICTION
+    states = (verdict.truth or NO_TRUTH, verdict.predicted or NO_PREDICTION, verdict.outcome)
+    for lane, state in zip(_LANES, states, strict=True):
+        log.log(entities.verdict(verdict.configuration, verdict.subject, lane), rr.StateChange, state=state)
+
+
+_LANES = ("truth", "predicted", "verdict")
+
+
+def log_palettes(stream: rr.RecordingStream, configuration: str, subjects: Iterable[str], colours: Colours) -> None:
+    """The colours of the lanes, once for all frames."""
     targets = {**colours.known, **dict.fromkeys((NOWHERE, IGNORED, NO_TRUTH, NO_PREDICTION), GREY)}
-    lanes = (
-        ("truth", truth, targets),
-        ("predicted", predicted, targets),
-        ("verdict", verdict.outcome, OUTCOME_COLOURS),
-    )
-    for lane, state, palette in lanes:
-        path = entities.verdict(verdict.configuration, verdict.subject, lane)
-        log.keep(path, partial(_states, palette), key=tuple(palette))
-        log.log(path, rr.StateChange(state=state))
+    for subject in subjects:
+        for lane in _LANES:
+            palette = OUTCOME_COLOURS if lane == "verdict" else targets
+            stream.log(entities.verdict(configuration, subject, lane), _states(palette), static=True)
 
 
 def _states(palette: dict[str, Colour]) -> rr.StateConfiguration:
@@ -65,33 +68,59 @@ def _states(palette: dict[str, Colour]) -> rr.StateConfiguration:
     return rr.StateConfiguration(values=names, labels=names, colors=[(*palette[name], 255) for name in names])
 
 
-def _log_answers(log: FrameLog, record: FrameRecord, verdict: Verdict) -> None:
+class LiveVerdicts:
+    """Verdicts that a watching viewer is shown, frame by frame."""
+
+    def __init__(self, stream: rr.RecordingStream, configuration: str, subjects: Sequence[str]) -> None:
+        self._stream, self._configuration, self._subjects = stream, configuration, subjects
+        self._log, self._palette, self._styled = ColumnLog(stream), tuple[str, ...](), set[str]()
+
+    def show(self, record: FrameRecord, verdicts: Sequence[Verdict], colours: Colours) -> None:
+        """Show those of one frame."""
+        self._log.begin(record.frame, record.time_ns)
+        log_verdicts(self._log, record, verdicts)
+        self._log.end()
+        if self._palette != (known := tuple(colours.known)):
+            self._palette = known
+            log_palettes(self._stream, self._configuration, self._subjects, colours)
+        log_styles(self._stream, self._configuration, self._subjects, self._log.paths - self._styled)
+        self._styled |= self._log.paths
+        self._log.send()
+
+
+def _log_answers(log: ColumnLog, record: FrameRecord, verdict: Verdict) -> None:
     """The box of the true target in green, that of a wrong answer in red, and the line from the eyes to each."""
     names = subject_names(record)
     subject = next((s for s in record.subjects if names[s.track_id] == verdict.subject), None)
-    answers = [("truth", verdict.truth, TRUTH_COLOUR)]
+    answers = [("truth", verdict.truth)]
     if verdict.outcome == "wrong":
-        answers.append(("predicted", verdict.predicted, OUTCOME_COLOURS["wrong"]))
-    for what, name, colour in answers:
+        answers.append(("predicted", verdict.predicted))
+    for what, name in answers:
         target = _target(record, name, subject)
         if target is None or target.box is None:
             continue
         path = entities.answer_3d(verdict.configuration, verdict.subject, what)
-        log.keep(f"{path}/box", partial(_box_style, colour), key="style")
-        rotation = Rotation.from_matrix(np.array(target.box.axes).T)
         log.log(
             f"{path}/box",
-            rr.Boxes3D.from_fields(
-                centers=np.array([target.box.center_m]),
-                half_sizes=np.array([target.box.half_size_m]) * _MARGIN,
-                quaternions=rotation.as_quat()[None],
-                labels=[f"{what}: {name}"],
-            ),
+            rr.Boxes3D,
+            centers=target.box.center_m,
+            half_sizes=np.array(target.box.half_size_m) * _MARGIN,
+            quaternions=Rotation.from_matrix(np.array(target.box.axes).T).as_quat(),
+            labels=f"{what}: {name}",
         )
         if subject is not None and subject.eye_origin_m is not None:
-            log.keep(f"{path}/line", partial(_line_style, colour), key="style")
-            ends = np.array([[subject.eye_origin_m, target.box.center_m]], dtype=np.float32)
-            log.log(f"{path}/line", rr.LineStrips3D.from_fields(strips=ends))
+            ends = np.array([subject.eye_origin_m, target.box.center_m], dtype=np.float32)
+            log.log(f"{path}/line", rr.LineStrips3D, strips=ends)
+
+
+def log_styles(stream: rr.RecordingStream, configuration: str, subjects: Iterable[str], paths: Collection[str]) -> None:
+    """How answers are drawn, once for all frames, of those of their paths that the recording has."""
+    for subject in subjects:
+        for what, colour in (("truth", TRUTH_COLOUR), ("predicted", OUTCOME_COLOURS["wrong"])):
+            path = entities.answer_3d(configuration, subject, what)
+            for name, style in (("box", _box_style), ("line", _line_style)):
+                if f"{path}/{name}" in paths:
+                    stream.log(f"{path}/{name}", style(colour), static=True)
 
 
 _MARGIN = 1.06

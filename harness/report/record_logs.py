@@ -115,15 +115,15 @@ class RecordLogs:
 
 
 class KeptParts:
-    """The blocks of a run's results, and the parts of the logs that belong to them under a reference."""
+    """``blocks``: those of a run's results; and the parts of the logs that belong to them under a reference."""
 
     def __init__(self, run: FinishedRun, reference: Reference, probabilistic: Sequence[str]) -> None:
         self._results = run.directory.results
         self._folder = run.directory.path / FOLDER
         self._reference, self._probabilistic = reference, probabilistic
         self._labels: dict[tuple[str, tuple[int, ...]], str] = {}
-        blocks = _indexed(self._results, self._folder / "index.json")
-        self._scored = [(block, self._key(block)) for block in run.scored_blocks(blocks)]
+        self.blocks = _indexed(self._results, self._folder / "index.json")
+        self._scored = [(block, self._key(block)) for block in run.scored_blocks(self.blocks)]
 
     def logs(self) -> RecordLogs:
         """The logs of all blocks. What was made anew is kept, what nobody needs any more is removed."""

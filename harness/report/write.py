@@ -135,7 +135,8 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     with _collector_paused():
         kept = KeptParts(run, reference, probabilistic(run.manifest))
         scores = write_scores(directory.results, kept.logs(), run.manifest)
-    write_verdict_layers(directory, reference.labels)  # last: a damaged run is refused before anything is written
+    # last: a damaged run is refused before anything is written
+    write_verdict_layers(directory, reference.labels, kept.blocks)
     run.note_labels(annotator)
     return scores
 

@@ -8,11 +8,12 @@ import pytest
 from rerun.chunk import RrdReader
 
 from harness.labels.labels import Label, LabelRange, Labels
-from harness.record import entities
+from harness.record import entities, verdict_layer
 from harness.record.layers import ClipFiles, LayerNames, layer_names
 from harness.record.recorder import Recorder
 from harness.record.verdict_layer import write_verdict_layers
 from harness.run.directory import RunDirectory
+from harness.run.results import read_block
 from tests.harness.record.conftest import ANN, LABEL, LABELS, under, write_run
 from vfoa.errors import VfoaError
 
@@ -114,6 +115,42 @@ def test_only_layers_that_change_are_written(shared):
     assert written(labels, lambda: files[1].write_bytes(b"no recording")) == [files[1]]
     assert written({}) == files
     assert written(labels) == files
+
+
+def test_only_the_frames_with_an_edited_label_are_written_anew_and_the_rest_stays(shared, read_back, monkeypatch):
+    monkeypatch.setattr("harness.run.results.BLOCK_FRAMES", 2)  # blocks of frames 10 and 11, 13 and 14
+    directory, read = RunDirectory(shared.run), []
+    late = [
+        LabelRange(first_frame=0, last_frame=13, subject=ANN, label=LABEL),
+        LabelRange(first_frame=14, last_frame=1000, subject=ANN, label=Label(target="book#4")),
+    ]
+    early = [
+        LabelRange(first_frame=0, last_frame=10, subject=ANN, label=LABEL),
+        LabelRange(first_frame=11, last_frame=1000, subject=ANN, label=Label(target="book#4")),
+    ]
+
+    def written(ranges):
+        read.clear()
+        write_verdict_layers(directory, {"clip": Labels(ranges)})
+        return {block.frames for block in read}
+
+    def content():
+        columns = [read_back(shared.files.verdicts(name)) for name in shared.configurations]
+        palette = entities.verdict("one", ANN, "truth"), "StateConfiguration:values"
+        return [{path: each.everything(path) for path in each.paths} for each in columns], columns[0].static(*palette)
+
+    monkeypatch.setattr(
+        verdict_layer, "read_block", lambda path, block: (read.append(block), read_block(path, block))[1]
+    )
+    assert written([LABELS.ranges[0]]) == {(10, 11), (13, 14), (13,)}
+    assert written(late) == {(13, 14)}  # the third configuration has not seen frame 14
+    assert written(early) == {(10, 11), (13, 14), (13,)}
+    assert written(late) == {(10, 11), (13, 14), (13,)}
+    edited = content()
+    for name in shared.configurations:
+        shared.files.verdicts(name).unlink()
+    written(late)
+    assert content() == edited
 
 
 def test_a_clip_without_labels_has_predictions_alone(shared, read_back):
