@@ -1,4 +1,4 @@
-"""vfoa: 3D Visual Focus of Attention, who looks at what, in metres. Arrays in, frozen values out.
+"""vfoa: 3D Visual Focus of Attention: who looks at what, in metres. Functions take arrays and return frozen values.
 
 The method is that of Simões and Moreno, "3D estimation of visual focus of attention from stereo", ICARSC 2022.
 
@@ -8,8 +8,8 @@ The method is that of Simões and Moreno, "3D estimation of visual focus of atte
     rig = vfoa.rectified_rig(left, fx_px=700, cx_px=640, cy_px=360, baseline_m=0.12)
     print(estimator.estimate(left, right, rig))                          # person 1 looks at cup ...
 
-Nothing heavy is imported before a name is used. ONNX Runtime's usage statistics are off, here and in the processes that
-are started from here, unless the environment says ``ORT_DISABLE_TELEMETRY=0``.
+Modules are imported when a name of theirs is first used. ONNX Runtime's usage statistics are switched off in this
+process and its children, unless the environment sets ``ORT_DISABLE_TELEMETRY=0``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import os
 from importlib import import_module
 from typing import Any
 
-os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # ONNX Runtime reads it when it is imported
+os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")  # ONNX Runtime reads the variable when it is imported
 
 __version__ = "0.1.0"
 

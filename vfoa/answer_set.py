@@ -1,4 +1,4 @@
-"""An answer as a set: the fewest objects that together are looked at with a given probability."""
+"""The smallest set of targets that a subject looks at with at least a given probability."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from vfoa.types import Attention
 
 
 def smallest_set(attention: Attention, probability: float = 0.9) -> tuple[int | None, ...]:
-    """The instance ids with at least this probability together, likeliest first; None is nowhere.
+    """Return the instance ids that together have at least this probability, likeliest first; None stands for nowhere.
 
-    For attentions that are posteriors: nowhere has what the targets leave of 1. Among equals, targets come in their
-    order and nowhere last. Empty where the attention is missing.
+    For attention values that are probabilities: nowhere has the rest up to 1. Among equal probabilities, targets keep
+    their order and nowhere comes last. The result is empty where the attention is missing.
     """
     if attention.missing is not None:
         return ()

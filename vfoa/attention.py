@@ -32,10 +32,10 @@ from vfoa.types import CUES, Attention, Box3D, Cone, Cue, Float, NoAttention, Ra
 Weighting = Literal["adaptive", "equal", "gaze", "head"]
 
 SINGLE_CONE_CM = (10.0,)
-"""The default: the paper's single cone. Its pair of a small and a medium cone is (10, 25)."""
+"""Default radii: the paper's single cone. The paper's pair of a small and a medium cone is (10, 25)."""
 
 AGREEMENT_DEG = 30.0
-"""Gaze and head agree up to this angle between them."""
+"""Gaze and head pose count as agreeing if the angle between them is at most this."""
 
 _COS_AGREEMENT = float(np.cos(np.deg2rad(AGREEMENT_DEG)))
 
@@ -83,7 +83,7 @@ class AttentionSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _name_cones_once(cls, given: Any) -> Any:
-        """Fill in the default here, so that settings that were written out read back as themselves."""
+        """Fill in the default cones here, so that settings that were saved read back as equal."""
         if not isinstance(given, dict):
             return given
         named = [name for name in ("cones_deg", "cones_cm") if given.get(name) is not None]
@@ -100,10 +100,11 @@ class AttentionSettings(Settings):
 
 
 def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: AttentionSettings) -> Attention:
-    """Compute one subject's attention to every target that has a box, the subject's own instance apart.
+    """Compute one subject's attention to every target that has a box, except the subject's own instance.
 
-    The values keep the order of the targets. Among targets with exactly the same total, the one entered nearest to
-    the eyes has the focus. Without an eye origin or a direction to go by the result says so, and holds nothing else.
+    The values keep the order of the targets. Among targets with exactly the same total, the one entered nearest to the
+    eyes has the focus. Without an eye origin or a usable direction, the result gives the reason in ``missing`` and has
+    no values.
     """
     origin = subject.person.eye_origin_left
     if origin is None:
@@ -128,7 +129,7 @@ def pay_attention(subject: Subject, targets: tuple[Target, ...], settings: Atten
 
 
 def boxes_of_others(subject: Subject, targets: tuple[Target, ...]) -> dict[int, Box3D]:
-    """The boxes that a subject can look at, by instance id, in the order of the targets, but for the subject's own."""
+    """Return the boxes of the targets by instance id, in the order of the targets, without the subject's own box."""
     own = subject.person.instance_id
     return {each.instance.id: each.box for each in targets if each.box is not None and each.instance.id != own}
 
@@ -158,7 +159,7 @@ def pencil(fovs_rad: tuple[float, ...], n_rays: int, axis_ray: bool) -> Float:
 
 
 def _cast(cones: tuple[Cone, ...], boxes: tuple[Box3D, ...], settings: AttentionSettings) -> Rays:
-    """Cast the rays of every cone, cone by cone, and find where they enter the boxes."""
+    """Cast the rays of all cones, one cone after another, and find where they enter the boxes."""
     origin = cones[0].apex_left
     bundle = pencil(tuple(cone.fov_rad for cone in cones), settings.n_rays, settings.axis_ray)
     left_from_cone = left_from_crop([cone.axis for cone in cones])
@@ -177,9 +178,10 @@ def first_hits(entry_m: Float) -> Float:
 
 
 def score_rays(rays: Rays, boxes: tuple[Box3D, ...]) -> Float:
-    """What each ray (R, T) adds to N s of each target: (1.5 d_max - |P - C|) / (1.5 d_max - d_min), from (1) and (2).
+    """Return the scores (R, T) of rays for targets: (1.5 d_max - |P - C|) / (1.5 d_max - d_min), from (1) and (2).
 
-    |P - C| counts as d_min where it is less, which is so only for eyes inside the box: there P is the eyes.
+    The sum of a target's scores is N s. |P - C| is at least d_min, except for eyes inside the box, where P is the eye
+    origin; there d_min is used.
     """
     scores = np.zeros(rays.entry_m.shape)
     if not boxes:
@@ -188,7 +190,7 @@ def score_rays(rays: Rays, boxes: tuple[Box3D, ...]) -> Float:
     half = np.array([box.half_size_m for box in boxes])
     d_max, d_min = np.sqrt((half**2).sum(axis=1)), half.min(axis=1)
 
-    # most rays miss most boxes: only the hits have a P
+    # most rays miss most boxes: compute P for the hits only
     ray, box = np.nonzero(np.isfinite(rays.entry_m))
     entry_point = rays.origin_left + rays.entry_m[ray, box, None] * rays.directions[ray]
     distance = np.sqrt(((entry_point - center[box]) ** 2).sum(axis=1))
@@ -199,7 +201,7 @@ def score_rays(rays: Rays, boxes: tuple[Box3D, ...]) -> Float:
 def _weigh(
     ids: tuple[int, ...], shares: Mapping[Cue, Float], weights: Mapping[Cue, float]
 ) -> tuple[TargetAttention, ...]:
-    """Equation (3): each cue's part of the total, from its share s (T,)."""
+    """Equation (3): split each target's total into the parts of the cues, from the shares s (T,) of each cue."""
     parts = {cue: share * weights[cue] for cue, share in shares.items()}
     unknown = [float("nan")] * len(ids)
     gaze, head = (parts[cue].tolist() if cue in parts else unknown for cue in CUES)
@@ -209,7 +211,7 @@ def _weigh(
 
 
 def _focus(values: tuple[TargetAttention, ...], rays: Rays) -> tuple[int | None, tuple[int, ...]]:
-    """The target with the most attention, and those with exactly as much: nearest entry first, then by id."""
+    """Return the target with the most attention and those that tie with it: nearest entry first, then by id."""
     most = max((value.total for value in values), default=0.0)
     if most == 0:
         return None, ()

@@ -1,11 +1,10 @@
 """Attention as a posterior probability: which target explains the measured directions best, given how wrong they are.
 
-    visible      where each target lies for these eyes, and how far it spreads
-    posterior/   what the directions say of it: their unknown error, how heads follow, how long people look
+visible      the direction of each target from the eyes, and its angular extent
+posterior/   the likelihood of the directions: their unknown error, how heads follow, how long people look
 
-"Nowhere" is a hypothesis of its own: people who look at nothing look about where their head points, and that is
-anywhere about the middle of all targets. A big target is not favoured: its density is
-spread over all that is seen of it.
+"Nowhere" is a hypothesis of its own: people who look at nothing look about where their head points, which is anywhere
+about the middle of all targets. A large target is not favoured: its density is spread over its visible part.
 """
 
 from __future__ import annotations
@@ -30,24 +29,25 @@ from vfoa.types import CUES, Attention, Float, FrameResult, NoAttention, Subject
 from vfoa.visible import SurfaceSettings, views_of
 
 _SHARPEST_RAD = float(np.deg2rad(0.01))
-"""A model may claim to be certain: no error is taken to be smaller."""
+"""Smallest angular error: a model that claims less is given this one."""
 
 
 class BayesSettings(PosteriorSettings, SurfaceSettings):
-    """Settings of :func:`infer_attentions`: those of its parts, and which frames a frame's answer rests on."""
+    """Settings of :func:`infer_attentions`: those of its parts, and the frames that each frame's answer uses."""
 
     method: Literal["bayes"]
     """``bayes``: a posterior over the objects."""
     smoothing: Literal["off", "forward", "both", "viterbi"] = "forward"
-    """``off``: each frame by itself; ``forward``: those before; ``both``: later ones, too; ``viterbi``: best path."""
+    """``off``: each frame by itself; ``forward``: also earlier frames; ``both``: also later ones; ``viterbi``: best
+    path."""
     look_ahead_s: float = Field(default=2.0, gt=0, le=120)
-    """Time that ``both`` and ``viterbi`` wait for later frames."""
+    """How far ahead of a frame ``both`` and ``viterbi`` look, seconds."""
     frame_rate_hz: float = Field(default=25.0, gt=0)
     """Frame rate where frames have no times, or times that do not increase."""
 
     @property
     def frames_awaited(self) -> int:
-        """How many later frames a frame's answer needs, at ``frame_rate_hz``."""
+        """Number of later frames that a frame's answer needs, at ``frame_rate_hz``."""
         return math.ceil(self.look_ahead_s * self.frame_rate_hz) if self.smoothing in ("both", "viterbi") else 0
 
 
@@ -58,7 +58,7 @@ class BeliefState:
     by_track: Mapping[int, tuple[Belief, int | None]] = field(default_factory=dict)
 
     def of(self, tracks: Collection[int]) -> BeliefState:
-        """The beliefs of these tracks alone: a track that has ended never comes back."""
+        """Return the beliefs of these tracks only: a track that has ended never comes back."""
         return BeliefState(by_track={track: belief for track, belief in self.by_track.items() if track in tracks})
 
 
@@ -69,11 +69,11 @@ def infer_attentions(
     settings: BayesSettings,
     time_ns: int | None = None,
 ) -> tuple[tuple[Attention, ...], BeliefState]:
-    """One frame: every subject's attention, and the beliefs that the next frame starts from.
+    """Compute every subject's attention in one frame, and the beliefs that the next frame starts from.
 
-    ``total`` is the probability of each target that has a box, the subject's own instance apart. "Nowhere" has the
-    rest up to 1, and the focus is None where that is the most. The cues' parts divide the total by their precision.
-    ``belief`` is what :func:`smooth` needs; ``fit`` says how well the directions fit what is believed.
+    ``total`` is the probability of each target that has a box, except the subject's own instance. "Nowhere" has the
+    rest up to 1, and the focus is None where that is the greatest. The total is divided between the cues by their
+    precision. ``belief`` is the input of :func:`smooth`; ``fit`` says how well the directions fit the belief.
     """
     eyes = {
         subject.person.instance_id: subject.person.eye_origin_left
@@ -91,7 +91,7 @@ def infer_attentions(
 
 
 def frames_awaited(results: Sequence[FrameResult], settings: BayesSettings) -> int:
-    """How many later frames a frame's answer needs, at the rate of these frames."""
+    """Number of later frames that a frame's answer needs, at the rate of these frames."""
     seconds = (results[-1].scene.time_ns - results[0].scene.time_ns) / 1e9
     if not settings.frames_awaited or seconds <= 0:
         return settings.frames_awaited
@@ -99,7 +99,7 @@ def frames_awaited(results: Sequence[FrameResult], settings: BayesSettings) -> i
 
 
 def smooth(window: Sequence[FrameResult], settings: BayesSettings) -> list[FrameResult]:
-    """The frames of a window, each as all of the window has it. Focus and probabilities of every subject change."""
+    """Return the frames of a window with the focus and the probabilities of every subject given all its frames."""
     tracks = {each.subject.track_id for frame in window for each in frame.attentions}
     found = {track: _smoothed_track(window, track, settings) for track in tracks}
     return [
@@ -112,7 +112,7 @@ def smooth(window: Sequence[FrameResult], settings: BayesSettings) -> list[Frame
 
 
 def _smoothed_track(window: Sequence[FrameResult], track: int, settings: BayesSettings) -> dict[int, Attention]:
-    """One subject's attention by the frame's place in the window, where there is any."""
+    """Return one subject's attention by the frame's position in the window, for frames that have one."""
     known = [
         (index, each, each.belief)
         for index, frame in enumerate(window)
@@ -164,7 +164,7 @@ def _infer(
 
 
 def measured_cues(subject: Subject, settings: BayesSettings) -> Measured | None:
-    """The cues of a subject that were measured and are wanted; None where there is none."""
+    """Return the measured cues that the settings use; None if there are none."""
     gaze = subject.gaze if settings.cues in ("both", "gaze") else None
     head = subject.head_pose if settings.cues in ("both", "head") else None
     if gaze is None and head is None:
@@ -182,14 +182,14 @@ def measured_cues(subject: Subject, settings: BayesSettings) -> Measured | None:
 
 
 def _seconds(before_ns: int | None, now_ns: int | None, settings: BayesSettings) -> float:
-    """The time between two frames; that of ``frame_rate_hz`` where it is not known or not positive."""
+    """Time between two frames, seconds; one period of ``frame_rate_hz`` where it is unknown or not positive."""
     if before_ns is None or now_ns is None or now_ns <= before_ns:
         return 1 / settings.frame_rate_hz
     return (now_ns - before_ns) / 1e9
 
 
 def _with_probabilities(attention: Attention, keys: Keys, probabilities: Float) -> Attention:
-    """The attention with these probabilities (T,), divided between the cues as before, and the focus that follows."""
+    """Return the attention with these probabilities (T,), the matching focus, and each total divided as before."""
     probability = dict(zip(keys, probabilities.tolist(), strict=True))
     values = []
     for value in attention.values:
@@ -206,10 +206,10 @@ def _with_probabilities(attention: Attention, keys: Keys, probabilities: Float) 
 
 
 def cue_shares(measured: Measured, belief: Belief, settings: BayesSettings) -> tuple[float, float]:
-    """What part of the evidence is the gaze's and the head's, by precision; NaN for a cue that was not measured.
+    """Shares of the gaze and of the head in the evidence, by precision; NaN for a cue that was not measured.
 
-    A gaze is as precise as its error is believed to be. A head says of the target what its own error, its rest and its
-    stay aside leave over, stretched by its share.
+    The precision of a gaze follows from its estimated error. The precision of a head follows from its own error, its
+    rest and its offset (``aside``), divided by its share of the way to the target.
     """
     precision = {}
     weights = belief.weights

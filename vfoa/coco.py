@@ -1,4 +1,4 @@
-"""The categories of COCO: names by their own sparse numbers, as in the annotations of COCO panoptic."""
+"""COCO's categories: names by COCO's own, non-contiguous numbers, as in the annotations of COCO panoptic."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ THINGS: dict[int, str] = {
     79: "oven", 80: "toaster", 81: "sink", 82: "refrigerator", 84: "book", 85: "clock", 86: "vase",
     87: "scissors", 88: "teddy bear", 89: "hair drier", 90: "toothbrush",
 }  # fmt: skip
-"""The 80 things. Networks that number them 0 to 79 do so in this order: see :data:`THING_IDS`."""
+"""The 80 thing classes. Networks that number them 0 to 79 use this order: see :data:`THING_IDS`."""
 
 STUFF: dict[int, str] = {
     92: "banner", 93: "blanket", 95: "bridge", 100: "cardboard", 107: "counter", 109: "curtain",
@@ -30,10 +30,10 @@ STUFF: dict[int, str] = {
     194: "dirt-merged", 195: "paper-merged", 196: "food-other-merged", 197: "building-other-merged",
     198: "rock-merged", 199: "wall-other-merged", 200: "rug-merged",
 }  # fmt: skip
-"""The 53 kinds of stuff of COCO panoptic. detectron2 numbers them 1 to 53 in this order."""
+"""The 53 stuff classes of COCO panoptic. detectron2 numbers them 1 to 53 in this order."""
 
 THING_IDS: tuple[int, ...] = tuple(THINGS)
-"""The sparse number of the i-th thing."""
+"""COCO's own number of the i-th thing class."""
 
 STUFF_IDS: tuple[int, ...] = tuple(STUFF)
-"""The sparse number of the i-th kind of stuff, counted from 0."""
+"""COCO's own number of the i-th stuff class, counted from 0."""

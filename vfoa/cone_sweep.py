@@ -1,8 +1,8 @@
-"""The focus under thousands of cone settings at once, for little more than the price of their rays.
+"""The focus under thousands of cone settings at once, for little more than the cost of casting their rays.
 
-Settings that differ in their weights, or in which cones they join, share rays: every distinct cone is cast and scored
-once per cue, the sums of a cone's scores are joined to shares by one matrix product, and the shares to totals by
-another. :func:`vfoa.attention.pay_attention` says what is computed; this only computes it for all settings together.
+Settings that differ only in their weights, or in the cones that they combine, share rays. Every distinct cone is cast
+and scored once per cue. One matrix product sums the scores of cones to shares, another one the shares to totals.
+:func:`vfoa.attention.pay_attention` defines the result; this module computes the same for all settings together.
 """
 
 from __future__ import annotations
@@ -29,25 +29,25 @@ from vfoa.types import CUES, Box3D, Cue, Float, Rays, Subject, Target
 T = TypeVar("T")
 
 NOWHERE = 0
-"""Stands for the focus of a subject who looks at nothing; instance ids begin at 1."""
+"""The focus of a subject who looks at nothing; instance ids begin at 1."""
 
 UNKNOWN = -1
-"""Stands for the focus where there is no attention at all: no eye origin, or no direction to go by."""
+"""The focus where there is no attention at all: no eye origin, or no usable direction."""
 
 _TIE = 1e-9
-"""Totals that differ relatively by less may be a tie, or one lost to rounding."""
+"""Totals whose relative difference is smaller may be equal but for rounding."""
 
 _Bundle = tuple[float, int, bool]
-"""A hollow cone's full apex angle (rad), its rays on the surface, and whether one goes along the axis."""
+"""A hollow cone: full apex angle (rad), number of rays on the surface, and whether one ray goes along the axis."""
 
 
 class ConeSweep:
-    """Many settings of :func:`vfoa.attention.pay_attention`, made ready to be answered together.
+    """Evaluates many settings of :func:`vfoa.attention.pay_attention` together.
 
     Parameters
     ----------
     settings
-        In any order, repeated or not; answers come in the same order.
+        In any order; repetitions are allowed. Answers come in the same order.
     """
 
     def __init__(self, settings: Sequence[AttentionSettings]) -> None:
@@ -90,7 +90,7 @@ class ConeSweep:
         return np.where(known, foci, UNKNOWN)
 
     def _shares(self, origin: Float, axes: dict[Cue, Float], boxes: tuple[Box3D, ...]) -> Float:
-        """Share s (C, O, J, T) of each cue, way of occlusion, join of cones, and target."""
+        """Share s (C, O, J, T) for each cue, occlusion rule, combination of cones, and target."""
         shares = []
         for axis in axes.values():
             directions = self._rays @ left_from_crop(axis).T
@@ -114,7 +114,7 @@ def _distinct(values: Sequence[T]) -> list[T]:
 
 
 def _numbered(values: Sequence[T]) -> tuple[list[T], NDArray[np.int64]]:
-    """The distinct values, and which of them each value is."""
+    """Return the distinct values, and for each value the index of its distinct one."""
     distinct = _distinct(values)
     number = {value: position for position, value in enumerate(distinct)}
     return distinct, np.array([number[value] for value in values], dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Crops of heads and eyes, as networks want them: a fixed size, upright, sampled at sub-pixel positions."""
+"""Crops of heads and eyes for networks: a fixed size, upright, sampled at sub-pixel positions."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from vfoa.types import Float, Image
 
 
 def grow(box_px: ArrayLike, *, side: float, top: float, bottom: float) -> Float:
-    """A box (4,) grown by shares of its own width (left and right: ``side``) and height (``top``, ``bottom``)."""
+    """Return a box (4,) enlarged by shares of its width (``side``, left and right) and height (``top``, ``bottom``)."""
     u0, v0, u1, v1 = np.asarray(box_px, dtype=np.float64)
     width, height = u1 - u0, v1 - v0
     return np.array([u0 - side * width, v0 - top * height, u1 + side * width, v1 + bottom * height])
 
 
 def square(center_px: ArrayLike, side_px: float) -> Float:
-    """The square box (4,) about a centre (2,)."""
+    """Return the square box (4,) around a centre (2,)."""
     u, v = np.asarray(center_px, dtype=np.float64)
     return np.array([u - side_px / 2, v - side_px / 2, u + side_px / 2, v + side_px / 2])
 
@@ -31,11 +31,11 @@ def center(box_px: ArrayLike) -> Float:
 
 
 def crop(image: Image, box_px: ArrayLike, size_px: int, *, roll_rad: float = 0.0) -> Image:
-    """Cut a box (4,) out of an image and bring it to (size, size, 3), stretched where the box is not square.
+    """Cut a box (4,) out of an image and resize it to (size, size, 3); a box that is not square is stretched.
 
-    ``roll_rad`` > 0: the box itself is turned clockwise in the image about its centre, so that a head that leans
-    clockwise by this angle comes out upright. Beyond the border the image's last pixels are repeated. A box larger
-    than ``size_px`` is sampled at a whole multiple of it and averaged, so that nothing aliases.
+    ``roll_rad`` > 0 turns the box clockwise in the image about its centre, so that a head that leans clockwise by this
+    angle becomes upright. Beyond the border, the image's last pixels are repeated. A box larger than ``size_px`` is
+    sampled at a whole multiple of that size and averaged, to avoid aliasing.
     """
     u0, v0, u1, v1 = np.asarray(box_px, dtype=np.float64)
     width, height = u1 - u0, v1 - v0

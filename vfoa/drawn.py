@@ -1,17 +1,17 @@
-"""Boxes, points and heads that a person drew, as instances and heads: cut out by depth, since a box is no outline.
+"""Instances and heads from boxes, points and heads that a person drew. Depth separates an object from its surroundings.
 
-A box holds an object and what is around it. Its middle shows the object, as a rule:
+A box holds an object and some of what is around it. The middle of the box usually shows the object:
 
 mode   the depth that most pixels of the middle have: the fullest bins of a histogram of ln z
 band   pixels of the whole box within a margin of that depth belong to the object
 
-The margin is a share of the depth (stereo is the less exact the farther away) or, if that is more, a share of the box's
-shorter side in metres (an object is about as deep as it is wide or high). A point is a small disc, a head the ellipse
-in its box. Pixels of unknown depth belong to nothing: no cloud could use them.
+The margin is a share of the depth (stereo is less exact farther away) or, if that is more, a share of the box's shorter
+side in metres (an object is about as deep as it is wide or high). A point is a small disc, a head the ellipse in its
+box. Pixels of unknown depth belong to nothing: they could not become points of a cloud.
 
-Where the model has an instance of the same label in the box, at the point or about the head, that instance gets the
-name that is drawn, and keeps its mask. Otherwise what is drawn is a new instance. It wins over masks of the model where
-they overlap; a thing that loses half of its pixels to it was the same object under another label, and is left out.
+If the model has an instance of the same label in the box, at the point or around the head, that instance takes the
+drawn name and keeps its mask. Otherwise the drawn shape becomes a new instance, which replaces the model's masks where
+they overlap. A thing that loses half of its pixels to it was the same object under another label, and is removed.
 """
 
 from __future__ import annotations
@@ -30,36 +30,36 @@ from vfoa.settings import Settings
 from vfoa.types import Disparity, Float, Head, Instance, Instances, Mask, StereoFrame, StereoRig
 
 SAME_HEAD = 0.3
-"""A detected head that overlaps a drawn one less (intersection over union) is another one's."""
+"""A detected head belongs to a drawn one if their boxes overlap at least this much (intersection over union)."""
 
 SAME_OBJECT = 0.5
-"""How much a box has to overlap that of a model's instance (intersection over union), or which share of a head has to
-lie on a person, to be of it; and the share of its pixels that another instance may lose to what is drawn."""
+"""Least overlap (intersection over union) of a drawn box with a model's instance, and least share of a head on a
+person, to be the same object; also the share of its pixels that another instance may lose to a drawn one."""
 
 
 class DrawnSettings(Settings):
-    """What of a clip's ``CLIP.drawn.csv`` is used beside the models, and how a drawn box is cut out by depth."""
+    """Which shapes of a clip's ``CLIP.drawn.csv`` are used beside the models, and how depth cuts them out."""
 
     targets: bool = False
-    """Add the drawn boxes and points to the segmenter's masks. With ``segmentation.model = "drawn"`` there is nothing
-    else."""
+    """Add the drawn boxes and points to the segmenter's masks. ``segmentation.model = "drawn"`` uses only the drawn
+    ones."""
     heads: bool = False
-    """Add the drawn heads where the detector finds none. With ``heads.detector = "drawn"`` there is nothing else."""
+    """Add the drawn heads where the detector finds none. ``heads.detector = "drawn"`` uses only the drawn ones."""
     middle: float = Field(default=0.5, gt=0, le=1)
-    """The part of a box, in width and height, whose most frequent depth is taken for the object's."""
+    """Middle part of a box, as a share of its width and height, whose most frequent depth is the object's depth."""
     depth_share: float = Field(default=0.05, gt=0, lt=1)
-    """Pixels belong to the object within this share of its depth ..."""
+    """Pixels within this share of the object's depth belong to the object."""
     size_share: float = Field(default=0.5, ge=0)
-    """... or within this share of the box's shorter side in metres, if that is more."""
+    """Pixels also belong to the object within this share of the box's shorter side in metres, if that is more."""
     point_radius_px: float = Field(default=6, ge=1)
-    """Radius of the disc that stands for a point."""
+    """Radius of the disc that a drawn point stands for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DrawnShape:
-    """What is drawn in one frame, with the label that the manifest's rule asks for.
+    """A shape drawn in one frame, with the label that the manifest's rule asks for.
 
-    ``box_px`` (u0, v0, u1, v1) is the box of a target or of a head; of a point, a box without extent.
+    ``box_px`` (u0, v0, u1, v1) is the box of a target or of a head; for a point, a box without extent.
     """
 
     name: str
@@ -71,9 +71,9 @@ class DrawnShape:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placed:
-    """A shape with the id of its instance; ``is_new`` if that has to be cut out, else it is one of the model's.
+    """A shape with the id of its instance: a new one to cut out (``is_new``), or an existing one of the model.
 
-    ``window`` is the part of the image in which its pixels are.
+    ``window`` is the part of the image that holds its pixels.
     """
 
     shape: DrawnShape
@@ -83,38 +83,38 @@ class Placed:
 
 
 class Drawing(Protocol):
-    """What a person drew on a clip, as :func:`vfoa.pipeline.perceive` asks for it."""
+    """The shapes that a person drew on a clip, as :func:`vfoa.pipeline.perceive` uses them."""
 
     def place(self, frame: StereoFrame, instances: Instances) -> tuple[Placed, ...]:
-        """What is drawn in a frame, and the instances that it is or will be."""
+        """Return the shapes drawn in a frame, each with the instance that it is or will become."""
         ...
 
     def add_heads(self, frame: StereoFrame, heads: Sequence[Head], drawn: tuple[Placed, ...]) -> tuple[Head, ...]:
-        """The heads that were detected, and those drawn where none was."""
+        """Return the detected heads, and the drawn heads where none was detected."""
         ...
 
     def add_masks(
         self, frame: StereoFrame, instances: Instances, drawn: tuple[Placed, ...], disparity: Disparity
     ) -> Instances:
-        """The instances of the model, and those drawn."""
+        """Return the model's instances together with the drawn ones."""
         ...
 
 
 class DrawnShapes:
-    """The shapes of a clip by frame, cut out by depth."""
+    """The drawn shapes of a clip by frame, cut out by depth."""
 
     def __init__(self, settings: DrawnSettings, shapes_at: Callable[[int], Sequence[DrawnShape]]) -> None:
         self._settings, self._shapes_at = settings, shapes_at
 
     def place(self, frame: StereoFrame, instances: Instances) -> tuple[Placed, ...]:
-        """What is drawn in a frame; heads come last, so that a box drawn of the same person is theirs."""
+        """Return the shapes drawn in a frame. Heads come last, so that a box drawn of the same person is theirs."""
         use = {"head": self._settings.heads, "box": self._settings.targets, "point": self._settings.targets}
         shapes = [each for each in self._shapes_at(frame.index) if use[each.kind]]
         placed: list[Placed] = []
         free = max((each.id for each in instances.instances), default=0) + 1
         for shape in sorted(shapes, key=lambda each: each.kind == "head"):
             window = self._window(shape, frame.rig)
-            if instances.ids[window].size == 0:  # it has left the image
+            if instances.ids[window].size == 0:  # the shape is outside the image
                 continue
             known = _drawn_already(shape, placed) or _known_instance(shape, window, instances, placed)
             placed.append(Placed(shape=shape, instance_id=known or free, is_new=known is None, window=window))
@@ -122,7 +122,7 @@ class DrawnShapes:
         return tuple(placed)
 
     def add_heads(self, frame: StereoFrame, heads: Sequence[Head], drawn: tuple[Placed, ...]) -> tuple[Head, ...]:
-        """The heads that were detected, with the person's instance where one is drawn about them; then those drawn."""
+        """Return the detected heads, each with the instance of a head drawn around it; then the other drawn heads."""
         found = list(heads)
         for each in (placed for placed in drawn if placed.shape.kind == "head"):
             box_px = np.array(each.shape.box_px, dtype=np.float64)
@@ -137,7 +137,7 @@ class DrawnShapes:
     def add_masks(
         self, frame: StereoFrame, instances: Instances, drawn: tuple[Placed, ...], disparity: Disparity
     ) -> Instances:
-        """The instances of the model and those drawn, of which the nearer hides the farther."""
+        """Return the model's instances and the drawn ones; of two drawn shapes that overlap, the nearer wins."""
         if not drawn:
             return instances
         cuts = []
@@ -163,7 +163,7 @@ class DrawnShapes:
         return window_of(u0 - grown, v0 - grown, u1 + grown, v1 + grown, rig)
 
     def _cut(self, placed: Placed, depth_m: Float, rig: StereoRig) -> tuple[float, Mask] | None:
-        """The depth of what is drawn and its pixels in its window; None where no depth is known."""
+        """Return a shape's depth in metres and its pixels in its window; None where no depth is known."""
         settings, (u0, v0, u1, v1) = self._settings, placed.shape.box_px
         if placed.shape.kind == "point":
             radius = settings.point_radius_px
@@ -187,10 +187,10 @@ class DrawnShapes:
 
 
 def depth_mode(depths_m: NDArray[np.floating], share: float) -> float:
-    """The depth that most of these (N,) have, metres; the nearest of several.
+    """The most frequent of the depths (N,), metres; of several, the nearest.
 
-    Bins of a histogram of ln z are half of ``share`` wide. The three in a row that hold most are taken, and the median
-    of the depths in them.
+    Bins of a histogram of ln z have a width of half of ``share``. The result is the median of the depths in the three
+    neighbouring bins that hold most.
     """
     logs = np.log(np.asarray(depths_m, dtype=np.float64))
     bins = ((logs - logs.min()) / (share / 2)).astype(np.intp)
@@ -201,7 +201,7 @@ def depth_mode(depths_m: NDArray[np.floating], share: float) -> float:
 
 
 def _offsets(placed: Placed, size: tuple[float, float]) -> tuple[Float, Float]:
-    """How far each column (1, w) and row (h, 1) of a window is from the shape's middle, in half its sides."""
+    """Distance of each column (1, w) and row (h, 1) of a window from the shape's middle, in half sides of its box."""
     u0, v0, u1, v1 = placed.shape.box_px
     rows, columns = placed.window
     across = (np.arange(columns.start, columns.stop, dtype=np.float64) - (u0 + u1) / 2) / (size[0] / 2)
@@ -210,12 +210,12 @@ def _offsets(placed: Placed, size: tuple[float, float]) -> tuple[Float, Float]:
 
 
 def _drawn_already(shape: DrawnShape, placed: Sequence[Placed]) -> int | None:
-    """The instance of the same name: a head belongs to the box that is drawn of its person."""
+    """The drawn instance of the same name: a head belongs to the box that is drawn of its person."""
     return next((each.instance_id for each in placed if each.shape.name == shape.name), None)
 
 
 def _known_instance(shape: DrawnShape, window: Window, instances: Instances, placed: Sequence[Placed]) -> int | None:
-    """The model's instance of the same label that fits what is drawn best, and well enough; none that is taken."""
+    """The model's free instance of the same label that fits the drawn shape best; None if none fits well enough."""
     taken = {each.instance_id for each in placed}
     same = [each.id for each in instances.instances if each.label == shape.label and each.id not in taken]
     if not same:
@@ -243,7 +243,7 @@ def _overlap(mask: Mask, box_px: Float) -> float:
 
 
 def _drawn_over(instance: Instance, before: NDArray[np.uint16], after: NDArray[np.uint16]) -> bool:
-    """Whether a thing of the model lost half of its pixels to what is drawn; stuff is what things stand on."""
+    """Whether a thing of the model lost half of its pixels to drawn shapes; stuff is kept, since things stand on it."""
     had, has = (int(np.count_nonzero(ids == instance.id)) for ids in (before, after))
     return instance.is_thing and had > 0 and has <= (1 - SAME_OBJECT) * had
 

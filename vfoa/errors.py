@@ -1,4 +1,4 @@
-"""Errors that are said in one line."""
+"""Errors with a message of one line."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ class VfoaError(Exception):
     """Bad input. The message is one line: the file, key, row or topic, what was found, what was expected.
 
     The command line prints it and exits with 2. Any other exception is a bug and keeps its traceback. A message may
-    quote a file or a library: line ends and control characters in it are escaped, and the middle of a long one is left
-    out.
+    quote a file or a library: line ends and control characters are escaped, and a long message is shortened in the
+    middle.
     """
 
     def __init__(self, line: str = "") -> None:
@@ -19,7 +19,7 @@ class VfoaError(Exception):
 
 
 _LONGEST = 2000
-"""Characters of a message."""
+"""Most characters of a message."""
 
 
 def _one_line(text: str) -> str:
@@ -30,9 +30,9 @@ def _one_line(text: str) -> str:
 
 
 class StageError(VfoaError):
-    """A stage raised what is no :class:`VfoaError`: a bug of whoever wrote it, or no memory, or a file it cannot open.
+    """A stage raised an exception that is no :class:`VfoaError`: a bug, no memory, or a file that cannot be opened.
 
-    ``trace`` is the whole traceback; ``frame`` the number of the frame it was at, None while that is not known.
+    ``trace`` is the whole traceback; ``frame`` is the number of the frame, None while it is not known.
     """
 
     def __init__(self, line: str, trace: str = "") -> None:
@@ -45,7 +45,7 @@ class StageError(VfoaError):
 
 
 def did_you_mean(found: str, expected: Iterable[str]) -> str:
-    """Say what was expected instead of ``found``, the nearest name first: ``"; did you mean 'sgbm'? ..."``."""
+    """Return what was expected instead of ``found``, the nearest name first: ``"did you mean 'sgbm'? ..."``."""
     names = sorted(expected)
     near = difflib.get_close_matches(found, names, n=1)
     hint = f"did you mean {near[0]!r}? " if near else ""

@@ -21,10 +21,10 @@ _REASONS = {
 class Look:
     """One person's answer in one frame. ``str()`` of it is a sentence.
 
-    ``track_id`` is the person's number in the sequence, ``subject`` the name made of it ("person 1").
-    ``target`` is the name of the focus of attention; None: the person looks at none of the targets, or, where
-    ``missing`` says why, nothing is known. ``attention`` is its value in [0, 1], and ``distance_m`` the way from the
-    eyes to the middle of its box; NaN without a target. ``values`` are the attention values of all targets by name.
+    ``track_id`` is the person's number in the sequence, ``subject`` the name made of it ("person 1"). ``target`` is the
+    name of the focus of attention. None: the person looks at none of the targets or, if ``missing`` gives a reason, the
+    answer is unknown. ``attention`` is the target's value in [0, 1], ``distance_m`` the distance from the eyes to the
+    middle of its box; both are NaN without a target. ``values`` holds the attention to all targets by name.
     """
 
     track_id: int
@@ -45,9 +45,9 @@ class Look:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """Everything known of one frame. ``print(estimate)`` says who looks at what, one line per person.
+    """The result of one frame. ``print(estimate)`` says who looks at what, one line per person.
 
-    ``percepts`` is what the models found, ``result`` the scene in metres with every attention value
+    ``percepts`` holds the outputs of the models, ``result`` the scene in metres with every attention value
     (:mod:`vfoa.types`).
     """
 
@@ -56,7 +56,7 @@ class Estimate:
 
     @property
     def looks(self) -> tuple[Look, ...]:
-        """Who looks at what, in the order of the people's numbers."""
+        """One answer per person, in the order of their numbers."""
         names = self.target_names
         looks = (_look(each, self.result, names) for each in self.result.attentions)
         return tuple(sorted(looks, key=lambda look: look.track_id))

@@ -58,7 +58,7 @@ _TABLES = (*(kind.partition(".")[0] for kind in _REGISTRIES), *_STEPS)
 
 
 class Estimator:
-    """Estimates who looks at what. Opened once; any number of frames, clips and cameras.
+    """Estimates who looks at what. Open it once and use it for any number of frames, clips and cameras.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ class Estimator:
 
     @classmethod
     def open(cls, settings: Mapping[str, Any] | None = None) -> Self:
-        """Open the models of ``vfoa run CLIP``, with settings changed as by its ``--set``.
+        """Open the models of ``vfoa run CLIP``; ``settings`` changes values as ``--set`` does.
 
         Parameters
         ----------
@@ -98,8 +98,8 @@ class Estimator:
         Raises
         ------
         VfoaError
-            If a key or a value is wrong, a model's file is not on this machine (all missing files are named), or the
-            configuration needs frames after the present one (a temporal gaze model, smoothing in both directions).
+            If a key or a value is wrong, a model's file is missing (the message names all missing files), or
+            the configuration needs later frames (a temporal gaze model, smoothing in both directions).
         """
         tables = _tables({**DEFAULTS, **(settings or {})})
         chosen = {kind: _choose(registry, tables) for kind, registry in _REGISTRIES.items()}
@@ -133,7 +133,7 @@ class Estimator:
         )
 
     def estimate(self, left: Image, right: Image, rig: StereoRig) -> Estimate:
-        """Estimate who looks at what in one pair, without memory of others.
+        """Estimate who looks at what in one pair, without memory of earlier ones.
 
         Parameters
         ----------
@@ -145,17 +145,17 @@ class Estimator:
         Raises
         ------
         VfoaError
-            If an image is not as the rig says, or a model fails.
+            If an image does not match the rig, or a model fails.
         """
         return self.follow(rig).step(left, right)
 
     def follow(self, rig: StereoRig) -> Follower:
-        """Begin a sequence of frames: people keep their numbers, and gaze is filtered where the settings say so."""
+        """Begin a sequence of frames: people keep their numbers, and the settings may filter their gaze."""
         return Follower(self, rig)
 
 
 class Follower:
-    """Follows people over the frames of one sequence. It carries the memory; made by :meth:`Estimator.follow`."""
+    """Follows people over the frames of one sequence and holds the memory. Made by :meth:`Estimator.follow`."""
 
     def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
         self._estimator, self._rig = estimator, rig
@@ -169,13 +169,13 @@ class Follower:
         left, right
             As for :meth:`Estimator.estimate`.
         time_ns
-            The frame's time. Only the posterior (``attention.method = "bayes"``) depends on it; where times do not
-            increase, it takes the setting ``attention.frame_rate_hz``.
+            The frame's time, nanoseconds. Only the posterior (``attention.method = "bayes"``) uses it; if times do not
+            increase, it uses the setting ``attention.frame_rate_hz``.
 
         Raises
         ------
         VfoaError
-            If an image is not as the rig says, or a model fails. The memory is then as it was before.
+            If an image does not match the rig, or a model fails. The memory then stays unchanged.
         """
         estimator = self._estimator
         try:
@@ -199,9 +199,9 @@ def rectified_rig(
     fy_px: float | None = None,
     cx_right_px: float | None = None,
 ) -> StereoRig:
-    """The rig of a rectified pair with images of the size of ``left`` (H, W, 3).
+    """Return the rig of a rectified pair of images of the size of ``left`` (H, W, 3).
 
-    ``fy_px`` is ``fx_px``, and ``cx_right_px`` is ``cx_px``, if not given. ``harness.read_rig`` reads files.
+    ``fy_px`` defaults to ``fx_px``, and ``cx_right_px`` to ``cx_px``. ``harness.read_rig`` reads calibration files.
 
     Raises
     ------

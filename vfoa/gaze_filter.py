@@ -1,17 +1,18 @@
-"""The gaze filter: a Kalman filter of each subject's gaze, and of the head if wanted, that lets saccades through.
+"""The gaze filter: a Kalman filter of each subject's gaze, and optionally of the head, that lets saccades through.
 
 Toivanen's method, as Simões and Moreno use it: state [position, velocity], constant velocity between frames, and a
 measurement noise that falls while the direction moves fast, so that fixations are smoothed and saccades are not:
 
-    change  how far the measurement lies from the last estimate, degrees per frame: the derivative of the position
-    s       1 / (1 + exp(-LAMBDA (change - ALPHA noise)))        a saccade (1) or a fixation (0)
-    theta   the greatest s of the last ``hold`` frames, m: m itself when it rises, else 0.7 m + 0.3 theta
-    R       diag(noise^2 (1 - theta), same, 1, 1)
+change  angle from the last estimate to the measurement, degrees per frame: the derivative of the position
+s       1 / (1 + exp(-LAMBDA (change - ALPHA noise)))        a saccade (1) or a fixation (0)
+theta   the greatest s of the last ``hold`` frames, m: m itself when it rises, else 0.7 m + 0.3 theta
+R       diag(noise^2 (1 - theta), same, 1, 1)
 
-Positions are angles on the tangent plane of the sphere at the last estimate, in degrees, so that no direction is
-special; one frame is the unit of time. Two things are ours: the velocity is measured from the last estimate, not from
-the last measurement, whose noise would count twice; and velocity fades (DAMPING), since eyes that moved have mostly
-arrived, and an extrapolation over missing frames must not run away. ``harness.bench.gaze_filter`` measures it.
+Positions are angles on the tangent plane of the sphere at the last estimate, in degrees, so that all directions are
+treated alike; the unit of time is one frame. Two things differ from the paper: the velocity is measured from the last
+estimate, not from the last measurement, whose noise would count twice; and the velocity is damped (DAMPING), since eyes
+that moved have usually arrived, and an extrapolation over missing frames must not run away.
+``harness.bench.gaze_filter`` measures the effect.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ LAMBDA = 0.5
 """Steepness of the step from fixation to saccade, per degree and frame."""
 
 ALPHA = 3.0
-"""Where that step stands, in units of the noise: a change that noise alone seldom makes."""
+"""Position of that step, in units of the noise: a change that noise alone seldom reaches."""
 
 DAMPING = 0.5
 """Factor of the velocity from one frame to the next."""
@@ -41,16 +42,16 @@ PROCESS_NOISE = np.diag([1.0, 1.0, 0.01, 0.01])
 """Q: variance that a frame adds, degrees^2 and (degrees per frame)^2."""
 
 TRANSITION = np.block([[np.eye(2), np.eye(2)], [np.zeros((2, 2)), DAMPING * np.eye(2)]])
-"""F: from one frame to the next."""
+"""F: the transition from one frame to the next."""
 
 
 class GazeFilterSettings(Settings):
     """Settings of :func:`filter_cues`.
 
-    ``noise_deg`` is the error of one measurement along one axis. ``hold`` is how many frames a saccade's release of
-    the filter lasts. A measurement more than ``gate_deg`` from the prediction counts as missing: nobody turns that
-    far in a frame. While a cue is missing the prediction stands in for it, for at most ``max_missing`` frames; after
-    that the cue is missing indeed, and the filter starts afresh with the next measurement, however far that is.
+    ``noise_deg`` is the error of one measurement along one axis. ``hold`` is the number of frames for which a saccade
+    opens the filter. A measurement more than ``gate_deg`` from the prediction counts as missing: nobody turns that far
+    in a frame. While a cue is missing, the prediction replaces it for at most ``max_missing`` frames. After that the
+    cue counts as missing, and the filter restarts with the next measurement, at whatever angle.
     """
 
     cues: Literal["off", "gaze", "both"] = "off"
@@ -60,9 +61,9 @@ class GazeFilterSettings(Settings):
     hold: PositiveInt = 5
     """Frames for which a saccade opens the filter."""
     gate_deg: float = Field(default=90.0, gt=0)
-    """A measurement farther from the prediction counts as missing."""
+    """A measurement farther from the prediction than this counts as missing."""
     max_missing: NonNegativeInt = 5
-    """Most frames for which the prediction stands in for a missing measurement."""
+    """Most frames for which the prediction replaces a missing measurement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +72,7 @@ class CueFilter:
 
     ``direction`` (3,) is the estimate, unit, camera frame. ``velocity_deg`` (3,) is its change in degrees per frame,
     camera frame. ``covariance`` (4, 4) is of (right, down, velocity right, velocity down) on the tangent plane,
-    degrees; it is the same for any choice of right and down. ``saccades`` are the last values of s, the newest last.
+    degrees; it does not depend on the choice of right and down. ``saccades`` are the last values of s, the newest last.
     """
 
     direction: Float
@@ -84,7 +85,7 @@ class CueFilter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GazeFilterState:
-    """The filters that run, by track id and cue."""
+    """The running filters, by track id and cue."""
 
     filters: Mapping[tuple[int, Cue], CueFilter] = field(default_factory=dict)
 
@@ -92,10 +93,10 @@ class GazeFilterState:
 def filter_cues(
     tracked: tuple[tuple[int, Person], ...], state: GazeFilterState, settings: GazeFilterSettings
 ) -> tuple[tuple[Subject, ...], GazeFilterState]:
-    """Turn the tracked people of one frame into subjects, whose cues are filtered where the settings say so.
+    """Turn the tracked people of one frame into subjects; cues are filtered as the settings say.
 
-    A filtered direction keeps the uncertainty of its own measurement, and a filtered head has no angles: those of the
-    model belong to the unfiltered direction.
+    A filtered direction keeps the uncertainty of its own measurement. A filtered head has no angles: the model's angles
+    belong to the unfiltered direction.
     """
     cues: tuple[Cue, ...] = {"off": (), "gaze": CUES[:1], "both": CUES}[settings.cues]
     measured = {(track_id, cue): _measured(person, cue) for track_id, person in tracked for cue in cues}
@@ -109,7 +110,7 @@ def filter_cues(
 
 
 def follow(before: CueFilter | None, measured: Float | None, settings: GazeFilterSettings) -> CueFilter | None:
-    """One frame of one filter; ``measured`` (3,) is a unit direction. None: there is nothing to go by."""
+    """Advance one filter by a frame; ``measured`` (3,) is a unit direction. Returns None if there is nothing to use."""
     if before is None:
         return None if measured is None else _start(measured, settings)
 
@@ -139,12 +140,12 @@ def _start(measured: Float, settings: GazeFilterSettings) -> CueFilter:
 
 
 def _saccade(change_deg: float, settings: GazeFilterSettings) -> float:
-    """The logistic function as a tanh, which cannot overflow."""
+    """The logistic function, written as a tanh, which cannot overflow."""
     return (1 + math.tanh(LAMBDA * (change_deg - ALPHA * settings.noise_deg) / 2)) / 2
 
 
 def _moved(before: CueFilter, axes: Float, x: Float, covariance: Float) -> CueFilter:
-    """The filter with the state ``x`` (4,) on the tangent plane with these ``axes`` (3, 2) as its new estimate."""
+    """Return the filter whose new estimate is the state ``x`` (4,) on the tangent plane with these ``axes`` (3, 2)."""
     right_rad, down_rad = np.deg2rad(x[:2])
     direction = perturb(before.direction, right_rad, down_rad)
     return replace(before, direction=direction, velocity_deg=axes @ x[2:], covariance=covariance)

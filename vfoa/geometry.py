@@ -1,9 +1,9 @@
 """Pin-hole projection, directions and ray-box intersection: the only file with rotation conventions.
 
-Three frames meet here:
+It uses three coordinate frames:
 
 camera  the rectified left camera: x right, y down, z forward.
-crop    the axes in which a head is seen: z along the ray from the camera to the head (away), x right and y down in
+crop    the axes of the crop of a head: z along the ray from the camera to the head (away), x right and y down in
         the crop. Networks that see only a crop of a head answer in this frame. Wherever a person stands, (0, 0, -1)
         looks into the camera.
 box     a box's own axes, from :attr:`vfoa.types.Box3D.left_from_box`.
@@ -24,13 +24,13 @@ CONE_HEIGHT_M = 1.10
 
 
 def unit(vectors: ArrayLike) -> Float:
-    """Vectors (..., 3) at length 1."""
+    """Vectors (..., 3) scaled to length 1."""
     array = np.asarray(vectors, dtype=np.float64)
     return array / np.linalg.norm(array, axis=-1, keepdims=True)
 
 
 def angle_between(a: ArrayLike, b: ArrayLike) -> Float:
-    """Angles (...) in radians, 0 to pi, between vectors (..., 3) of any length; exact for tiny angles too.
+    """Angles (...) in radians, 0 to pi, between vectors (..., 3) of any length; exact also for tiny angles.
 
     Kahan's formula: 2 atan2(|a/|a| - b/|b||, |a/|a| + b/|b||).
     """
@@ -39,7 +39,7 @@ def angle_between(a: ArrayLike, b: ArrayLike) -> Float:
 
 
 def fov_from_radius(radius_m: float) -> float:
-    """Full apex angle in radians of a cone 1.10 m high with this base radius: the paper's way to name cones."""
+    """Full apex angle in radians of a cone 1.10 m high with this base radius; the paper gives cones by their radius."""
     return float(2 * np.arctan2(radius_m, CONE_HEIGHT_M))
 
 
@@ -65,7 +65,7 @@ def disparity_from_depth(depth_m: ArrayLike, rig: StereoRig) -> Float:
 
 
 def back_project(u_px: ArrayLike, v_px: ArrayLike, depth_m: ArrayLike, rig: StereoRig) -> Float:
-    """Points (..., 3) in the camera frame, metres, seen at pixels (u, v) at depths z."""
+    """Points (..., 3) in the camera frame, metres, of pixels (u, v) at depths z."""
     u, v, z = np.broadcast_arrays(*(np.asarray(value, dtype=np.float64) for value in (u_px, v_px, depth_m)))
     return np.stack([(u - rig.cx_px) * z / rig.fx_px, (v - rig.cy_px) * z / rig.fy_px, z], axis=-1)
 
@@ -128,7 +128,7 @@ def pixel_ray(u_px: float, v_px: float, rig: StereoRig) -> Float:
 
 
 def perturb(direction: ArrayLike, right_rad: ArrayLike, down_rad: ArrayLike) -> Float:
-    """Directions (..., 3) turned by an angle of hypot(right, down) towards (right, down) of their own tangent plane.
+    """Directions (..., 3) rotated by an angle of hypot(right, down) towards (right, down) of their own tangent plane.
 
     The exponential map on the sphere, with the tangent axes of :func:`left_from_crop`.
     """
@@ -141,9 +141,9 @@ def perturb(direction: ArrayLike, right_rad: ArrayLike, down_rad: ArrayLike) -> 
 
 
 def tangent_offset(direction: ArrayLike, other: ArrayLike) -> Float:
-    """Angles (..., 2) towards (right, down) that turn ``direction`` into ``other``: the inverse of :func:`perturb`.
+    """Angles (..., 2) towards (right, down) that rotate ``direction`` into ``other``: the inverse of :func:`perturb`.
 
-    The logarithm on the sphere. The opposite direction, which lies every way, is taken to lie to the right.
+    The logarithmic map on the sphere. For the opposite direction, where it is ambiguous, the result points right.
     """
     right, down, _ = np.moveaxis(np.einsum("...ji,...j->...i", left_from_crop(direction), unit(other)), -1, 0)
     aside = np.hypot(right, down)
@@ -160,7 +160,7 @@ def on_the_way(start: ArrayLike, ends: ArrayLike, share: float) -> Float:
 
 
 def turn_about_z(angle_rad: float) -> Float:
-    """Rotation (3, 3) about z that turns x towards y by an angle."""
+    """Rotation (3, 3) about z by an angle; positive angles turn x towards y."""
     sine, cosine = np.sin(angle_rad), np.cos(angle_rad)
     return np.array([(cosine, -sine, 0), (sine, cosine, 0), (0, 0, 1)])
 
@@ -186,15 +186,15 @@ def box_corners(box: Box3D) -> Float:
 
 
 def entry_distance(origin_left: ArrayLike, directions: ArrayLike, boxes: tuple[Box3D, ...]) -> Float:
-    """Distance (R, T) along each of R unit directions (R, 3) to where it enters each of T boxes; NaN for a miss.
+    """Distance (R, T) along each of R unit directions (R, 3) to the entry into each of T boxes; NaN for a miss.
 
-    The slab method (Kay and Kajiya 1986). A direction component of zero is decided by a branch, since the form
-    without one answers NaN for an origin on a face's plane. Only what lies ahead counts (t >= 0); an origin inside
-    a box enters it at distance 0.
+    The slab method (Kay and Kajiya 1986). A direction component of zero is handled by a branch, since the branch-free
+    form gives NaN for an origin on the plane of a face. Only entries ahead count (t >= 0); an origin inside a box
+    enters it at distance 0.
 
     In the box's own axes and in units of its half sizes, a box is the cube from -1 to 1. The axes come first in the
-    arrays, (3, R, T), so that the extremes over the three slabs are taken between whole planes: several times faster
-    than within each ray's own three numbers.
+    arrays, (3, R, T), so that the extremes over the three slabs are taken between whole planes. This is several times
+    faster than taking them within each ray's own three numbers.
     """
     directions = np.asarray(directions, dtype=np.float64)
     if not boxes:

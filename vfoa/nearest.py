@@ -1,4 +1,4 @@
-"""The strongest simple baseline: the target nearest in angle to where gaze and head point, none beyond a limit."""
+"""The strongest simple baseline: the target nearest in angle to the mean of gaze and head, up to a limit."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ class NearestSettings(Settings):
     method: Literal["nearest"]
     """``nearest``: the target nearest in angle."""
     gaze_share: float = Field(default=0.6, ge=0, le=1)
-    """Weight of the gaze in the mean of gaze and head. A cue that was not measured leaves its weight to the other."""
+    """Weight of the gaze in the mean of gaze and head. If one cue is missing, the other has all the weight."""
     limit_deg: float | None = Field(default=None, gt=0, le=180)
-    """Greatest angle to the middle of a box at which it is still looked at; none: some target always is."""
+    """Greatest angle to the middle of a box at which it still is looked at; if not set, some target always is."""
 
 
 def look_at_nearest(subject: Subject, targets: tuple[Target, ...], settings: NearestSettings) -> Attention:
     """Compute one subject's attention: 1 for the target nearest in angle, 0 for the others.
 
     The angle is to the middle of a target's box, seen from the eyes. Among targets at exactly the same angle, the first
-    has the focus. Without an eye origin or a direction to go by the result says so, and holds nothing else.
+    has the focus. Without an eye origin or a usable direction, the result gives the reason in ``missing`` and has no
+    values.
     """
     origin = subject.person.eye_origin_left
     if origin is None:

@@ -34,12 +34,12 @@ _PACKAGES: dict[Provider, str] = {
     "tensorrt": "onnxruntime-gpu",
     "openvino": "onnxruntime-openvino",
 }
-"""The packages that have the providers which the package onnxruntime may lack."""
+"""The packages that provide the providers missing in the package onnxruntime."""
 
 _FATAL = 4
 
 if os.environ.get("ORT_DISABLE_TELEMETRY") == "1":
-    onnxruntime.disable_telemetry_events()  # whoever imported it before vfoa
+    onnxruntime.disable_telemetry_events()  # a module that was imported before vfoa
 
 # ONNX Runtime's errors have no common base class
 _RUNTIME_ERRORS = tuple(
@@ -50,12 +50,12 @@ _RUNTIME_ERRORS = tuple(
 
 
 class RuntimeSettings(Settings):
-    """Where a network runs."""
+    """Where a network runs: provider and threads."""
 
     provider: Provider = "cpu"
-    """The provider that the network runs on. An unavailable one is an error: there is no fallback."""
+    """Provider that the network runs on. If it is unavailable, the run fails: there is no fallback."""
     threads: int = Field(default=1, ge=1)
-    """Threads of one inference. 1 keeps results the same on every machine: frames are spread over processes."""
+    """Threads of one inference. 1 gives the same results on every machine; processes work on frames in parallel."""
 
 
 class OnnxSettings(RuntimeSettings):
@@ -67,10 +67,10 @@ class OnnxSettings(RuntimeSettings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signature:
-    """The inputs and outputs that a graph must have: names and shapes, None for a length that may be anything.
+    """The inputs and outputs that a graph must have: names and shapes, None for a length of any value.
 
-    ``by_position``: names in the graph do not count; its i-th input and output get the i-th name here. Otherwise the
-    inputs must have exactly these names, and the outputs these and perhaps others. Tensors are float32, except the
+    ``by_position``: names in the graph are ignored; its i-th input and output get the i-th name here. Otherwise the
+    inputs must have exactly these names, and the outputs must include these. Tensors are float32, except the
     ``integers``, which are int64.
     """
 
@@ -95,7 +95,7 @@ class Model:
     Raises
     ------
     VfoaError
-        If there is no such file. At the first use: if it is not a model, not this model, or fails on this provider.
+        If there is no such file. At the first use: if it is no model, another model, or fails on this provider.
     """
 
     def __init__(self, weights: str, signature: Signature, settings: RuntimeSettings) -> None:
@@ -123,12 +123,12 @@ class Model:
         return dict(zip(graph_outputs, found, strict=True))
 
     def input_shape(self, name: str) -> Shape:
-        """The shape of an input in the graph, None for a length that it leaves open."""
+        """Shape of an input in the graph; None for a length that the graph leaves open."""
         session, graph_inputs, _ = self._open()
         return next(_shape(node) for node in session.get_inputs() if node.name == graph_inputs[name])
 
     def provider(self) -> Provider:
-        """What the network runs on: the provider of its settings."""
+        """The provider that the network runs on, from its settings."""
         session, *_ = self._open()
         return next(name for name, provider in _PROVIDERS.items() if provider == session.get_providers()[0])
 
@@ -138,7 +138,7 @@ class Model:
         Raises
         ------
         VfoaError
-            If it is not a model, not this model, or fails on this provider.
+            If it is no model, another model, or fails on this provider.
         """
         self._open()
 
@@ -152,16 +152,16 @@ class Model:
 
 
 IMAGENET_MEAN: Float = np.array([123.675, 116.28, 103.53])
-"""Mean of ImageNet's pixels, RGB, 0 to 255: what most networks subtract (see :func:`blob`)."""
+"""Mean of ImageNet's pixels, RGB, 0 to 255; most networks subtract it (see :func:`blob`)."""
 
 IMAGENET_SCALE: Float = 1 / np.array([58.395, 57.12, 57.375])
 """One over the standard deviation of ImageNet's pixels, RGB, 0 to 255."""
 
 
 def blob(*images: Image, bgr: bool, mean: float | Float = 0.0, scale: float | Float = 1.0) -> NDArray[np.float32]:
-    """RGB images (H, W, 3) of one size as a network's input (N, 3, H, W) float32: (value - mean) * scale.
+    """Convert RGB images (H, W, 3) of one size to a network's input (N, 3, H, W) float32: (value - mean) * scale.
 
-    ``bgr`` gives the channels in the order blue, green, red; ``mean`` and ``scale`` are in that order too.
+    ``bgr`` puts the channels in the order blue, green, red; ``mean`` and ``scale`` are in that order too.
     """
     batch = np.stack(images)[..., ::-1] if bgr else np.stack(images)
     values = np.ascontiguousarray(batch.transpose(0, 3, 1, 2), dtype=np.float32)
@@ -220,7 +220,7 @@ def _shape(node: Any) -> Shape:
 def _match(
     path: Path, kind: str, expected: Mapping[str, Shape], nodes: list[Any], signature: Signature
 ) -> dict[str, str]:
-    """Name of each expected tensor in the graph, or an error that says what was expected and what was found."""
+    """Return the name of each expected tensor in the graph; an error names the expected and the found ones."""
     if signature.by_position:
         chosen = dict(zip(expected, nodes, strict=False))
         right = len(nodes) == len(expected)

@@ -1,12 +1,13 @@
 """The whole pipeline on one screen.
 
-    perceive     images -> percepts: disparity, instances, heads, head poses, gazes. Stateless, slow, cached.
-                 What a person drew joins the instances and heads that models found, and is cut out by depth.
-    reconstruct  percepts -> scene: clouds, boxes and eye origins in metres. Stateless.
-    attend       scene, memory -> result, memory: tracks, filtered cues, cones, attention. Ordered and cheap.
+perceive     images -> percepts: disparity, instances, heads, head poses, gazes. Stateless, slow, cached.
+             Shapes that a person drew join the instances and heads of the models, and are cut out by depth.
+reconstruct  percepts -> scene: clouds, boxes and eye origins in metres. Stateless.
+attend       scene, memory -> result, memory: tracks, filtered cues, cones, attention. Ordered and cheap.
 
 The first two run out of order and in parallel; a sweep over cones repeats only the third. A temporal gaze model needs
-the frames around: perceive keeps its crops, and a :class:`vfoa.gaze.temporal.HeadWindow` fills in the gazes, in order.
+the neighbouring frames: perceive keeps its crops, and a :class:`vfoa.gaze.temporal.HeadWindow` adds the gazes, in
+order.
 """
 
 from __future__ import annotations
@@ -38,8 +39,9 @@ __all__ = ["AttendSettings", "Memory", "Stages", "attend", "perceive", "reconstr
 class Stages:
     """The models and matchers of one configuration. None: that cue is not measured.
 
-    Gaze is estimated from one frame or from several: at most one of the two models is there. With a region matcher,
-    only the region of things and heads is matched, by that. ``drawing`` is what a person drew, None for nothing.
+    Gaze is estimated from one frame or from several: at most one of the two models is set. A region matcher replaces
+    the matcher and matches only the region of things and heads. ``drawing`` holds the shapes that a person drew; None:
+    none.
     """
 
     matcher: StereoMatcher
@@ -53,9 +55,9 @@ class Stages:
 
 
 def perceive(frame: StereoFrame, stages: Stages, *, beside: Executor | None = None) -> Percepts:
-    """Run every model on one frame. Where gaze is temporal, the views have its crops and no gaze yet.
+    """Run every model on one frame. A temporal gaze model leaves its crops in the views; the gazes are added later.
 
-    ``beside`` runs the models of the heads in another thread while this one matches. The result is the same.
+    ``beside`` runs the models of the heads in another thread during matching. The result is the same.
     """
     instances = stages.segmenter.segment(frame)
     heads = stages.heads.detect(frame, instances)
@@ -71,7 +73,7 @@ def perceive(frame: StereoFrame, stages: Stages, *, beside: Executor | None = No
         try:
             disparity = _match(frame, instances, heads, drawn, stages)
         finally:
-            wait([viewed])  # no stage runs on after an error
+            wait([viewed])  # wait for the other thread, so that no stage runs on after an error
         views = viewed.result()
     if stages.drawing:
         instances = stages.drawing.add_masks(frame, instances, drawn, disparity)
@@ -122,7 +124,7 @@ class Memory:
 
 
 def attend(scene: Scene, memory: Memory, settings: AttendSettings) -> tuple[FrameResult, Memory]:
-    """Follow the people of one frame and compute what each looks at."""
+    """Follow the people of one frame and compute the attention of each."""
     tracked, tracker = track_people(scene.people, memory.tracker, settings.tracking)
     subjects, gaze_filter = filter_cues(tracked, memory.gaze_filter, settings.gaze_filter)
     beliefs = memory.beliefs

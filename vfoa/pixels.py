@@ -19,7 +19,7 @@ Window = tuple[slice, slice]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Seen:
-    """The input of clouds and eye origins: the disparities and the masks of one view."""
+    """The disparities and the masks of one view: the input of clouds and eye origins."""
 
     disparity: Disparity
     instances: Instances
@@ -27,7 +27,7 @@ class Seen:
 
 
 def window_of(u0: float, v0: float, u1: float, v1: float, rig: StereoRig) -> Window:
-    """The rows and columns of the pixels whose centres lie in a region, as far as it is in the image."""
+    """Rows and columns of the pixels whose centres lie in a region, clipped to the image."""
     rows, columns = (
         slice(min(max(math.ceil(low), 0), size), min(max(math.floor(high) + 1, 0), size))
         for low, high, size in ((v0, v1, rig.height_px), (u0, u1, rig.width_px))
@@ -38,7 +38,7 @@ def window_of(u0: float, v0: float, u1: float, v1: float, rig: StereoRig) -> Win
 def known_pixels(mask: Mask, window: Window, seen: Seen, *, most: int | None = None) -> NDArray[np.intp]:
     """Pixels (N, 2), as (v, u), where the mask of a window is set and the disparity is known.
 
-    With ``most``, at most so many of them, spread evenly.
+    With ``most``, at most that many of them, spread evenly.
     """
     rows, columns = window
     places = np.flatnonzero(mask & np.isfinite(seen.disparity.disparity_px[window]))
@@ -49,9 +49,9 @@ def known_pixels(mask: Mask, window: Window, seen: Seen, *, most: int | None = N
 
 
 def _thinned(places: NDArray[np.intp], count: int) -> NDArray[np.intp]:
-    """At most ``count`` of the places, spread evenly by the golden ratio.
+    """Choose at most ``count`` of the places, spread evenly by the golden ratio.
 
-    A constant step would run in time with the rows of a mask and always miss the same columns.
+    A constant step could coincide with the row length of a mask and always miss the same columns.
     """
     if len(places) <= count:
         return places
@@ -62,7 +62,7 @@ def _thinned(places: NDArray[np.intp], count: int) -> NDArray[np.intp]:
 
 
 def points_of(pixels: NDArray[np.intp], seen: Seen) -> Float:
-    """Points (N, 3), metres, camera frame, of pixels (v, u), less those with a disparity that no depth has."""
+    """Points (N, 3), metres, camera frame, of pixels (v, u); pixels whose disparity gives no depth are left out."""
     v, u = pixels.T
     depth = depth_from_disparity(seen.disparity.disparity_px[v, u], seen.rig)
     points = back_project(u, v, depth, seen.rig)

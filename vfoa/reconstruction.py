@@ -2,9 +2,10 @@
 
 A cloud is cleaned in three steps, each against one fault of stereo:
 
-erode    the outermost pixels of a mask, where the matcher mixes the thing with its background;
-gate     points far before or behind the median depth: background that the mask took along;
-outlier  points far from their neighbours, for this cloud: single mismatches, pixels that fly between two things.
+erode    the outermost pixels of a mask, where the matcher mixes the object with its background;
+gate     points far from the median depth: background that the mask includes;
+outlier  points farther from their neighbours than is usual in this cloud: single mismatches, and pixels between two
+         objects.
 """
 
 from __future__ import annotations
@@ -38,16 +39,16 @@ from vfoa.types import (
 class ReconstructionSettings(Settings):
     """Settings of :func:`reconstruct`.
 
-    Things are targets always, stuff only if its label is in ``stuff``. People are the instances with a label in
+    Things are always targets, stuff only if its label is in ``stuff``. People are the instances with a label in
     ``person``. ``boxes`` are along the camera's axes (the paper) or the smallest in any orientation. The gate keeps
-    points nearer to the median depth than ``gate_mads`` times the median absolute deviation, or than the thing is
-    wide or high. An outlier is ``outlier_ratio`` times as far from its ``outlier_neighbours`` nearest as is usual. A
-    cloud of fewer than ``min_points`` has no box; one of more than ``max_points`` is thinned out. ``eyes``: where gaze
-    begins, from the head's direction or the paper's patch (:mod:`vfoa.eye_origin`), of at least ``min_eye_points``.
+    points nearer to the median depth than ``gate_mads`` times the median absolute deviation, or than the object's width
+    or height. An outlier is ``outlier_ratio`` times as far from its ``outlier_neighbours`` nearest points as is usual.
+    A cloud of fewer than ``min_points`` has no box; one of more than ``max_points`` is thinned out. ``eyes``: the eye
+    origin, from the head's direction or the paper's patch (:mod:`vfoa.eye_origin`), of at least ``min_eye_points``.
     """
 
     stuff: tuple[str, ...] = ()
-    """Labels of the stuff that can be looked at. Things always can."""
+    """Labels of the stuff that is a target. Things always are targets."""
     person: tuple[str, ...] = ("person",)
     """Labels of the instances that are people."""
     boxes: Literal["aabb", "oriented"] = "aabb"
@@ -57,15 +58,15 @@ class ReconstructionSettings(Settings):
     gate_mads: float = Field(default=8, gt=0)
     """Points farther from the median depth, in median absolute deviations, are left out."""
     outlier_neighbours: int = Field(default=4, ge=1)
-    """Nearest neighbours whose distance decides whether a point is an outlier."""
+    """Number of nearest neighbours whose distance decides whether a point is an outlier."""
     outlier_ratio: float = Field(default=5, ge=1)
-    """An outlier is this many times as far from them as is usual in its cloud."""
+    """An outlier is this many times as far from its neighbours as is usual in its cloud."""
     min_points: int = Field(default=20, ge=1)
     """Least points of a cloud that gets a 3D box."""
     max_points: int = Field(default=1000, ge=100)
     """Most points of a cloud; a larger one is thinned out."""
     eyes: EyeMethod = "head"
-    """Where gaze begins: by the ``head``'s direction, or in the paper's ``patch`` of the head's box."""
+    """Eye origin from the ``head``'s direction, or from the paper's ``patch`` of the head's box."""
     min_eye_points: int = Field(default=9, ge=1)
     """Least points of a head with an eye origin."""
 
@@ -88,9 +89,9 @@ def reconstruct(percepts: Percepts, settings: ReconstructionSettings) -> Scene:
 def place_targets(
     disparity: Disparity, instances: Instances, rig: StereoRig, settings: ReconstructionSettings
 ) -> tuple[Target, ...]:
-    """One target for each instance that is wanted and has pixels, in the order of the instances.
+    """Return one target for each wanted instance that has pixels, in the order of the instances.
 
-    The half of :func:`reconstruct` that depends on no head: whoever agrees on its inputs can share it.
+    This half of :func:`reconstruct` depends on no head. Configurations that agree on its inputs can share it.
     """
     from scipy.ndimage import find_objects
 
@@ -119,7 +120,7 @@ def _target(instance: Instance, window: Window, seen: Seen, settings: Reconstruc
 
 
 def _eroded(mask: Mask, radius_px: int) -> Mask:
-    """A mask less its border; a mask so small that less than half would be left is kept whole."""
+    """Remove the border of a mask; a mask that would lose more than half of its pixels is kept whole."""
     import cv2
 
     if radius_px == 0:
@@ -130,10 +131,10 @@ def _eroded(mask: Mask, radius_px: int) -> Mask:
 
 
 def _gated(points: Float, settings: ReconstructionSettings, rig: StereoRig, extent_px: int) -> Float:
-    """The points near the median depth.
+    """Keep the points near the median depth.
 
-    ``extent_px`` is the greater side of the mask: the face that is seen may be flat, with no deviation at all, and
-    the thing as deep as it is wide all the same.
+    ``extent_px`` is the greater side of the mask: the visible face may be flat, with a deviation of zero, although the
+    object is as deep as it is wide.
     """
     if len(points) == 0:
         return points
@@ -145,9 +146,9 @@ def _gated(points: Float, settings: ReconstructionSettings, rig: StereoRig, exte
 
 
 def _without_outliers(points: Float, settings: ReconstructionSettings) -> Float:
-    """The points less those far from their nearest neighbours, measured against the median of the cloud.
+    """Remove the points far from their nearest neighbours, relative to the median of the cloud.
 
-    Distances are taken between (x / z, y / z, ln z): the camera samples a surface evenly there, whatever its depth.
+    Distances are between (x / z, y / z, ln z): in these coordinates the camera samples a surface evenly at any depth.
     """
     from scipy.spatial import KDTree
 
@@ -169,7 +170,7 @@ def _box(points: Float, settings: ReconstructionSettings) -> Box3D | None:
 
 
 def place_people(percepts: Percepts, targets: tuple[Target, ...], settings: ReconstructionSettings) -> Scene:
-    """The scene of these targets and of the people whose heads were seen: the other half of :func:`reconstruct`."""
+    """Return the scene of these targets and of all people with a head: the other half of :func:`reconstruct`."""
     seen = Seen(disparity=percepts.disparity, instances=percepts.instances, rig=percepts.rig)
     return Scene(
         index=percepts.index,
@@ -188,7 +189,7 @@ def _person(view: HeadView, seen: Seen, settings: ReconstructionSettings) -> Per
 
 
 def _covering_person(head: Head, seen: Seen, settings: ReconstructionSettings) -> int | None:
-    """The person whose mask covers most of the head's box; the first of equals; None if none covers any of it."""
+    """Return the person whose mask covers most of the head's box; the first of equals; None if none overlaps it."""
     u0, v0, u1, v1 = head.box_px
     window = window_of(u0, v0, u1, v1, seen.rig)
     covered = np.bincount(seen.instances.ids[window].ravel(), minlength=2**16)

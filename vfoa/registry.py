@@ -1,4 +1,4 @@
-"""Named, lazily imported plug-ins: one line here, or one entry point in another distribution."""
+"""Named plug-ins, imported when they are used: a line in a registry here, or an entry point of another distribution."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Registry:
     kind
         The word for error messages and configuration, such as ``"stereo"``.
     builtin
-        Name to ``"module:Class"``. Nothing is imported before :meth:`load`.
+        Name to ``"module:Class"``. :meth:`load` imports the module.
     group
-        The entry-point group through which other distributions add names, such as ``"vfoa.stereo"``.
+        The entry-point group in which other distributions add names, such as ``"vfoa.stereo"``.
     """
 
     kind: str
@@ -34,7 +34,7 @@ class Registry:
         return sorted({*self.builtin, *self._others()})
 
     def __contains__(self, name: object) -> bool:
-        """Whether :meth:`load` takes this name. Other distributions, which take long to list, are asked last."""
+        """Whether :meth:`load` takes this name. Other distributions are asked last, because listing them is slow."""
         return name in self.builtin or name in self._others()
 
     def load(self, name: str) -> Any:
@@ -43,7 +43,7 @@ class Registry:
         Raises
         ------
         VfoaError
-            If there is no such name; the message proposes the nearest.
+            If there is no such name; the message suggests the nearest one.
         """
         if name in self.builtin:
             module, _, attribute = self.builtin[name].partition(":")

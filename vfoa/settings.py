@@ -1,4 +1,4 @@
-"""The base of every stage's settings: frozen, and an unknown key is an error."""
+"""The base class of every stage's settings: frozen, and an unknown key is an error."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Settings(BaseModel):
-    """Settings of one stage, as they stand in a configuration file (angles in degrees, lengths in metres).
+    """Settings of one stage, as in a configuration file (angles in degrees, lengths in metres).
 
     The docstring below a field is its meaning in the settings reference.
     """

@@ -1,11 +1,11 @@
-"""Scenes drawn by chance for measuring attention: who looks at what is known, and how wrong the directions are is set.
+"""Randomly drawn scenes for measuring attention, with known targets and set errors of the directions.
 
-Two generators that share no distribution, so that settings can be tuned on one and reported on the other:
+Two generators that share no distribution, so that settings can be tuned on one and tested on the other:
 
-    room     objects anywhere in front of a person, exponential looks, normal errors of which a part drifts
-    table    people and objects around a table and on a wall, log-normal looks, von Mises-Fisher or Student errors
+room     objects anywhere in front of a person, exponential looks, normal errors of which a part drifts
+table    people and objects around a table and on a wall, log-normal looks, von Mises-Fisher or Student errors
 
-Both give the same value, :class:`Sequence`: arrays of directions and labels of one person. All in the camera frame.
+Both return a :class:`Sequence`: arrays of directions and labels of one person, in the camera frame.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ _STUDENT_MEAN = float(np.sqrt(3.0))
 """Mean length of a two-dimensional Student variable with three degrees of freedom and unit scale."""
 
 _LEAST_MISS_RAD = float(np.deg2rad(8.0))
-"""Who looks at nothing looks at least this far past the middle of every object."""
+"""A person who looks at nothing looks at least this far past the middle of every object."""
 
 Labels = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Errors:
-    """How wrong the directions of a sequence are: mean angles in degrees, ``gain`` towards the camera.
+    """Errors of the directions of a sequence: mean angles in degrees, and ``gain`` towards the camera.
 
     ``gaze_deg`` and ``head_deg`` are the mean angles of the errors of single frames. ``bias_deg`` turns every gaze of
-    the person by the same angle, a third of it every head direction. ``gain`` is what is left of the angle between a
-    direction and the way to the camera, of gaze and head alike.
+    the person by the same angle, and every head direction by a third of it. ``gain`` is the factor that remains of the
+    angle between a direction and the direction to the camera, for gaze and head alike.
     """
 
     gaze_deg: float = 11.1
@@ -49,7 +49,7 @@ class Errors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Scene:
-    """What a person sees and how the head follows: its share of the way, its pace a frame, how far off it stops."""
+    """The objects that a person sees, and how the head follows: its share of the way, pace per frame, and offset."""
 
     eyes: Float
     objects: Float
@@ -64,7 +64,7 @@ class _Scene:
 class Sequence:
     """One person over N frames: eyes (3,), objects (T, 3) with radii (T,) in metres, measured directions (N, 3).
 
-    ``label`` (N,) is the row of the object that is looked at, :data:`NOWHERE` for none. ``time_s`` (N,).
+    ``label`` (N,) is the row of the object that is looked at, :data:`NOWHERE` for none. ``time_s`` (N,) is in seconds.
     """
 
     eyes: Float
@@ -118,7 +118,7 @@ def _room(errors: Errors, rng: np.random.Generator, n_frames: int) -> Sequence:
 
 
 def _table(errors: Errors, rng: np.random.Generator, n_frames: int) -> Sequence:
-    """A person at a table, the camera across it: others around, things on the table, things on the walls."""
+    """A person at a table with the camera opposite: other people around it, things on the table and on the walls."""
     rate_hz = float(rng.choice([10.0, 15.0]))
     eyes = np.array([rng.uniform(-0.7, 0.7), 0.0, rng.uniform(1.2, 2.2)])
     seats = rng.permutation([[-1.1, 0.0, 1.2], [1.1, 0.0, 1.2], [-0.6, 0.0, 0.5], [0.7, 0.0, 0.4]])
@@ -175,7 +175,7 @@ def _look(label: Labels, scene: _Scene, rng: np.random.Generator) -> tuple[Float
         if frame == 0 or current != label[frame - 1]:
             goal, gaze = _fixation(current, scene, rng)
         head = goal if frame == 0 else unit(head + scene.pace * (goal - head))
-        # eyes that look at nothing wander about where the head points, and rest on no object
+        # eyes that look at nothing move about where the head points, and rest on no object
         if gaze is None or (current == NOWHERE and rng.random() < 0.1):
             gaze = _off_objects(head, scene, rng)
         heads.append(head)
@@ -184,11 +184,11 @@ def _look(label: Labels, scene: _Scene, rng: np.random.Generator) -> tuple[Float
 
 
 def _fixation(current: int, scene: _Scene, rng: np.random.Generator) -> tuple[Float, Float | None]:
-    """The head's goal (3,) and the gaze (3,) of a new look; the gaze is None where it wanders."""
+    """The head's goal (3,) and the gaze (3,) of a new look; the gaze is None for a look at nothing."""
     aside = np.deg2rad(scene.aside_deg) * rng.normal(size=2)
     if current == NOWHERE:
         return perturb(scene.ahead, *np.deg2rad(rng.normal(0, [30, 15]))), None
-    # even over the disc that is seen of the object
+    # uniform over the visible disc of the object
     towards = scene.objects[current] - scene.eyes
     turn, reach = rng.uniform(0, 2 * np.pi), 0.9 * scene.radii_m[current] / np.linalg.norm(towards)
     reach *= np.sqrt(rng.random())
@@ -210,7 +210,7 @@ def _off_objects(head: Float, scene: _Scene, rng: np.random.Generator) -> Float:
 
 
 def _shrunk(directions: Float, eyes: Float, gain: float) -> Float:
-    """Directions (N, 3) drawn towards the camera: ``gain`` of the angle is left."""
+    """Directions (N, 3) turned towards the camera: the factor ``gain`` remains of the angle."""
     camera = unit(-eyes)
     angle = np.maximum(angle_between(camera, directions), 1e-9)[:, None]
     return unit(np.sin((1 - gain) * angle) * camera + np.sin(gain * angle) * directions)

@@ -1,7 +1,7 @@
 """The paper's five synthetic cases: attention over the number of rays and the field of view.
 
-A cube of 0.4 m centred 1.1 m before the eyes, cones with surface rays only. Where the paper gives no measure (the
-corner, the direction outside, the second object) the scenes are ours.
+A cube of 0.4 m centred 1.1 m in front of the eyes, cones with surface rays only. Where the paper gives no measures (the
+corner, the direction outside, the second object) we chose the scenes.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Cube:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Case:
-    """One scene: where gaze and head point from the origin (any length), and at what."""
+    """One scene: the directions of gaze and head from the origin (any length), and the objects."""
 
     name: str
     gaze: Vector = _AHEAD
@@ -133,7 +133,7 @@ def simulate(n_rays: Iterable[int] = N_RAYS, radii_cm: Iterable[float] = RADII_C
 
 
 def look(case: Case, radius_cm: int, n_rays: int = 40) -> FrameResult:
-    """One case at one setting as a frame of its own, whose number is the radius in cm."""
+    """Return one case at one setting as a frame of its own, whose number is the radius in cm."""
     subject, targets = _subject(case), _targets(case)
     scene = Scene(index=radius_cm, time_ns=0, targets=targets, people=(subject.person,))
     settings = AttentionSettings(cones_cm=(radius_cm,), n_rays=n_rays, axis_ray=False)
@@ -163,7 +163,7 @@ def best_setting(rows: Iterable[Row]) -> tuple[int, float]:
 
 
 def statements(rows: Iterable[Row]) -> tuple[Statement, ...]:
-    """Check what the cases must show. ``rows`` hold 4 and 40 rays at radii of 5, 10, 20, 30 and 40 cm."""
+    """Check the paper's statements. ``rows`` hold 4 and 40 rays at radii of 5, 10, 20, 30 and 40 cm."""
     at = {(row.case, row.n_rays, row.radius_cm, row.object): row for row in rows}
     first = CASES[0].name
     centred = [

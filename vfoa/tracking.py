@@ -1,15 +1,15 @@
 """Tracking: who is who from one frame to the next, by the overlap of head boxes.
 
-People who were measured without an image have no head box: the source says who is who, by the instance id.
+People who were measured without an image have no head box: the source identifies them by the instance id.
 
-The IOU tracker (Bochinski, Eiselein and Sikora, AVSS 2017) with its parameters: detections below ``sigma_l`` are
-left out; each track, oldest first, takes the free detection that overlaps its last box most, if by ``sigma_iou`` or
-more, and otherwise ends; what is left starts tracks. ``ttl`` lets a track outlive a gap, as the authors' V-IOU does,
-but without its visual tracker: the last box waits where it was.
+The IOU tracker (Bochinski, Eiselein and Sikora, AVSS 2017) with its parameters: detections below ``sigma_l`` are left
+out. Each track, oldest first, takes the free detection that overlaps its last box most, if the overlap is at least
+``sigma_iou``; otherwise it ends. The remaining detections start tracks. ``ttl`` lets a track outlive a gap, as the
+authors' V-IOU does, but without its visual tracker: the last box stays in place.
 
-The published rule looks back: a track counts only if it came to ``sigma_h`` and ``t_min``. Attention is needed in
-every frame, so here a track is reported from its first frame on, and :attr:`Track.confirmed` says whether it counts
-so far. :func:`final_tracks` is the published rule over a whole sequence.
+The published rule is applied at the end: a track counts only if it reached ``sigma_h`` and ``t_min``. Attention is
+needed in every frame, so here a track is reported from its first frame on, and :attr:`Track.confirmed` says whether it
+counts so far. :func:`final_tracks` applies the published rule to a whole sequence.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from vfoa.types import Float, Person
 class TrackingSettings(Settings):
     """Settings of :func:`track_people`, named as published.
 
-    ``sigma_l`` and ``sigma_h`` are scores of heads: the least to be followed, and what one head of a track must come
-    to for it to count. ``sigma_iou`` is the least overlap from frame to frame, ``t_min`` the least number of heads of
-    a track that counts. ``ttl`` is the longest gap in frames; 0 is the published rule.
+    ``sigma_l`` and ``sigma_h`` are scores of heads: the least score of a head that is followed, and the score that one
+    head of a track must reach for the track to count. ``sigma_iou`` is the least overlap from frame to frame, ``t_min``
+    the least number of heads of a track that counts. ``ttl`` is the longest gap in frames; 0 is the published rule.
     """
 
     sigma_l: float = Field(default=0.0, ge=0)
@@ -46,7 +46,7 @@ class TrackingSettings(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Track:
-    """One person followed so far: the best score, the heads seen, the frames missed since.
+    """One person followed so far: the best score, the number of heads seen, the frames missed since.
 
     ``box_px`` (4,) is the last head box; None for a person without one, who is known by ``instance_id`` instead.
     """
@@ -59,16 +59,16 @@ class Track:
     missed: int = 0
 
     def confirmed(self, settings: TrackingSettings) -> bool:
-        """Whether the track counts by the published rule, from what was seen of it so far."""
+        """Whether the track counts by the published rule, so far."""
         return self.best_score >= settings.sigma_h and self.length >= settings.t_min
 
     def followed(self, person: Person) -> Track:
-        """The track with one more head."""
+        """Return the track with one more head."""
         score = max(self.best_score, _score(person))
         return replace(self, box_px=_box_px(person), best_score=score, length=self.length + 1, missed=0)
 
     def overlap(self, person: Person) -> float:
-        """How far a person's head box covers the last one, in [0, 1]; without head boxes, 1 for the same person."""
+        """Overlap of a person's head box with the last one, in [0, 1]; without head boxes, 1 for the same person."""
         head = person.head
         if head is None or self.box_px is None:
             return float(head is None and self.box_px is None and person.instance_id == self.instance_id)
@@ -86,9 +86,9 @@ class TrackerState:
 def track_people(
     people: tuple[Person, ...], state: TrackerState, settings: TrackingSettings
 ) -> tuple[tuple[tuple[int, Person], ...], TrackerState]:
-    """Give each person of one frame the id of a track; people come back in the order of their ids.
+    """Give each person of one frame the id of a track; people are returned in the order of their ids.
 
-    Left out are those with a head below ``sigma_l``.
+    People with a head below ``sigma_l`` are left out.
     """
     free = [person for person in people if _score(person) >= settings.sigma_l]
     tracked, tracks = [], []
@@ -115,7 +115,7 @@ def _box_px(person: Person) -> Float | None:
 
 
 def _score(person: Person) -> float:
-    """The score of a head; a measured person counts as found for certain."""
+    """Score of a head; a measured person without an image has score 1."""
     return 1.0 if person.head is None else person.head.score
 
 

@@ -1,4 +1,4 @@
-"""Every value that flows through the pipeline, and the conventions they share.
+"""All values that flow through the pipeline, and their conventions.
 
 Frames      The camera frame is the rectified left camera with OpenCV axes: x right, y down, z forward, in metres.
             It is also the world, unless a source has poses. Names say the frame: ``points_left``,
@@ -11,7 +11,7 @@ Times       int nanoseconds.
 Disparity   Positive: x_right = x_left - d.
 Depth       z of the camera frame, in metres: along the optical axis, not along the ray.
 
-Values are frozen. Their arrays are checked for shape and dtype once, here, and are read-only.
+Values are frozen. Their arrays are checked for shape and dtype when a value is made, and are read-only.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ Cue = Literal["gaze", "head"]
 CUES: tuple[Cue, ...] = ("gaze", "head")
 
 NOMINAL_BASELINE_M = 0.1
-"""The baseline of the rig of a camera that measures depth and has no second view.
+"""Baseline of the rig of a camera that measures depth and has no second view.
 
-Disparity is how the pipeline carries depth: d = fx B / z. Without a second view, B cancels: any value gives the same
-points (float32 rounds z by less than 1e-7 of it). Disparities of such a rig are no shifts between two images, so they
-are not shown; depth is.
+The pipeline carries depth as disparity: d = fx B / z. Without a second view, B cancels: any value gives the same points
+(float32 rounds z by less than 1e-7 of it). Disparities of such a rig are not shifts between two images, so pages and
+recordings show depth instead.
 """
 
 _UNIT_ROUNDING = 4 * float(np.finfo(np.float64).eps)
-"""How far from 1 the length of a vector may be that was divided by its length."""
+"""How far the length of a normalised vector may be from 1, due to rounding."""
 
 
 def _set(value: object, name: str, found: ArrayLike, dtype: DTypeLike, *shape: int | None) -> None:
     """Store ``found`` on a frozen value as a read-only array of the given dtype and shape (None: any length).
 
-    Arrays of another dtype are refused, not converted: a silent copy of an image is a bug that costs time, and
-    an integer disparity has usually lost its sixteenths. Plain sequences of numbers are converted.
+    Arrays of another dtype are refused, not converted: a silent copy of an image costs time, and an integer disparity
+    has usually lost its sixteenths. Plain sequences of numbers are converted.
     """
     array = found.view() if isinstance(found, np.ndarray) else np.asarray(found, dtype=dtype)
     if array.dtype != dtype:
@@ -64,7 +64,7 @@ def _set(value: object, name: str, found: ArrayLike, dtype: DTypeLike, *shape: i
 def _set_unit(value: object, name: str, found: ArrayLike) -> None:
     """Store a direction as a read-only unit vector (3,); a zero or unknown direction is an error.
 
-    A vector that is one already is kept to the last bit, so that a direction survives being written and read.
+    A vector of length 1 is stored unchanged, so that a direction is the same after writing and reading.
     """
     vector = np.array(found, dtype=np.float64)
     length = math.hypot(*vector.flat)
@@ -89,8 +89,8 @@ def _angle_or_none(value: object, name: str) -> None:
 class StereoRig:
     """A rectified stereo pair of pin-hole cameras with parallel axes.
 
-    ``cx_right_px`` differs from ``cx_px`` where rectification kept separate principal points; depth is then
-    z = fx B / (d + cx_right - cx). :meth:`of_depth_camera` describes a single camera that measures depth.
+    ``cx_right_px`` differs from ``cx_px`` if rectification kept separate principal points; depth is then z = fx B / (d
+    + cx_right - cx). :meth:`of_depth_camera` describes a single camera that measures depth.
     """
 
     width_px: int
@@ -112,7 +112,7 @@ class StereoRig:
     def of_depth_camera(
         cls, *, width_px: int, height_px: int, fx_px: float, fy_px: float, cx_px: float, cy_px: float
     ) -> StereoRig:
-        """The rig of a single pin-hole camera whose depth is measured; its baseline is nominal."""
+        """Return the rig of a single pin-hole camera whose depth is measured; its baseline is nominal."""
         return cls(
             width_px=width_px,
             height_px=height_px,
@@ -162,7 +162,7 @@ class StereoFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disparity:
-    """A disparity map of the left view, pixels, NaN = unknown; confidence in [0, 1] where the matcher has one."""
+    """A disparity map of the left view, pixels, NaN = unknown; confidence in [0, 1] if the matcher has one."""
 
     disparity_px: Map
     confidence: Map | None = None
@@ -174,7 +174,7 @@ class Disparity:
 
     @property
     def known_share(self) -> float:
-        """Share of the pixels with a disparity, in [0, 1]."""
+        """Share of the pixels with a known disparity, in [0, 1]."""
         return float(np.isfinite(self.disparity_px).mean())
 
 
@@ -183,7 +183,7 @@ class Instance:
     """One segment: a thing (countable, such as a cup) or stuff (such as sky).
 
     ``id`` is its value in :attr:`Instances.ids`; ``category_id`` is the source's own number for ``label``. ``name`` is
-    who or what it is, where the source knows: of what a person drew. None: rules on labels and places say it.
+    set if the source knows it, as for a drawn shape. None: the manifest's rules on labels and places give the name.
     """
 
     id: int
@@ -196,7 +196,7 @@ class Instance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Instances:
-    """A panoptic segmentation of the left view: ``ids`` (H, W) uint16, 0 = no instance, and what each id is."""
+    """A panoptic segmentation of the left view: ``ids`` (H, W) uint16, 0 = no instance, and the instance of each id."""
 
     ids: NDArray[np.uint16]
     instances: tuple[Instance, ...]
@@ -219,10 +219,10 @@ class Instances:
 class Head:
     """A head seen in the left view.
 
-    ``box_px`` (4,) is the box of the whole head (u0, v0, u1, v1), not of the face alone. Where a face was found,
-    ``face_box_px`` (4,) is its box, forehead to chin, and ``landmarks_px`` (5, 2) are the person's own right eye,
-    left eye, nose, right and left mouth corner.
-    ``instance_id`` is the person's instance where the detector knows it; otherwise it is found by overlap.
+    ``box_px`` (4,) is the box of the whole head (u0, v0, u1, v1), not of the face alone. If a face was found,
+    ``face_box_px`` (4,) is its box, forehead to chin, and ``landmarks_px`` (5, 2) are the person's own right eye, left
+    eye, nose, right and left mouth corner. ``instance_id`` is the person's instance if the detector knows it; otherwise
+    it is found by overlap.
     """
 
     box_px: Float
@@ -245,11 +245,11 @@ class Head:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadPose:
-    """Where a head points: ``direction`` (3,) unit, camera frame.
+    """The pose of a head: ``direction`` (3,) is the unit vector in which it points, camera frame.
 
-    The angles are those of the model, in the crop's axes: yaw > 0 turns to the image's left, pitch > 0 up,
-    roll > 0 clockwise in the image. A model whose angles are unknown (truth) gives the direction alone.
-    ``sigma_rad`` is the angular error the source claims, where it claims one.
+    The angles are those of the model, in the crop's axes: yaw > 0 turns to the image's left, pitch > 0 up, roll > 0
+    clockwise in the image. If the angles are unknown (ground truth), only the direction is set. ``sigma_rad`` is the
+    angular error that the source claims, if it claims one.
     """
 
     direction: Float
@@ -265,7 +265,7 @@ class HeadPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Gaze:
-    """Where the eyes look: ``direction`` (3,) unit, camera frame; ``sigma_rad`` its uncertainty, where there is one."""
+    """A gaze: ``direction`` (3,) unit, camera frame; ``sigma_rad`` is its uncertainty, None if unknown."""
 
     direction: Float
     sigma_rad: float | None = None
@@ -277,7 +277,7 @@ class Gaze:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cues:
-    """Where one person's head and eyes point in one frame. None: not measured."""
+    """Head pose and gaze of one person in one frame. None: not measured."""
 
     head_pose: HeadPose | None
     gaze: Gaze | None
@@ -285,9 +285,9 @@ class Cues:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadView(Cues):
-    """All that was measured on one head of one frame's image. None: that stage gave nothing.
+    """The head of one person in one frame's image, and its measured cues. None: that stage gave nothing.
 
-    ``crop`` is the head's image (h, w, 3) uint8 RGB, kept where a temporal gaze model needs it.
+    ``crop`` is the head's image (h, w, 3) uint8 RGB, kept if a temporal gaze model needs it.
     """
 
     head: Head
@@ -300,7 +300,7 @@ class HeadView(Cues):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Percepts:
-    """Output of :func:`vfoa.pipeline.perceive` for one frame: that of every stage, nothing combined yet."""
+    """Output of :func:`vfoa.pipeline.perceive` for one frame: the outputs of all stages, not yet combined."""
 
     index: int
     time_ns: int
@@ -347,10 +347,10 @@ class Box3D:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Target:
-    """Something that can be looked at: an instance, its cloud (N, 3) in metres (camera frame), and its box.
+    """An object that can be looked at: an instance, its cloud (N, 3) in metres (camera frame), and its box.
 
-    ``box`` is None when too few points were known for one. ``box_px`` (4,) is the extent of the mask; None where the
-    target was measured without an image.
+    ``box`` is None if too few points were known. ``box_px`` (4,) is the extent of the mask; None if the target was
+    measured without an image.
     """
 
     instance: Instance
@@ -366,9 +366,9 @@ class Target:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Person:
-    """A head joined to the scene: its person's instance, and the eye origin (3,) in metres, None if not known.
+    """A person in the scene: the head, the person's instance, and the eye origin (3,) in metres, None if not known.
 
-    ``view`` holds the cues alone for a person who was measured without an image. Then the source knows who is who, and
+    ``view`` holds only the cues if the person was measured without an image. The source then identifies the person, and
     ``instance_id`` is the same in every frame.
     """
 
@@ -378,7 +378,7 @@ class Person:
 
     def __post_init__(self) -> None:
         if self.head is None and self.instance_id is None:
-            raise ValueError("Person.instance_id: expected a number for a person who was measured without an image")
+            raise ValueError("Person.instance_id: expected a number for a person measured without an image, found None")
         if self.eye_origin_left is not None:
             _set(self, "eye_origin_left", self.eye_origin_left, np.float64, 3)
             if not np.isfinite(self.eye_origin_left).all():
@@ -386,15 +386,15 @@ class Person:
 
     @property
     def head(self) -> Head | None:
-        """The head as the image shows it; None where there was no image."""
+        """The head as seen in the image; None if there was no image."""
         return self.view.head if isinstance(self.view, HeadView) else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """One frame in metres: the targets and the people. No memory in it.
+    """One frame in metres: the targets and the people. It has no memory of other frames.
 
-    It comes from :func:`vfoa.pipeline.reconstruct`, or ready from a clip that holds measurements instead of images.
+    It comes from :func:`vfoa.pipeline.reconstruct`, or from a clip that holds measurements instead of images.
     """
 
     index: int
@@ -413,7 +413,7 @@ class Subject:
     head_pose: HeadPose | None
 
     def direction(self, cue: Cue) -> Float | None:
-        """The cue's direction (3,), camera frame, or None where it was not measured."""
+        """The cue's direction (3,), camera frame, or None if it was not measured."""
         source = self.gaze if cue == "gaze" else self.head_pose
         return None if source is None else source.direction
 
@@ -435,10 +435,10 @@ class Cone:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rays:
-    """All rays of one subject: a common origin (3,), directions (R, 3), and the cone (R,) each belongs to.
+    """All rays of one subject: a common origin (3,), directions (R, 3), and the cone (R,) of each ray.
 
-    ``entry_m`` (R, T) is the distance along each ray to where it enters each target's box, NaN where it does not
-    count (a miss, or a hit hidden by a nearer box). Its columns are :attr:`Attention.values`, in their order.
+    ``entry_m`` (R, T) is the distance along each ray to its entry into each target's box, NaN where it does not count
+    (a miss, or a hit hidden by a nearer box). Its columns are :attr:`Attention.values`, in their order.
     """
 
     origin_left: Float
@@ -473,11 +473,11 @@ class NoAttention(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DirectionFit:
-    """How well one subject's measured directions fit what the posterior believes.
+    """How well one subject's measured directions fit the posterior's belief.
 
-    ``tail`` is the probability, before the frame was seen, of directions that fit worse: in [0, 1], and seldom small
-    where the model is right. ``claimed_error_rad`` is the mean gaze error that its model claims, ``implied_error_rad``
-    the one that the directions so far imply, bias included; None where no gaze was measured.
+    ``tail`` is the probability, before the frame was seen, of directions that fit worse: in [0, 1], and seldom small if
+    the model is right. ``claimed_error_rad`` is the mean gaze error that its model claims, ``implied_error_rad`` the
+    one that the directions so far imply, bias included; None if no gaze was measured.
     """
 
     tail: float
@@ -509,7 +509,7 @@ class Attention:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameResult:
-    """Everything known about one frame at the end of the pipeline."""
+    """The result of the pipeline for one frame."""
 
     scene: Scene
     attentions: tuple[Attention, ...]

@@ -1,4 +1,4 @@
-"""Checking plain values against a settings class: one line says what is wrong."""
+"""Check plain values against a settings class. A mistake is reported in one line."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def parse(model: type[Model], data: Any, where: str, table: str = "", beside: Iterable[str] = ()) -> Model:
-    """Check ``data`` against a model.
+    """Check ``data`` against a model and return the model.
 
     Parameters
     ----------
     model
         Any pydantic model.
     data
-        What was read from a file.
+        Values read from a file.
     where
         The start of the message, such as a file.
     table
         Where ``data`` stands in that file, put before the key: ``"source"`` makes ``source.scene``.
     beside
-        Keys that the file has in the same table and ``data`` has not: one of them may be what was meant.
+        Other keys that the same table of the file may have: suggestions for a misspelt key.
 
     Raises
     ------
     VfoaError
-        For one mistake (an unknown key first, since that is often why another is missing): where, the dotted key,
+        For one mistake (an unknown key first, since it often explains a missing one): where, the dotted key,
         what was found and what was expected.
     """
     try:
@@ -43,7 +43,7 @@ def parse(model: type[Model], data: Any, where: str, table: str = "", beside: It
 
 
 def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable[str]) -> str:
-    """One pydantic error as ``key: what was found and expected``."""
+    """One pydantic error as ``key: expected and found``."""
     location, kind = mistake["loc"], mistake["type"]
     key = ".".join(map(str, (*([table] if table else []), *location)))
     prefix = f"{key}: " if key else ""
@@ -51,8 +51,8 @@ def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable
         keys = _keys_beside(model, location) | set(beside if len(location) == 1 else ())
         return f"unknown key {key!r}; {did_you_mean(str(location[-1]), keys)}"
     if kind == "missing":
-        return f"{prefix}missing, and it is required"
-    if kind == "value_error":  # raised by a validator of ours, which says what was found
+        return f"{prefix}missing; it is required"
+    if kind == "value_error":  # our own validators raise it, and say what was found
         return f"{prefix}{mistake['ctx']['error']}"
     message = mistake["msg"].removeprefix("Input should be ")
     expected = f"expected {message}" if message != mistake["msg"] else message
@@ -60,16 +60,15 @@ def _sentence(model: type[BaseModel], mistake: Any, table: str, beside: Iterable
 
 
 def _short(value: object) -> str:
-    """A value as it is told of; of a long one its beginning."""
+    """Text of a value for a message; a long one is cut."""
     text = repr(value)
     return text if len(text) <= 200 else f"{text[:200]}..."
 
 
 def _keys_beside(model: type[BaseModel], location: tuple[int | str, ...]) -> set[str]:
-    """The keys that the table holding ``location`` may have.
+    """Keys that the table holding ``location`` may have.
 
-    A part of the location that is no field (a key of a dict, an index, a tag of a union) leaves the models as they
-    are.
+    A part of the location that is no field (a key of a dict, an index, a tag of a union) keeps the same models.
     """
     models = {model}
     for part in location[:-1]:

@@ -1,4 +1,4 @@
-"""Where each target lies for a pair of eyes: its middle direction, and how far what they see of it spreads."""
+"""Each target as seen from a pair of eyes: its mean direction, and its angular spread."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from vfoa.settings import Settings
 from vfoa.types import Box3D, Float, Target
 
 FACE_RADIUS_M = 0.07
-"""Spread of the looks at a face about the point between its eyes, per direction: eyes, nose and mouth."""
+"""Spread of looks at a face about the point between its eyes, per direction: eyes, nose and mouth."""
 
 _SURFACE_DEPTH_M = 0.03
-"""A point of a cloud is hidden by a box that is entered this much before it."""
+"""A point of a cloud counts as hidden if a ray enters another box this much before the point."""
 
 
 class SurfaceSettings(Settings):
     """Settings of :func:`views_of`.
 
-    ``surface``: a target is its box, or its cloud as the camera saw it; a measured scene has no clouds, only boxes.
-    ``occlusion``: it is seen where it is met first, or wherever it lies. ``faces``: people are looked at in the face,
-    where their eyes are known. ``directions`` is how many directions a target's outline is sampled with.
+    ``surface``: a target is its box, or its cloud as the camera saw it; a measured scene has boxes but no clouds.
+    ``occlusion``: with ``first_hit``, a target is seen only where no other one is in front of it, with ``ignore``
+    everywhere. ``faces``: people are looked at in the face, if their eye origin is known. ``directions``: number of
+    rays to a target.
     """
 
     surface: Literal["box", "cloud"] = "cloud"
@@ -45,10 +46,10 @@ class Views:
 
 
 def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], settings: SurfaceSettings) -> Views:
-    """What is seen of each target from ``origin`` (3,); a target that others hide altogether is left out.
+    """Return what is seen of each target from ``origin`` (3,); completely hidden targets are left out.
 
-    ``eyes`` are the eye origins of other people by instance id. Targets without a box, or without a cloud where that is
-    what is looked at and other targets have one, are left out, too.
+    ``eyes`` are the eye origins of other people by instance id. Also left out are targets without a box, and targets
+    without a cloud if clouds are the surface and other targets have one.
     """
     clouds = settings.surface == "cloud" and any(len(each.points_left) for each in targets)
     targets = tuple(each for each in targets if each.box and (not clouds or len(each.points_left)))
@@ -74,7 +75,7 @@ def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Floa
 
 
 def _moments(directions: Float) -> tuple[Float, float]:
-    """The mean direction, and the mean squared chord about it, half for each tangent direction."""
+    """Mean direction, and half of the mean squared chord about it (the variance per tangent direction)."""
     middle = unit(directions.mean(axis=0))
     return middle, float(((directions - middle) ** 2).sum(axis=1).mean() / 2)
 
@@ -109,14 +110,14 @@ def _cloud_rays(
 
 
 def _spaced(points: np.ndarray, count: int) -> Float:
-    """``count`` of the points (N, 3), evenly spaced in their order; some of them several times where N is less."""
+    """Choose ``count`` of the points (N, 3), evenly spaced in their order, with repetitions if N is less."""
     return points[np.linspace(0, len(points) - 1, count).round().astype(np.intp)].astype(np.float64)
 
 
 def _rays_about(origin: Float, box: Box3D, count: int) -> Float:
     """Unit rays (K, 3), even over the narrowest cap about the box's centre that holds all of its corners.
 
-    The whole sphere for eyes inside of the box or so near that it fills half of what they see.
+    The whole sphere if the eyes are inside the box or so near that it fills half of their view.
     """
     corners = box_corners(box) - origin
     towards = box.center_m - origin

@@ -1,4 +1,4 @@
-"""Where model files are on this machine."""
+"""Locations of model files on this machine."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ _LFS_POINTER = b"version https://git-lfs"
 
 
 def cache_directory() -> Path:
-    """The folder of fetched weights, in the cache directory of the platform."""
+    """Folder of fetched weights, in the platform's cache directory."""
     return Path(platformdirs.user_cache_dir("vfoa")) / "models"
 
 
 def directories() -> list[Path]:
-    """The folders searched for weights, in order: ``$VFOA_MODELS``, then the cache directory of the platform."""
+    """Folders searched for weights, in order: ``$VFOA_MODELS``, then the platform's cache directory."""
     named = os.environ.get("VFOA_MODELS")
     return [Path(named), cache_directory()] if named else [cache_directory()]
 
 
 def locate(weights: str) -> Path:
-    """Return the path of a weights file: itself if it names an existing file, else the first folder that holds it.
+    """Return the path of a weights file: itself if it is an existing file, else from the first folder that has it.
 
     Raises
     ------
     VfoaError
-        If no folder holds it.
+        If no folder has it.
     """
     candidates = [Path(weights).expanduser(), *(folder / weights for folder in directories())]
     for path in candidates:
@@ -51,7 +51,7 @@ def check_located(files: Iterable[str]) -> None:
     Raises
     ------
     VfoaError
-        If some are not; the line names all of them.
+        If some are not; the message names all of them.
     """
     absent = []
     for file in dict.fromkeys(files):
@@ -62,7 +62,7 @@ def check_located(files: Iterable[str]) -> None:
     if absent:
         folders = ", ".join(map(str, directories()))
         raise VfoaError(
-            f"no such model files: {', '.join(absent)}; expected in one of: {folders} (`vfoa models list` names the "
+            f"no such model files: {', '.join(absent)}; expected in one of: {folders} (`vfoa models list` shows the "
             "models of these files, `vfoa models fetch MODEL` fetches one)"
         )
 
@@ -70,7 +70,7 @@ def check_located(files: Iterable[str]) -> None:
 def weights_of(settings: Settings) -> Iterator[str]:
     """Names of the weights files that a stage with these settings opens.
 
-    These are the values of the keys ``weights`` and ``*_weights``, one name or several. A stage that does not open all
+    They are the values of the keys ``weights`` and ``*_weights``, one name or several. A stage that does not open all
     of them under all settings has the property ``used_weights`` instead.
     """
     used = getattr(settings, "used_weights", None)
@@ -84,6 +84,6 @@ def _named(settings: Mapping[str, Any]) -> Iterator[str]:
 
 
 def is_lfs_pointer(path: Path) -> bool:
-    """Whether a file is a pointer of Git LFS, in place of a large file that was not fetched."""
+    """Whether a file is a Git LFS pointer, in place of a large file that was not fetched."""
     with path.open("rb") as file:
         return file.read(len(_LFS_POINTER)) == _LFS_POINTER

@@ -1,4 +1,4 @@
-"""Gaze estimation: where the eyes look."""
+"""Gaze estimation: the direction in which the eyes look."""
 
 from __future__ import annotations
 
@@ -13,37 +13,37 @@ class GazeModel(Protocol):
     """Estimates the gaze of a head from one frame. Built as ``Class(settings)``, with ``Class.Settings``."""
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
-        """Estimate one head's gaze, or None where the model has no answer (eyes not found, say)."""
+        """Estimate one head's gaze; None if the model has no answer (for example, it finds no eyes)."""
         ...
 
 
 REACH = 3
-"""How many crops a temporal model sees before the frame that is asked about, and how many after it."""
+"""Number of crops that a temporal model gets before the frame in question, and after it."""
 
 
 @runtime_checkable
 class TemporalGazeModel(Protocol):
-    """Estimates the gaze of a head from seven crops of one person. Built as a :class:`GazeModel` is.
+    """Estimates the gaze of a head from seven crops of one person. Built like a :class:`GazeModel`.
 
-    The frames before and after are those of the same track: :class:`vfoa.gaze.temporal.HeadWindow` finds them.
+    The crops before and after are of the same track: :class:`vfoa.gaze.temporal.HeadWindow` finds them.
     """
 
     def crop(self, frame: StereoFrame, head: Head) -> Image:
-        """Cut out what the model sees of one head: (h, w, 3) uint8 RGB, of one size for every head."""
+        """Cut out the model's input for one head: (h, w, 3) uint8 RGB, of one size for every head."""
         ...
 
     def stride(self, rate_hz: float | None) -> int:
-        """Frames from one crop to the next at this frame rate.
+        """Number of frames from one crop to the next at this frame rate.
 
         Raises
         ------
         vfoa.errors.VfoaError
-            If the frame rate is not known (None) and nothing else says it.
+            If the frame rate is not known (None) and the settings do not give the stride.
         """
         ...
 
     def estimate_sequence(self, crops: Sequence[Image], head: Head, rig: StereoRig) -> Gaze:
-        """Estimate the gaze in the middle one of 2 ``REACH`` + 1 crops in the order of time, where the head is."""
+        """Estimate the gaze in the middle frame from 2 ``REACH`` + 1 crops in order of time; ``head`` is its head."""
         ...
 
 

@@ -35,19 +35,20 @@ LANDMARKS = Signature(inputs={"face": (1, 3, 48, 48)}, outputs={"points": (1, 10
 FACE_SIDE = 1.1
 """Side of the head-pose network's square over the longer side of the face's box.
 
-Of 0.9 to 1.3 it reads the roll of a portrait that is turned by known angles best.
+Of the values 0.9 to 1.3, this one gives the most accurate roll on a portrait that is turned by known angles.
 """
 
 
 class Adas0002:
-    """Gaze by ADAS-0002: needs a face, and eyes that its landmarks find.
+    """Gaze by ADAS-0002. It needs a face with landmarks.
 
-    The eye crops are squares about the eyes, turned upright by the slope of the line between the eyes. The network is
-    told a roll of 0, and its answer is turned back. What was measured, median angles in degrees: *mirror* is between
-    the gaze of an image and the mirrored gaze of the mirrored image; *camera* is between the gaze and the way to the
-    camera, which the astronaut looks into. astronaut: scikit-image's photograph at 5 rolls (-20 to 20 deg) x 3 scales,
-    n = 15. bandage_2: a rendered face near its profile, n = 20 frames. "Roll": what turns the crops, the line between
-    the eyes, the roll of the zoo's head-pose network (as in the zoo's demo), or nothing (the roll is told instead).
+    The eye crops are squares about the eyes, turned upright by the slope of the line between the eyes. The network gets
+    a roll of 0, and its answer is turned back. The table gives median angles in degrees. *Mirror* is the angle between
+    the gaze in an image and the mirrored gaze in the mirrored image; *camera* is the angle between the gaze and the
+    direction to the camera, which the astronaut looks into. Astronaut: scikit-image's photograph at 5 rolls (-20 to 20
+    deg) x 3 scales, n = 15. Bandage_2: a rendered face near its profile, n = 20 frames. "Roll" is what turns the crops:
+    the line between the eyes, the roll of the zoo's head-pose network (as in the zoo's demo), or nothing (the network
+    gets the roll instead).
 
     ========================  =========  =====================  =====================  ==================
     left_eye_image            head pose  roll                   astronaut mirror       bandage_2 mirror
@@ -62,12 +63,12 @@ class Adas0002:
     the image's left          stage      line                   5.1 (5.8)              13.0
     ========================  =========  =====================  =====================  ==================
 
-    ``own`` is head-pose-estimation-adas-0001, ``stage`` is FSA-Net. The line between the eyes is kept as roll: on the
-    photograph the network's roll gains 1 deg, on the rendered face it loses 6.
+    ``own`` is head-pose-estimation-adas-0001, ``stage`` is FSA-Net. The line between the eyes is used as roll: the
+    network's roll is 1 deg better on the photograph and 6 deg worse on the rendered face.
     """
 
     class Settings(OnnxSettings):
-        """Where head pose and landmarks come from, and the size of the eye crops.
+        """Sources of head pose and landmarks, and the size of the eye crops.
 
         ``head_pose``: ``own`` runs the head-pose network that ADAS-0002 was trained with, ``stage`` takes the
         pipeline's head-pose stage. ``landmarks``: ``head`` takes those of the head detector, ``own`` runs the zoo's
@@ -90,7 +91,7 @@ class Adas0002:
 
         @property
         def used_weights(self) -> tuple[str, ...]:
-            """The weights of the networks that are run."""
+            """File names of the networks that these settings run."""
             own_pose = (self.head_pose_weights,) if self.head_pose == "own" else ()
             own_landmarks = (self.landmarks_weights,) if self.landmarks == "own" else ()
             return (self.weights, *own_pose, *own_landmarks)
@@ -103,7 +104,7 @@ class Adas0002:
         self._landmarks = Model(settings.landmarks_weights, LANDMARKS, settings) if own_landmarks else None
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
-        """Estimate one head's gaze; None without a face, its landmarks, or the stage's pose where asked for."""
+        """Estimate one head's gaze; None without a face, its landmarks, or the stage's pose if that is used."""
         if head.face_box_px is None:
             return None
         landmarks = self._points(frame.left, head.face_box_px) if self._landmarks else head.landmarks_px
@@ -120,7 +121,7 @@ class Adas0002:
     def _look(self, image: Image, right_eye: Float, left_eye: Float, angles_deg: tuple[float, float]) -> Float:
         """Direction (3,) in the crop's axes: the network's answer for upright eyes, turned back by the roll.
 
-        ``right_eye`` and ``left_eye`` (2,) are the person's own: the network names them by their side of the image.
+        ``right_eye`` and ``left_eye`` (2,) are the person's own; the network names them by their side of the image.
         """
         across = left_eye - right_eye
         roll = math.atan2(across[1], across[0])
@@ -135,7 +136,7 @@ class Adas0002:
         return np.array([cos * x - sin * y, sin * x + cos * y, z])
 
     def _angles(self, image: Image, face_box_px: Float) -> tuple[float, float]:
-        """Yaw and pitch in degrees, in ADAS's signs, from its own head-pose network."""
+        """Yaw and pitch in degrees, with ADAS's signs, from the model's own head-pose network."""
         assert self._head_pose is not None
         u0, v0, u1, v1 = face_box_px
         face = crop(image, square(center(face_box_px), FACE_SIDE * max(u1 - u0, v1 - v0)), 60)
@@ -150,7 +151,7 @@ class Adas0002:
 
 
 def _angles(head_pose: HeadPose | None, ray: Float) -> tuple[float, float] | None:
-    """Yaw and pitch in degrees, in ADAS's signs, of a head's direction in the axes of its crop."""
+    """Yaw and pitch in degrees, with ADAS's signs, of a head's direction in the axes of its crop."""
     if head_pose is None:
         return None
     x, y, z = direction_to_crop(head_pose.direction, ray)

@@ -29,19 +29,19 @@ DEVIATIONS_PER_SIGMA = NormalDist().inv_cdf(0.9)
 
 
 class Gaze360:
-    """Gaze of a person who is followed over frames. Needs a head, not a face: it knows people from behind too."""
+    """Gaze of a person who is followed over frames. It needs a head but no face: it also works from behind."""
 
     class Settings(OnnxSettings):
-        """The crop, and the frames between crops.
+        """Settings of the crop and of the frames between crops.
 
-        ``margin``: what the crop adds to the head's box on each side, as a share of its width or height. ``stride``:
-        frames from one crop to the next; by default an eighth of a second, as the authors' code has it.
+        ``margin``: added to the head's box on each side, as a share of its width or height. ``stride``: frames from one
+        crop to the next; by default an eighth of a second, as in the authors' code.
         """
 
         weights: str = "gaze360.onnx"
         """Path of the network, or a file's name in the folders of weights."""
         margin: float = Field(default=0.15, ge=0)
-        """What the crop adds to the head's box on each side, as a share of its width or height."""
+        """Margin added to the head's box on each side, as a share of its width or height."""
         stride: PositiveInt | None = None
         """Frames from one crop to the next; an eighth of a second if not set."""
 
@@ -50,18 +50,18 @@ class Gaze360:
         self._model = Model(settings.weights, SIGNATURE, settings)
 
     def crop(self, frame: StereoFrame, head: Head) -> Image:
-        """The head's box with its margin, stretched to (224, 224, 3)."""
+        """Cut out the head's box with its margin, stretched to (224, 224, 3)."""
         margin = self.settings.margin
         return crop(frame.left, grow(head.box_px, side=margin, top=margin, bottom=margin), SIDE_PX)
 
     def stride(self, rate_hz: float | None) -> int:
-        """Frames from one crop to the next: max(rate // 8, 1), or what the settings say."""
+        """Frames from one crop to the next: the setting, or max(rate // 8, 1)."""
         if self.settings.stride is not None:
             return self.settings.stride
         if rate_hz is None:
             raise VfoaError(
-                "gaze.stride: missing; expected the frames from one crop to the next, since the clip has "
-                "no frame rate to tell it from"
+                "gaze.stride: missing; expected the number of frames between crops, since the clip has "
+                "no frame rate to derive it from"
             )
         return max(int(rate_hz // 8), 1)
 

@@ -1,8 +1,8 @@
 """L2CS-Net (Abdelrahman et al. 2022) and MobileGaze: gaze from one face, each angle as a distribution over 90 bins.
 
 The graph: [1, 3, 448, 448] RGB by ImageNet's mean and deviation, the face's box stretched; two outputs [1, 90] of
-logits, first the horizontal angle (> 0 to the image's left), then the vertical one (> 0 up), whatever their names are:
-their makers call the first "pitch" in one place and "yaw" in another. An angle is sum p_i (4 i) - 180 degrees.
+logits: first the horizontal angle (> 0 to the image's left), then the vertical one (> 0 up). Their names are ignored:
+the authors call the first one "pitch" in one place and "yaw" in another. An angle is sum p_i (4 i) - 180 degrees.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ class L2cs:
     """Gaze of one frame from a face, without head pose, landmarks or neighbouring frames."""
 
     class Settings(OnnxSettings):
-        """``margin``: what the crop adds to the face's box on each side, as a share of its width or height."""
+        """Settings of the crop. ``margin``: added to the face's box on each side, as a share of its width or height."""
 
         weights: str = "resnet34_gaze.onnx"
         """Path of the network, or a file's name in the folders of weights."""
         margin: float = Field(default=0.0, ge=0)
-        """What the crop adds to the face's box on each side, as a share of its width or height."""
+        """Margin added to the face's box on each side, as a share of its width or height."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self._model = Model(settings.weights, SIGNATURE, settings)
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
-        """Estimate one head's gaze; None without a face, which is all that these networks were shown."""
+        """Estimate one head's gaze; None without a face, since these networks were trained on faces only."""
         if head.face_box_px is None:
             return None
         margin = self.settings.margin

@@ -1,7 +1,7 @@
-"""The frames before and after: what a temporal gaze model sees of each person.
+"""A window of frames around each frame: the input of a temporal gaze model for each person.
 
-A frame's gaze is known only when later frames were read. So a window is fed every frame in order, and asked about a
-frame when ``look_ahead`` more have been fed, or the clip has ended.
+A frame's gaze is known only after later frames are read. A window therefore gets every frame in order, and is asked for
+the gazes of a frame when ``look_ahead`` more have been added, or the clip has ended.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from vfoa.types import Gaze, HeadView, Image, Percepts, Person, StereoRig
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WindowStart:
-    """Where a window can begin in the middle of a clip: at this frame, with the tracks as they were before it."""
+    """The frame at which a window begins in the middle of a clip, and the tracks as they were before it."""
 
     frame: int
     tracker: TrackerState
@@ -23,7 +23,7 @@ class WindowStart:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Seen:
-    """The heads of one frame, and the track of each (None: it is not followed); the tracks before it."""
+    """The heads of one frame with the track of each (None: not followed), and the tracks before the frame."""
 
     before: TrackerState
     rig: StereoRig
@@ -32,26 +32,26 @@ class _Seen:
 
 
 class HeadWindow:
-    """The last heads of one clip, by frame and track: as many frames as a gaze needs, no more.
+    """The recent heads of one clip by frame and track: as many frames as a gaze needs.
 
-    Heads are followed by the rule of the pipeline (:mod:`vfoa.tracking`), so that those that have no gaze here,
-    being below ``sigma_l``, are no subjects there either.
+    Heads are followed by the rule of the pipeline (:mod:`vfoa.tracking`). A head below ``sigma_l`` has no gaze here and
+    is no subject there.
 
     Parameters
     ----------
     model
-        Whose crops the views hold, and which is asked.
+        The temporal gaze model; the views hold its crops.
     rate_hz
-        Of the clip, None if not known.
+        Frame rate of the clip; None if not known.
     tracking
         How heads are followed.
     start
-        The frame to begin at; those before it are left out. None: the first.
+        The frame to begin at; earlier frames are ignored. None: the first.
 
     Raises
     ------
     VfoaError
-        If the model cannot say its stride at this rate.
+        If the model cannot derive its stride from this rate.
     """
 
     def __init__(
@@ -68,16 +68,16 @@ class HeadWindow:
 
     @property
     def look_ahead(self) -> int:
-        """How far beyond a frame's number the frames must have been read before its gazes can be known."""
+        """Number of frames after a frame that must be read before its gazes are known."""
         return REACH * self._stride
 
     def begin_by(self, start: WindowStart | None) -> None:
-        """Begin early enough for another user as well, before the first frame is added; None: with the clip."""
+        """Begin early enough for a second user as well; None: with the clip. Call it before :meth:`add`."""
         if self._start and (start is None or start.frame < self._start.frame):
             self._start, self._tracker = start, start.tracker if start else TrackerState()
 
     def add(self, percepts: Percepts) -> None:
-        """Take in the next frame; its views hold the model's crops."""
+        """Add the next frame; its views hold the model's crops."""
         if self._start and percepts.index < self._start.frame:
             return
         before = self._tracker
@@ -88,9 +88,9 @@ class HeadWindow:
         self._seen[percepts.index] = _Seen(before=before, rig=percepts.rig, views=percepts.views, tracks=tracks)
 
     def gazes(self, index: int) -> tuple[Gaze | None, ...]:
-        """The gazes in a frame, in the order of its views; None for a head that is not followed.
+        """Return the gazes in a frame, in the order of its views; None for a head that is not followed.
 
-        Frames must be asked about in order: those before its earliest neighbour are forgotten.
+        Ask for frames in increasing order: frames before a frame's earliest neighbour are forgotten.
         """
         seen = self._seen[index]
         self._seen = {number: kept for number, kept in self._seen.items() if number >= index - self.look_ahead}
@@ -100,7 +100,7 @@ class HeadWindow:
         )
 
     def start(self) -> WindowStart:
-        """Where a window must begin to have the gazes of the frame that was asked about last, and of all after it."""
+        """Return the start of a window that gives the gazes of the last frame asked for and of all later ones."""
         first = min(self._seen)
         return WindowStart(frame=first, tracker=self._seen[first].before)
 
@@ -112,12 +112,12 @@ class HeadWindow:
         return self._model.estimate_sequence([middle if each is None else each for each in crops], view.head, rig)
 
     def _crop(self, number: int, track: int) -> Image | None:
-        """What the track looks like in a frame; None where it was not seen, or there is no such frame."""
+        """Return the track's crop in a frame; None if it was not seen, or there is no such frame."""
         seen = self._seen.get(number)
         return seen.views[seen.tracks.index(track)].crop if seen and track in seen.tracks else None
 
 
 def with_gazes(percepts: Percepts, gazes: tuple[Gaze | None, ...]) -> Percepts:
-    """The percepts with a gaze for each view, in their order."""
+    """Return the percepts with a gaze for each view, in the order of the views."""
     views = tuple(replace(view, gaze=gaze) for view, gaze in zip(percepts.views, gazes, strict=True))
     return replace(percepts, views=views)

@@ -1,4 +1,4 @@
-"""Head pose: where a head points."""
+"""Head pose: the direction in which a head points."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class HeadPoseModel(Protocol):
     """Estimates the pose of a head from its image. Built as ``Class(settings)``, with ``Class.Settings``."""
 
     def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
-        """Estimate one head's pose, or None where the model has no answer."""
+        """Estimate one head's pose; None if the model has no answer."""
         ...
 
 

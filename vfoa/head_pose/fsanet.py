@@ -18,25 +18,25 @@ SIGNATURE = Signature(inputs={"input": (1, 3, 64, 64)}, outputs={"output": (1, 3
 
 
 class FsaNet:
-    """Head pose as the mean of FSA-Nets: two by default, one or more by configuration."""
+    """Head pose as the mean of several FSA-Nets: two by default; the settings may name one or more."""
 
     class Settings(RuntimeSettings):
-        """``margin``: what the crop adds to the face's box on each side, as a share of its width or height.
+        """Settings of the networks and the crop.
 
-        Of 0.1 to 0.6, 0.3 has the steadiest yaw on Sintel's bandage_2 (1.6 deg over 25 frames) and the least
-        difference between a picture and its mirror image (median 3.0 deg; 4.5 at 0.2, 6.3 at 0.1).
-        ``needs_face``: give no pose for a head without a face, since these networks take every picture for a face;
-        otherwise the head's box stands in.
+        ``margin``: added to the face's box on each side, as a share of its width or height. Of 0.1 to 0.6, 0.3 has the
+        steadiest yaw on Sintel's bandage_2 (1.6 deg over 25 frames) and the least difference between an image and its
+        mirror image (median 3.0 deg; 4.5 at 0.2, 6.3 at 0.1). ``needs_face``: give no pose for a head without a face,
+        since these networks take every image for a face; otherwise the crop is the head's box.
         """
 
         weights: tuple[str, ...] = Field(
             default=("fsanet-1x1-iter-688590.onnx", "fsanet-var-iter-688590.onnx"), min_length=1
         )
-        """Paths of the networks, or files' names in the folders of weights; their answers are averaged."""
+        """Paths of the networks, or file names in the folders of weights; their answers are averaged."""
         margin: float = Field(default=0.3, ge=0)
-        """What the crop adds to the face's box on each side, as a share of its width or height."""
+        """Margin added to the face's box on each side, as a share of its width or height."""
         needs_face: bool = True
-        """Give no pose for a head without a face; otherwise the head's box stands in."""
+        """Give no pose for a head without a face. If false, such a head's box is used instead of the face's."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -50,7 +50,7 @@ class FsaNet:
         elif self.settings.needs_face:
             return None
         else:
-            box = head.box_px  # already a face with a margin
+            box = head.box_px  # the head's box already includes a margin around the face
         image = blob(crop(frame.left, box, 64), bgr=True, mean=127.5, scale=1 / 128)
         angles_deg = np.mean([model.run(input=image)["output"][0] for model in self._models], axis=0, dtype=np.float64)
         yaw, pitch, roll = np.radians(angles_deg)

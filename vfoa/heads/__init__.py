@@ -1,4 +1,4 @@
-"""Head detection: where the heads are in the left view."""
+"""Head detection: the boxes of the heads in the left view."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class HeadDetector(Protocol):
     """Finds heads. Built as ``Class(settings)``, with ``Class.Settings``."""
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """Detect the heads of one frame, best first. ``instances`` has the masks of the people."""
+        """Detect the heads of one frame, best first. ``instances`` holds the masks of the people."""
         ...
 
 

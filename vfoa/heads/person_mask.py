@@ -15,7 +15,7 @@ HEAD_ASPECT = 1.25
 """Height over width of a head's box: between a face (about 1.5) and a profile (about 1.2)."""
 
 LEAST_SHARE = 0.05
-"""A part narrower than this share of a mask, or of a head's pixels on one side, does not belong to the head."""
+"""A part narrower than this share of a mask's width, or of a head's pixels on one side, is not part of the head."""
 
 SCORE_FACTOR = 0.5
 """A head from a mask has half the score of its person, so that heads with a face come first."""
@@ -25,7 +25,7 @@ class PersonMask:
     """Takes the top of each person's mask as the head (:func:`head_box`)."""
 
     class Settings(settings.Settings):
-        """Which instances are people, and the least height of a head's box in pixels."""
+        """Label of the instances that are people, and the least height of a head's box in pixels."""
 
         label: str = "person"
         """Label of the instances that are people."""
@@ -36,7 +36,7 @@ class PersonMask:
         self.settings = settings
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """One head per person, best first; none for a person whose mask is too small."""
+        """Return one head per person, best first; none for a person whose mask is too small."""
         heads = []
         for person in instances.instances:
             box = head_box(instances.mask(person.id)) if person.label == self.settings.label else None
@@ -46,12 +46,12 @@ class PersonMask:
 
 
 def head_box(mask: Mask) -> Float | None:
-    """Box (4,) of the head in a person's mask (H, W), None for an empty mask.
+    """Return the box (4,) of the head in a person's mask (H, W); None for an empty mask.
 
-    Rows are taken from the top of the mask until their number reaches 1.25 times their median width. The top starts at
-    the first row with a twentieth of the greatest width, and the left and right edges leave out a twentieth of the
-    pixels on either side, so that a strand of hair, a raised finger or a stray pixel is not part of the head. An arm
-    raised above the head is taken for the head: the mask alone does not tell them apart.
+    Rows are taken from the top of the mask until their number reaches 1.25 times their median width. The top is the
+    first row with a twentieth of the greatest width. The left and right edges leave out a twentieth of the pixels on
+    either side, so that a strand of hair, a raised finger or a stray pixel is not part of the head. An arm raised above
+    the head is taken for the head: the mask alone cannot tell them apart.
     """
     widths = mask.sum(axis=1)
     if not widths.any():

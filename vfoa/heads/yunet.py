@@ -41,7 +41,7 @@ class YuNet:
     """
 
     class Settings(RuntimeSettings):
-        """Where the network runs, and what counts as a face."""
+        """Settings of the network and of what counts as a face."""
 
         weights: str = "yunet_n_dynamic.onnx"
         """Path of the network, or a file's name in the folders of weights."""
@@ -50,11 +50,11 @@ class YuNet:
         nms_iou: float = Field(default=0.3, gt=0, le=1)
         """Of two faces that overlap more (intersection over union), the weaker is dropped."""
         max_size_px: int = Field(default=640, ge=32)
-        """A larger image is shrunk to this length before the search. Faces below 10 px in the shrunk image are lost."""
+        """Shrink larger images to this length before the search. Faces below 10 px in the shrunk image are lost."""
         fallback: Literal["person_mask", "none"] = "person_mask"
-        """What finds the head of a person without a face: the top of the person's mask, or nothing."""
+        """Finds the head of a person without a face: the top of the person's mask, or nothing."""
         person_mask: PersonMask.Settings = PersonMask.Settings()
-        """Settings of that fallback."""
+        """Settings of ``person_mask``, the fallback."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -62,7 +62,7 @@ class YuNet:
         self._people = PersonMask(settings.person_mask)
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """Heads with a face, best first, then those of the people without one."""
+        """Return heads with a face, best first, then those of the people without one."""
         heads = self._faces(frame.left)
         if self.settings.fallback == "person_mask":
             owners = {_owner(head, instances, self.settings.person_mask.label) for head in heads}
@@ -85,7 +85,7 @@ class YuNet:
         if min(beyond) < 0:
             raise VfoaError(
                 f"{self._model.path}: takes {columns} x {rows} pixels, found {image.shape[1]} x {image.shape[0]}; "
-                "expected a smaller heads.max_size_px, or weights of an open size"
+                "expected a smaller heads.max_size_px, or weights with an open input size"
             )
         # a graph of a fixed size gets the image in its upper left corner
         padded = cv2.copyMakeBorder(image, 0, beyond[0], 0, beyond[1], cv2.BORDER_CONSTANT)
@@ -104,7 +104,7 @@ class YuNet:
 
 
 def _decoded(found: dict[str, NDArray[Any]], stride: int, columns: int) -> Float:
-    """The rows (N, 15) of all cells of one stride."""
+    """Decode all cells of one stride into rows (N, 15)."""
     box, points = (found[f"{name}_{stride}"][0].astype(np.float64) for name in ("bbox", "kps"))
     cells = np.arange(len(box))
     corner = np.column_stack([cells % columns, cells // columns])
@@ -115,7 +115,7 @@ def _decoded(found: dict[str, NDArray[Any]], stride: int, columns: int) -> Float
 
 
 def _head(row: Float, scale: Float) -> Head:
-    """A head at the image's scale, from a row of YuNet, in whose coordinates integers are edges of pixels."""
+    """Return a head at the image's scale, from a row of YuNet, whose integer coordinates are edges of pixels."""
     first, size, landmarks = row[:2] * scale - 0.5, row[2:4] * scale, row[4:14].reshape(5, 2) * scale - 0.5
     face = np.concatenate([first, first + size])
     return Head(
@@ -127,7 +127,7 @@ def _head(row: Float, scale: Float) -> Head:
 
 
 def _owner(head: Head, instances: Instances, label: str) -> int | None:
-    """The person whose mask covers most of a head's face; None if no mask of a person does."""
+    """Return the person whose mask covers most of a head's face; None if no person's mask does."""
     assert head.face_box_px is not None
     height, width = instances.ids.shape
     u0, v0, u1, v1 = np.clip(np.rint(head.face_box_px), 0, [width, height] * 2).astype(int)

@@ -20,14 +20,14 @@ from vfoa.posterior.settings import PosteriorSettings
 from vfoa.types import Float
 
 _UNLIKELY = 1e-6
-"""Hypotheses this much less likely than the likeliest are given up."""
+"""Hypotheses that are less likely than the likeliest by this factor are dropped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenery:
-    """The targets of a person, as ``keys`` (T,), of which the last is None for nowhere.
+    """The targets of a person, as ``keys`` (T,), the last of which is None for nowhere.
 
-    Directions (T - 1, 3) of the targets and the variances (T - 1,) of the looks at each per tangent direction, rad^2;
+    Directions (T - 1, 3) of the targets, and the variances (T - 1,) of the looks at each per tangent direction, rad^2;
     the direction (3,) to the camera.
     """
 
@@ -38,7 +38,7 @@ class Scenery:
 
     @property
     def middle(self) -> Float:
-        """The middle (3,) of the targets' directions; the way to the camera where they have none."""
+        """Middle (3,) of the targets' directions; the direction to the camera if they have no middle."""
         if len(self.directions):
             mean = self.directions.mean(axis=0)
             if np.linalg.norm(mean) > 1e-9:
@@ -48,7 +48,7 @@ class Scenery:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Measured:
-    """The measured directions (3,), None where there is none, and the claimed errors: standard deviations, rad."""
+    """The measured directions (3,), None where not measured, and the claimed errors: standard deviations, rad."""
 
     gaze: Float | None
     head: Float | None
@@ -60,9 +60,9 @@ class Measured:
 class Belief:
     """The belief about a person. G gaze hypotheses, K head hypotheses, T targets of ``keys``.
 
-    ``log_weights`` (G, K) up to a constant; ``looked`` (G, K, T) sums to 1 over the targets. ``leave`` (G, K) and
-    ``new`` (G, K, T) are the transition that led to this frame. ``tail`` is the probability, before the frame, of
-    directions that fit worse than those that were measured.
+    ``log_weights`` (G, K) are defined up to a constant; ``looked`` (G, K, T) sums to 1 over the targets. ``leave`` (G,
+    K) and ``new`` (G, K, T) are the transition that led to this frame. ``tail`` is the probability, before the frame,
+    of directions that fit worse than the measured ones.
     """
 
     keys: Keys
@@ -86,12 +86,12 @@ class Belief:
 
     @property
     def probabilities(self) -> Float:
-        """Probabilities (T,) of the targets, whatever the hypothesis."""
+        """Probabilities (T,) of the targets, summed over the hypotheses."""
         return np.einsum("gk,gkt->t", self.weights, self.looked)
 
 
 def first_belief(keys: Keys, settings: PosteriorSettings) -> Belief:
-    """The belief before anything was measured: one hypothesis of each kind, until there is a cue to tell several."""
+    """The belief before anything is measured: one hypothesis of each kind, until a cue can tell several apart."""
     told = settings.model_copy(update={"error": "told"})
     return Belief(
         keys=keys,
@@ -106,7 +106,7 @@ def first_belief(keys: Keys, settings: PosteriorSettings) -> Belief:
 
 
 def with_cues(belief: Belief, measured: Measured, settings: PosteriorSettings) -> Belief:
-    """The belief with the hypotheses of a cue that is measured for the first time."""
+    """Add the hypotheses of a cue that is measured for the first time."""
     if belief.error is None and measured.gaze is not None:
         gaze = gaze_hypotheses(settings)
         belief = _repeated(replace(belief, gaze=gaze), gaze.log_prior, axis=0)
@@ -132,7 +132,7 @@ def _repeated(belief: Belief, log_prior: Float, axis: int) -> Belief:
 
 
 def pruned(belief: Belief) -> Belief:
-    """Without the gaze hypotheses that have become very unlikely, if they are many enough to be worth it."""
+    """Drop the gaze hypotheses that have become very unlikely, if there are enough of them to save time."""
     top = belief.log_weights.max(axis=1)
     rows = top > top.max() + np.log(_UNLIKELY)
     if rows.mean() > 0.8:

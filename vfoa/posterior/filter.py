@@ -18,7 +18,7 @@ from vfoa.types import Float
 def update(
     before: Belief | None, scenery: Scenery, measured: Measured, dt_s: float, settings: PosteriorSettings
 ) -> Belief:
-    """The belief after a frame that comes ``dt_s`` after the one before."""
+    """Return the belief after a frame that comes ``dt_s`` seconds after the one before."""
     prior = with_cues(before or first_belief(scenery.keys, settings), measured, settings)
     columns, known = columns_of(prior.keys, scenery.keys)
     new = new_look(prior.looks, len(scenery.keys) - 1, settings)
@@ -29,7 +29,7 @@ def update(
         predicted, stayed = predicted_looks(prior.looked, columns, known, leave, new)
 
     flow = Flow(prior.weights, prior.looked, columns, predicted, stayed)
-    # of the first frame all counts: there is nothing yet that its error could last from
+    # the first frame counts in full: no earlier frame shares its error
     power, head_power = (1.0, 1.0) if before is None else (settings.evidence, settings.head_evidence)
     error, gaze_evidence = weighed_gaze(prior, scenery, measured, flow, dt_s, settings)
     motion, head_evidence = weighed_head(prior, scenery, measured, flow, dt_s, settings)
@@ -70,13 +70,13 @@ def answered(belief: Belief, probabilities: Float, settings: PosteriorSettings, 
 
 
 def _scaled(log_likelihood: Float) -> tuple[Float, Float]:
-    """Likelihoods (H, T) over the greatest of each row, and the logarithms (H, 1) of what was taken out."""
+    """Likelihoods (H, T) relative to the greatest of each row, and the logarithms (H, 1) of those greatest values."""
     top = log_likelihood.max(axis=1, keepdims=True)
     return np.exp(log_likelihood - top), top
 
 
 def _tail(predicted: Float, weights: Float, gaze: Float, head: Float) -> float:
-    """The probability of a worse fit of both cues: the smaller of the two, for two chances (Bonferroni)."""
+    """Probability of a worse fit of both cues: twice the smaller of the two (Bonferroni)."""
     mean_gaze = float(np.einsum("gk,gkt,gt->", weights, predicted, gaze))
     mean_head = float(np.einsum("gk,gkt,kt->", weights, predicted, head))
     return min(1.0, 2 * min(mean_gaze, mean_head))

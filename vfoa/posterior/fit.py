@@ -1,11 +1,11 @@
-"""Estimates of the assumptions from labelled sequences: error, bias, gain, head share, dwell, looks at nothing.
+"""Estimates of the assumptions from labelled sequences: error, bias, gain, head share, dwell, looks at nowhere.
 
-Every quantity is estimated with each clip left out in turn: settings for a clip come from the others alone, and the
+Every quantity is estimated with each clip left out in turn. Settings for a clip come from the other clips only, and the
 spread of the estimates gives the interval (delete-one jackknife, Efron 1982).
 
-In the tangent plane of the way to the camera, where o is the offset of a direction (log map on the sphere):
+In the tangent plane of the direction to the camera, where o is the offset of a direction (log map on the sphere):
 
-    o(gaze) = gain o(target) + bias of the person + error        o(head) = share o(target) + rest of the person + aside
+o(gaze) = gain o(target) + bias of the person + error        o(head) = share o(target) + rest of the person + aside
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _T_95 = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelledFrame:
-    """One frame of one person: what can be looked at, what was measured, and the key of what is looked at."""
+    """One frame of one person: the targets, the measured directions, and the key of the target that is looked at."""
 
     time_s: float
     scenery: Scenery
@@ -37,7 +37,7 @@ class LabelledFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LabelledPerson:
-    """One person in one clip: the labelled frames in the order of time. ``clip`` is what is left out together."""
+    """One person in one clip: the labelled frames in order of time. People of one ``clip`` are left out together."""
 
     clip: Hashable
     frames: Sequence[LabelledFrame]
@@ -45,7 +45,7 @@ class LabelledPerson:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate:
-    """A quantity with the number of frames or looks it rests on, and its 95 % interval; NaN where it is not known."""
+    """A quantity, the number of frames or looks that it is estimated from, and its 95 % interval; NaN if unknown."""
 
     value: float
     n: int
@@ -54,7 +54,7 @@ class Estimate:
 
 
 def fit(people: Sequence[LabelledPerson]) -> dict[str, Estimate]:
-    """Estimate every one of :data:`QUANTITIES`; intervals need at least two clips."""
+    """Estimate each of :data:`QUANTITIES`; intervals need at least two clips."""
     values, counts = _estimates(people)
     without = [_estimates([each for each in people if each.clip != clip])[0] for clip in _clips(people)]
     return {name: _with_interval(values[name], counts[name], [each[name] for each in without]) for name in QUANTITIES}
@@ -63,10 +63,10 @@ def fit(people: Sequence[LabelledPerson]) -> dict[str, Estimate]:
 def settings_from(
     people: Sequence[LabelledPerson], base: PosteriorSettings, *, without: Hashable | None = None
 ) -> PosteriorSettings:
-    """``base`` with what the people say of it, those of the clip ``without`` left out.
+    """Return ``base`` with the quantities that these people show; those of the clip ``without`` are left out.
 
-    A fitted error is a prior, as a claimed one is: ``error`` stays as it was. Quantities that the people do not show
-    stay as they are in ``base``; so does the gain, which is always a hypothesis.
+    A fitted error is a prior, as a claimed one is: ``error`` is not changed. Quantities that the people do not show
+    keep the value of ``base``; so does the gain, which is always a hypothesis.
     """
     values, counts = _estimates([each for each in people if without is None or each.clip != without])
     allowed = {"gaze_error_deg": 60.0, "bias_deg": 60.0, "aside_deg": 90.0, "rest_deg": 90.0, "head_share": 1.0}
@@ -78,7 +78,7 @@ def settings_from(
     if "gaze_error_deg" in update:
         update["spread"] = "published"
     if "p_nowhere" in update:
-        # Laplace's rule of succession: a few looks without nowhere do not rule it out
+        # Laplace's rule of succession: a few looks without nowhere do not exclude it
         looks = counts["p_nowhere"]
         update["p_nowhere"] = (values["p_nowhere"] * looks + 1) / (looks + 2)
     return type(base).model_validate({**base.model_dump(), **update})
@@ -98,7 +98,7 @@ def _with_interval(value: float, n: int, without: Sequence[float]) -> Estimate:
 
 
 def _estimates(people: Sequence[LabelledPerson]) -> tuple[dict[str, float], dict[str, int]]:
-    """Values and what they rest on, by quantity."""
+    """Values by quantity, and the number of frames or looks behind each."""
     gain, bias_deg, error_deg, gazes = _line([_offsets(each, "gaze") for each in people])
     share, rest_deg, aside_deg, heads = _line([_offsets(each, "head") for each in people])
     ended, watched_s, looks, nowhere = np.sum([_looks(each) for each in people] or [(0, 0.0, 0, 0)], axis=0).tolist()
@@ -118,7 +118,7 @@ def _estimates(people: Sequence[LabelledPerson]) -> tuple[dict[str, float], dict
 
 
 def _offsets(person: LabelledPerson, cue: str) -> Float:
-    """Offsets (N, 4) from the way to the camera, radians: of what is looked at (2) and of the measured cue (2)."""
+    """Offsets (N, 4) from the direction to the camera, radians: (2) of the focus, (2) of the measured cue."""
     rows = []
     for frame in person.frames:
         direction = frame.measured.gaze if cue == "gaze" else frame.measured.head
@@ -130,9 +130,9 @@ def _offsets(person: LabelledPerson, cue: str) -> Float:
 
 
 def _line(offsets: Sequence[Float]) -> tuple[float, float, float, int]:
-    """Slope over all people, mean angle of their constants and of what is left, in degrees; and the frames.
+    """Slope over all people, mean angle of their constants and of the residual, in degrees; and the number of frames.
 
-    The slope is that within people (least squares), so that a person's constant does not enter it.
+    The slope is the one within people (least squares), so that a person's constant does not affect it.
     """
     offsets = [each for each in offsets if len(each)]
     n = sum(len(each) for each in offsets)
@@ -150,7 +150,7 @@ def _line(offsets: Sequence[Float]) -> tuple[float, float, float, int]:
 
 
 def _looks(person: LabelledPerson) -> tuple[int, float, int, int]:
-    """Looks that ended, seconds watched, looks in all, and those at nothing. The last look is cut off by the clip."""
+    """Looks that ended, seconds watched, all looks, looks at nowhere. The clip's end cuts off the last look."""
     frames = person.frames
     if not frames:
         return 0, 0.0, 0, 0

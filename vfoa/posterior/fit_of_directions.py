@@ -1,4 +1,4 @@
-"""How well the measured directions fit what is believed: the error that they imply beside the claimed one."""
+"""Fit of the measured directions to the belief: the error that they imply beside the claimed one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vfoa.types import DirectionFit
 
 
 def fit_of(belief: Belief, measured: Measured) -> DirectionFit:
-    """One subject in one frame. Angles are those of the gaze; None where no gaze was measured.
+    """Return the fit of one subject in one frame. Angles are those of the gaze; None if no gaze was measured.
 
     The implied error is the mean over the hypotheses of the root of the squares of noise and bias, as a mean angle.
     """

@@ -40,6 +40,6 @@ def weighed_gaze(
 
 
 def _aims(scenery: Scenery, gain: float, head: Float | None) -> Float:
-    """Where a gaze at each target (T, 3) is measured with this gain. A gaze at nothing is about the measured head."""
+    """Expected measured gaze for each target (T, 3) with this gain. A gaze at nowhere is about the measured head."""
     nowhere = on_the_way(scenery.to_camera, scenery.middle, gain) if head is None else head
     return np.vstack([on_the_way(scenery.to_camera, scenery.directions, gain), nowhere])

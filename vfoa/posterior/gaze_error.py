@@ -1,10 +1,10 @@
-"""How far the measured gaze is off a target: a Kalman filter for each gaze hypothesis and target.
+"""The offset of the measured gaze from a target: a Kalman filter for each gaze hypothesis and target.
 
-    measured - target - bias of the hypothesis = constant + drift + noise
+measured - target - bias of the hypothesis = constant + drift + noise
 
-    constant   the rest of the bias, the same in all looks
-    drift      the slow part of the error, and where on the target the eyes rest; the latter is new in each look
-    noise      of each frame, with Student's tails
+constant   the rest of the bias, the same in all looks
+drift      the slow part of the error, and the point of the target where the eyes rest; the latter is new in each look
+noise      new in each frame, with the tails of Student's distribution
 
 All are angles to the right and down in the tangent plane of the target. Covariances are the same in both directions.
 Arrays are (G, T): hypotheses by targets, the last of which is nowhere.
@@ -30,7 +30,7 @@ class GazeError:
     dd: Float
 
     def kept(self, rows: np.ndarray) -> GazeError:
-        """Only some of the hypotheses."""
+        """Return only these rows, the hypotheses to keep."""
         return GazeError(
             constant=self.constant[:, rows],
             drift=self.drift[:, rows],
@@ -41,7 +41,7 @@ class GazeError:
 
 
 def first_error(cell_variance: float, drift_variance: Float) -> GazeError:
-    """Before the first frame; ``drift_variance`` (G, T) with the spread of the looks at each target."""
+    """Return the error before the first frame; ``drift_variance`` (G, T) includes the spread of looks at a target."""
     zeros = np.zeros((2, *drift_variance.shape))
     return GazeError(
         constant=zeros,
@@ -55,11 +55,11 @@ def first_error(cell_variance: float, drift_variance: Float) -> GazeError:
 def next_error(
     before: GazeError, looked: Float, columns: np.ndarray, stay: Float, slow: Float, drift_variance: Float, keep: float
 ) -> GazeError:
-    """Before the next frame: what stays goes on, what is new starts from the mean over all targets.
+    """Predict the error of the next frame: looks that go on keep it, new looks start from the mean over all targets.
 
-    ``looked`` (G, T') are the probabilities of the targets before, ``columns`` (T,) which of them each target was,
-    ``stay`` (G, T) the part of each that goes on. ``slow`` (G, 1) is the variance of the drift that outlasts a look and
-    ``keep`` what is left of the drift after the frame. Mixtures are collapsed (Blom and Bar-Shalom 1988).
+    ``looked`` (G, T') are the probabilities of the targets before, ``columns`` (T,) the column that each target had
+    before, ``stay`` (G, T) the part of each that goes on. ``slow`` (G, 1) is the variance of the drift that outlasts a
+    look, and ``keep`` the factor of the drift over the frame. Mixtures are collapsed (Blom and Bar-Shalom 1988).
     """
     constant = (looked * before.constant).sum(axis=2)[..., None]
     around = ((before.constant - constant) ** 2).sum(axis=0) / 2
@@ -80,10 +80,10 @@ def next_error(
 
 
 def weigh_gaze(predicted: GazeError, offset: Float, noise: Float, tails: float) -> tuple[GazeError, Float, Float]:
-    """After a frame: the filter, the log likelihood (G, T) and the squared surprise (G, T) in standard deviations.
+    """Return the updated filter, the log likelihood (G, T) and the squared innovation (G, T) in standard deviations.
 
-    ``offset`` (2, G, T) is measured gaze - target - bias, ``noise`` (G, 1) its variance. An outlier counts as little as
-    Student's distribution makes it.
+    ``offset`` (2, G, T) is measured gaze - target - bias, ``noise`` (G, 1) its variance. Student's distribution limits
+    the weight of an outlier.
     """
     to_constant, to_drift = predicted.cc + predicted.cd, predicted.cd + predicted.dd
     known = to_constant + to_drift

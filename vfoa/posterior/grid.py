@@ -1,4 +1,4 @@
-"""The hypotheses: what may be wrong with a gaze model, and how much a head follows. One table each, with a prior."""
+"""The hypotheses about the error of a gaze model and the share of the head, each kind with its prior."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from vfoa.posterior.settings import PosteriorSettings, sigma_rad
 from vfoa.types import Float
 
 _SCALE_STEPS = (-1.15, -0.3, 0.45, 1.1, 1.75)
-"""Nodes of the logarithm of the error's scale, in standard deviations: the upper side is reached farther, since
-models seldom do better than they claim on material of others."""
+"""Nodes of the logarithm of the error's scale, in standard deviations. They reach farther up than down, since models
+seldom do better than they claim on new material."""
 _GAINS = ((1.0, 0.5), (0.8, 0.3), (0.6, 0.2))
-"""What is left of the angle between a direction and the way to the camera, and its prior: models shrink it."""
+"""Factor that remains of the angle between a direction and the direction to the camera, and its prior: models
+underestimate that angle."""
 _BIAS_SPACING_DEG = 12.0
 _BIAS_RINGS = 2
 _SHARE_STEPS = ((-0.3, 0.3), (0.0, 0.4), (0.3, 0.3))
@@ -24,11 +25,11 @@ _SHARE_STEPS = ((-0.3, 0.3), (0.0, 0.4), (0.3, 0.3))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GazeHypotheses:
-    """G hypotheses of what is wrong with a gaze model.
+    """G hypotheses about the errors of a gaze model.
 
     ``scale`` (G,) of the claimed error, ``bias_rad`` (2, G) right and down, ``gain`` (G,) as a row of ``gains``, and
     ``log_prior`` (G,). ``cell_rad`` is the spread of the bias about each hypothesis, per direction. ``number`` (G,)
-    increases, and stays with a hypothesis when others are given up.
+    increases, and stays with a hypothesis when others are dropped.
     """
 
     number: NDArray[np.intp]
@@ -40,7 +41,7 @@ class GazeHypotheses:
     log_prior: Float
 
     def kept(self, rows: NDArray[np.bool_]) -> GazeHypotheses:
-        """Those of the hypotheses that ``rows`` (G,) names; their prior has done its work."""
+        """Return only the hypotheses where ``rows`` (G,) is true."""
         return GazeHypotheses(
             number=self.number[rows],
             scale=self.scale[rows],
@@ -54,7 +55,7 @@ class GazeHypotheses:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeadHypotheses:
-    """K hypotheses of the share (K,) that a head turns of the way to a target, with ``log_prior`` (K,)."""
+    """K hypotheses of the share (K,) of the way to a target that a head turns, with ``log_prior`` (K,)."""
 
     share: Float
     log_prior: Float
@@ -62,7 +63,7 @@ class HeadHypotheses:
 
 @lru_cache(maxsize=32)
 def gaze_hypotheses(settings: PosteriorSettings) -> GazeHypotheses:
-    """Every combination of scale, bias and gain; a single one where the error is told."""
+    """Return every combination of scale, bias and gain; a single hypothesis if the error is told."""
     if settings.error == "told":
         return GazeHypotheses(
             number=np.zeros(1, dtype=np.intp),
@@ -92,7 +93,7 @@ def gaze_hypotheses(settings: PosteriorSettings) -> GazeHypotheses:
 
 @lru_cache(maxsize=32)
 def head_hypotheses(settings: PosteriorSettings) -> HeadHypotheses:
-    """Three shares about the setting; that alone where the error is told."""
+    """Return three shares about the setting; the setting alone if the error is told."""
     if settings.error == "told":
         return HeadHypotheses(share=np.array([settings.head_share]), log_prior=np.zeros(1))
     steps, prior = np.array(_SHARE_STEPS).T
@@ -108,7 +109,7 @@ def _hexagons(spacing_deg: float, rings: int) -> Float:
 
 
 def _bias_prior(bias: Float, settings: PosteriorSettings) -> Float:
-    """Prior (B,) of the nodes: a part without bias, and a Student distribution with three degrees of freedom."""
+    """Prior (B,) of the nodes: a mass at no bias, and a Student distribution with three degrees of freedom."""
     square = (bias**2).sum(axis=0)
     biased = _normalised((1 + square / (3 * sigma_rad(settings.bias_deg) ** 2)) ** -2.5)
     return settings.unbiased * (square == square.min()) + (1 - settings.unbiased) * biased

@@ -1,17 +1,17 @@
-"""Where a head is on its way to: a Kalman filter for each head hypothesis and target.
+"""The goal of a head and its motion there: a Kalman filter for each head hypothesis and target.
 
-If a person looks at a target, the head moves from where it is to its goal: a share of the way from rest to the target.
+If a person looks at a target, the head moves from its position to a goal: a share of the way from rest to the target.
 
-    goal      = share of the way + rest + aside
-    head'     = head + (1 - exp(-dt / lag)) (goal - head)
-    measured  = head + noise
+goal      = share of the way + rest + aside
+head'     = head + (1 - exp(-dt / lag)) (goal - head)
+measured  = head + noise
 
-    rest      how far the head's rest, and a bias of its model, are off what is assumed; the same in all looks
-    aside     how far from the goal the head stops; new in each look
+rest      offset of the head's rest, and a bias of its model, from the assumed ones; the same in all looks
+aside     offset from the goal at which the head stops; new in each look
 
-All are angles to the right and down in the tangent plane of the share of the way. A person who looks at nothing has
-no target: the goal is anywhere about the middle of all targets, as far as ``nowhere_deg``. Arrays are (K, T):
-hypotheses by targets, the last of which is nowhere.
+All are angles to the right and down in the tangent plane of the share of the way. A person who looks at nowhere has no
+target: the goal is anywhere about the middle of all targets, as far as ``nowhere_deg``. Arrays are (K, T): hypotheses
+by targets, the last of which is nowhere.
 """
 
 from __future__ import annotations
@@ -24,12 +24,11 @@ from vfoa.types import Float
 
 REST, ASIDE, HEAD = range(3)
 _JITTER_RAD_PER_ROOT_S = float(np.deg2rad(1.7))
-"""How much a head that has reached its goal still moves."""
+"""Motion of a head that has reached its goal, radians per root second."""
 _PACE_SPREAD = 0.5
-"""How uncertain the way that a head makes in its time constant is, over the way that is left: heads set out late and
-at their own pace."""
+"""Relative uncertainty of the way that a head makes in one time constant: heads start late and at different speeds."""
 _ASIDE_S = 20.0
-"""Within this time the head settles elsewhere although the look goes on."""
+"""Time in which the head's ``aside`` changes although the look goes on, seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +40,7 @@ class HeadMotion:
 
 
 def first_motion(rest_variance: Float, aside_variance: Float) -> HeadMotion:
-    """Before the first frame, the head at its goal; variances (K, 1) of the rest and (K, T) of what is aside."""
+    """Return the state before the first frame, the head at its goal; variances (K, 1) of rest and (K, T) of aside."""
     covariances = np.zeros((*aside_variance.shape, 3, 3))
     covariances[..., [REST, REST, HEAD], [REST, HEAD, REST]] = rest_variance[..., None]
     covariances[..., [ASIDE, ASIDE, HEAD], [ASIDE, HEAD, ASIDE]] = aside_variance[..., None]
@@ -60,10 +59,10 @@ def next_motion(
     dt_s: float,
     lag_s: float,
 ) -> HeadMotion:
-    """Before the next frame. ``last_offset`` (K, T, 2) is the last measured head from the share of the way to each.
+    """Predict the next frame; ``last_offset`` (K, T, 2) is the last measured head minus the share of the way.
 
-    ``looked`` (K, T') are the probabilities of the targets before, ``columns`` (T,) which of them each target was,
-    ``stay`` (K, T) the part of each that goes on: the rest starts a new look, from where the head was.
+    ``looked`` (K, T') are the probabilities of the targets before, ``columns`` (T,) the column that each target had
+    before, ``stay`` (K, T) the part of each that goes on; the remainder starts a new look at the head's last position.
     """
     rest = np.einsum("kt,ktx->kx", looked, before.means[:, :, REST])
     apart = before.means[:, :, REST] - rest[:, None]
@@ -94,9 +93,9 @@ def next_motion(
 
 
 def weigh_head(predicted: HeadMotion, offset: Float, noise: float, tails: float) -> tuple[HeadMotion, Float, Float]:
-    """After a frame: the filter, the log likelihood (K, T) and the squared surprise (K, T) in standard deviations.
+    """Return the updated filter, the log likelihood (K, T) and the squared innovation (K, T) in standard deviations.
 
-    ``offset`` (K, T, 2) is the measured head from the share of the way to each target, ``noise`` its variance.
+    ``offset`` (K, T, 2) is the measured head minus the share of the way to each target, ``noise`` its variance.
     """
     to_all = predicted.covariances[..., HEAD]
     known = to_all[..., HEAD]

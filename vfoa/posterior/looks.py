@@ -1,7 +1,7 @@
-"""How long people look, and how often at none of the targets: a hidden Markov model that learns both of each person.
+"""How long people look, and how often at no target: a hidden Markov model that learns both for each person.
 
-Looks end at a rate; the next look is at nowhere with a probability, or else at any target, the same one included. Rate
-and probability have a prior (Gamma and Beta) and are corrected by the looks that were probably made.
+Looks end at a rate. The next look is at nowhere with some probability, or else at any target, including the same one.
+Rate and probability have a prior (Gamma and Beta) and are updated by the expected number of looks.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from vfoa.posterior.settings import LookSettings
 from vfoa.types import Float
 
 Keys = tuple[int | None, ...]
-"""Ids of targets, and None for nowhere, which is the last."""
+"""Ids of targets; the last key is None, which stands for nowhere."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Looks:
-    """Expected numbers, each (...,): looks begun, those of them at nowhere, and the seconds watched."""
+    """Expected values, each (...,): looks begun, those of them at nowhere, and the seconds watched."""
 
     begun: Float
     nowhere: Float
@@ -27,12 +27,12 @@ class Looks:
 
 
 def no_looks(shape: tuple[int, ...]) -> Looks:
-    """Before anything was seen."""
+    """Return the counts before the first frame."""
     return Looks(begun=np.zeros(shape), nowhere=np.zeros(shape), watched_s=np.zeros(shape))
 
 
 def counted(before: Looks, begun: Float, dt_s: float) -> Looks:
-    """After a frame, for the probabilities (..., T) that a look at each target began in it."""
+    """Return the counts after a frame, for the probabilities (..., T) that a look at each target began in it."""
     return Looks(
         begun=before.begun + begun.sum(axis=-1),
         nowhere=before.nowhere + begun[..., -1],
@@ -41,7 +41,7 @@ def counted(before: Looks, begun: Float, dt_s: float) -> Looks:
 
 
 def new_look(looks: Looks, count: int, settings: LookSettings) -> Float:
-    """The target of a new look: probabilities (..., count + 1) of the targets alike and of nowhere."""
+    """Probabilities (..., count + 1) of the target of a new look: equal for all targets, and that of nowhere last."""
     if count == 0:
         return np.ones((*looks.begun.shape, 1))
     seen = settings.nowhere_looks
@@ -51,13 +51,13 @@ def new_look(looks: Looks, count: int, settings: LookSettings) -> Float:
 
 
 def leaving(looks: Looks, dt_s: float, settings: LookSettings) -> Float:
-    """The probability (...,) that a look ends within the time."""
+    """Probability (...,) that a look ends within the time."""
     seen = settings.dwell_looks
     return np.asarray(-np.expm1(-dt_s * (seen + looks.begun) / (seen * settings.dwell_s + looks.watched_s)))
 
 
 def columns_of(before: Keys, keys: Keys) -> tuple[np.ndarray, np.ndarray]:
-    """Which column (T,) each key had before, and whether (T,) it was there at all."""
+    """The column (T,) that each key had before, and whether (T,) it existed then."""
     index = {key: column for column, key in enumerate(before)}
     return np.array([index.get(key, 0) for key in keys]), np.array([key in index for key in keys])
 
@@ -65,9 +65,9 @@ def columns_of(before: Keys, keys: Keys) -> tuple[np.ndarray, np.ndarray]:
 def predicted_looks(
     looked: Float, columns: np.ndarray, known: np.ndarray, leave: Float, new: Float
 ) -> tuple[Float, Float]:
-    """Probabilities (..., T) before the next frame, and the part (..., T) of them that has stayed.
+    """Probabilities (..., T) before the next frame, and the part (..., T) of them that stayed.
 
-    What was believed of targets that are gone is open again.
+    The probability of targets that are gone is spread as for a new look.
     """
     stayed = (1 - leave)[..., None] * np.where(known, looked[..., columns], 0.0)
     return stayed + (1 - stayed.sum(axis=-1, keepdims=True)) * new, stayed

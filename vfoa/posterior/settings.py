@@ -14,7 +14,7 @@ MEAN_ANGLE_PER_SIGMA = float(np.sqrt(np.pi / 2))
 
 
 def sigma_rad(error_deg: float) -> float:
-    """The standard deviation per tangent direction of an error with this mean angle."""
+    """Standard deviation per tangent direction, radians, of an error with this mean angle in degrees."""
     return float(np.deg2rad(error_deg)) / MEAN_ANGLE_PER_SIGMA
 
 
@@ -22,9 +22,9 @@ class GazeErrorSettings(Settings):
     """Prior of the gaze error. Angles are mean angles in degrees."""
 
     error: Literal["unknown", "told"] = "unknown"
-    """``unknown`` takes the claimed error as a prior and learns its scale, a bias and a gain; ``told`` as true."""
+    """``unknown``: the claimed error is a prior; scale, bias and gain are learned. ``told``: it is true."""
     spread: Literal["model", "published"] = "model"
-    """The claimed error: what the ``model`` states for each direction, where it does, or always the published one."""
+    """Claimed error: ``model`` uses the model's value for each direction if it gives one; ``published`` never does."""
     gaze_error_deg: float = Field(default=11.1, gt=0, le=60)
     """Published mean angle of the gaze error."""
     head_error_deg: float = Field(default=5.0, gt=0, le=60)
@@ -42,55 +42,55 @@ class GazeErrorSettings(Settings):
     tails: float = Field(default=5.0, gt=2)
     """Degrees of freedom of the Student distribution of the errors."""
     temperature: float = Field(default=1.4, ge=1, le=10)
-    """Where a gaze of ``unknown`` error was measured, probabilities are raised to the power 1 / temperature: the model
-    is also wrong in ways that it has no hypothesis for (temperature scaling, Guo et al. 2017)."""
+    """Flattening for a gaze of ``unknown`` error: probabilities are raised to the power 1 / temperature, since the
+    model has errors without a hypothesis (temperature scaling, Guo et al. 2017)."""
     smoothed_temperature: float = Field(default=2.0, ge=1, le=10)
     """The same where later frames are known: they are wrong in the same ways once more."""
     evidence: float = Field(default=0.7, gt=0, le=1)
-    """Power of what every frame but the first says of the error (not of the target): errors last in more ways than
-    the model has, so that frames in a row say less of them than as many apart."""
+    """Power of the likelihood of the error (not of the target) in every frame but the first: consecutive frames carry
+    less information about the error than independent ones, because errors last."""
 
 
 class HeadSettings(Settings):
-    """How heads follow what is looked at. Angles are mean angles in degrees."""
+    """How heads follow the target of a look. Angles are mean angles in degrees."""
 
     head_share: float = Field(default=0.65, gt=0, le=1)
     """Share of the way from rest to the target that the head turns; the middle of three if the error is unknown."""
     head_lag_s: float = Field(default=0.35, gt=0)
-    """Time constant with which the head gets there."""
+    """Time constant of the head's movement."""
     aside_deg: float = Field(default=9.0, gt=0, le=90)
-    """How far from there the head stops, new in each look."""
+    """Offset from that share at which the head stops; new in each look."""
     rest_deg: float = Field(default=30.0, gt=0, le=90)
-    """How far the head's rest is from the middle of all targets."""
+    """Offset of the head's rest from the middle of all targets."""
     head_evidence: float = Field(default=0.5, gt=0, le=1)
-    """Power of the likelihood of the head in every frame but the first: how a head moves is known only roughly, and it
-    is as wrong in the next frame."""
+    """Power of the likelihood of the head in every frame but the first: how a head moves is known only roughly, and the
+    error of one frame lasts into the next."""
     nowhere_deg: float = Field(default=35.0, gt=0, le=90)
     """How far from the middle of all targets heads point that look at none of them."""
     about_head_deg: float = Field(default=20.0, gt=0, le=90)
-    """How far the gaze is from the head where it is on no target."""
+    """Angle between gaze and head while the gaze is on no target."""
 
 
 class LookSettings(Settings):
-    """How long people look, and how often at nothing: priors, which every person's own looks correct.
+    """How long people look, and how often at nothing: priors, which every person's own looks update.
 
-    Conversations with a robot and paintings have a mean of 3.33 s and a median of 1.68 s (Vernissage, 2,037 intervals);
-    looks at things on a table are shorter. The prior is short: it is worse to miss a change than to expect one more,
-    and long looks correct it.
+    Looks in conversations with a robot and paintings have a mean of 3.33 s and a median of 1.68 s (Vernissage, 2,037
+    intervals); looks at things on a table are shorter. The prior is short: a missed change is worse than an expected
+    one, and long looks correct the prior.
     """
 
     p_nowhere: float = Field(default=0.2, gt=0, lt=1)
     """Prior share of looks at no target."""
     nowhere_looks: float = Field(default=6.0, gt=0)
-    """Number of looks that ``p_nowhere`` is worth."""
+    """Weight of ``p_nowhere``, as a number of looks."""
     dwell_s: float = Field(default=1.0, gt=0)
     """Prior mean time of a look."""
     dwell_looks: float = Field(default=3.0, gt=0)
-    """Number of looks that ``dwell_s`` is worth."""
+    """Weight of ``dwell_s``, as a number of looks."""
 
 
 class PosteriorSettings(GazeErrorSettings, HeadSettings, LookSettings):
-    """All that the filter assumes."""
+    """All assumptions of the filter."""
 
     cues: Literal["both", "gaze", "head"] = "both"
-    """Which of the measured directions are used."""
+    """Measured directions that are used."""

@@ -1,7 +1,7 @@
-"""What was looked at, with later frames known too: the backward pass under each of the likeliest hypotheses.
+"""The target of each frame with later frames known: the backward pass under each of the likeliest hypotheses.
 
-The weights of the hypotheses are those after the last frame that is known. Under one hypothesis the looks are a hidden
-Markov model, and what the filter believed is all that the backward pass needs (Kim 1994).
+The weights of the hypotheses are those after the last known frame. Under one hypothesis the looks are a hidden Markov
+model, and the backward pass needs only the beliefs of the filter (Kim 1994).
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from vfoa.posterior.looks import Keys, columns_of, predicted_looks
 from vfoa.types import Float
 
 _MOST_HYPOTHESES = 48
-"""Only so many of the likeliest are passed backward: the others seldom have a percent together."""
+"""Number of the likeliest hypotheses in the backward pass: the others together seldom have one percent."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Step:
-    """One frame under H chosen hypotheses: looked (H, T), leave (H,) and new (H, T) on the way to it."""
+    """One frame under H chosen hypotheses: looked (H, T), and the transition to it, leave (H,) and new (H, T)."""
 
     keys: Keys
     looked: Float
@@ -62,7 +62,7 @@ def likeliest_path(beliefs: Sequence[Belief]) -> list[int | None]:
             columns, known = columns_of(before.keys, step.keys)
             predicted, _ = predicted_looks(before.looked, columns, known, step.leave, step.new)
             leave, new = step.leave[row], step.new[row]
-            # whoever looked at what is gone has left it for certain
+            # a look at a target that is gone has ended for certain
             left = score + np.log([leave if key in step.keys else 1.0 for key in before.keys])
             best = int(left.argmax())
             jump = left[best] + np.log(new)
@@ -77,7 +77,7 @@ def likeliest_path(beliefs: Sequence[Belief]) -> list[int | None]:
 
 
 def _likeliest_hypotheses(beliefs: Sequence[Belief]) -> tuple[list[_Step], Float]:
-    """Every frame under the hypotheses that are likeliest at the end, and their weights (H,)."""
+    """Return every frame under the hypotheses that are likeliest at the end, and their weights (H,)."""
     last = beliefs[-1]
     weights = last.weights.ravel()
     chosen = np.sort(np.argsort(weights, kind="stable")[-_MOST_HYPOTHESES:])
@@ -85,7 +85,7 @@ def _likeliest_hypotheses(beliefs: Sequence[Belief]) -> tuple[list[_Step], Float
     number = last.gaze.number[gaze]
     steps = []
     for belief in beliefs:
-        # a cue that came later had one hypothesis before
+        # a cue that came later had a single hypothesis before
         row = np.searchsorted(belief.gaze.number, number) if len(belief.gaze.number) > 1 else np.zeros_like(gaze)
         column = head if len(belief.head.share) > 1 else np.zeros_like(head)
         row = np.minimum(row, len(belief.gaze.number) - 1)

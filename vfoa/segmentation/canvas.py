@@ -1,4 +1,4 @@
-"""Masks of COCO's categories, painted into one map of instances."""
+"""A map of instances, painted from masks with COCO categories."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vfoa.types import Instance, Instances, Mask
 class Canvas:
     """A map of instances that is painted best first: each mask takes the pixels that are still free.
 
-    A mask is dropped if better ones cover a larger share of it than ``max_hidden``: most likely it is the same object
+    A mask is dropped if better ones cover a larger share of it than ``max_hidden``: it is probably the same object
     again (Kirillov et al. 2019, Panoptic Feature Pyramid Networks, section 3.2).
     """
 
@@ -30,7 +30,7 @@ class Canvas:
         return np.equal(self._ids, 0)
 
     def paint(self, mask: Mask, category_id: int, score: float, window: Window | None = None) -> None:
-        """Paint the mask of a COCO category, (H, W), or of the size of a window of the image."""
+        """Paint the mask of a COCO category: (H, W), or of the size of ``window``, a part of the image."""
         u0, v0, u1, v1 = window or (0, 0, self._ids.shape[1], self._ids.shape[0])
         ids = self._ids[v0:v1, u0:u1]
         taken = mask & (ids == 0)
@@ -53,7 +53,7 @@ class Canvas:
 
 
 def wanted_categories(labels: Iterable[str], names: Mapping[int, str]) -> frozenset[int]:
-    """The ids of the categories with these labels, among those in ``names``; all of them if there is no label.
+    """Return the ids of the categories with these labels, among those in ``names``; all of them if there is no label.
 
     Raises
     ------

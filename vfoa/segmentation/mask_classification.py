@@ -1,9 +1,9 @@
-"""Mask classification (Cheng et al. 2021, MaskFormer; Kerssies et al. 2025, EoMT): both things and stuff are queries.
+"""Mask classification (Cheng et al. 2021, MaskFormer; Kerssies et al. 2025, EoMT): queries for both things and stuff.
 
 The graph, in the names of ``transformers`` and its exporters: ``pixel_values`` [1, 3, H, W] RGB by ImageNet's mean and
 deviation; ``class_queries_logits`` [1, Q, 134] over 80 things, 53 kinds of stuff and "no object",
 ``masks_queries_logits`` [1, Q, h, w]. Each pixel belongs to the query with the greatest class probability x mask
-probability (MaskFormer, section 3.4). A query that lost most of its pixels to others is dropped. Several queries of
+probability (MaskFormer, section 3.4). A query that loses most of its pixels to others is dropped. Several queries of
 the same stuff are one segment.
 """
 
@@ -38,18 +38,18 @@ class MaskClassification:
     """Panoptic segmentation of COCO's 80 things and 53 kinds of stuff with MaskFormer, EoMT or a relative."""
 
     class Settings(OnnxSettings):
-        """Which segments to keep. The defaults are those that the makers of the models publish."""
+        """Settings of the segments to keep. The defaults are those that the models' authors publish."""
 
         score_threshold: float = Field(default=0.8, gt=0, lt=1)
         """Least score of a query that is kept."""
         min_visible: float = Field(default=0.8, ge=0, lt=1)
-        """Least share of its claimed pixels that a query must keep against better ones."""
+        """Least share of its pixels that a query must keep against better ones."""
         labels: tuple[str, ...] = ()
-        """COCO's names of the things and stuff to keep; all of them if empty."""
+        """COCO's names of the things and stuff to keep; empty keeps all."""
         fit: Literal["pad", "stretch"] = "pad"
-        """``pad`` keeps the image's shape and fills with black (EoMT), ``stretch`` does not (MaskFormer)."""
+        """``pad`` keeps the aspect ratio and pads with black (EoMT), ``stretch`` changes the ratio (MaskFormer)."""
         input_size_px: int = Field(default=640, ge=32, multiple_of=32)
-        """Side of the network's input, where the graph leaves it open."""
+        """Side of the network's input, if the graph leaves it open."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -71,7 +71,7 @@ class MaskClassification:
         return self._paint(masks, [CATEGORY_IDS[n] for n in best[kept]], scores[kept], placement)
 
     def _masks(self, logits: Map, scores: Float, placement: Placement) -> list[Mask]:
-        """The pixels that each query keeps: it has the greatest score x probability there, and claims the pixel."""
+        """The pixels that each query keeps: it claims the pixel, and has the greatest score x probability there."""
         height, width = placement.image_size
         owner, greatest = np.full((height, width), -1), np.zeros((height, width), np.float32)
         claims = []

@@ -28,14 +28,14 @@ class MaskRcnn:
     """Instance segmentation of COCO's 80 things with torchvision's Mask R-CNN."""
 
     class Settings(OnnxSettings):
-        """Which instances to keep."""
+        """Settings of the instances to keep."""
 
         score_threshold: float = Field(default=0.5, gt=0, le=1)
         """Least score of an instance."""
         max_hidden: float = Field(default=0.5, ge=0, le=1)
-        """Drop a mask of which better ones cover a larger share."""
+        """Drop a mask if better ones cover a larger share of it than this."""
         labels: tuple[str, ...] = ()
-        """COCO's names of the things to keep; all of them if empty."""
+        """COCO's names of the things to keep; empty keeps all."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -52,7 +52,7 @@ class MaskRcnn:
         for n in np.argsort(-found["scores"], kind="stable"):
             if found["scores"][n] < self.settings.score_threshold:
                 break
-            # A pasted mask may reach a pixel beyond its box, which is rounded there.
+            # The mask may extend one pixel beyond its box, which is rounded.
             window = window_of(boxes[n] + [-1, -1, 1, 1], placement.image_size)
             if window and int(found["labels"][n]) in self._wanted:
                 mask = placement.inside(found["masks"][n, 0], window) > 0.5

@@ -36,24 +36,24 @@ class PanopticFpn:
     """Panoptic segmentation of COCO's 80 things and 53 kinds of stuff with MMDetection's Panoptic FPN."""
 
     class Settings(OnnxSettings):
-        """Which segments to keep, as in detectron2.
+        """Settings of the segments to keep, as in detectron2.
 
-        Where the graph leaves its size open, the image is scaled to a short side of ``short_side_px``, unless its long
+        If the graph leaves its size open, the image is scaled to a short side of ``short_side_px``, unless its long
         side would exceed ``long_side_px``, and padded to the next multiple of 32.
         """
 
         score_threshold: float = Field(default=0.5, gt=0, le=1)
         """Least score of an instance."""
         max_hidden: float = Field(default=0.5, ge=0, le=1)
-        """Drop a mask of which better ones cover a larger share."""
+        """Drop a mask if better ones cover a larger share of it than this."""
         min_stuff_px: int = Field(default=4096, ge=1)
         """Least area of stuff in the image, pixels."""
         labels: tuple[str, ...] = ()
-        """COCO's names of the things and stuff to keep; all of them if empty."""
+        """COCO's names of the things and stuff to keep; empty keeps all."""
         short_side_px: int = Field(default=800, ge=32)
-        """Short side of the network's input, where the graph leaves it open."""
+        """Short side of the network's input, if the graph leaves it open."""
         long_side_px: int = Field(default=1333, ge=32)
-        """Greatest long side of the network's input; it may shrink the short side."""
+        """Greatest long side of the network's input; a longer image gets a smaller short side."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
@@ -95,7 +95,7 @@ class PanopticFpn:
 
 
 def _argmax(logits: Map, placement: Placement) -> NDArray[np.intp]:
-    """The class (H, W) of each pixel of the image. One channel at a time: all at once would take much memory."""
+    """Return the class (H, W) of each pixel of the image. Works on one channel at a time, to save memory."""
     greatest = placement.whole(logits[0])
     classes = np.zeros(greatest.shape, np.intp)
     for n in range(1, len(logits)):

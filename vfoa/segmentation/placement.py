@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from vfoa.types import Float, Image, Map
 
 Window = tuple[int, int, int, int]
-"""Pixels of the image: its first column and row, and the first column and row after it."""
+"""Pixels of the image: first column, first row, and the column and row after the last ones."""
 
 Size = tuple[int, int]
 """Height and width in pixels."""
@@ -19,7 +19,7 @@ Size = tuple[int, int]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Placement:
-    """An image in a network's input of ``input_size``: scaled by (su, sv), then moved by whole pixels (left, top)."""
+    """An image placed in a network's input of ``input_size``: scaled by (su, sv), then moved by (left, top) pixels."""
 
     input_size: Size
     image_size: Size
@@ -27,23 +27,23 @@ class Placement:
     offset: tuple[int, int] = (0, 0)
 
     def to_image(self, boxes: ArrayLike) -> Float:
-        """Boxes (N, 4), as edges, from the network's input to the image. Edges lie half a pixel before centres."""
+        """Convert boxes (N, 4), as edges, from the input to the image. Edges lie half a pixel before centres."""
         found = np.asarray(boxes, dtype=np.float64).reshape(-1, 4)
         return (found - np.array(self.offset * 2)) / np.array(self.scale * 2)
 
     def whole(self, grid: Map) -> Map:
-        """A grid (h, w) over the whole input as a map (H, W) of the image."""
+        """Resample a grid (h, w) over the whole input to a map (H, W) of the image."""
         height, width = self.image_size
         return self.inside(grid, (0, 0, width, height))
 
     def inside(self, grid: Map, window: Window) -> Map:
-        """A grid (h, w) over the whole input as a map of the image's pixels in a window."""
+        """Resample a grid (h, w) over the whole input to the image's pixels in a window."""
         height, width = self.input_size
         return resample(grid, self.to_image([0, 0, width, height])[0], window)
 
 
 def stretched(image: Image, size: Size) -> tuple[Image, Placement]:
-    """The image resized to a size; its aspect ratio may change."""
+    """Resize the image to a size; its aspect ratio may change."""
     height, width = image.shape[:2]
     placement = Placement(input_size=size, image_size=(height, width), scale=(size[1] / width, size[0] / height))
     return _resized(image, (size[1], size[0])), placement
@@ -52,7 +52,7 @@ def stretched(image: Image, size: Size) -> tuple[Image, Placement]:
 def letterboxed(
     image: Image, size: Size, *, fill: tuple[int, int, int], centered: bool = False
 ) -> tuple[Image, Placement]:
-    """The image scaled into a size with its aspect ratio kept, at the upper left or centered, the rest filled."""
+    """Scale the image into a size with its aspect ratio kept, at the upper left or centred, and fill the rest."""
     height, width = image.shape[:2]
     scale = min(size[0] / height, size[1] / width)
     inner = max(1, round(width * scale)), max(1, round(height * scale))
@@ -69,14 +69,14 @@ def letterboxed(
 
 
 def window_of(box: ArrayLike, size: Size) -> Window | None:
-    """The pixels of the image in a box (4,) of edges; None if there is none."""
+    """Return the pixels of the image in a box (4,) of edges; None if there are none."""
     limit = np.array([size[1], size[0]] * 2)
     u0, v0, u1, v1 = np.clip(np.rint(np.asarray(box)), 0, limit).astype(int).tolist()
     return (u0, v0, u1, v1) if u0 < u1 and v0 < v1 else None
 
 
 def resample(grid: Map, extent: ArrayLike, window: Window) -> Map:
-    """A grid (h, w) that covers a box (4,) of edges in the image, resampled at the pixels of a window of the image.
+    """Resample a grid (h, w), which covers a box (4,) of edges in the image, at the pixels of a window of the image.
 
     Interpolation is linear between the centres of the cells; the border is repeated beyond the outermost centres.
     Resample logits before comparing them with a threshold, so that outlines are smooth.
@@ -96,6 +96,6 @@ def resample(grid: Map, extent: ArrayLike, window: Window) -> Map:
 
 
 def _resized(image: Image, size: tuple[int, int]) -> Image:
-    """The image at a width and height; averaged where it shrinks."""
+    """Resize the image to a width and height; pixels are averaged where it shrinks."""
     method = cv2.INTER_AREA if size[0] < image.shape[1] else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, size, interpolation=method), dtype=np.uint8)

@@ -26,18 +26,18 @@ class RfDetrSeg:
     """Instance segmentation of COCO's 80 things with RF-DETR-Seg: the default model."""
 
     class Settings(OnnxSettings):
-        """Which instances to keep."""
+        """Settings of the instances to keep."""
 
         weights: str = "rfdetr-seg-medium.onnx"
         """Path of the network, or a file's name in the folders of weights."""
         score_threshold: float = Field(default=0.5, gt=0, lt=1)
         """Least score of an instance."""
         max_hidden: float = Field(default=0.5, ge=0, le=1)
-        """Drop a mask of which better ones cover a larger share."""
+        """Drop a mask if better ones cover a larger share of it than this."""
         labels: tuple[str, ...] = ()
-        """COCO's names of the things to keep; all of them if empty."""
+        """COCO's names of the things to keep; empty keeps all."""
         input_size_px: int = Field(default=432, ge=24, multiple_of=24)
-        """Side of the network's input, where the graph leaves it open."""
+        """Side of the network's input, if the graph leaves it open."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

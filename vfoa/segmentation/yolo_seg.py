@@ -29,7 +29,7 @@ _GRAY = (114, 114, 114)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Detections:
-    """Best first: boxes (N, 4) as edges (u0, v0, u1, v1) in the network's square, scores, classes, coefficients."""
+    """Boxes (N, 4) as edges (u0, v0, u1, v1) in the network's square, scores, classes, coefficients; best first."""
 
     boxes: Map
     scores: Map
@@ -41,18 +41,18 @@ class YoloSeg:
     """Instance segmentation of COCO's 80 things with a YOLO-seg network. Ultralytics' weights are AGPL-3.0."""
 
     class Settings(OnnxSettings):
-        """Which instances to keep."""
+        """Settings of the instances to keep."""
 
         score_threshold: float = Field(default=0.25, gt=0, le=1)
         """Least score of an instance."""
         nms_iou: float = Field(default=0.7, gt=0, le=1)
         """Of two boxes of one class that overlap more (intersection over union), the weaker is dropped."""
         max_hidden: float = Field(default=0.5, ge=0, le=1)
-        """Drop a mask of which better ones cover a larger share."""
+        """Drop a mask if better ones cover a larger share of it than this."""
         labels: tuple[str, ...] = ()
-        """COCO's names of the things to keep; all of them if empty."""
+        """COCO's names of the things to keep; empty keeps all."""
         input_size_px: int = Field(default=640, ge=32, multiple_of=32)
-        """Side of the network's input, where the graph leaves it open."""
+        """Side of the network's input, if the graph leaves it open."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

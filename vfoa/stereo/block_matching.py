@@ -1,14 +1,14 @@
 """OpenCV's block matching (Konolige 1998) and semi-global matching (Hirschmüller 2008), with or without WLS.
 
-At half resolution the pair is averaged over 2 x 2 pixels and matched. Columns u of the half-size images are columns
-2 u + 0.5 of the pair, on both sides, so that a disparity is exactly half as large. The WLS filter gets the full-size
-image as its guide and brings the map back to full size, doubled, along the edges of that image. Without WLS, each match
-stands for its 2 x 2 pixels. Either way the result is in pixels of the full-size pair.
+At half resolution the pair is averaged over 2 x 2 pixels and matched. Columns u of the half-size images are columns 2 u
++ 0.5 of the pair, on both sides, so that a disparity is exactly half as large. The WLS filter takes the full-size image
+as its guide and returns a full-size map, doubled, with edges as in that image. Without WLS, each match stands for its 2
+x 2 pixels. In both cases the result is in pixels of the full-size pair.
 
 In a region, only its rows and columns (and a margin) are matched, against all columns of the right view that can hold
 their match. A block match is the same there as in the whole frame. Semi-global matching, the WLS filter, the speckle
-check and the left-right check look further than a block, but their influence fades with distance: with a margin their
-result is nearly the same.
+check and the left-right check depend on pixels beyond a block, but less with distance: with a margin their result is
+nearly the same.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ NO_LIMIT = 1_000_000
 
 
 class _Matcher(ABC):
-    """The steps of both matchers. Subclasses build OpenCV's object, which is kept until another rig comes."""
+    """The steps of both matchers. Subclasses build OpenCV's object, which is kept until the rig changes."""
 
     discontinuity_blocks: ClassVar[float]
 
@@ -50,17 +50,17 @@ class _Matcher(ABC):
         self._rig: StereoRig | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle the settings alone: OpenCV's objects cannot be pickled, and are built again for the first frame."""
+        """Pickle only the settings: OpenCV's objects cannot be pickled and are built again for the first frame."""
         return type(self), (self._common,)
 
     @abstractmethod
     def _create(self, disparities: DisparityRange) -> Any:
-        """OpenCV's matcher of the left view."""
+        """Return OpenCV's matcher of the left view."""
 
     def match(self, frame: StereoFrame) -> Disparity:
         """Match one pair (see :class:`vfoa.stereo.StereoMatcher`).
 
-        Unknown are pixels without a match, with a match outside the right image, and of low confidence.
+        Pixels are unknown without a match, with a match outside the right image, and with a low confidence.
         """
         return self._match_if_there_is_room(frame, whole(frame.rig))
 
@@ -88,7 +88,7 @@ class _Matcher(ABC):
             self._prepare(frame.rig)
         left, right = (gray(image, self._factor) for image in both_views(frame))
         matched = region.shrunk(self._factor)
-        reached = self._pair.reached(matched)  # the filter compares both views there
+        reached = self._pair.reached(matched)  # the WLS filter compares both views in this region
         if self._common.wls:
             guide = cut(frame.left, reached.times(self._factor))
             found, confidence = self._wls.filter(*self._match_both(left, right, matched, reached), guide)

@@ -19,31 +19,31 @@ class BlockMatchingSettings(Settings):
     """Settings of both matchers.
 
     With ``wls``, a pixel is known if the two views agree and their maps are smooth around it. Without, it is known if
-    its match is unique, if the right view has the same one, and if it is not in a speckle.
+    its match is unique, if the right view has the same match, and if it is not in a speckle.
     """
 
     min_depth_m: float = Field(default=0.45, gt=0)
-    """Least depth that is searched for: it bounds the disparities. Nearer objects are not matched."""
+    """Least depth that is searched; it bounds the disparities. Nearer objects are not matched."""
     uniqueness_percent: int = Field(default=10, ge=0, le=100)
     """Without ``wls``: how much more the next best match must cost for a pixel to be known."""
     left_right_px: int = Field(default=1, ge=0)
-    """Without ``wls`` and in a guided search: how far the match of the right view may lie from that of the left one."""
+    """Without ``wls`` and in a guided search: greatest difference of the two views' matches."""
     speckle_size_px: int = Field(default=100, ge=0)
-    """Without ``wls``: regions of fewer pixels are taken for noise and are unknown."""
+    """Without ``wls``: regions of fewer pixels count as noise and are unknown."""
     speckle_range_px: int = Field(default=2, ge=1)
-    """Without ``wls``: pixels of one region differ by at most this disparity from their neighbours."""
+    """Without ``wls``: greatest difference in disparity between neighbouring pixels of one region."""
     wls: bool = True
     """Match both views, and smooth the left map along the edges of the colour image (weighted least squares)."""
     wls_lambda: float = Field(default=8000, gt=0)
-    """With ``wls``: how strongly the map is smoothed."""
+    """With ``wls``: strength of the smoothing."""
     wls_sigma: float = Field(default=1.5, gt=0)
-    """With ``wls``: how strong a colour edge must be for the map to change across it; low is sensitive."""
+    """With ``wls``: strength of a colour edge that the map may change across; low values keep weak edges."""
     min_confidence: float = Field(default=0.5, ge=0, le=1)
     """With ``wls``: pixels with a lower confidence, 0 to 1, are unknown."""
     resolution: Literal["full", "half"] = "full"
     """``half`` matches images of half the size: a quarter of the pixels, half the disparities."""
     region: Literal["frame", "needed"] = "frame"
-    """``needed`` matches only the region of objects and heads."""
+    """``needed`` matches only the region of objects and heads; ``frame`` matches the whole frame."""
     region_margin_px: int = Field(default=16, ge=0)
     """Width of the margin around the needed region."""
 
@@ -52,9 +52,9 @@ class BlockMatcherSettings(BlockMatchingSettings):
     """Settings of :class:`vfoa.stereo.block_matching.BlockMatcher`."""
 
     block_size_px: Annotated[int, Field(ge=5, le=255), AfterValidator(_odd)] = 15
-    """Side of the blocks that are compared; odd."""
+    """Side of the compared blocks; odd."""
     pre_filter_cap: int = Field(default=31, ge=1, le=63)
-    """Bound of the horizontal gradient that is compared instead of the gray value."""
+    """Greatest horizontal gradient; larger ones are clipped. Gradients are compared instead of gray values."""
     texture_threshold: int = Field(default=10, ge=0)
     """Least texture of a block that is matched: the sum of its gradients."""
 
@@ -62,16 +62,16 @@ class BlockMatcherSettings(BlockMatchingSettings):
 class SemiGlobalMatcherSettings(BlockMatchingSettings):
     """Settings of :class:`vfoa.stereo.block_matching.SemiGlobalMatcher`.
 
-    A guided search (:mod:`vfoa.stereo.guided`) needs ``resolution = "full"``: images of a quarter of the size show too
-    little to bound a match at half of it.
+    A guided search (:mod:`vfoa.stereo.guided`) needs ``resolution = "full"``: at half resolution, its coarse match
+    would use images of a quarter of the size, which show too little.
     """
 
     mode: Literal["sgbm", "3way", "hh"] = "3way"
-    """Paths through the image that costs are summed along: ``3way`` three, ``sgbm`` five, ``hh`` eight."""
+    """Number of image paths along which costs are summed: ``3way`` three, ``sgbm`` five, ``hh`` eight."""
     block_size_px: Annotated[int, Field(ge=1, le=11), AfterValidator(_odd)] = 5
-    """Side of the blocks that are compared; odd."""
+    """Side of the compared blocks; odd."""
     pre_filter_cap: int = Field(default=63, ge=1, le=63)
-    """Bound of the horizontal gradient that is compared beside the gray value."""
+    """Greatest horizontal gradient; larger ones are clipped. Gradients are compared beside gray values."""
     p1: int = Field(default=8, ge=0)
     """Penalty of a disparity step of one between neighbours, per pixel of the block."""
     p2: int = Field(default=32, ge=1)
@@ -79,7 +79,7 @@ class SemiGlobalMatcherSettings(BlockMatchingSettings):
     search: Literal["full", "guided"] = "full"
     """``guided`` bounds each pixel's search by a match at half the resolution."""
     guided_uniqueness_percent: int = Field(default=25, ge=0, le=100)
-    """With a guided search: how much more the next best match must cost."""
+    """With a guided search: how much more the next best match must cost, in percent."""
 
     @model_validator(mode="after")
     def _penalties(self) -> Self:

@@ -13,14 +13,14 @@ from vfoa.types import Disparity, Image, Map, StereoRig
 
 
 def gray(image: Image, factor: int) -> NDArray[np.uint8]:
-    """An image (H, W, 3) in gray, each pixel the mean of ``factor`` x ``factor``."""
+    """Convert an image (H, W, 3) to gray; each pixel is the mean of ``factor`` x ``factor`` pixels."""
     return averaged(np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8), factor)
 
 
 def averaged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
-    """An image (H, W) with ``factor`` times fewer rows and columns, each pixel the mean of those that it covers.
+    """Reduce the rows and columns of an image (H, W) by ``factor``; each pixel is the mean of those that it covers.
 
-    Where the size is no multiple of the factor, the last pixels are repeated.
+    If the size is no multiple of the factor, the last pixels are repeated.
     """
     if factor == 1:
         return image
@@ -31,7 +31,7 @@ def averaged(image: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
 
 
 def cut(image: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:
-    """A region of an image. Beyond the edges of the image, its last pixels are repeated."""
+    """Cut a region out of an image. Beyond the edges of the image, its last pixels are repeated."""
     height, width = image.shape[:2]
     inside = Region(u0=max(region.u0, 0), v0=max(region.v0, 0), u1=min(region.u1, width), v1=min(region.v1, height))
     beyond = (inside.v0 - region.v0, region.v1 - inside.v1, inside.u0 - region.u0, region.u1 - inside.u1)
@@ -40,13 +40,13 @@ def cut(image: NDArray[np.uint8], region: Region) -> NDArray[np.uint8]:
 
 
 def cropped(found: NDArray[Any], origin: Region, region: Region) -> NDArray[Any]:
-    """The region's part of a map whose first pixel is the first one of ``origin``."""
+    """Return the region's part of a map whose first pixel is the first one of ``origin``."""
     rows = slice(region.v0 - origin.v0, region.v1 - origin.v0)
     return found[rows, region.u0 - origin.u0 : region.u1 - origin.u0]
 
 
 def enlarged(found: NDArray[np.int16], factor: int) -> NDArray[np.int16]:
-    """Disparities for ``factor`` times as many rows and columns: each is repeated, and ``factor`` times as large."""
+    """Enlarge disparities to ``factor`` times the rows and columns: each is repeated and multiplied by ``factor``."""
     if factor == 1:
         return found
     size = (found.shape[1] * factor, found.shape[0] * factor)
@@ -54,7 +54,7 @@ def enlarged(found: NDArray[np.int16], factor: int) -> NDArray[np.int16]:
 
 
 def in_frame(found: Map, confidence: Map | None, region: Region, rig: StereoRig) -> Disparity:
-    """A region's disparities in a map of the whole image; outside, they are unknown and of confidence 0."""
+    """Put a region's disparities in a map of the whole image; outside, they are unknown with confidence 0."""
     size = (rig.height_px, rig.width_px)
     if found.shape == size:
         return Disparity(disparity_px=found, confidence=confidence)

@@ -1,4 +1,4 @@
-"""Where an image has texture that is too fine to be matched at half the resolution."""
+"""Areas of an image with texture that is too fine to be matched at half the resolution."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ TILE_PX = 32
 """Rows and columns of a tile."""
 
 SURE_SHARE = 0.1
-"""A tile with a greater share of sure pixels needs no other match."""
+"""A tile with a greater share of sure pixels needs no match at full resolution."""
 
 LEAST_GRADIENT = 8.0
 """Mean horizontal gradient, in gray levels a pixel, above which a tile has texture rather than noise."""
 
 LOST_GRADIENT = 0.75
-"""Texture is too fine if half the resolution leaves less than this share of its gradient a pixel.
+"""Texture is too fine if half the resolution leaves less than this share of its gradient per pixel.
 
-An edge or a ramp keeps all of it or gains, noise from pixel to pixel keeps half.
+An edge or a ramp keeps all of it or gains; pixel noise keeps half.
 """
 
 
 def too_fine_areas(image: NDArray[np.uint8], sure: Mask) -> list[Region]:
-    """Rectangles of an image (H, W) around its tiles that have fine texture and few ``sure`` pixels (H, W).
+    """Return rectangles of an image (H, W) around tiles with fine texture and few ``sure`` pixels (H, W).
 
-    They are the bounds of groups of adjacent tiles, so that two of them can overlap.
+    They bound groups of adjacent tiles, so two of them can overlap.
     """
     full = averaged(_gradient(image), TILE_PX).astype(np.float32)
     half = averaged(_gradient(averaged(image, 2)), TILE_PX // 2)
@@ -51,7 +51,7 @@ def too_fine_areas(image: NDArray[np.uint8], sure: Mask) -> list[Region]:
 
 
 def _gradient(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """How much each pixel (H, W) differs from the next one in its row; 0 in the last column."""
+    """Difference of each pixel (H, W) from the next one in its row; 0 in the last column."""
     found = np.zeros_like(image)
     found[:, :-1] = cv2.absdiff(image[:, 1:], image[:, :-1]).reshape(image.shape[0], -1)
     return found

@@ -1,22 +1,22 @@
-"""Guided search: a match at half the resolution bounds the search of every pixel at the full one.
+"""Guided search: a match at half the resolution bounds the search of every pixel at full resolution.
 
 1. Both views are matched at half the resolution, over the whole range of disparities.
-2. The right view is warped by this coarse disparity. What remains of a disparity is small everywhere.
+2. The right view is warped by this coarse disparity. The remaining disparity is small everywhere.
 3. The left view is matched against the warped one over 32 disparities, 16 to either side of the coarse one.
 
-The bound is smooth within a surface and steps at its edges. It is no whole number: with steps on a slanted surface, the
-blocks across a step would not match, which costs up to 0.1 px of accuracy.
+The bound is smooth within a surface and has steps at its edges. It is not rounded to whole pixels: with steps on a
+slanted surface, blocks across a step would not match, which costs up to 0.1 px of accuracy.
 
 A pixel is unknown where the coarse maps of the two views disagree, and where its match is not unique among the 32
-disparities. The map of the right view is the coarse one, enlarged: it serves to check the left one.
+disparities. The map of the right view is the enlarged coarse one; it serves to check the left one.
 
 The bound is unsure where the texture is too fine for half the resolution. There, both views are matched over the whole
-range at full resolution. Where that is more than half of the region, all of the region is matched so, and the result
-is that of a full search, bit by bit.
+range at full resolution. If that is more than half of the region, all of the region is matched in this way, and the
+result is bit for bit that of a full search.
 
-Why each pixel has its own bound, and not each tile: OpenCV's semi-global matching costs about as much per pixel as 44
-disparities, whatever its range is, and where near and far objects meet, a tile's range holds both. Rectangles with
-ranges of their own would take 55 to 90 % of the time of a full search on Sintel's bandage_2 and on rendered clips.
+Each pixel, and not each tile, has its own bound because OpenCV's semi-global matching costs about as much per pixel as
+44 disparities, whatever its range is, and because a tile with near and far objects needs a range for both. Rectangles
+with ranges of their own would take 55 to 90 % of the time of a full search on Sintel's bandage_2 and on rendered clips.
 """
 
 from __future__ import annotations
@@ -36,22 +36,22 @@ from vfoa.stereo.search import DisparityRange
 from vfoa.types import Map, Mask
 
 FACTOR = 2
-"""How many times fewer rows and columns the coarse match has."""
+"""Factor by which the coarse match has fewer rows and columns."""
 
 REMAINDER = DisparityRange(first_px=-16, count=32)
-"""What is searched around the coarse disparity."""
+"""Range that is searched around the coarse disparity."""
 
 MEDIAN_PX = 5
-"""Width of the median that removes single wrong pixels from the coarse disparity."""
+"""Width of the median filter that removes single wrong pixels from the coarse disparity."""
 
 SMOOTHED_PX = 9
-"""Width of the window over which the coarse disparity is averaged where it holds no edge."""
+"""Width of the window over which the coarse disparity is averaged if it holds no edge."""
 
 EDGE = 24
 """A window whose coarse disparities differ by more sixteenths of a pixel holds an edge."""
 
 MARGIN_PX = 16
-"""What is matched around an area that needs the whole range: semi-global matching looks beyond a block."""
+"""Margin matched around an area that needs the whole range: semi-global matching depends on more than a block."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,18 +96,18 @@ class GuidedSearch:
 
     @property
     def _unknown(self) -> int:
-        """The disparity in sixteenths that OpenCV gives a pixel without a match."""
+        """The disparity, in sixteenths, that OpenCV gives to a pixel without a match."""
         return (self.full.searched.first_px - 1) * SIXTEENTHS
 
     def _agree(self, of_left: Sixteenths, of_right: Sixteenths) -> Mask:
-        """Whether the right view has the disparity of each pixel (H, W) of the left one, where that has its match."""
+        """Whether the disparity of each pixel (H, W) of the left view agrees with that of its match."""
         columns = np.arange(of_left.shape[1], dtype=np.int32) - _whole_pixels(of_left)
         of_match = _looked_up(of_right, np.maximum(columns, 0))
         agree = np.abs(of_left + of_match) * FACTOR <= self.left_right_px * SIXTEENTHS
         return np.asarray(agree & (columns >= 0))
 
     def _around(self, left: Gray, right: Gray, matched: Region, bound: Map) -> Sixteenths:
-        """Disparities of the left view in ``matched``, at most 16 from a ``bound`` in pixels."""
+        """Disparities of the left view in ``matched``, at most 16 px from a ``bound`` in pixels."""
         given = with_edge(matched, self.full.block_size_px, before=REMAINDER.count // 2, after=REMAINDER.count // 2)
         beyond = (matched.v0 - given.v0, given.v1 - matched.v1, matched.u0 - given.u0, given.u1 - matched.u1)
         offsets = np.asarray(cv2.copyMakeBorder(bound, *beyond, cv2.BORDER_REPLICATE), dtype=np.float32)
@@ -116,7 +116,7 @@ class GuidedSearch:
         warped = _sampled(rows, columns - offsets, cv2.INTER_CUBIC)
 
         remainder = self.remainder.compute(cut(left, given), warped)
-        # the column of the warped view in which the match is: it has been moved by the offset there
+        # the column of the match in the warped view, which is moved by the offset there
         found_in = columns - np.float32(given.u0) - remainder * np.float32(1 / SIXTEENTHS)
         moved = _sampled(offsets, found_in, cv2.INTER_LINEAR) * np.float32(SIXTEENTHS)
         found = remainder + np.rint(moved).astype(np.int16)
@@ -128,7 +128,7 @@ class GuidedSearch:
 
 
 def _bound(coarse: Sixteenths) -> Map:
-    """A coarse map at full resolution, in pixels: smooth within a surface, with steps at its edges."""
+    """Enlarge a coarse map to full resolution, in pixels: smooth within a surface, with steps at its edges."""
     steady = cv2.medianBlur(coarse, MEDIAN_PX).reshape(coarse.shape)
     window = np.ones((SMOOTHED_PX, SMOOTHED_PX), np.uint8)
     has_edge = cv2.dilate(steady, window) - cv2.erode(steady, window) > EDGE
@@ -144,13 +144,13 @@ def _bound(coarse: Sixteenths) -> Map:
 
 
 def _sampled(values: NDArray[Any], columns: Map, interpolation: int) -> NDArray[Any]:
-    """Values (H, W) of the same row between other columns (H, N); beyond the last column its value is repeated."""
+    """Values (H, W) interpolated at other columns (H, N) of their row; beyond the last column its value is repeated."""
     rows = np.repeat(np.arange(len(values), dtype=np.float32)[:, None], columns.shape[1], axis=1)
     return np.asarray(cv2.remap(values, columns, rows, interpolation, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _whole_pixels(disparities: Sixteenths) -> NDArray[np.int32]:
-    """Disparities in sixteenths, rounded to pixels."""
+    """Round disparities in sixteenths to whole pixels."""
     return np.floor_divide(disparities + np.int16(SIXTEENTHS // 2), SIXTEENTHS, dtype=np.int32)
 
 
@@ -161,5 +161,5 @@ def _looked_up(values: NDArray[Any], columns: NDArray[np.int32]) -> NDArray[Any]
 
 
 def _repeated(mask: Mask) -> Mask:
-    """A coarse mask at full resolution."""
+    """Enlarge a coarse mask to full resolution."""
     return np.repeat(np.repeat(mask, FACTOR, axis=0), FACTOR, axis=1)

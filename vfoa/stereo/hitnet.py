@@ -5,8 +5,8 @@ of the left view in pixels of that input. The pair is stretched to the input, an
 
 Stretching by s in x makes fx, cx, cx' and every disparity s times as large, so that z = fx B / (d + cx' - cx) is the
 same at either size: the disparity divided by s belongs to the rig of the image. Stretching in y moves rows, which a
-rectified pair shares, and changes no disparity. The price is resolution: an error of 1 px in the input is one of 1 / s
-px in the image.
+rectified pair shares, and changes no disparity. The cost is resolution: an error of 1 px in the input is 1 / s px in
+the image.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class HitNet:
     """
 
     class Settings(OnnxSettings):
-        """The network."""
+        """Settings of the network."""
 
         weights: str = "hitnet_1x240x320_model_float32.onnx"
         """Path of the network, or a file's name in the folders of weights."""

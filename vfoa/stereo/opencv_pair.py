@@ -23,9 +23,9 @@ SIXTEENTHS = 16
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairMatcher:
-    """OpenCV's matcher of the left view and, where it is needed, its matcher of the right view.
+    """OpenCV's matcher of the left view and, if needed, its matcher of the right view.
 
-    Disparities are int16 in sixteenths of a pixel. Pixels without a match are below the range.
+    Disparities are int16 in sixteenths of a pixel. Pixels without a match have a value below the range.
     """
 
     left_matcher: Any
@@ -34,22 +34,22 @@ class PairMatcher:
     block_size_px: int
 
     def left(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
-        """Disparities of the left view in ``reached``; only those in ``matched`` are computed.
+        """Return disparities of the left view in ``reached``; only those in ``matched`` are computed.
 
-        OpenCV matches no pixel in its first columns, as many as it searches: it gets as many more.
+        OpenCV does not match the first columns, as many as the range of its search; the image is extended by as many.
         """
         given = with_edge(matched, self.block_size_px, before=self.searched.reach_px)
         found = self.left_matcher.compute(cut(left, given), cut(right, given))
         return np.ascontiguousarray(cropped(found, given, reached))
 
     def right(self, left: Gray, right: Gray, reached: Region) -> Sixteenths:
-        """Disparities of the right view, which are negative. Here OpenCV matches no pixel in the last columns."""
+        """Return disparities of the right view, which are negative. Here OpenCV does not match the last columns."""
         given = with_edge(reached, self.block_size_px, after=self.searched.reach_px)
         found = self.right_matcher.compute(cut(right, given), cut(left, given))
         return np.ascontiguousarray(cropped(found, given, reached))
 
     def both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
-        """Disparities of both views, computed in parallel where this process may use several threads."""
+        """Return disparities of both views, computed in parallel if this process may use several threads."""
         if cv2.getNumThreads() == 1:
             return self.left(left, right, matched, reached), self.right(left, right, reached)
         with ThreadPoolExecutor(1) as pool:
@@ -57,15 +57,15 @@ class PairMatcher:
             return self.left(left, right, matched, reached), of_right.result()
 
     def reached(self, matched: Region) -> Region:
-        """A region, and the columns to its left in which its matches may lie."""
+        """Return a region extended by the columns to its left in which its matches may lie."""
         return matched.from_column(max(matched.u0 - self.searched.reach_px, 0))
 
 
 def with_edge(region: Region, block_size_px: int, *, before: int = 0, after: int = 0) -> Region:
-    """A region with all pixels that its matches depend on, and more columns before or after it.
+    """Return a region with all pixels that its matches depend on, and extra columns before or after it.
 
-    These are half a block around it, and one pixel more for the gradient that OpenCV takes of both views first. Of an
-    odd number of rows OpenCV leaves out the last row of that gradient: the number is made even.
+    The matches depend on half a block around the region, and on one pixel more for OpenCV's gradient. For an odd number
+    of rows OpenCV skips the last row of that gradient: the number is made even.
     """
     edge_px = block_size_px // 2 + 1
     odd = (region.v1 - region.v0) % 2

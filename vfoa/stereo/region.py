@@ -22,12 +22,12 @@ class Region:
 
     @property
     def is_empty(self) -> bool:
-        """Whether there is no pixel in it."""
+        """Whether it contains no pixel."""
         return self.u0 >= self.u1 or self.v0 >= self.v1
 
     @property
     def size(self) -> int:
-        """How many pixels it has."""
+        """Number of its pixels."""
         return max(self.u1 - self.u0, 0) * max(self.v1 - self.v0, 0)
 
     @property
@@ -36,7 +36,7 @@ class Region:
         return slice(self.v0, self.v1), slice(self.u0, self.u1)
 
     def grown(self, margin_px: int, limits: Region) -> Region:
-        """With a margin all around, as far as the limits go. A region without pixels stays as it is."""
+        """Return the region with a margin all around, clipped to the limits. An empty region stays as it is."""
         if self.is_empty:
             return self
         return Region(
@@ -47,29 +47,29 @@ class Region:
         )
 
     def shrunk(self, factor: int) -> Region:
-        """The region in an image with ``factor`` times fewer rows and columns: every pixel that touches it."""
+        """Return the region in an image with ``factor`` times fewer rows and columns: every pixel that it touches."""
         return Region(u0=self.u0 // factor, v0=self.v0 // factor, u1=-(-self.u1 // factor), v1=-(-self.v1 // factor))
 
     def times(self, factor: int) -> Region:
-        """The region in an image with ``factor`` times more rows and columns."""
+        """Return the region in an image with ``factor`` times more rows and columns."""
         return Region(u0=self.u0 * factor, v0=self.v0 * factor, u1=self.u1 * factor, v1=self.v1 * factor)
 
     def moved(self, u: int, v: int) -> Region:
-        """The same size, ``u`` columns further right and ``v`` rows further down."""
+        """Return the region moved ``u`` columns to the right and ``v`` rows down."""
         return Region(u0=self.u0 + u, v0=self.v0 + v, u1=self.u1 + u, v1=self.v1 + v)
 
     def from_column(self, u0: int) -> Region:
-        """The same with another first column."""
+        """Return the region with another first column."""
         return replace(self, u0=u0)
 
 
 def whole(rig: StereoRig) -> Region:
-    """All of the image."""
+    """Return the region of the whole image."""
     return Region(u0=0, v0=0, u1=rig.width_px, v1=rig.height_px)
 
 
 def needed_region(instances: Instances, heads: Iterable[Head], rig: StereoRig, drawn: Iterable[Window] = ()) -> Region:
-    """The smallest region with all objects, all heads and all that is drawn; empty if there is nothing."""
+    """Return the smallest region with all objects, heads and drawn shapes; empty if there are none."""
     needed = np.not_equal(instances.ids, 0)
     for each in instances.instances:
         if not each.is_thing:

@@ -1,4 +1,4 @@
-"""The range of disparities that is searched: those of all depths from the least one on."""
+"""The range of disparities that is searched: those of all depths beyond the least one."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ class DisparityRange:
 
     @property
     def reach_px(self) -> int:
-        """How far to the left the match of a pixel may be."""
+        """Greatest distance to the left of a pixel's column at which its match can be."""
         return self.first_px + self.count
 
     def shrunk(self, factor: int) -> DisparityRange:
-        """The range in an image with ``factor`` times fewer columns."""
+        """Return the range in an image with ``factor`` times fewer columns."""
         first, end = self.first_px // factor, -(-self.reach_px // factor)
         return DisparityRange(first_px=first, count=16 * math.ceil((end - first) / 16))
 
 
 def disparity_range(rig: StereoRig, min_depth_m: float) -> DisparityRange:
-    """The disparities of all depths between ``min_depth_m`` and infinity on a rig.
+    """Return the disparities of all depths between ``min_depth_m`` and infinity on a rig.
 
-    From 0, or from the disparity of infinity where the principal points differ, to fx B / z - (cx_right - cx), up
-    to the next 16, and never beyond the image's width.
+    The range goes from 0, or from the disparity of infinity if the principal points differ, to fx B / z - (cx_right -
+    cx), rounded up to the next multiple of 16, and never beyond the image's width.
 
     Raises
     ------

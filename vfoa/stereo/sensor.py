@@ -1,4 +1,4 @@
-"""Depth that a sensor measured (a depth camera, a stereo camera with its own matching), in place of matching."""
+"""Depth that a sensor measured (a depth camera, or a stereo camera with its own matching), instead of matching."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class SensorDepth:
     """``stereo.matcher = "sensor"``: the measured depth of each frame, as disparities of the frame's rig."""
 
     class Settings(Settings):
-        """None."""
+        """There are no settings."""
 
     def __init__(self, settings: Settings) -> None:
         self.settings = settings

@@ -16,7 +16,7 @@ def both_views(frame: StereoFrame) -> tuple[Image, Image]:
     """
     if frame.right is None:
         raise VfoaError(
-            "stereo.matcher: found one that matches two views, but the clip has no right images; "
-            'expected stereo.matcher = "sensor", which takes the measured depth'
+            "stereo.matcher: found a matcher of two views, but the clip has no right images; "
+            'expected stereo.matcher = "sensor", which uses the measured depth'
         )
     return frame.left, frame.right
