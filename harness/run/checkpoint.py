@@ -1,9 +1,9 @@
-"""Where a configuration stands on a clip, so that a run that is killed goes on from there.
+"""Checkpoints: the state of a configuration on a clip, from which a killed run continues.
 
-A checkpoint is a file beside the partial results, written anew from time to time: what ``attend`` remembers, the names
-so far, and how far each sink has written its files. It holds values and no code. A run that continues reads it back,
-attends to no frame before it, and gives the same results to the last bit. One that does not fit the files is left out,
-with a reason; then every frame is attended to again.
+A checkpoint is a file beside the partial results, rewritten from time to time. It holds the memory of ``attend``, the
+names so far, and how far each sink has written its files: values and no code. A run that continues reads it, skips the
+frames before it, and gives the same results to the last bit. A checkpoint that does not fit the files is ignored, with
+a reason; then every frame is attended to again.
 """
 
 from __future__ import annotations
@@ -32,20 +32,20 @@ from vfoa.posterior.looks import Looks
 from vfoa.tracking import Track, TrackerState
 
 VERSION = 1
-"""Of the format. A checkpoint of another version is left out."""
+"""Version of the format. A checkpoint of another version is ignored."""
 
 SECONDS = 10.0
-"""The least time between two checkpoints of a run."""
+"""Least time between two checkpoints of a run."""
 
 _TAIL = 1 << 16
-"""Bytes at the end of a file's part that are checked."""
+"""Number of bytes at the end of a file's written part that are checked."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SinkState:
-    """How far a sink has come. ``files`` are bytes by path below the run's directory: what was written of each.
+    """How far a sink has come. ``files`` gives the bytes written, by path below the run's directory.
 
-    ``values`` are what else it needs to go on.
+    ``values`` holds whatever else the sink needs to continue.
     """
 
     files: Mapping[str, int]
@@ -54,7 +54,7 @@ class SinkState:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checkpoint:
-    """All that one configuration carries over ``frame``, the last of ``written`` frames that every sink has taken.
+    """The state of one configuration after ``frame``, the last of ``written`` frames that every sink has taken.
 
     ``window`` is where a temporal gaze model must begin again. ``sinks`` are by their name in the job.
     """
@@ -68,13 +68,13 @@ class Checkpoint:
 
     @property
     def first_read(self) -> int:
-        """The first frame that must be read to go on; it may be attended to already."""
+        """The first frame that must be read to continue; it may be attended to already."""
         return self.frame + 1 if self.window is None else self.window.frame
 
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """An array whose axes are in this order in memory: the order of a sum, and so its last bit, depends on it."""
+    """An array and the memory order of its axes: the order of a sum, and so its last bit, depends on it."""
 
     order: tuple[int, ...]
     array: Any
@@ -88,7 +88,7 @@ _ITEMS = "$items"
 
 
 class _CheckpointCodec(Codec):
-    """Also mappings, and arrays with the order of their axes."""
+    """A codec that also takes mappings, and keeps the memory order of arrays."""
 
     def __init__(self) -> None:
         super().__init__((*_PARTS, *_BELIEF, SubjectNames, WindowStart, _Layout))
@@ -112,7 +112,7 @@ _codec = _CheckpointCodec()
 
 
 def write_checkpoint(directory: RunDirectory, pair: Pair, found: Checkpoint) -> None:
-    """Write a checkpoint in place of the last one: whole, or not at all."""
+    """Replace the last checkpoint by a new one, atomically."""
     files = {name: size for state in found.sinks.values() for name, size in state.files.items()}
     tails = {name: _tail(directory.path / name, size) for name, size in files.items()}
     body = _codec.encode((found, tails))
@@ -123,7 +123,7 @@ def write_checkpoint(directory: RunDirectory, pair: Pair, found: Checkpoint) -> 
 def read_checkpoint(
     directory: RunDirectory, pair: Pair, frames: Collection[int], sinks: Collection[str]
 ) -> tuple[Checkpoint | None, str | None]:
-    """The checkpoint of a (clip, configuration), None where there is none, or none that fits; and why it does not.
+    """Read the checkpoint of a (clip, configuration), None without a usable one; and the reason why it is not usable.
 
     ``frames`` are those of the run, ``sinks`` the names of its sinks.
     """
@@ -135,7 +135,7 @@ def read_checkpoint(
         return None, f"expected format {VERSION} with a right checksum"
     try:
         found, tails = _codec.decode(body)
-    except Exception as error:  # a right checksum, but nothing that this program has written
+    except Exception as error:  # a right checksum, but not written by this program
         return None, f"{type(error).__name__}: {error}"
     return (found, None) if (why := _misfit(found, tails, directory, frames, sinks)) is None else (None, why)
 
@@ -151,12 +151,12 @@ def _misfit(
         for name, size in state.files.items():
             path = directory.path / name
             if not path.is_file() or path.stat().st_size < size or _tail(path, size) != tails.get(name):
-                return f"{name} is not as it was written"
+                return f"{name} has changed since it was written"
     return None
 
 
 def _tail(path: Path, size: int) -> int:
-    """The checksum of the last bytes of the first ``size`` bytes of a file."""
+    """Checksum of the last bytes of the first ``size`` bytes of a file."""
     with path.open("rb") as file:
         file.seek(max(0, size - _TAIL))
         return zlib.crc32(file.read(min(size, _TAIL)))

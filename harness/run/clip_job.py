@@ -18,12 +18,12 @@ from vfoa.errors import VfoaError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipJob:
-    """A clip under some configurations: settings, paths and factories only, since it is pickled.
+    """A clip under some configurations. It is pickled, so it holds only settings, paths and factories.
 
-    Each finished frame goes to the ``sinks`` in their order. ``drawn`` is what a person drew on the clip. ``cache`` is
-    None where no stage output is stored. ``read_ahead`` and ``perceive_ahead`` are how many frames a thread reads, and
-    another one perceives, before they are needed; 0 for no thread. Stages are compared with the ground truth if
-    ``measured``. ``keeps``: frames do not come again, so that those that were finished before an error are complete.
+    Each finished frame goes to the ``sinks`` in their order. ``drawn`` holds the shapes drawn on the clip. ``cache`` is
+    None if no stage output is stored. ``read_ahead`` and ``perceive_ahead`` are the numbers of frames that one thread
+    reads and another one perceives in advance; 0 for no thread. If ``measured``, stages are compared with the ground
+    truth. ``keeps``: frames cannot be read again, so the frames finished before an error are the complete result.
     """
 
     manifest: ClipManifest
@@ -41,7 +41,7 @@ class ClipJob:
 
     @property
     def sink_names(self) -> list[str]:
-        """A name for each sink factory: its place and its class."""
+        """A name for each sink factory: its position and its class."""
         return [f"{place} {type(factory).__name__}" for place, factory in enumerate(self.sinks, start=1)]
 
     @property
@@ -57,27 +57,27 @@ class ClipJob:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipOutcome:
-    """How a job ended: the error of each (clip, configuration) that failed, and the use of the cache by stage key."""
+    """Outcome of a job: the error of each (clip, configuration) that failed, and the use of the cache by stage key."""
 
     failures: Mapping[Pair, VfoaError]
     tallies: Mapping[str, Tally] = field(default_factory=dict)
 
 
 def checkpoints(job: ClipJob, tell: Callable[[str], None] = lambda line: None) -> dict[str, Checkpoint]:
-    """Where the configurations of a job stand, by name: those with a checkpoint that fits. ``tell`` is told of each."""
+    """Read the usable checkpoints of a job by configuration name; ``tell`` is called with a line about each."""
     frames = frozenset(job.frames)
     found: dict[str, Checkpoint] = {}
     for clip, name in job.pairs:
         read, misfit = read_checkpoint(job.directory, (clip, name), frames, job.sink_names)
         if read is not None:
             found[name] = read
-            tell(f"{clip} under {name}: goes on after frame {read.frame}")
+            tell(f"{clip} under {name}: continues after frame {read.frame}")
         elif misfit is not None:
-            tell(f"{clip} under {name}: its checkpoint does not fit ({misfit}); it begins with the first frame")
+            tell(f"{clip} under {name}: its checkpoint does not fit ({misfit}); it starts again with the first frame")
     return found
 
 
 def first_frame(job: ClipJob, resumed: Mapping[str, Checkpoint]) -> int:
-    """The first frame that a job must read: that of the configuration that is least far."""
+    """Return the first frame that a job must read: that of the configuration that is least advanced."""
     begin = min(job.frames, default=0)
     return min(resumed[each.name].first_read if each.name in resumed else begin for each in job.configurations)

@@ -20,12 +20,12 @@ class ClipRecords:
 
 
 def read_clip_records(run: Path, clip: str, configuration: str | None) -> ClipRecords:
-    """Read them from a run's directory; ``configuration`` may be None where the run has one for the clip.
+    """Read the records from a run's directory; ``configuration`` may be None if the run has only one for the clip.
 
     Raises
     ------
     VfoaError
-        If the run has no such clip or configuration, or several and none was chosen.
+        If the run has no such clip or configuration, or several configurations and none was chosen.
     """
     records = [each for each in read_results(RunDirectory(run).results) if each.clip == clip]
     if not records:

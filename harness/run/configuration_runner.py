@@ -1,4 +1,4 @@
-"""One configuration on its way through a clip: its memory, its names, its smoothing and its sinks."""
+"""One configuration on a clip: its memory, its names, its smoothing and its sinks."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ T = TypeVar("T")
 
 
 class SmoothingBuffer(Generic[T]):
-    """Takes results in order, each with a companion, and returns both in the same order.
+    """Delays results, each with a companion, until smoothing is done; the order stays the same.
 
-    A result is returned at once, unless the settings look ahead. Then it waits until the frames of that time have come,
-    and is returned as they have it. Results are returned in blocks of this length, so that one pass serves a block.
+    A result is returned at once, unless the settings look ahead. Then it waits for the frames of that time and is
+    smoothed with them. Results are returned in blocks of that length, so that one smoothing pass serves a block.
     """
 
     def __init__(self, settings: AttendSettings) -> None:
@@ -39,11 +39,11 @@ class SmoothingBuffer(Generic[T]):
 
     @property
     def oldest(self) -> T | None:
-        """The companion of the result that has waited longest; None without any."""
+        """The companion of the oldest waiting result; None if none waits."""
         return self._waiting[0][1] if self._waiting else None
 
     def add(self, result: FrameResult, companion: T) -> Iterator[tuple[FrameResult, T]]:
-        """Take a result; yield those that have waited long enough."""
+        """Add a result; yield the results that have waited long enough."""
         self._waiting.append((result, companion))
         awaited = frames_awaited([each for each, _ in self._waiting], self._settings) if self._settings else 0
         if len(self._waiting) > 2 * awaited:
@@ -63,7 +63,7 @@ class SmoothingBuffer(Generic[T]):
 
 
 class _Companion(NamedTuple):
-    """What goes with a result to the sinks, and what is needed to attend to its frame again."""
+    """The data that goes to the sinks with a result, and the data needed to attend to its frame again."""
 
     frame: StereoFrame | None
     percepts: Percepts | None
@@ -76,8 +76,8 @@ class _Companion(NamedTuple):
 class ConfigurationRunner:
     """Attends to the frames of a clip in order under one configuration, and hands them to the sinks of its job.
 
-    It is a context manager, which opens and closes the sinks. An error ends this configuration alone: ``error`` is None
-    while all is well. ``resumed`` is where an earlier run left it: frames up to there are passed over.
+    It is a context manager, which opens and closes the sinks. An error ends only this configuration: ``error`` is None
+    until then. ``resumed`` is the checkpoint of an earlier run: frames up to it are skipped.
     """
 
     def __init__(
@@ -134,7 +134,7 @@ class ConfigurationRunner:
             self.error = late
 
     def fail(self, error: VfoaError) -> None:
-        """End this configuration. Its sinks are closed; what they have written stays, to be resumed."""
+        """End this configuration. Its sinks are closed; their files stay, so that a later run can continue them."""
         if self.error is None:
             self.error = error
             complete = self._job.keeps and self.written > 0
@@ -168,7 +168,7 @@ class ConfigurationRunner:
             return []
 
     def hand_over(self, finished: FinishedFrame) -> None:
-        """Hand one frame to every sink. Their time counts as ``recording``, but for that of the last one."""
+        """Hand one frame to every sink. Their time counts as ``recording``, except that of the last one."""
         try:
             for sink in self._sinks.values():
                 with timed(finished.timings, "recording"):
@@ -179,7 +179,7 @@ class ConfigurationRunner:
             self.fail(error)
 
     def checkpoint(self) -> bool:
-        """Write down where this configuration stands; False where not all of its sinks can go on from there."""
+        """Write a checkpoint; return False if a sink cannot be continued from here."""
         sinks = {name: sink for name, sink in self._sinks.items() if isinstance(sink, ResumableSink)}
         if self.error is not None or self._last is None or len(sinks) < len(self._sinks):
             return False

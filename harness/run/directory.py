@@ -37,7 +37,7 @@ class RunDirectory:
 
     @property
     def results(self) -> Path:
-        """One frame's record a line, in the order of the experiment."""
+        """One record per line and frame, in the order of the experiment."""
         return self.path / "results.jsonl"
 
     @property
@@ -51,7 +51,7 @@ class RunDirectory:
         return self.path / "manifest.json"
 
     def failure(self, pair: Pair, error: VfoaError) -> dict[str, str]:
-        """The row of the manifest for a (clip, configuration) that failed. A traceback is written."""
+        """Return the manifest's row for a (clip, configuration) that failed, and write its traceback."""
         row = {"clip": pair[0], "configuration": pair[1], "error": str(error)}
         if not isinstance(error, StageError):
             return row
@@ -59,7 +59,7 @@ class RunDirectory:
         return {**row, "traceback": self.traceback(pair).relative_to(self.path).as_posix()}
 
     def told(self, failure: Mapping[str, str]) -> str:
-        """A failure in one line."""
+        """Return a failure as one line of text."""
         kept = f" (traceback: {self.path / failure['traceback']})" if "traceback" in failure else ""
         return f"{failure['clip']} under {failure['configuration']}: {failure['error']}{kept}"
 
@@ -73,11 +73,11 @@ class RunDirectory:
         return self.path / f"{_stem(pair)}.rrd"
 
     def traceback(self, pair: Pair) -> Path:
-        """Where the traceback of a (clip, configuration) is kept that ended in a fault of a stage."""
+        """The file for the traceback of a (clip, configuration) that a stage's fault ended."""
         return self.partial(pair, "traceback.txt")
 
     def checkpoint(self, pair: Pair) -> Path:
-        """Where an unfinished (clip, configuration) stands (:mod:`harness.run.checkpoint`)."""
+        """The checkpoint of an unfinished (clip, configuration) (:mod:`harness.run.checkpoint`)."""
         return self.partial(pair, "checkpoint")
 
     def is_finished(self, pair: Pair) -> bool:
@@ -85,12 +85,12 @@ class RunDirectory:
         return self.partial(pair, "jsonl").exists()
 
     def read_manifest(self) -> dict[str, Any]:
-        """The manifest.
+        """Read the manifest.
 
         Raises
         ------
         VfoaError
-            If the directory is not a run's, or the manifest is not what a run writes.
+            If the directory is not a run's, or the manifest does not have a run's shape.
         """
         try:
             is_there = self.manifest.exists()
@@ -101,7 +101,7 @@ class RunDirectory:
         return check_manifest(parse_json(read_bytes(self.manifest), self.manifest), str(self.manifest))
 
     def _what_is_there(self) -> str:
-        """Why this is no run's directory, and which ones are in it or, where it is missing, beside it."""
+        """Say why this is no run's directory, and which runs are in it or, if it is missing, beside it."""
         place = self.path if self.path.is_dir() else self.path.parent
         near = sorted({str(each.parent) for under in ("*", "runs/*") for each in place.glob(f"{under}/manifest.json")})
         if self.path.is_dir():
@@ -114,7 +114,7 @@ class RunDirectory:
         atomic_write(self.manifest, json.dumps(manifest, indent=2, ensure_ascii=False) + "\n")
 
     def join(self, pairs: Iterable[Pair]) -> None:
-        """Make ``results.jsonl`` and ``timings.csv`` of the finished partial results, which stay."""
+        """Make ``results.jsonl`` and ``timings.csv`` from the finished partial results, which are kept."""
         pairs = list(pairs)
         _concatenate([self.partial(pair, "csv") for pair in pairs], self.timings, "clip,configuration,frame,stage,ms\n")
         _concatenate([self.partial(pair, "jsonl") for pair in pairs], self.results)
@@ -125,17 +125,17 @@ class RunDirectory:
             self.partial(pair, suffix).unlink(missing_ok=True)
 
     def remove_partial(self) -> None:
-        """Remove the partial results, when no run will continue them."""
+        """Remove the partial results once no run will continue them."""
         shutil.rmtree(self.path / "partial", ignore_errors=True)
 
     def is_new(self) -> bool:
-        """Whether no run stands here; the draft of a first file, left by a kill, is nothing."""
+        """Whether no run is here; the draft of a first file, left by a killed run, does not count."""
         if not self.path.exists():
             return True
         return all(path.name == LOCK or path.name.startswith(".manifest.json.") for path in self.path.iterdir())
 
     def kept_frames(self) -> int:
-        """How many results of frames there are so far, over all clips and configurations."""
+        """Number of frame results so far, over all clips and configurations."""
         places = [*self.path.glob("partial/*.jsonl"), *self.path.glob("partial/*.jsonl.partial")]
         return sum(place.read_bytes().count(b"\n") for place in places)
 
@@ -160,9 +160,9 @@ def _concatenate(parts: list[Path], place: Path, header: str = "") -> None:
 
 @contextmanager
 def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
-    """Keep a folder to this process. The lock of a process that has ended is taken over, and ``tell`` is told so.
+    """Lock a folder for this process. The lock of a process that has ended is taken over and reported to ``tell``.
 
-    Windows has no such lock: there, only the files of each configuration are kept to one process.
+    Windows has no such lock: there, only the files of each configuration are locked.
 
     Raises
     ------
@@ -189,7 +189,7 @@ def locked(folder: Path, tell: Callable[[str], None]) -> Iterator[None]:
             ) from None
         if path.exists() and os.fstat(handle).st_ino == path.stat().st_ino:
             break
-        os.close(handle)  # whoever held it has just removed it
+        os.close(handle)  # the holder has just removed the file
     try:
         if holder:
             tell(f"{folder}: took over the lock of {holder}, which has ended")

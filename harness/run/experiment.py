@@ -6,7 +6,7 @@ An experiment is a TOML file::
     notes = ["Heads and masks are the truth; gaze and head pose are simulated."]
     seeds = 20                              # repeat configurations with a simulated error under 20 seeds
     preset = "realtime"                     # settings over the defaults, see PRESETS below
-    annotator = "anna"                      # if not <clip>.csv, but <clip>@anna.csv is what is scored
+    annotator = "anna"                      # score <clip>@anna.csv instead of <clip>.csv
 
     [defaults.stereo]                       # one table per stage, see vfoa/*/ and harness/stages/slots.py
     matcher = "sgbm"
@@ -18,11 +18,11 @@ An experiment is a TOML file::
 
 or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and the tables in which it differs.
 
-A grid of thousands is a sweep, of which only the scores are kept (see :mod:`harness.score.sweep`)::
+A grid of thousands is a sweep, which keeps only the scores (see :mod:`harness.score.sweep`)::
 
     [sweep]
-    per = "gaze.error_deg"                  # which setting is best at each of these ...
-    across = "attention.cones_deg"          # ... and how the rate goes over these: the figure's lines and its abscissa
+    per = "gaze.error_deg"                  # find the best setting for each of these values: the lines of the figure
+    across = "attention.cones_deg"          # plot the rate over these values: the abscissa of the figure
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from vfoa.validation import parse
 
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
     "none": {},
-    # for clips of measurements, which have no images to be perceived
+    # for clips of measurements, which have no images
     "measured": {
         "stereo": {"matcher": "none"},
         "segmentation": {"model": "none"},
@@ -63,8 +63,8 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
         "head_pose": {"model": "none"},
         "gaze": {"model": "none"},
     },
-    # half the disparities of a quarter of the pixels, where objects and heads are; of an image 1024 px wide, faces from
-    # 25 px on
+    # half the disparities of a quarter of the pixels, where objects and heads are; in an image 1024 px wide, faces are
+    # found from 25 px on
     "realtime": {"stereo": {"resolution": "half", "region": "needed"}, "heads": {"max_size_px": 416}},
     # all pixels where objects and heads are, each in a bounded range of disparities
     "guided": {"stereo": {"search": "guided", "region": "needed"}},
@@ -72,7 +72,7 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
 
 
 def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any]]:
-    """The settings of a preset, by table; none without a name. A file (``.toml``) is one that ``vfoa fit`` wrote.
+    """Return the settings of a preset by table; none without a name. A ``.toml`` file is one that ``vfoa fit`` wrote.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
 
 
 class SweepView(Settings):
-    """How a sweep is looked at: the best setting for each value of ``per``, and the rate over those of ``across``."""
+    """The axes of a sweep's figure: the best setting for each value of ``per``; the rate over those of ``across``."""
 
     per: str
     across: str
@@ -99,8 +99,8 @@ class SweepView(Settings):
 class Experiment:
     """Clips x configurations. ``notes`` are printed with the table.
 
-    ``annotator`` is the one whose labels are scored; None for ``annotations/<clip>.csv``. ``sweep``: only scores are
-    kept; None for a run. ``published`` are somebody's figures for these configurations.
+    ``annotator`` names the annotator whose labels are scored; None for ``annotations/<clip>.csv``. ``sweep``: keep only
+    scores; None for a run. ``published`` are published figures for these configurations.
     """
 
     name: str
@@ -128,7 +128,7 @@ class _File(Settings):
 def load_experiment(
     name_or_path: str, *, clips: tuple[str, ...] = (), overrides: tuple[str, ...] = (), preset: str | None = None
 ) -> Experiment:
-    """Read an experiment by the name of one in the project, or by path.
+    """Read an experiment by name, if it is in the project, or by path.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def load_experiment(
     if not chosen:
         raise VfoaError(f"{where}: clips: expected at least one clip, found none")
     if twice := next((each for each in chosen if chosen.count(each) > 1), None):
-        raise VfoaError(f"{where}: clips: {twice!r} is there twice; expected each clip once")
+        raise VfoaError(f"{where}: clips: {twice!r} occurs twice; expected each clip once")
     changes = [parse_assignment(text, "stereo.matcher=sgbm") for text in overrides]
     _check_sweep(file, where)
     configurations = _configurations(file, changes, preset, where)
@@ -174,7 +174,7 @@ def load_experiment(
 def _configurations(
     file: _File, changes: list[tuple[str, Any]], preset: str | None, where: str
 ) -> tuple[Configuration, ...]:
-    """Every variant of the file, with the changes made in each; what it does not say is inherited."""
+    """Return every configuration of the file, with the changes applied to each and the defaults inherited."""
     found = []
     used: set[tuple[str, str]] = set()
     for variant in variants(file.grid, file.configuration, where):
@@ -191,14 +191,14 @@ def _configurations(
 
 
 def _bundle(given: str | None, own: str | None, where: str) -> Tables:
-    """The settings of presets: those given stand for the experiment's own, and a file of fitted ones over them."""
+    """Return the settings of presets: a given preset replaces the experiment's own; fitted settings override it."""
     if given is not None and given.endswith(".toml"):
         return merged(preset_tables(own, where), preset_tables(given, where))
     return preset_tables(given or own, where)
 
 
 def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> Iterator[str]:
-    """A sentence for each file of fitted settings that is used: on which clips it was fitted."""
+    """Yield a sentence for each file of fitted settings: the clips that it was fitted on."""
     own = [each["preset"] for each in file.configuration if "preset" in each]
     names = [preset] if preset else [*own, file.preset]
     for name in dict.fromkeys(each for each in names if isinstance(each, str) and each.endswith(".toml")):
@@ -206,7 +206,7 @@ def _fitted_notes(file: _File, preset: str | None, clips: tuple[str, ...]) -> It
 
 
 def is_experiment(name_or_path: str) -> bool:
-    """Whether this names an experiment: a ``.toml`` file that is not a clip's manifest, or one by name."""
+    """Whether this names an experiment: a ``.toml`` file that is not a clip's manifest, or an experiment by name."""
     return find("experiments", name_or_path) is not None or (
         name_or_path.endswith(".toml") and "adapter" not in read_toml(Path(name_or_path))
     )

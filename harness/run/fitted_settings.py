@@ -1,10 +1,10 @@
-"""The file of ``vfoa fit``: settings of the posterior as a preset, what they rest on, and what they were worth.
+"""The file of ``vfoa fit``: settings of the posterior as a preset, the data they are based on, and their effect.
 
-    [fit]                     the experiment, its clips, and the calibration before and after, leave-one-clip-out
-    [[fit.value]]             a value with n and its 95 % interval
-    [attention]               the settings themselves, for configurations with ``attention.method = "bayes"``
+[fit]                     the experiment, its clips, and the calibration before and after, leave-one-clip-out
+[[fit.value]]             a value with n and its 95 % interval
+[attention]               the settings themselves, for configurations with ``attention.method = "bayes"``
 
-``preset = "fitted.toml"`` in an experiment, or ``--preset fitted.toml``, takes them over its defaults.
+``preset = "fitted.toml"`` in an experiment, or ``--preset fitted.toml``, applies them over its defaults.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class FittedValue(Settings):
 
 
 class HeldOut(Settings):
-    """One clip under the default settings, and under those fitted on the other clips."""
+    """The scores of one clip under the default settings, and under those fitted on the other clips."""
 
     clip: str
     n: int
@@ -40,7 +40,7 @@ class HeldOut(Settings):
 
 
 class FitRecord(Settings):
-    """The clips that settings were fitted on, and their rates on clips that were left out."""
+    """The clips that settings were fitted on, and the rates on clips that were left out."""
 
     experiment: str
     clips: tuple[str, ...]
@@ -67,7 +67,7 @@ def read_fitted(path: Path) -> FittedSettings:
 
 
 def fitted_note(path: Path, fitted: FittedSettings, clips: Sequence[str]) -> str:
-    """The note of a table about fitted settings, with a warning if it reports a clip they were fitted on."""
+    """The table's note about fitted settings, with a warning if it reports a clip they were fitted on."""
     seen = [clip for clip in clips if clip in fitted.fit.clips]
     if seen:
         return f"FITTED ON WHAT IS REPORTED: the settings of {path.name} were fitted on {', '.join(seen)}."
@@ -75,5 +75,5 @@ def fitted_note(path: Path, fitted: FittedSettings, clips: Sequence[str]) -> str
 
 
 def bayes_only(tables: Mapping[str, Mapping[str, Any]], method: object) -> Mapping[str, Mapping[str, Any]]:
-    """The tables for a configuration with this method of attention."""
+    """Return the tables that apply to a configuration with this attention method."""
     return tables if method == "bayes" else {name: table for name, table in tables.items() if name != "attention"}

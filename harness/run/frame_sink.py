@@ -1,7 +1,7 @@
 """Sinks that receive a run's finished frames, and the factories that open them.
 
-A run writes its results itself. Whoever starts it adds what else a frame is for: a recording, thumbnails, a count of
-right answers. A job travels to its worker by pickle, so it carries factories, not open files.
+A run writes its results itself. The caller adds other sinks: a recording, thumbnails, a count of right answers. A job
+travels to its worker by pickle, so it carries factories, not open files.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class FinishedFrame:
 
 
 class FrameSink(Protocol):
-    """Takes the finished frames of one clip under one configuration, in order, and changes nothing of them.
+    """Takes the finished frames of one clip under one configuration, in order, and does not change them.
 
-    It is a context manager. An exception at the end means that frames are missing: what is written must then not look
+    It is a context manager. An exception at the end means that frames are missing: the files must then not look
     complete.
     """
 
@@ -54,10 +54,10 @@ class FrameSink(Protocol):
 
 @runtime_checkable
 class ResumableSink(FrameSink, Protocol):
-    """A sink that can go on where it was, in another process. A run whose sinks all can writes checkpoints."""
+    """A sink that can continue in another process. A run writes checkpoints if all of its sinks are resumable."""
 
     def state(self) -> SinkState | None:
-        """How far it has written, all of it handed to the operating system; None: not now."""
+        """How far it has written, with all data handed to the operating system; None: not possible now."""
         ...
 
 
@@ -65,8 +65,8 @@ class ResumableSink(FrameSink, Protocol):
 class SinkContext:
     """Context of a sink: one configuration on one clip.
 
-    ``labels`` is None for a clip without. A ``rehearsal`` is one frame into a temporary directory, before a live run.
-    ``resumed`` is the state to go on from: files are cut to what it says, and frames come that follow it.
+    ``labels`` is None for a clip without labels. A ``rehearsal`` is one frame into a temporary directory, before a live
+    run. ``resumed`` is the state to continue from: files are cut to it, and the frames after it follow.
     """
 
     manifest: ClipManifest

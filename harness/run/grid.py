@@ -13,14 +13,14 @@ from harness.stages.slots import StageChoice
 from vfoa.errors import VfoaError
 
 PRESET = "preset"
-"""The only key of a configuration, beside its name, that is not one of a table."""
+"""The only key of a configuration, beside its name, that is not in a table."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9.+_-]*")
 _SEED = re.compile(r"\.seed\d+(?=\+|$)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Variant:
-    """A configuration's name, its place in the grid, how it differs from the defaults, and the preset it asks for."""
+    """A configuration's name, its place in the grid, its differences from the defaults, and its preset."""
 
     name: str
     factors: Mapping[str, str]
@@ -29,7 +29,7 @@ class Variant:
 
 
 def variants(grid: Mapping[str, Any], configurations: Sequence[Mapping[str, Any]], where: str) -> Iterator[Variant]:
-    """Every combination of a grid, or every named configuration.
+    """Yield every combination of a grid, or every named configuration.
 
     Raises
     ------
@@ -91,9 +91,9 @@ def _flattened(tables: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[st
 
 
 def repeated(configuration: Configuration, seeds: int, where: str) -> Iterator[Configuration]:
-    """The configuration under this many seeds, its own and the next ones, named ``sgbm-two.seed1`` and so on.
+    """Yield the configuration under this many seeds, its own and the next ones, named ``sgbm-two.seed1`` and so on.
 
-    Stages without a seed are the same in all of them, so that what they find is computed once and shared.
+    Stages without a seed are the same in all of them, so that their outputs are computed once and shared.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def repeated(configuration: Configuration, seeds: int, where: str) -> Iterator[C
 
 
 def base_of(name: str) -> str:
-    """The configuration that this one repeats under another seed; its own name where it repeats none."""
+    """The name of the configuration that this one repeats under another seed; its own name otherwise."""
     return _SEED.sub("", name)
 
 

@@ -1,4 +1,4 @@
-"""A plan cut into jobs, and what came of them."""
+"""Divide a plan into jobs, run them and collect their outcomes."""
 
 from __future__ import annotations
 
@@ -26,19 +26,19 @@ from harness.stages.slots import SLOTS
 from vfoa.errors import VfoaError
 
 CLIPS_PER_WORKER = 2
-"""With fewer clips than this for each worker, clips are cut."""
+"""With fewer clips than this for each worker, clips are divided."""
 
 PREFETCHED = 2
-"""Frames that a thread reads, and another one perceives, before they are needed."""
+"""Frames that one thread reads, and another one perceives, in advance."""
 
 ALONG = 8
-"""How many configurations can follow one frame in the time that its perception takes, as a rule: more than that hold up
-the workers that perceive for them."""
+"""Number of configurations that can usually follow one frame in the time of its perception. More would delay the
+workers that perceive for them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Done:
-    """The errors of what could not be finished, and how the cache served."""
+    """The errors of configurations that failed, and the use of the cache."""
 
     failures: Mapping[Pair, VfoaError]
     account: Account
@@ -99,9 +99,9 @@ def _share(
     progress: Progress,
     failures: dict[Pair, VfoaError],
 ) -> list[ClipJob]:
-    """Perceive all, and do at once what can go along with that; return the jobs that are left.
+    """Perceive all frames, and at the same time run the jobs that can follow; return the remaining jobs.
 
-    ``begun`` are the first frames that are needed, by clip.
+    ``begun`` are the first needed frames, by clip.
     """
     perceived, left = Perceived(jobs, begun, executor, account, progress), list[ClipJob]()
     compute_with(executor.threads)
@@ -111,7 +111,7 @@ def _share(
             continue
         try:
             outcome = run_clip(job, _silent, perceived.frames(job))
-        except GivenUpError:  # what kills workers must not be done here, and one configuration must not kill another
+        except GivenUpError:  # a job that kills workers must not run here, and one configuration must not kill another
             left += _dealt(job, len(job.configurations))
         else:
             failures.update(outcome.failures)
@@ -125,7 +125,7 @@ def _goes_along(job: ClipJob, workers: int) -> bool:
 
 
 def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
-    """The job's configurations divided into this many jobs, or fewer."""
+    """Divide the job's configurations into this many jobs, or fewer."""
     groups = _together(job)
     dealt = [[each for group in groups[hand::hands] for each in group] for hand in range(min(hands, len(groups)))]
     return [replace(job, configurations=tuple(configurations)) for configurations in dealt]
@@ -147,7 +147,7 @@ def _shares_files(job: ClipJob) -> bool:
 
 
 def _together(job: ClipJob) -> list[list[Configuration]]:
-    """Each configuration by itself, but for those that share a temporal gaze, since it is not perceived alone."""
+    """Group the configurations: each by itself, but together if they share a temporal gaze model."""
     groups: dict[str, list[Configuration]] = {}
     for each in job.configurations:
         gaze = each.choices["gaze"]
@@ -161,17 +161,17 @@ def _lost(job: ClipJob, why: str) -> ClipOutcome:
 
 
 def _silent(clip: str) -> None:
-    """Every frame has been told of already."""
+    """Report no progress: every frame has been reported already."""
 
 
 def skip(one: PreparedClip | ClipJob, progress: Progress) -> None:
-    """Tell the progress of a clip's frames, which are done already."""
+    """Report the progress of a clip whose frames are done already."""
     for _ in one.frames:
         progress(one.manifest.name)
 
 
 def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | None, account: Account) -> ClipJob:
-    """The remaining jobs of a clip."""
+    """Return the job with the unfinished configurations of a clip."""
     clip, everyone = one.manifest.name, plan.experiment.configurations
     todo = [each.for_clip(clip) for each in everyone if not directory.is_finished((clip, each.name))]
     outputs = [OutputSinks({each.name: owned_slots(each, everyone) for each in everyone})] if plan.save_outputs else []

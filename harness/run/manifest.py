@@ -11,14 +11,14 @@ from harness.run.published import Published
 from vfoa.validation import parse
 
 MOST = 3
-"""This many differences are named; the others are counted."""
+"""Number of differences that are named; the others are counted."""
 
 _FOLLOWS = "times_ns"
 """Differs wherever a clip's frames do."""
 
 
 class _Table(BaseModel):
-    """A table of which the keys that are read have these types; others are left alone."""
+    """A table whose known keys must have these types; other keys are ignored."""
 
     model_config = ConfigDict(extra="allow", strict=True)
 
@@ -60,7 +60,7 @@ class _Failure(_Table):
 
 
 class _RunManifest(_Table):
-    """All of it is optional: a run that has just begun has less, and an older one knows less."""
+    """All keys are optional: a run that has just begun has fewer, and older versions wrote fewer."""
 
     experiment: str = ""
     annotator: str | None = None
@@ -74,19 +74,19 @@ class _RunManifest(_Table):
 
 
 def check_manifest(data: Any, where: str) -> dict[str, Any]:
-    """A run's manifest as it was read.
+    """Check a run's manifest and return it.
 
     Raises
     ------
     VfoaError
-        If it is no table, or a key that is read is of another type: which one, what was found and what was expected.
+        If it is no table, or a known key has another type: the key, what was found and what was expected.
     """
     parse(_RunManifest, data, where)
     return dict(data)
 
 
 def differences(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """Differences of a run's manifest from ``wanted``, in words; "" if nothing: ``attention.n_rays, versions.numpy``.
+    """Name the differences of a run's manifest from ``wanted``; "" if none: ``attention.n_rays, versions.numpy``.
 
     Keys that ``wanted`` does not have do not count.
     """
@@ -102,7 +102,7 @@ def _differing(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> Iterator[
 
 
 def _within(key: str, found: Any, wanted: Any) -> list[str]:
-    """Differences within one key: leaves of clips with the clip, of configurations without, as they mostly share."""
+    """Differences within one key. Those of clips name the clip; those of configurations, mostly shared, do not."""
     if key not in ("clips", "configurations"):
         return list(_leaves(found, wanted, key))
     if not isinstance(found, dict) or list(found) != list(wanted):

@@ -1,4 +1,4 @@
-"""The measures of a run against the truth, collected from its records."""
+"""The measures of a run against the ground truth, collected from its records."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from harness.stages.measures import FrameMeasures, TargetMeasure
 
 
 class MeasureLog:
-    """Keeps the measures while records pass by: see :meth:`watch`."""
+    """Collects measures from passing records: see :meth:`watch`."""
 
     def __init__(self) -> None:
         self._by_pair: dict[tuple[str, str], list[FrameMeasures]] = {}
         self._names: dict[tuple[str, int], str] = {}
 
     def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Hand the records on and keep their measures, and what the run calls each true thing."""
+        """Yield the records unchanged and keep their measures, and the run's name of each true object."""
         for record in records:
             if record.measures is not None:
                 pair = record.clip, record.configuration
@@ -34,12 +34,12 @@ class MeasureLog:
             self._names[record.clip, measure.truth_id] = found[measure.instance_id]
 
     def part(self, clip: str, configuration: str) -> tuple[list[FrameMeasures], dict[int, str]]:
-        """The measures of a configuration on a clip so far, and the names of true things, for another log."""
+        """The measures of a configuration on a clip so far, and the names of true objects, for another log."""
         names = {number: name for (of, number), name in self._names.items() if of == clip}
         return self._by_pair.get((clip, configuration), []), names
 
     def add(self, clip: str, configuration: str, measures: list[FrameMeasures], names: Mapping[int, str]) -> None:
-        """Take over a part of another log."""
+        """Add a part of another log."""
         if measures:
             self._by_pair.setdefault((clip, configuration), []).extend(measures)
         for number, name in names.items():
@@ -54,7 +54,7 @@ class MeasureLog:
         return pooled
 
     def by_thing(self) -> dict[tuple[str, str, str], list[TargetMeasure]]:
-        """The measures of each (clip, true thing, configuration), the thing by the run's own name for it."""
+        """The measures of each (clip, true object, configuration), the object by the run's own name for it."""
         found: dict[tuple[str, str, str], list[TargetMeasure]] = {}
         for (clip, configuration), frames in self._by_pair.items():
             by_id: dict[int, list[TargetMeasure]] = {}

@@ -1,4 +1,4 @@
-"""The sink that saves the output of every stage, in the files that the stages called ``files`` read."""
+"""The sink that saves the output of every stage, in the files that the ``files`` stages read."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from vfoa.types import Gaze, Head, HeadPose, Percepts
 
 
 class OutputSink:
-    """Saves the output of ``slots`` under ``root``; :mod:`harness.run.saved_outputs` shows the files.
+    """Saves the output of ``slots`` under ``root``; :mod:`harness.run.saved_outputs` lists the files.
 
-    Maps and masks are written frame by frame, the tables at the end. The heads of a frame are called 1, 2, ... in
-    their order. Every number is read back to the last bit; a matcher's confidence and instances without a pixel,
-    which nothing after them uses, are not kept.
+    Maps and masks are written frame by frame, the tables at the end. The heads of a frame are numbered 1, 2, ... in
+    their order. Every number reads back exactly. Two things that no later stage uses are not saved: a matcher's
+    confidence, and instances without a pixel.
     """
 
     def __init__(self, root: Path, slots: frozenset[str]) -> None:
@@ -53,7 +53,7 @@ class OutputSink:
         Raises
         ------
         VfoaError
-            If a disparity cannot be told from an unknown one in a file, or a category's number has two meanings.
+            If a file cannot distinguish a disparity from an unknown one, or a category number has two meanings.
         """
         percepts = frame.percepts
         if percepts is None:
@@ -92,7 +92,7 @@ class OutputSink:
 
 @dataclass(frozen=True, slots=True)
 class OutputSinks:
-    """Opens the stage outputs of each configuration: of the stages in ``slots``, by the configuration's name."""
+    """Opens the stage outputs of each configuration: the stages in ``slots``, by the configuration's name."""
 
     slots: Mapping[str, frozenset[str]]
 
@@ -101,7 +101,7 @@ class OutputSinks:
         return {"stage_outputs": True}
 
     def open(self, context: SinkContext) -> OutputSink | None:
-        """The outputs that this configuration saves; None if others save all of them."""
+        """Open the outputs that this configuration saves; None if other configurations save all of them."""
         slots = self.slots.get(context.configuration)
         if not slots or context.rehearsal:
             return None

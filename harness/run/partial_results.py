@@ -1,9 +1,9 @@
-"""The results of one configuration on one clip while the run is on: one line per frame, which survives a kill.
+"""The results of one configuration on one clip during the run: one line per frame, which survives a kill.
 
 The lines of a frame go to the operating system when the frame is finished, its timings before its result. A run that
-continues keeps what a killed run has written up to its last whole line. It goes on from the last checkpoint
+continues keeps the whole lines of the killed run. It continues from the last checkpoint
 (:mod:`harness.run.checkpoint`), or from the first frame without one: trackers and filters carry more than the lines
-hold. The frames from there on are computed again, and compared with the lines.
+hold. The frames after the checkpoint are computed again and compared with their lines.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from harness.run.results import to_line
 from vfoa.errors import VfoaError
 
 LOCK_SECONDS = 10.0
-"""How long the last writer of a file may take to end before it counts as another run."""
+"""Seconds that the last writer of a file may take to end before it counts as another run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reached:
-    """The part of partial results that a run reuses unread: frames, and bytes of results and timings."""
+    """The part of partial results that a run reuses unread: number of frames, and bytes of results and timings."""
 
     frames: int = 0
     results: int = 0
@@ -47,7 +47,7 @@ class PartialResults:
         self._kept, self._frames = kept, reached.frames
 
     def reached(self) -> Reached | None:
-        """What is written by now; None as long as kept frames are compared."""
+        """The extent of the files; None while kept frames are being compared."""
         if not self.goes_on:
             return None
         return Reached(frames=self._frames, results=self._results.tell(), timings=self._timings.tell())
@@ -58,7 +58,7 @@ class PartialResults:
         return self._frames >= self._kept
 
     def write(self, line: str, timings: Mapping[str, float], prefix: str) -> None:
-        """Write the next frame: its line of results, its ms by stage, each on a line that starts with ``prefix``.
+        """Write the next frame: its line of results, and its ms per stage, each on a line that starts with ``prefix``.
 
         Raises
         ------
@@ -80,7 +80,7 @@ class PartialResults:
 
 @contextmanager
 def open_partial_results(results: Path, timings: Path, reached: Reached = Reached()) -> Iterator[PartialResults]:
-    """Open partial results to continue them, behind the frames that are ``reached``, or begin them.
+    """Open partial results to continue them after the ``reached`` frames, or begin new ones.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def open_partial_results(results: Path, timings: Path, reached: Reached = Reache
 
 
 def _cut_results(file: BinaryIO, start: int) -> int:
-    """Drop a last line that was not finished, go to ``start``, and return how many lines there are from there."""
+    """Drop an unfinished last line, go to ``start``, and return the number of lines from there on."""
     file.seek(start)
     lines, end = 0, start
     for line in file:
@@ -109,9 +109,9 @@ def _cut_results(file: BinaryIO, start: int) -> int:
 
 
 def _cut_timings(file: BinaryIO, frames: int, start: int) -> None:
-    """Drop the timings of all but the first frames from ``start`` on.
+    """Drop all timings after ``start`` except those of the first ``frames`` frames.
 
-    Each frame's stand together, with its number in the third column.
+    The lines of a frame are consecutive, with its number in the third column.
     """
     file.seek(start)
     end, seen, last = start, 0, b""
@@ -126,7 +126,7 @@ def _cut_timings(file: BinaryIO, frames: int, start: int) -> None:
 
 
 def _lock(file: BinaryIO, path: Path) -> None:
-    """Keep the file to this process until it is closed or the process ends."""
+    """Lock the file for this process until it is closed or the process ends."""
     if sys.platform == "win32":
         return None
     import fcntl
@@ -143,12 +143,12 @@ def _lock(file: BinaryIO, path: Path) -> None:
 
 @contextmanager
 def partial_results(directory: RunDirectory, pair: Pair, reached: Reached = Reached()) -> Iterator[PartialResults]:
-    """Open the partial results of a (clip, configuration) where it was interrupted; without an error, finish them."""
+    """Open the partial results of a (clip, configuration), interrupted or new; mark them finished at the end."""
     places = [directory.partial(pair, "jsonl"), directory.partial(pair, "csv")]
     drafts = _drafts(directory, pair)
     with open_partial_results(*drafts, reached) as partial:
         yield partial
-        # the timings first: the results' file is the one that says "finished"
+        # the timings first: the results' file is the one that marks the end
         drafts[1].replace(places[1])
         drafts[0].replace(places[0])
 
@@ -175,7 +175,7 @@ class ResultsSink:
         return self
 
     def state(self) -> SinkState | None:
-        """How far the files are; None as long as kept frames are compared."""
+        """The extent of the files; None while kept frames are being compared."""
         reached = self._partial.reached()
         if reached is None:
             return None
@@ -188,19 +188,19 @@ class ResultsSink:
         self._files.__exit__(kind, error, trace)
 
     def write(self, frame: FinishedFrame) -> None:
-        """Write one frame. Raises as :meth:`PartialResults.write` does."""
+        """Write one frame. Raises the errors of :meth:`PartialResults.write`."""
         record = frame.record
         milliseconds = {stage: 1e3 * seconds for stage, seconds in frame.timings.items()}
         self._partial.write(to_line(record), milliseconds, f"{record.clip},{record.configuration},{record.frame}")
 
 
 class ResultsSinks:
-    """Opens the results of each configuration: the last sink of every run, so that all other times are known."""
+    """Opens the results of each configuration: the last sink of every run, so that it knows the times of all others."""
 
     def described(self) -> Mapping[str, Any]:
-        """Every run has results."""
+        """The manifest needs no entry: every run has results."""
         return {}
 
     def open(self, context: SinkContext) -> ResultsSink:
-        """The results of one configuration on one clip."""
+        """Open the results of one configuration on one clip."""
         return ResultsSink(context.directory, context.pair, context.resumed)

@@ -26,7 +26,7 @@ from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedClip:
-    """A clip that was opened and whose labels, and what is drawn on it if that is used, were read."""
+    """An opened clip with its labels and, if used, its drawn shapes."""
 
     manifest: ClipManifest
     clip: Clip | MeasuredClip
@@ -42,7 +42,7 @@ class PreparedClip:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """A run in which every input has been opened once: what can be known to fail has failed by now."""
+    """A run whose inputs have all been opened once, so that errors that can be found early are found by now."""
 
     experiment: Experiment
     clips: tuple[PreparedClip, ...]
@@ -61,7 +61,7 @@ class Plan:
 
     @property
     def frames(self) -> int:
-        """Frames to read, over all clips."""
+        """Number of frames to read, over all clips."""
         return sum(len(one.frames) for one in self.clips)
 
 
@@ -72,16 +72,16 @@ def prepare(
     sinks: Iterable[SinkFactory] = (),
     save_outputs: bool = False,
 ) -> Plan:
-    """Open every clip, read every label file and find every weights file of an experiment; note what cannot go well.
+    """Open every clip, read every label file and find every weights file of an experiment; note likely problems.
 
     Parameters
     ----------
     limit
         Take only the first frames of each clip.
     sinks
-        Where finished frames go, beside the results.
+        Sinks of the finished frames, beside the results.
     save_outputs
-        Also save what every stage found, with an experiment that runs from it.
+        Also save the outputs of every stage, and an experiment that runs from them.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def drawn_on(manifest: ClipManifest, frames: Sequence[int] | None, experiment: E
 
 
 def _said_of_names(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
-    """A sentence where names go by the source's own ids, and masks come from a network, which numbers them anew."""
+    """Notes on names that use the source's own ids while masks come from a network, which numbers them anew."""
     choices = [each.choices["segmentation"] for each in configurations]
     networks = sorted({each.name for each in choices if each and each.name not in SLOTS["segmentation"].of_clip})
     for clip in [one for one in clips if not isinstance(one.clip, MeasuredClip)] if networks else ():
@@ -135,12 +135,12 @@ def _said_of_names(clips: Iterable[PreparedClip], configurations: Iterable[Confi
         if names := [name for name, rule in rules.items() if rule.instance is not None]:
             yield (
                 f"{clip.manifest.name}: the manifest finds {', '.join(names)} by their ids in the source, "
-                f"which are not those of {' and '.join(networks)}: the names can be wrong."
+                f"which differ from those of {' and '.join(networks)}: the names can be wrong."
             )
 
 
 def _said_of_drawn(clips: Iterable[PreparedClip]) -> Iterator[str]:
-    """A sentence where a person drew what models find elsewhere: a reader of the table must know."""
+    """Notes on drawn shapes, which replace a model's: a reader of the table must know."""
     for one in clips:
         if one.drawn is not None:
             yield said_of_drawn(one.manifest.name, one.drawn)
@@ -153,7 +153,7 @@ def said_of_drawn(clip: str, drawn: DrawnClip) -> str:
 
 
 def _said_of_near(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
-    """A sentence where things are nearer than a matcher searches; images that cannot be read are the run's to tell."""
+    """Notes on objects nearer than a matcher searches. Unreadable images are ignored: the run reports them."""
     stereo = [choice.settings for each in configurations if (choice := each.choices["stereo"])]
     limits_m: set[float] = {each.min_depth_m for each in stereo if isinstance(each, BlockMatchingSettings)}
     for clip in clips if limits_m else ():
@@ -169,7 +169,7 @@ def _said_of_near(clips: Iterable[PreparedClip], configurations: Iterable[Config
 
 
 def describe(plan: Plan) -> dict[str, Any]:
-    """Everything that a plan's results depend on, as written to the run's manifest."""
+    """Return everything that a plan's results depend on, as written to the run's manifest."""
     return {
         "experiment": plan.experiment.name,
         "notes": list(plan.experiment.notes),

@@ -33,12 +33,12 @@ _PACKAGES = (
 
 
 def weights_digests(experiment: Experiment) -> dict[str, str]:
-    """The sha256 of every weights file the experiment's stages name, by that name.
+    """The sha256 of every weights file that the experiment's stages name, by that name.
 
     Raises
     ------
     VfoaError
-        If some are not here: which, and how they are fetched.
+        If some are missing: which, and how to fetch them.
     """
     choices = [choice for one in experiment.configurations for choice in one.choices.values() if choice]
     found = locate_all(sorted({name for choice in choices for name in weights_of(choice.settings)}))
@@ -46,7 +46,7 @@ def weights_digests(experiment: Experiment) -> dict[str, str]:
 
 
 def output_digests(experiment: Experiment, name: str, clip: Clip | MeasuredClip) -> list[str]:
-    """The sha256 of what each distinct stage reads from files for the clip called ``name``, as the stages stand."""
+    """The sha256 of the files that each distinct stage reads for the clip ``name``, in the order of the stages."""
     if isinstance(clip, MeasuredClip):
         return []
     choices = [choice for one in experiment.configurations for choice in one.for_clip(name).choices.values() if choice]
@@ -92,5 +92,5 @@ def source_commit() -> str | None:
 
 
 def host() -> dict[str, Any]:
-    """The machine, in words that say nothing of its owner."""
+    """The machine, without anything that identifies its owner."""
     return {"system": platform.system(), "machine": platform.machine(), "cores": os.cpu_count()}

@@ -1,4 +1,4 @@
-"""Figures that somebody published for the configurations of an experiment, to be printed beside one's own."""
+"""Published figures for the configurations of an experiment, printed beside the run's own."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class PublishedCount(Settings):
 
 
 class Published(Settings):
-    """``[published]`` of an experiment: where the figures stand, and what was counted, by configuration."""
+    """``[published]`` of an experiment: the source of the figures, and the counts by configuration."""
 
     source: str
     counts: dict[str, PublishedCount] = Field(min_length=1)

@@ -27,9 +27,9 @@ class BoxRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetRecord:
-    """One instance of a frame. ``name`` is the manifest's name for it, or ``label#id``; it may occur twice.
+    """One instance of a frame. ``name`` is the manifest's name for it, or ``label#id``; names may repeat.
 
-    ``box_px`` is None where the clip has no images.
+    ``box_px`` is None if the clip has no images.
     """
 
     instance_id: int
@@ -53,7 +53,7 @@ class AttentionRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DirectionFitRecord:
-    """How well a subject's directions fit the posterior, as :class:`vfoa.types.DirectionFit` has it."""
+    """Fit of a subject's directions to the posterior, as in :class:`vfoa.types.DirectionFit`."""
 
     tail: float
     claimed_error_rad: float | None
@@ -64,10 +64,10 @@ class DirectionFitRecord:
 class SubjectRecord:
     """One tracked person of a frame.
 
-    ``name`` is the manifest's name, None for a person it does not know. Directions are unit vectors after
-    filtering, camera frame. ``missing`` is ``no_eyes_3d``, ``no_direction`` or None. ``focus`` is the instance id
-    with the most attention, None for nowhere. ``head_box_px`` is None where the clip has no images.
-    ``fit`` is there where the attention is a probability.
+    ``name`` is the manifest's name, None for an unknown person. Directions are unit vectors after filtering, camera
+    frame. ``missing`` is ``no_eyes_3d``, ``no_direction`` or None. ``focus`` is the instance id with the most
+    attention, None for nowhere. ``head_box_px`` is None if the clip has no images. ``fit`` is set if the attention is a
+    probability.
     """
 
     track_id: int
@@ -87,7 +87,7 @@ class SubjectRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameRecord:
-    """All of one frame of one clip under one configuration. ``measures`` is None where the clip knows no truth."""
+    """One frame of one clip under one configuration. ``measures`` is None if the clip has no ground truth."""
 
     clip: str
     configuration: str

@@ -26,7 +26,7 @@ _START = b'{"version":%d,' % VERSION
 
 
 def to_line(record: FrameRecord) -> str:
-    """One frame as a line of ``results.jsonl``, its newline included.
+    """Encode one frame as a line of ``results.jsonl``, with its newline.
 
     Raises
     ------
@@ -46,8 +46,8 @@ def read_results(path: Path) -> Iterator[FrameRecord]:
     Raises
     ------
     VfoaError
-        If the file is missing, a line is of another version or not a frame's record, the last line is cut, or a
-        frame stands in it twice; the message names the file and the line.
+        If the file is missing, a line has another version or is no record of a frame, the last line is cut, or a
+        frame occurs twice; the message names the file and the line.
     """
     seen: dict[tuple[str, str, int], int] = {}
     check_readable(path)
@@ -73,7 +73,7 @@ def _from_line(line: bytes, path: Path, number: int) -> FrameRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Block:
-    """Consecutive lines of a ``results.jsonl``, of one configuration on one clip: their bytes, and what they hold.
+    """Consecutive lines of a ``results.jsonl``, of one configuration on one clip: their bytes, and their frames.
 
     ``line`` is the number of the first. ``digest`` is of the bytes.
     """
@@ -88,7 +88,7 @@ class Block:
 
 
 BLOCK_FRAMES = 500
-"""Frames of a block at most."""
+"""Most frames of a block."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,12 +99,12 @@ class _Place:
 
 
 def find_blocks(path: Path) -> list[Block]:
-    """Cut a ``results.jsonl`` into blocks, of which only the places of the records are read.
+    """Divide a ``results.jsonl`` into blocks. Of each record only the clip, configuration and frame are read.
 
     Raises
     ------
     VfoaError
-        As :func:`read_results` does for what can be seen so; :func:`read_block` sees the rest.
+        For the errors of :func:`read_results` that show in these values; :func:`read_block` finds the rest.
     """
     seen: dict[tuple[str, str, int], int] = {}
     cut: list[Block] = []
@@ -129,13 +129,13 @@ def find_blocks(path: Path) -> list[Block]:
 
 
 def read_block(path: Path, block: Block) -> Iterator[FrameRecord]:
-    """Read the records of a block. Raises as :func:`read_results` does."""
+    """Read the records of a block. Raises the errors of :func:`read_results`."""
     lines = block_bytes(path, block).splitlines(keepends=True)
     return (_from_line(line, path, number) for number, line in enumerate(lines, start=block.line))
 
 
 def block_bytes(path: Path, block: Block) -> bytes:
-    """The lines of a block, fewer where the file has become shorter."""
+    """Read the lines of a block; fewer if the file has become shorter."""
     try:
         with path.open("rb") as file:
             file.seek(block.start)
@@ -174,7 +174,7 @@ def _check_form(line: bytes, path: Path, number: int) -> None:
 
 
 def _check_version(line: bytes, path: Path, number: int) -> None:
-    """Accept a line another program wrote (spaces, another order of keys), if it says the right version."""
+    """Accept a line that another program wrote (spaces, another order of keys), if it has the right version."""
     value = parse_json(line, f"{path}:{number}")
     version = value.get("version") if isinstance(value, dict) else None
     if version != VERSION:
@@ -205,7 +205,7 @@ def _codec() -> tuple[msgspec.json.Encoder, msgspec.json.Decoder[FrameRecord]]:
 
 
 def _plain(value: object) -> int | float:
-    """A number of numpy's as Python's own; the encoder knows no other."""
+    """Convert a NumPy number to a Python number; the encoder knows no other."""
     if isinstance(value, Integral):
         return int(value)
     if isinstance(value, Real):

@@ -39,34 +39,34 @@ def run_plan(
     beside: bool = False,
     retry_failed: bool = False,
 ) -> RunDirectory:
-    """Run a plan into a directory, and join its results. What an earlier run of the same plan finished is taken over.
+    """Run a plan into a directory and join its results; results of an earlier run of the same plan are reused.
 
     A (clip, configuration) that fails does not stop the others; the manifest's ``failed`` lists it with its error, and
-    its ``cache`` what was reused and what was computed, and why.
+    its ``cache`` lists what was reused and what was computed, and why.
 
     Parameters
     ----------
     workers
         Processes on this machine.
     threads
-        Those of a single process; several have one each.
+        Threads of a single process; several processes have one each.
     scheduler
-        The address of a Dask scheduler, whose workers do the work instead.
+        The address of a Dask scheduler, whose workers run the jobs instead.
     cache
-        Where results of perception are kept; None for nowhere.
+        Store of perception outputs; None for no cache.
     tell
-        Told, a line each, what was taken over, reused and computed, and where the run is, if not in ``out``.
+        Called with a line about what was reused and computed, and about the run's directory, if it is not ``out``.
     beside
-        Where ``out`` holds another run, take ``out-2``, ``out-3`` ... instead: the first that is free, or this run's.
+        If ``out`` holds another run, use ``out-2``, ``out-3`` ... instead: the first that is free, or holds this run.
     retry_failed
-        Try again what failed in an earlier run of the same plan; without it, its failures stand.
+        Try again what failed in an earlier run of the same plan; by default, its failures stay.
 
     Raises
     ------
     VfoaError
-        If the directory holds another run, or one that is on, a clip changes meanwhile, or nothing could be finished.
+        If the directory holds another run, or one in progress, a clip changes meanwhile, or nothing could be finished.
     KeyboardInterrupt
-        If the run is interrupted; ``tell`` has been told what is kept.
+        If the run is interrupted, after ``tell`` was called with what is kept.
     """
     identity = describe(plan)
     directory = _choose(RunDirectory(out), identity, beside)
@@ -76,7 +76,7 @@ def run_plan(
     if _is_done(directory, retry_failed):
         for one in plan.clips:
             skip(one, progress)
-        tell(f"{directory.path}: finished before; nothing was computed")
+        tell(f"{directory.path}: finished already; nothing was computed")
         return directory
     mirror = Mirror.at(directory.path)
     if mirror and scheduler and cache and not cache.remote:
@@ -87,7 +87,7 @@ def run_plan(
     with locked(directory.path, tell):
         _choose(directory, identity, beside=False)  # again: another run may have begun here before the lock
         if not directory.is_new():
-            for failure in directory.read_manifest().get("failed", ()):  # what is mended may give another result
+            for failure in directory.read_manifest().get("failed", ()):  # a repaired input may give another result
                 directory.discard((failure["clip"], failure["configuration"]))
         started = now()
         directory.write_manifest(identity)
@@ -103,7 +103,8 @@ def run_plan(
             if mirror:
                 mirror.push()
             tell(
-                f"interrupted: {directory.kept_frames()} frames are kept in {directory.path}; the same command goes on"
+                f"interrupted: {directory.kept_frames()} frames are kept in {directory.path}; "
+                "the same command continues"
             )
             raise
         _check_unchanged(plan, identity, done, cache)
@@ -114,7 +115,7 @@ def run_plan(
 
 
 def _is_done(directory: RunDirectory, retry_failed: bool) -> bool:
-    """Whether this very run is finished; then its partial results are not needed any more."""
+    """Whether this very run is finished; if so, its partial results are removed."""
     found = {} if directory.is_new() else directory.read_manifest()
     if "finished" not in found or (retry_failed and found.get("failed")):
         return False
@@ -124,9 +125,9 @@ def _is_done(directory: RunDirectory, retry_failed: bool) -> bool:
 
 
 def _check_unchanged(plan: Plan, identity: dict[str, Any], done: Done, cache: Store | None) -> None:
-    """Check that every clip is still what it was when the run began; what was stored of one that is not is removed.
+    """Check that every clip is unchanged since the run began; cached outputs of a changed clip are removed.
 
-    Where every configuration failed, as when an image vanished, their errors say more, and stand.
+    If every configuration failed, for example because an image vanished, their errors say more and are kept.
 
     Raises
     ------
@@ -142,13 +143,13 @@ def _check_unchanged(plan: Plan, identity: dict[str, Any], done: Done, cache: St
             if all((one.manifest.name, each.name) in done.failures for each in plan.experiment.configurations):
                 continue
             raise VfoaError(
-                f"{one.manifest.name}: its images or calibration changed while the run was on; expected the same "
+                f"{one.manifest.name}: its images or calibration changed during the run; expected the same "
                 "content to the end: remove the run's directory and run again"
             )
 
 
 def _finish(plan: Plan, directory: RunDirectory, identity: dict[str, Any], done: Done, started: str) -> None:
-    """Join the results, and write the manifest that says "finished".
+    """Join the results, and write the manifest that marks the run as finished.
 
     Raises
     ------
@@ -172,7 +173,7 @@ def _finish(plan: Plan, directory: RunDirectory, identity: dict[str, Any], done:
 
 
 def _choose(first: RunDirectory, identity: dict[str, Any], beside: bool) -> RunDirectory:
-    """The directory to run in: one without a run, or with this very run."""
+    """Choose the directory to run in: one without a run, or with this very run."""
     for number in itertools.count(1):
         directory = RunDirectory(first.path.with_name(f"{first.path.name}-{number}")) if number > 1 else first
         if directory.is_new():
@@ -183,13 +184,13 @@ def _choose(first: RunDirectory, identity: dict[str, Any], beside: bool) -> RunD
         if not beside:
             raise VfoaError(
                 f"{directory.path}: holds another run (different: {differing}); "
-                "expected an empty directory, or the same run to go on with: choose another --out"
+                "expected an empty directory, or the same run to continue: choose another --out"
             )
     raise AssertionError("counting has no end")
 
 
 def circumstances(plan: Plan, started: str) -> dict[str, Any]:
-    """Facts about a finished run that do not make it another run."""
+    """Facts about a finished run that are not part of its identity."""
     return {
         "labels_sha256": {one.manifest.name: _labels_digest(one, plan.experiment) for one in plan.clips},
         "commit": provenance.source_commit(),
@@ -205,5 +206,5 @@ def _labels_digest(one: PreparedClip, experiment: Experiment) -> str | None:
 
 
 def now() -> str:
-    """The time, as a manifest has it."""
+    """The current time, in the manifest's format."""
     return datetime.now(UTC).isoformat(timespec="seconds")

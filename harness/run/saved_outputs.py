@@ -1,14 +1,14 @@
 """Output of ``vfoa run --save-outputs``: every stage output once, and an experiment that runs from it.
 
-    <run>/stage_outputs/
-      <experiment>.toml                  run it with VFOA_STAGE_OUTPUTS naming this folder, wherever that has moved to
-      <clip>/<configuration>/
+<run>/stage_outputs/
+    <experiment>.toml                  run it with VFOA_STAGE_OUTPUTS set to this folder; the folder may be moved
+    <clip>/<configuration>/
         disparity/frame_0001.npy         (H, W) float32, pixels, NaN = unknown
         panoptic.json, png/              masks in COCO's panoptic format
         heads.csv, head_pose.csv, gaze.csv
 
-Configurations that share a stage and all that it reads share its output: it stands under the first of them, and the
-experiment sends the others there.
+Configurations that share a stage and all of its inputs share its output. It is saved for the first of them, and the
+experiment refers the others to it.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def owner(slot: str, configuration: Configuration, configurations: Sequence[Conf
 
 
 def owned_slots(configuration: Configuration, configurations: Sequence[Configuration]) -> frozenset[str]:
-    """The stages whose output a configuration saves: those that are on, and that none before it shares."""
+    """The stages whose output a configuration saves: those that are on and not shared with an earlier configuration."""
     on = (slot for slot, choice in configuration.choices.items() if choice)
     return frozenset(slot for slot in on if owner(slot, configuration, configurations) == configuration.name)
 
@@ -71,7 +71,7 @@ def _key(slot: str, configuration: Configuration) -> str:
     choices = [configuration.choices[each] for each in _READS[slot]]
     if configuration.uses_drawn and slot != "stereo":
         drawn = configuration.drawn.model_dump(mode="json")
-        choices += [configuration.choices["stereo"]] if slot == "segmentation" else []  # masks are cut out by depth
+        choices += [configuration.choices["stereo"]] if slot == "segmentation" else []  # depth cuts out the drawn masks
     else:
         drawn = None
     return json.dumps([drawn, *(choice.plain() if choice else None for choice in choices)], sort_keys=True)
@@ -81,7 +81,7 @@ def _tables(configuration: Configuration, configurations: Sequence[Configuration
     for table, settings in configuration.plain().items():
         if table in SLOTS:
             yield f"{table} = {toml_value(_source(table, configuration, configurations, partial))}"
-        elif table == "drawn":  # the masks and heads that were saved have it
+        elif table == "drawn":  # the saved masks and heads include the drawn ones
             yield f"{table} = {toml_value({**settings, 'targets': False, 'heads': False})}"
         else:
             yield f"{table} = {toml_value(settings)}"
@@ -90,7 +90,7 @@ def _tables(configuration: Configuration, configurations: Sequence[Configuration
 def _source(
     slot: str, configuration: Configuration, configurations: Sequence[Configuration], partial: bool
 ) -> dict[str, Any]:
-    """A stage's table in the experiment that is written."""
+    """The table of a stage in the written experiment."""
     if configuration.choices[slot] is None:
         return {SLOTS[slot].key: OFF}
     folder = owner(slot, configuration, configurations)

@@ -1,4 +1,4 @@
-"""Clips that workers perceive, a stretch each, into the cache, while others go along behind them."""
+"""Warm-up: workers perceive clips in stretches and fill the cache; the main process follows behind them."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from harness.stages.sharing import SharedPipeline
 from vfoa.errors import VfoaError
 
 STRETCHES_PER_WORKER = 4
-"""A stretch is what is left of a clip, cut into so many for each worker: long at first, so that little is opened and
-sought, and short in the end, so that all end together (guided self-scheduling, Polychronopoulos and Kuck 1987)."""
+"""Stretches per worker in what remains of a clip. Stretches are long at first, so that little is opened and sought, and
+short at the end, so that all workers end together (guided self-scheduling, Polychronopoulos and Kuck 1987)."""
 
 LONGEST_STRETCH = 32
-"""The frames of a stretch at most, so that whoever waits for it does not wait long."""
+"""Most frames of a stretch, so that nobody waits long for it."""
 
 
 _opened: tuple[object, SharedPipeline] | None = None
-"""What this process perceived with last, and for which job: the next stretch of a clip is seldom another's."""
+"""The last job of this process and its pipeline: the next stretch is usually of the same clip."""
 
 
 def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
-    """Perceive the job's frames, in whichever order, so that the cache holds what :func:`run_clip` will look for.
+    """Perceive the job's frames, in any order, so that the cache holds the outputs that :func:`run_clip` needs.
 
-    Clip, models and matchers stay open for the next job that differs in its frames alone.
+    Clip, models and matchers stay open for the next job if it differs only in its frames.
     """
     try:
         pipeline = _open(job)
-    except VfoaError:  # run_clip will say so
+    except VfoaError:  # run_clip will report it
         return ClipOutcome(failures={})
     for _ in pipeline.warm(job.frames):
         progress(job.manifest.name)
@@ -41,20 +41,20 @@ def _open(job: ClipJob) -> SharedPipeline:
     global _opened
     wanted = (job.manifest, job.configurations, job.cache, job.drawn, job.directory)
     if _opened is None or _opened[0] != wanted:
-        _opened = None  # two sets of models need not fit
+        _opened = None  # two sets of models may not fit into memory
         clip = job.manifest.open_images()
         _opened = (wanted, SharedPipeline(job.configurations, clip, job.cache, drawn=job.drawn))
     return _opened[1]
 
 
 class GivenUpError(Exception):
-    """A frame took every worker along that perceived it."""
+    """A frame killed every worker that perceived it."""
 
 
 class Perceived:
-    """What the cache lacks of these jobs' frames: workers begin to perceive it when the first of them is asked for.
+    """The frames of these jobs that the cache lacks: workers begin to perceive them when the first one is requested.
 
-    ``begun`` are the first frames that are needed, by clip.
+    ``begun`` are the first needed frames, by clip.
     """
 
     def __init__(
@@ -84,16 +84,16 @@ class Perceived:
             self._stretches.append(replace(job, frames=frames))
 
     def lacked(self, job: ClipJob) -> bool:
-        """Whether there is anything of a job to perceive."""
+        """Whether any frame of a job must be perceived."""
         return any(clip == job.manifest.name for clip, _ in self._begins)
 
     def frames(self, job: ClipJob) -> Iterator[int]:
-        """A job's frames, each as soon as it was perceived.
+        """Yield a job's frames, each as soon as it is perceived.
 
         Raises
         ------
         GivenUpError
-            At a stretch that was not, for its worker died with it, every time.
+            At a stretch that killed its worker every time.
         """
         for number in job.frames:
             stretch = self._begins.get((job.manifest.name, number))
@@ -111,13 +111,13 @@ class Perceived:
         self._outcomes.append(outcome)
 
     def finish(self) -> None:
-        """Wait for what nobody asked for."""
+        """Wait for the stretches that nobody requested."""
         for outcome in self._arriving:
             self._take(outcome)
 
 
 def stretches(frames: Sequence[int], workers: int) -> Iterator[tuple[int, ...]]:
-    """Cut frames into stretches for this many workers, which take them one after the other."""
+    """Divide frames into stretches for this many workers, which take them one after the other."""
     at = 0
     while at < len(frames):
         length = min(LONGEST_STRETCH, -(-(len(frames) - at) // (STRETCHES_PER_WORKER * workers)))

@@ -1,7 +1,7 @@
 """A configuration: every setting of one way to run the pipeline, made of tables of settings.
 
 A table belongs to one stage (:data:`harness.stages.slots.SLOTS`) or one step. An experiment gives tables as defaults,
-presets, and differences, which stand over each other in this order.
+presets and differences; each overrides the ones before it.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ STEPS: Mapping[str, Mapping[str, type[Settings]]] = {
     "gaze_filter": {"": GazeFilterSettings},
     "attention": {"cones": AttentionSettings, "bayes": BayesSettings, "nearest": NearestSettings},
 }
-"""What is drawn, and the steps after perception: the settings of each by its ``method``, which only attention has. The
-first is the default."""
+"""Drawn shapes and the steps after perception: the settings classes of each by its ``method``, which only attention
+has. The first is the default."""
 
 _TABLES = (*SLOTS, *STEPS)
 Tables = Mapping[str, Mapping[str, Any]]
@@ -45,8 +45,8 @@ Tables = Mapping[str, Mapping[str, Any]]
 class Configuration:
     """Every setting of one way to run the pipeline. ``choices`` has one entry per slot, None for one switched off.
 
-    ``factors`` are the labels of its place in a grid by dotted key; empty where there was no grid. ``drawn`` is
-    switched on for what a stage leaves to it altogether.
+    ``factors`` are the labels of its place in a grid by dotted key; empty without a grid. ``drawn`` is switched on for
+    the stages that are ``"drawn"``.
     """
 
     name: str
@@ -58,31 +58,31 @@ class Configuration:
 
     @property
     def is_in_region(self) -> bool:
-        """Whether disparities are asked for only where things and heads are."""
+        """Whether the matcher is asked only for the disparities of things and heads."""
         stereo = self.choices["stereo"]
         return stereo is not None and getattr(stereo.settings, "region", None) == "needed"
 
     @property
     def uses_drawn(self) -> bool:
-        """Whether anything that is drawn on a clip is used."""
+        """Whether any drawn shapes of a clip are used."""
         return self.drawn.targets or self.drawn.heads
 
     def for_clip(self, clip: str) -> Configuration:
-        """The configuration with the clip's name filled in where a stage's ``root`` asks for it."""
+        """Return the configuration with the clip's name filled in wherever a stage's ``root`` has the placeholder."""
         choices = {slot: choice.for_clip(clip) if choice else None for slot, choice in self.choices.items()}
         return replace(self, choices=choices)
 
     def on(self, provider: Provider) -> Configuration:
-        """The configuration with all its networks on one provider of ONNX Runtime."""
+        """Return the configuration with all its networks on one provider of ONNX Runtime."""
         choices = {slot: choice.on(provider) if choice else None for slot, choice in self.choices.items()}
         return replace(self, choices=choices)
 
     def without_stages(self) -> Configuration:
-        """The configuration for clips of measurements, which need no stage of perception."""
+        """Return the configuration for clips of measurements, which need no stage of perception."""
         return replace(self, choices=dict.fromkeys(self.choices))
 
     def plain(self) -> dict[str, Any]:
-        """The configuration as JSON values, every default written out: what a run's manifest records."""
+        """Return the configuration as JSON values, with every default, as a run's manifest records it."""
         stages = {name: choice.plain() if choice else None for name, choice in self.choices.items()}
         attend = self.attend.model_dump(mode="json")
         drawn = self.drawn.model_dump(mode="json")
@@ -90,7 +90,7 @@ class Configuration:
 
 
 def dotted_tables(changes: Iterable[tuple[str, Any]], where: str) -> dict[str, dict[str, Any]]:
-    """Dotted keys as tables.
+    """Convert dotted keys to tables.
 
     Raises
     ------
@@ -109,12 +109,12 @@ def dotted_tables(changes: Iterable[tuple[str, Any]], where: str) -> dict[str, d
 
 
 def merged(tables: Tables, over: Tables) -> Tables:
-    """Tables with others over them, key by key."""
+    """Return the tables with ``over`` over them, key by key."""
     return {table: {**tables.get(table, {}), **over.get(table, {})} for table in {**tables, **over}}
 
 
 def inherited(defaults: Tables, own: Tables) -> Tables:
-    """The defaults that a configuration takes over: a stage takes those of its settings that it has."""
+    """Return the defaults that a configuration inherits: a stage inherits only the settings that it has."""
     tables = {}
     for table, settings in defaults.items():
         slot = SLOTS.get(table)
@@ -124,7 +124,7 @@ def inherited(defaults: Tables, own: Tables) -> Tables:
 
 
 def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> None:
-    """Refuse a default, as (table, key), that no configuration has ``used``: most likely it is misspelt.
+    """Reject a default, as (table, key), that no configuration has ``used``: it is probably misspelt.
 
     Raises
     ------
@@ -140,12 +140,12 @@ def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> 
 
 
 def make_configuration(name: str, tables: Tables, factors: Mapping[str, str], where: str) -> Configuration:
-    """Check the tables of one configuration, and fill in what they leave out.
+    """Check the tables of one configuration, and fill in the defaults.
 
     Raises
     ------
     VfoaError
-        If a stage, a key or a value is wrong, or two of them do not go together.
+        If a stage, a key or a value is wrong, or two of them cannot be combined.
     """
     choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in SLOTS.values()}
     steps: dict[str, Any] = {
@@ -169,13 +169,13 @@ def make_configuration(name: str, tables: Tables, factors: Mapping[str, str], wh
 
 
 def _switched_on(drawn: DrawnSettings, choices: Mapping[str, StageChoice | None]) -> DrawnSettings:
-    """What is drawn is used where a stage leaves everything to it, whatever its table says."""
+    """Switch on the drawn shapes of a stage that uses nothing else, whatever the table ``drawn`` says."""
     alone = {slot for slot, choice in choices.items() if choice is not None and choice.name == DRAWN}
     on = {"targets": drawn.targets or "segmentation" in alone, "heads": drawn.heads or "heads" in alone}
     return drawn.model_copy(update=on)
 
 
 def _settings_of(step: str, table: Mapping[str, Any]) -> type[Settings]:
-    """The settings class of a step: that of its ``method``, else the default one, which refuses a wrong method."""
+    """The settings class of a step: that of its ``method``, else the default one, which rejects a wrong method."""
     default, *_ = STEPS[step].values()
     return STEPS[step].get(str(table.get("method")), default)

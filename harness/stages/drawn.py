@@ -1,4 +1,4 @@
-"""What is drawn on a clip, as the pipeline takes it; and the stages that leave everything to what is drawn."""
+"""The shapes drawn on a clip, for the pipeline; and the stages that use only drawn shapes."""
 
 from __future__ import annotations
 
@@ -20,60 +20,60 @@ from vfoa.settings import Settings
 from vfoa.types import Head, Instances, StereoFrame
 
 _FIRST_CATEGORY = 1001
-"""Number of the first label that COCO does not have."""
+"""Number of the first label that is not in COCO."""
 
 
 class NothingToSet(Settings):
-    """The settings of what is drawn are in the table ``drawn``."""
+    """There are no settings here: those of drawn shapes are in the table ``drawn``."""
 
 
 class DrawnMasks:
-    """No masks but those that are drawn on the clip (``annotations/CLIP.drawn.csv``)."""
+    """A segmenter without masks of its own: uses only those drawn on the clip (``annotations/CLIP.drawn.csv``)."""
 
     Settings = NothingToSet
 
     def __init__(self, settings: NothingToSet, clip: Clip) -> None:
-        """Nothing is read: what is drawn comes with the job."""
+        """Nothing is read here: the drawn shapes come with the job."""
 
     def segment(self, frame: StereoFrame) -> Instances:
-        """No instances."""
+        """Return no instances."""
         return Instances(ids=np.zeros(frame.left.shape[:2], np.uint16), instances=())
 
 
 class DrawnHeads:
-    """No heads but those that are drawn on the clip (``annotations/CLIP.drawn.csv``)."""
+    """A head detector without heads of its own: uses only those drawn on the clip (``annotations/CLIP.drawn.csv``)."""
 
     Settings = NothingToSet
 
     def __init__(self, settings: NothingToSet, clip: Clip) -> None:
-        """Nothing is read: what is drawn comes with the job."""
+        """Nothing is read here: the drawn shapes come with the job."""
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """No heads."""
+        """Return no heads."""
         return ()
 
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnClip:
-    """What is drawn on a clip, with the category of each name. It travels to other processes by pickle."""
+    """The shapes drawn on a clip, with the category of each name. It is pickled to other processes."""
 
     drawn: Drawn
     categories: Mapping[str, str]
 
     @classmethod
     def of(cls, manifest: ClipManifest, drawn: Drawn) -> DrawnClip:
-        """With the categories of the manifest's rules."""
+        """Combine the drawn shapes with the categories of the manifest's rules."""
         rules = {**manifest.subjects, **manifest.targets}
         return cls(drawn=drawn, categories={name: rules[name].category for name in drawn.names})
 
     @property
     def digest(self) -> str:
-        """Hexadecimal sha256 of all that results depend on."""
+        """Hexadecimal sha256 of everything that results depend on."""
         categories = "".join(f"{name}\0{label}\n" for name, label in self.categories.items())
         return hashlib.sha256(f"{format_drawn(self.drawn)}\0{categories}".encode()).hexdigest()
 
     def shapes(self, settings: DrawnSettings) -> DrawnShapes:
-        """As the pipeline takes it."""
+        """Return the shapes for the pipeline."""
         return DrawnShapes(settings, self._at)
 
     def _at(self, frame: int) -> list[DrawnShape]:
@@ -96,7 +96,7 @@ class DrawnClip:
 
 
 def check_drawn(name: str, drawn: Drawn | None, configuration: Configuration) -> None:
-    """Refuse a configuration that has nothing but what is drawn, on a clip on which that is not drawn.
+    """Reject a configuration with a ``"drawn"`` stage on a clip without such drawn shapes.
 
     Raises
     ------

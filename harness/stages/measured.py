@@ -1,4 +1,4 @@
-"""A clip of measurements under many configurations: no stage of perception runs, every frame is a scene already."""
+"""A clip of measurements under many configurations: no stage of perception runs, since every frame is a scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from harness.stages.stage_runner import Timings, timed
 def measured_frames(
     configurations: Sequence[Configuration], clip: MeasuredClip, numbers: Iterable[int]
 ) -> Generator[SharedFrame]:
-    """Read frames in ascending order; every configuration has the same scene, and no percepts."""
+    """Read frames in ascending order; every configuration gets the same scene, and no percepts."""
     for number in numbers:
         decoding: Timings = {}
         with timed(decoding, "decode"):

@@ -1,4 +1,4 @@
-"""Each stage of a frame against the truth, where the clip has it: how far off what the next stage works with is."""
+"""Errors of each stage against the ground truth, if the clip has it."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from vfoa.geometry import angle_between, box_corners, box_iou
 from vfoa.types import Box3D, Disparity, Float, Instances, Percepts, Person, Scene, Target
 
 BAD_PX = 2.0
-"""A disparity further off than this is called bad."""
+"""A disparity with a larger error than this is called bad."""
 
 MATCH_IOU = 0.5
-"""Masks that overlap more are of one thing: no two disjoint masks can both do so (Kirillov et al. 2019)."""
+"""Masks that overlap more belong to one object: no two disjoint masks can both do so (Kirillov et al. 2019)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisparityMeasure:
-    """A disparity map against the true one, over the pixels where the truth is known.
+    """A disparity map against the true one, over the pixels with known ground truth.
 
-    ``error_px`` is the median error, ``over_2_px`` the share of errors above 2 px, both where a disparity was found;
-    None where none was. ``known`` is the share of pixels with one.
+    ``error_px`` is the median error, ``over_2_px`` the share of errors above 2 px, both over pixels with a disparity;
+    None if there are none. ``known`` is the share of pixels with a disparity.
     """
 
     error_px: float | None
@@ -36,7 +36,7 @@ class DisparityMeasure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetMeasure:
-    """A true thing or person against the instance found for it; ``instance_id`` is None where none was.
+    """A true object or person against the instance found for it; ``instance_id`` is None if none was found.
 
     The IoUs are those of the masks and of the 3D boxes, along the camera's axes; ``center_error_m`` is between the
     boxes' centres. None: no true box, or none found.
@@ -52,9 +52,9 @@ class TargetMeasure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PersonMeasure:
-    """Measured errors of one person's head, before any filter; None: not measured, or no ground truth.
+    """Errors of one person's head before any filter. None: not measured, or no ground truth.
 
-    ``head_box_iou`` is 0 where no head was found.
+    ``head_box_iou`` is 0 if no head was found.
     """
 
     name: str
@@ -66,7 +66,7 @@ class PersonMeasure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameMeasures:
-    """Each stage of one frame against the truth, as far as the clip knows it."""
+    """Errors of each stage in one frame, as far as the clip has ground truth."""
 
     disparity: DisparityMeasure | None
     targets: tuple[TargetMeasure, ...]
@@ -82,7 +82,7 @@ class Measurer:
         self._memo = StageMemo()
 
     def measure(self, percepts: Percepts, scene: Scene) -> FrameMeasures | None:
-        """One configuration's percepts and scene against the truth; None where nothing is known to be true."""
+        """Measure one configuration's percepts and scene; None without any ground truth."""
         if percepts.index != self._frame:
             self._frame, self._memo = percepts.index, StageMemo()
         truth = truth_of(self._clip, percepts.index)
@@ -103,7 +103,7 @@ class Measurer:
 
 
 def measure_disparity(found: Disparity, true: Disparity | None) -> DisparityMeasure | None:
-    """A disparity map against the true one, on every second row and column; None where no truth is known."""
+    """Measure a disparity map on every second row and column; None without ground truth."""
     if true is None:
         return None
     sampled = true.disparity_px[::2, ::2]
@@ -120,7 +120,7 @@ def measure_disparity(found: Disparity, true: Disparity | None) -> DisparityMeas
 
 
 Matches = Mapping[int, tuple[int, float]]
-"""By true id, the id of the instance that was found for it, and the IoU of their masks."""
+"""By true id: the id of the instance that was found for it, and the IoU of their masks."""
 
 
 def match_masks(found: Instances, true: Instances) -> Matches:
@@ -134,9 +134,9 @@ def match_masks(found: Instances, true: Instances) -> Matches:
 
 
 def _places(instances: Instances) -> tuple[list[int], NDArray[np.uint16]]:
-    """Which ids there may be, 0 first, and each pixel's (H, W) place among them.
+    """The ids that occur, 0 first, and the index (H, W) of each pixel's id among them.
 
-    Ids can be as great as 65,535: a table of all numbers up to the greatest, for either view, would fill the memory.
+    Ids can be as large as 65,535: a table over all numbers would take too much memory.
     """
     ids = [0, *(each.id for each in instances.instances)]
     place = np.zeros(2**16, np.uint16)
@@ -147,7 +147,7 @@ def _places(instances: Instances) -> tuple[list[int], NDArray[np.uint16]]:
 def measure_targets(
     matches: Matches, targets: tuple[Target, ...], true: Instances, true_boxes: Mapping[int, Box3D] | None
 ) -> tuple[TargetMeasure, ...]:
-    """Every true thing and person that is seen, against the instance whose mask is the same."""
+    """Measure every visible true object and person against the instance with the matching mask."""
     boxes = {target.instance.id: target.box for target in targets}
     measures = []
     for instance in true.instances:
@@ -170,7 +170,7 @@ def measure_targets(
 
 
 def measure_people(scene: Scene, truth: Truth) -> tuple[PersonMeasure, ...]:
-    """Every true person against the head that overlaps his or hers most; () where the people are not known."""
+    """Measure every true person against the head that overlaps theirs most; () if the people are not known."""
     return tuple(_measure_person(person, scene) for person in truth.people or ())
 
 

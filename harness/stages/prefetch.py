@@ -1,7 +1,7 @@
-"""Working ahead in threads: the next frames are read and perceived while the last ones are attended to and written.
+"""Prefetching in threads: the next frames are read and perceived while the last ones are attended to and written.
 
-The order stays, and so does every result: what is computed does not depend on when. NumPy, OpenCV and ONNX Runtime let
-other threads run while they compute.
+The order and all results stay the same: they do not depend on timing. NumPy, OpenCV and ONNX Runtime let other threads
+run while they compute.
 """
 
 from __future__ import annotations
@@ -30,10 +30,9 @@ class _End:
 
 
 def prefetch(items: Generator[T], depth: int) -> Generator[T]:
-    """Yield the items, of which a thread computes up to ``depth`` before they are asked for; 0: none, and no thread.
+    """Yield the items; a thread computes up to ``depth`` of them in advance. 0: none, and no thread.
 
-    An error of theirs is raised where the item would have come. When nobody asks any more, the thread ends with the
-    item that it is at.
+    An error is raised where its item would have come. When the caller stops, the thread ends after its current item.
     """
     if depth == 0:
         yield from items
@@ -49,7 +48,7 @@ def prefetch(items: Generator[T], depth: int) -> Generator[T]:
             raise found.error
     finally:
         unwanted.set()
-        while thread.is_alive():  # it may wait for a place in the queue
+        while thread.is_alive():  # the thread may wait for a place in the queue
             _drain(ready)
             thread.join(_POLL_S)
 
@@ -60,8 +59,8 @@ def _compute(items: Generator[T], ready: Queue[_Item[T] | _End], unwanted: Event
             ready.put(_Item(value))
             if unwanted.is_set():
                 break
-        items.close()  # it may have a thread of its own
-    except BaseException as error:  # passed on to the thread that waits for the item
+        items.close()  # the generator may have a thread of its own
+    except BaseException as error:  # raised again in the thread that waits for the item
         ready.put(_End(error))
     else:
         ready.put(_End(None))
@@ -76,9 +75,9 @@ def _drain(ready: Queue[_Item[T] | _End]) -> None:
 
 
 def one_at_a_time(clip: Clip, count: int) -> tuple[Clip, ...]:
-    """The clip for several threads: one of them reads at a time, since a clip need not be thread-safe.
+    """Return the clip once for each of several threads: only one reads at a time, since a clip need not be thread-safe.
 
-    Each is an object of its own, with its own last truth (:func:`harness.stages.ground_truth.oracle.truth_of`).
+    Each is an object of its own, with its own last ground truth (:func:`harness.stages.ground_truth.oracle.truth_of`).
     """
     lock = Lock()
     return tuple(_OneAtATime(clip, lock) for _ in range(count))
@@ -90,7 +89,7 @@ class _OneAtATime:
 
     @property
     def frames(self) -> Sequence[int]:
-        """As :class:`harness.sources.Clip`, and so is all that follows."""
+        """As in :class:`harness.sources.Clip`; so are the following methods."""
         return self._clip.frames
 
     @property
@@ -104,7 +103,7 @@ class _OneAtATime:
         return self._clip.notes
 
     def time_ns(self, number: int) -> int:
-        """When a frame was taken."""
+        """Time of a frame, nanoseconds."""
         with self._lock:
             return self._clip.time_ns(number)
 
@@ -119,6 +118,6 @@ class _OneAtATime:
             return self._clip.truth(number)
 
     def digest(self) -> str:
-        """Of all that a frame depends on."""
+        """Digest of everything that a frame depends on."""
         with self._lock:
             return self._clip.digest()

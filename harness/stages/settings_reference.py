@@ -46,8 +46,8 @@ class SettingDescription:
 class SettingsTable:
     """The settings of one choice of a stage, or of one step.
 
-    ``table`` is the table of a configuration, ``choice`` the key and value that choose these settings
-    (``matcher = "sgbm"``), empty where there is nothing to choose.
+    ``table`` is the table of a configuration, ``choice`` the key and value that choose these settings (``matcher =
+    "sgbm"``), empty if there is no choice.
     """
 
     table: str
@@ -67,7 +67,7 @@ def table_names() -> tuple[str, ...]:
 
 
 def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
-    """Every table of settings, or those of one stage or step.
+    """Return every table of settings, or those of one stage or step.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
     Raises
     ------
     VfoaError
-        If there is no such stage or choice; the message proposes the nearest.
+        If there is no such stage or choice; the message suggests the nearest one.
     """
     wanted, _, choice = (only or "").partition(".")
     if only and wanted not in table_names():
@@ -92,13 +92,13 @@ def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
 
 
 def choice_names() -> list[str]:
-    """What :func:`settings_tables` takes for one choice of a stage or step: ``stereo.sgbm``."""
+    """Every argument of :func:`settings_tables` that names one choice of a stage or step: ``stereo.sgbm``."""
     stages = [f"{slot.name}.{name}" for slot in SLOTS.values() for name in slot.names() if name != OFF]
     return [*stages, *(f"{step}.{method}" for step, methods in STEPS.items() for method in methods if method)]
 
 
 def setting_keys() -> list[str]:
-    """Every dotted key, sorted: what ``--set`` takes."""
+    """Every dotted key that ``--set`` takes, sorted."""
     choices = {*(f"{slot.name}.{slot.key}" for slot in SLOTS.values()), "attention.method"}
     return sorted(choices | {setting.key for table in settings_tables() for setting in table.settings})
 
@@ -145,7 +145,7 @@ def _default(field: FieldInfo) -> str:
 
 
 def _value(value: Any) -> str:
-    """A value as TOML has it; a null is "not set"."""
+    """A value in TOML; "not set" for a null."""
     if value is None:
         return "(not set)"
     if isinstance(value, bool):
@@ -189,10 +189,10 @@ def _first_sentence(thing: Any) -> str:
 
 
 def _meanings(model: type[BaseModel]) -> dict[str, str]:
-    """What the docstrings of a settings class and its bases say of each field that has no docstring of its own.
+    """Meanings from the docstrings of a settings class and its bases, for fields without a docstring of their own.
 
-    A sentence that names fields in double backquotes is about them. After ``name``: and its sentence, those that
-    follow in the paragraph and name none are about it, too.
+    A sentence that names fields in double backquotes is about them. After ``name``: and its sentence, the following
+    sentences of the paragraph that name no field are about it, too.
     """
     found: dict[str, list[str]] = {}
     for base in reversed(model.__mro__):
@@ -210,12 +210,12 @@ def _meanings(model: type[BaseModel]) -> dict[str, str]:
 
 
 def _about(sentence: str, name: str) -> str:
-    """The sentence in plain text, without the field's own name before a colon."""
+    """Return the sentence in plain text, without the field's own name before a colon."""
     text = _plain(re.sub(rf"^``{name}``:\s*", "", sentence)).rstrip(".") + "."
     return text if re.match(r"[a-z0-9]+_", text) or text.startswith(name) else text[0].upper() + text[1:]
 
 
 def _plain(text: str) -> str:
-    """Without the mark-up of docstrings, on one line."""
+    """Return text without the mark-up of docstrings, on one line."""
     text = re.sub(r":\w+:`~?(?:[\w.]*\.)?([\w]+)`", r"\1", text)
     return " ".join(text.replace("``", "").split())

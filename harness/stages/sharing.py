@@ -34,7 +34,7 @@ class SharedFrame:
     """A frame with the percepts, the scene and the seconds per stage of each configuration, by its name.
 
     A configuration that has failed, in this frame or an earlier one, has its error instead. A clip of measurements has
-    no images and no percepts. ``windows`` say where a temporal gaze must begin to go on from this frame.
+    no images and no percepts. ``windows`` hold the start of each temporal gaze window for continuing from this frame.
     """
 
     index: int
@@ -45,7 +45,7 @@ class SharedFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadFrame:
-    """A frame that was read, and the seconds that took."""
+    """A frame and the seconds that reading it took."""
 
     frame: StereoFrame
     timings: Timings
@@ -53,7 +53,7 @@ class ReadFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PerceivedFrame(ReadFrame):
-    """A frame with the outputs of its stages. A temporal gaze model's output is not among them yet."""
+    """A frame with the outputs of its stages, except those of a temporal gaze model."""
 
     outputs: dict[tuple[object, ...], Output]
 
@@ -70,10 +70,10 @@ def read_frames(clip: Clip, numbers: Iterable[int]) -> Generator[ReadFrame]:
 class SharedPipeline:
     """``perceive`` and ``reconstruct`` for every configuration of one clip.
 
-    All stages are built with it. A stage that cannot be built, or fails on a frame, ends the configurations that have
-    it. ``cache`` holds outputs of earlier runs; None for no cache. ``drawn`` is what a person drew on the clip; None
-    for nothing. ``parallel`` runs the models of the heads beside the matchers, in a thread of their own. ``begins`` are
-    the first frames of configurations that do not begin with the clip, and ``starts`` those of their windows.
+    All stages are built with it. A stage that cannot be built, or fails on a frame, ends the configurations that use
+    it. ``cache`` holds outputs of earlier runs; None for no cache. ``drawn`` are the shapes drawn on the clip; None for
+    none. ``parallel`` runs the models of the heads beside the matchers, in a thread of their own. ``begins`` are the
+    first frames of configurations that do not begin with the clip, and ``starts`` those of their windows.
     """
 
     def __init__(
@@ -112,7 +112,7 @@ class SharedPipeline:
             self._beside.shutdown()
 
     def _build(self, configuration: Configuration) -> None:
-        """Build the stages of one configuration, but for those that another one has."""
+        """Build the stages of one configuration, except those already built for another one."""
         keys = {slot: choice.key if choice else OFF for slot, choice in configuration.choices.items()}
         for choice in configuration.choices.values():
             if choice and choice.key not in self._built:
@@ -125,7 +125,7 @@ class SharedPipeline:
         self._stages[configuration.name] = stages
         if stages.temporal_gaze:
             tracking = configuration.attend.tracking
-            # heads and crops depend on no more than this, so whoever agrees on it has the same gazes
+            # heads and crops depend on nothing else, so configurations that agree on this have the same gazes
             seen = (keys["segmentation"], keys["heads"], keys["gaze"], drawn, tracking)
             start = self._starts.get(configuration.name)
             if seen not in self._same_windows:
@@ -138,7 +138,7 @@ class SharedPipeline:
         return build_stage(choice, self._clip, self._memo, stored)
 
     def _drawing(self, configuration: Configuration) -> StageRunner | None:
-        """What is drawn, as a configuration uses it; its time is charged to the segmentation."""
+        """The drawn shapes as a configuration uses them; their time is charged to the segmentation."""
         settings = configuration.drawn
         if self._drawn is None or not configuration.uses_drawn:
             return None
@@ -148,12 +148,12 @@ class SharedPipeline:
         return self._drawings[settings]
 
     def take_tallies(self) -> dict[str, Tally]:
-        """Outputs reused and computed since the last call, by the stage's key."""
+        """Return the outputs reused and computed since the last call, by the stage's key."""
         return {key: tally.take() for key, tally in self._tallies.items()}
 
     @contextmanager
     def _isolated(self, name: str, frame: int | None = None) -> Iterator[None]:
-        """Keep what goes wrong with one configuration, in a frame or before the first, from the others."""
+        """Let an error of one configuration, in a frame or before the first, end only that configuration."""
         try:
             yield
         except VfoaError as error:
@@ -162,9 +162,9 @@ class SharedPipeline:
             self._failed[name] = error
 
     def warm(self, numbers: Iterable[int]) -> Iterator[int]:
-        """Only perceive frames, in any order, for what the cache keeps of it; yield each number when it is done.
+        """Only perceive frames, in any order, to fill the cache; yield each number when it is done.
 
-        A failure here is raised again where the frame's result is used.
+        A failure is ignored here; it is raised again where the frame's result is used.
         """
         for number in numbers:
             with suppress(VfoaError):
@@ -182,7 +182,7 @@ class SharedPipeline:
     def perceive(self, frames: Generator[ReadFrame]) -> Generator[PerceivedFrame]:
         """Run every distinct stage on each frame, in ascending order.
 
-        A frame is yielded when all that its gaze is estimated from has been read: at once without a temporal model.
+        A frame is yielded when all frames that its gaze depends on have been read: at once without a temporal model.
         """
         waiting: deque[PerceivedFrame] = deque()
         with closing(frames):

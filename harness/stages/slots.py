@@ -1,7 +1,7 @@
-"""The five exchangeable stages: which names each takes, and how one is built for a clip.
+"""The five exchangeable stages: the names that each takes, and how a stage is built for a clip.
 
 A stage of the library knows only frames and is built as ``Class(settings)``. A stage of the harness reads something
-that belongs to the clip (its truth, files made elsewhere) and is built as ``Class(settings, clip)``.
+that belongs to the clip (its ground truth, files of other programs) and is built as ``Class(settings, clip)``.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from vfoa.onnx import Provider
 
 DRAWN = "drawn"
-"""The name of the stages that leave everything to what is drawn on the clip."""
+"""The name of the stages that use only the shapes drawn on the clip."""
 OFF = "none"
-"""The name that switches a stage off. Without matcher, segmentation or heads only clips of measurements can be run."""
+"""The name that switches a stage off. Without matcher, segmentation or heads, only clips of measurements can be run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slot:
-    """One place in the pipeline: its table in a configuration, the key that chooses, and what there is to choose."""
+    """One place in the pipeline: its table in a configuration, the key that selects a stage, and the stages."""
 
     name: str
     key: str
@@ -68,7 +68,7 @@ class Slot:
         return self.stage_class(name).Settings
 
     def takes(self, name: object, key: str) -> bool:
-        """Whether the stage called ``name`` has a setting called ``key``; False for a name that is not there."""
+        """Whether the stage called ``name`` has a setting called ``key``; False for an unknown name."""
         if key == self.key:
             return True
         return name != OFF and name in self and key in self.settings_class(str(name)).model_fields
@@ -113,23 +113,23 @@ class StageChoice:
 
     @property
     def key(self) -> str:
-        """The same text for the same stage with the same settings, and no other."""
+        """A text that identifies the stage with its settings."""
         return f"{self.slot} {json.dumps(self.plain(), sort_keys=True)}"
 
     def for_clip(self, clip: str) -> StageChoice:
-        """The choice with the clip's name filled in where its settings ask for it."""
+        """Return the choice with the clip's name filled in wherever its settings have the placeholder."""
         texts = {key: value for key, value in dict(self.settings).items() if isinstance(value, str)}
         filled = {key: text.replace(CLIP_VARIABLE, clip) for key, text in texts.items() if CLIP_VARIABLE in text}
         return replace(self, settings=self.settings.model_copy(update=filled)) if filled else self
 
     def on(self, provider: Provider) -> StageChoice:
-        """The choice with its networks on a provider of ONNX Runtime; a stage without networks as it is."""
+        """Return the choice with its networks on a provider of ONNX Runtime; a stage without networks is unchanged."""
         if "provider" not in type(self.settings).model_fields:
             return self
         return replace(self, settings=self.settings.model_copy(update={"provider": provider}))
 
     def plain(self) -> dict[str, Any]:
-        """The choice as JSON values, every default written out."""
+        """Return the choice as JSON values, with every default."""
         return {SLOTS[self.slot].key: self.name, **self.settings.model_dump(mode="json")}
 
 

@@ -34,7 +34,7 @@ Timings = dict[str, float]
 """Seconds per stage."""
 
 LONGEST_TEXT = 300
-"""Characters of an exception's own words that one line has room for."""
+"""Longest text of an exception that is quoted in a line."""
 
 _ONE_OF = {"match": Disparity, "match_region": Disparity, "segment": Instances, "estimate_sequence": Gaze}
 _ONE_OR_NONE = {"head_pose": HeadPose, "gaze": Gaze}
@@ -54,12 +54,12 @@ class Output:
 
     value: Any
     timings: Timings
-    inputs: tuple[object, ...]  # kept alive: a new object could otherwise get the same id
+    inputs: tuple[object, ...]  # kept alive, since a new object could otherwise get the same id
 
 
 @dataclass(slots=True)
 class StageMemo:
-    """The outputs of one frame's stages, and the timings of the configuration that calls now.
+    """The outputs of one frame's stages, and the timings of the configuration that is calling.
 
     A shared output counts in full for every configuration that uses it: timings say what a configuration costs alone.
     """
@@ -69,7 +69,7 @@ class StageMemo:
 
     @property
     def timings(self) -> Timings:
-        """Of the caller: a thread that works for it has a copy of its context, and adds to the same timings."""
+        """Timings of the caller. A thread that works for it has a copy of its context, and adds to the same timings."""
         return self._timings.get({})
 
     @timings.setter
@@ -79,8 +79,8 @@ class StageMemo:
     def call(self, name: str, function: Callable[..., T], *inputs: object) -> T:
         """Return ``function(*inputs)``, computed once.
 
-        Settings, regions and text are compared by value, other arguments by identity. The time is added to
-        ``name``, or, where the function makes calls of its own, to theirs.
+        Settings, regions and text are compared by value, other arguments by identity. The time is added to ``name`` or,
+        if the function makes calls of its own, to theirs.
         """
         key = (
             name,
@@ -100,17 +100,18 @@ class StageMemo:
         return output.value
 
     def charge(self, stage: str, seconds: float) -> None:
-        """Add seconds to a stage, spent now or when its output was computed."""
+        """Add seconds to a stage: its own, or those of a shared or stored output."""
         self.timings[stage] = self.timings.get(stage, 0.0) + seconds
 
 
 def guarded(what: str, function: Callable[..., T], *inputs: Any) -> T:
-    """Return ``function(*inputs)``; ``what`` opens the line that says what went wrong.
+    """Return ``function(*inputs)``; ``what`` opens the message of an error.
 
     Raises
     ------
     StageError
-        For any exception that is not a :class:`VfoaError`; these, and what is no Exception (Ctrl-C), stay as they are.
+        For any exception that is not a :class:`VfoaError`. A VfoaError, and anything that is no Exception (Ctrl-C), is
+        raised unchanged.
     """
     try:
         return function(*inputs)
@@ -118,7 +119,7 @@ def guarded(what: str, function: Callable[..., T], *inputs: Any) -> T:
         raise
     except Exception as error:
         fault = StageError(f"{what}: {_in_one_line(error)}", "".join(traceback.format_exception(error)))
-    raise fault  # out here, so that it keeps nothing alive of what the stage held
+    raise fault  # raised outside of the handler, so that it keeps no object of the stage alive
 
 
 def _in_one_line(error: Exception) -> str:
@@ -128,12 +129,12 @@ def _in_one_line(error: Exception) -> str:
 
 
 def check_output(value: object, method: str, slot: str, inputs: tuple[Any, ...]) -> None:
-    """Check what a method of a stage returned: another kind or size would fail far from the stage that made it.
+    """Check the output of a stage's method: a wrong kind or size would fail far from the stage that made it.
 
     Raises
     ------
     TypeError, ValueError
-        If the kind of value, or the size of a map, is wrong. The output of a method that is not known here passes.
+        If the kind of value, or the size of a map, is wrong. Outputs of unknown methods are not checked.
     """
     _check_kind(value, method, slot)
     if isinstance(value, Disparity | Instances):
@@ -166,15 +167,15 @@ def _check_size(found: Disparity | Instances, frame: StereoFrame) -> None:
 
 
 NOT_STORED = frozenset({"crop", "stride"})
-"""Methods that are computed sooner than their output is read."""
+"""Methods that are faster to compute than to read from the cache."""
 
 
 class StageRunner:
     """A stage of any protocol: it has the methods that the stage has.
 
-    Each call is answered from the frame's memo, from the cache if the stage takes part in it, or by the stage. What the
-    stage raises becomes one line, and what it returns is checked. The seconds that an output took when it was computed
-    are charged to the stage's slot.
+    Each call is answered from the frame's memo, from the cache if the stage is cached, or by the stage. An error of the
+    stage becomes one line, and its output is checked. The seconds that an output took when it was computed are charged
+    to the stage's slot.
     """
 
     def __init__(
@@ -184,7 +185,7 @@ class StageRunner:
         self._slot, self._name, self._memo, self._stored = slot, name, memo, stored
 
     def __getattr__(self, method: str) -> Any:
-        getattr(self.stage, method)  # AttributeError for what the stage does not have
+        getattr(self.stage, method)  # raises AttributeError for a method that the stage does not have
         return partial(self._memo.call, self._slot, self._answer, method)
 
     def _answer(self, method: str, *inputs: Any) -> Any:
@@ -209,7 +210,7 @@ def build_stage(choice: StageChoice, clip: Clip, memo: StageMemo, stored: Stored
     Raises
     ------
     StageError
-        If its constructor raises anything but a :class:`VfoaError`, which stays as it is.
+        If its constructor raises anything but a :class:`VfoaError`, which is raised unchanged.
     """
     slot = SLOTS[choice.slot]
     name = f'{slot.name}.{slot.key} = "{choice.name}"'

@@ -1,4 +1,4 @@
-"""Ways to work through jobs: in this process, in a pool of spawned ones, or on a Dask cluster."""
+"""Executors run jobs: in this process, in a pool of spawned processes, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def executor(
 
 
 def work_through(work: Work[Job, Outcome], jobs: Sequence[Job], workers: int, progress: Progress) -> Iterator[Outcome]:
-    """Yield ``work(job, progress)`` for each job, in the order of the jobs; a job that is lost is an error."""
+    """Yield ``work(job, progress)`` for each job, in the order of the jobs; a lost job is an error."""
     with executor(min(workers, max(len(jobs), 1))) as chosen:
         yield from chosen.run(work, jobs, progress, _lost)
 

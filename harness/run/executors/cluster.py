@@ -34,7 +34,7 @@ def connect(address: str) -> Iterator[Client]:
     Raises
     ------
     VfoaError
-        If it does not answer, or its workers are none, or have several threads.
+        If it does not answer, has no workers, or has workers with several threads.
     """
     try:
         from distributed import Client
@@ -55,10 +55,10 @@ def connect(address: str) -> Iterator[Client]:
 
 @contextmanager
 def local_cluster(workers: int) -> Iterator[str]:
-    """Yield the address of a scheduler on this machine with this many workers, processes of one thread."""
+    """Yield the address of a new scheduler on this machine with this many single-threaded worker processes."""
     from distributed import LocalCluster
 
-    # any free port: without an address it takes 8787, of every network, which another cluster may have
+    # any free port: the default is 8787 on all networks, which another cluster may use
     dashboard = {"dashboard_address": "127.0.0.1:0"}
     options = {"n_workers": workers, "threads_per_worker": 1, "host": "127.0.0.1", **dashboard}
     with LocalCluster(**options, silence_logs=50) as cluster:
@@ -66,7 +66,7 @@ def local_cluster(workers: int) -> Iterator[str]:
 
 
 def cpu_seconds(address: str) -> float:
-    """Outputs that the workers of the scheduler at ``address`` have computed so far."""
+    """CPU seconds that the workers of the scheduler at ``address`` have used so far."""
     with connect(address) as client:
         return float(sum(client.run(time.process_time).values()))
 
@@ -104,8 +104,8 @@ class Cluster:
     ) -> Iterator[Outcome]:
         """As :class:`harness.run.executors.Executor`.
 
-        Whoever stops asking, or is interrupted, gets control back when no worker is at a job any more: queued jobs do
-        not begin, and those that run stop after the frame in hand.
+        If the caller stops iterating, or is interrupted, control returns when no worker runs a job any more: queued
+        jobs do not begin, and running ones stop after the current frame.
         """
         from distributed import CancelledError, KilledWorker
         from distributed.comm import CommClosedError
@@ -139,16 +139,16 @@ class Cluster:
 
 
 def _end(client: Client, futures: Sequence[Future], run: str) -> None:
-    """Stop what still runs, and wait for it: another run may begin at once with the same files."""
+    """Stop the running jobs and wait for them: another run may begin at once with the same files."""
     deadline = time.monotonic() + PATIENCE_SECONDS
     while (running := [each for each in futures if not each.done()]) and time.monotonic() < deadline:
-        client.run(_note_stopped, run, on_error="ignore")  # again and again: a worker may have joined meanwhile
+        client.run(_note_stopped, run, on_error="ignore")  # repeatedly: a worker may have joined meanwhile
         with suppress(TimeoutError):
             running[0].exception(timeout=1)
 
 
 _stopped: set[str] = set()
-"""In a worker: the runs whose jobs are to stop."""
+"""In a worker: the runs whose jobs must stop."""
 
 
 def _note_stopped(run: str) -> None:
@@ -161,7 +161,7 @@ _OWN_CACHE, _OWN_FOLDER = os.environ.get(CACHE_VARIABLE), Path.cwd()
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What paths and weights are looked up by."""
+    """The folder and variables by which paths and weights are found."""
 
     folder: str = field(default_factory=lambda: str(Path.cwd()))
     variables: dict[str, str] = field(
@@ -233,7 +233,7 @@ def _appears(path: Path) -> bool:
 
 
 class _Told:
-    """Counts the words of progress, and sends them now and then: a message costs as much as a small frame."""
+    """Counts progress words and sends them in batches: a message costs as much as a small frame."""
 
     def __init__(self, send: Callable[[dict[str, int]], object]) -> None:
         self._send, self._counts, self._sent_s = send, dict[str, int](), time.monotonic()
@@ -245,7 +245,7 @@ class _Told:
             self.send()
 
     def send(self) -> None:
-        """Send what was counted since the last time."""
+        """Send the counts since the last call."""
         if self._counts:
             self._send(self._counts)
         self._counts, self._sent_s = {}, time.monotonic()

@@ -1,9 +1,9 @@
-"""The protocol of an executor, and the one that works in this process.
+"""The protocol of an executor, and the executor that works in this process.
 
-Workers compute with one thread each: that is the quickest for all together. Where one process does everything, it may
-use a few, with the same results (a guided filter in OpenCV differs in its last bit from eight threads on: four are the
-most). A worker that dies is replaced, and its jobs are done again; a job that takes its worker along every time is
-given up, and the others are finished.
+Workers compute with one thread each, which is the fastest for all together. A single process may use a few threads,
+with the same results (a guided filter in OpenCV differs in the last bit from eight threads on, so four is the limit). A
+worker that dies is replaced, and its jobs are repeated. A job that kills its worker every time is given up; the others
+finish.
 """
 
 from __future__ import annotations
@@ -14,36 +14,36 @@ from typing import Protocol, TypeVar
 Job = TypeVar("Job")
 Outcome = TypeVar("Outcome")
 Progress = Callable[[str], None]
-"""Called with a word on what has just moved on (the clip's name, once a frame)."""
+"""Called with the name of what has advanced (the clip's name, once per frame)."""
 
 Work = Callable[[Job, Progress], Outcome]
 Lost = Callable[[Job, str], Outcome]
-"""The outcome of a job that was given up, and why."""
+"""Makes the outcome of a job that was given up, from the job and the reason."""
 
 
 class StoppedError(Exception):
-    """The run was interrupted: a worker stops after the frame in hand."""
+    """The run was interrupted: a worker stops after the current frame."""
 
 
 MOST_THREADS = 4
 
 ATTEMPTS = 3
-"""How often a job may take its worker along."""
+"""Number of times that a job may kill its worker."""
 
 GIVEN_UP = f"its worker process died {ATTEMPTS} times over"
 
 
 class Executor(Protocol):
-    """Works through jobs."""
+    """Runs jobs."""
 
     @property
     def workers(self) -> int:
-        """How many jobs are done at a time."""
+        """Number of jobs that run at a time."""
         ...
 
     @property
     def threads(self) -> int:
-        """With how many threads a job may be done."""
+        """Number of threads that a job may use."""
         ...
 
     @property
@@ -54,15 +54,15 @@ class Executor(Protocol):
     def run(
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
     ) -> Iterator[Outcome]:
-        """Yield ``work(job, progress)`` for each job, in the order of the jobs, each as soon as it is there.
+        """Yield ``work(job, progress)`` for each job, in the order of the jobs, each as soon as it is finished.
 
-        ``work`` is a module's function. Workers go on while whoever asked deals with an outcome.
+        ``work`` is a function of a module. Workers continue while the caller handles an outcome.
         """
         ...
 
 
 class InProcess:
-    """One job after the other, here, with a few threads."""
+    """Runs one job after the other in this process, with a few threads."""
 
     workers = 1
     is_elsewhere = False

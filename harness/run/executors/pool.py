@@ -34,9 +34,9 @@ _stop: Event | None = None
 
 
 class Pool:
-    """A pool of spawned processes, as a context manager; imports and open clips are reused from run to run.
+    """A pool of spawned processes, as a context manager. Imports and open clips are reused from run to run.
 
-    A death breaks all of them: new ones go on with what is not done.
+    The death of a process breaks the whole pool: new processes continue with the unfinished jobs.
     """
 
     threads = 1
@@ -54,7 +54,7 @@ class Pool:
 
     def __exit__(self, *error: object) -> None:
         if error[0] is not None:
-            self._ending.set()  # jobs that run stop after the frame in hand
+            self._ending.set()  # running jobs stop after the current frame
         self._stop()
         if self._listener:
             self._listener.close()
@@ -63,7 +63,7 @@ class Pool:
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
     ) -> Iterator[Outcome]:
         """As :class:`harness.run.executors.Executor`."""
-        if len(jobs) == 1:  # it would be waited for alone, and its process started for nothing
+        if len(jobs) == 1:  # a single job needs no process of its own
             yield from InProcess().run(work, jobs, progress, lost)
             return
         done: dict[int, Outcome] = {}
@@ -76,14 +76,14 @@ class Pool:
                     yield done.pop(given)
                     given += 1
         for number in range(given, len(jobs)):
-            if number not in done:  # whoever it was that took the others along, it is alone now
+            if number not in done:  # whichever job killed the others, it is alone now
                 done.update(self._attempt(work, {number: jobs[number]}, progress))
             yield done.pop(number) if number in done else lost(jobs[number], GIVEN_UP)
 
     def _attempt(
         self, work: Work[Job, Outcome], jobs: dict[int, Job], progress: Progress
     ) -> Iterator[tuple[int, Outcome]]:
-        """The outcomes of what could be finished before a worker died, in their order, as soon as they are there."""
+        """Yield the outcomes of jobs that finished before a worker died, in their order, as soon as they are there."""
         if not jobs:
             return
         broken, futures = False, dict[int, Future[Outcome]]()
@@ -109,7 +109,7 @@ class Pool:
                 self._stop()
 
     def _start(self, jobs: int, progress: Progress) -> tuple[ProcessPoolExecutor, _Listener]:
-        """Enough processes for this many jobs; running ones are reused."""
+        """Start enough processes for this many jobs; running ones are reused."""
         wanted = min(self.workers, jobs)
         if self._started < wanted:
             self._stop()
@@ -129,7 +129,7 @@ class Pool:
 
 
 class _Listener:
-    """Hears what has moved on. No lock: what workers write is so short that it is whole, whenever its writer dies."""
+    """Receives the progress of workers. No lock is needed: each message is short enough to be written atomically."""
 
     def __init__(self, progress: Progress) -> None:
         self.progress = progress
@@ -146,13 +146,13 @@ class _Listener:
                 self.progress(word.decode())
 
     def flush(self) -> None:
-        """Return when all that was written before is heard."""
+        """Return when all earlier messages are received."""
         self._flushed.clear()
         self.told.send_bytes(_FLUSH)
         self._flushed.wait()
 
     def close(self) -> None:
-        """Hear the rest, and end."""
+        """Receive the remaining messages, and end."""
         self.told.send_bytes(_END)
         self._thread.join()
         self._heard.close()
@@ -162,7 +162,7 @@ class _Listener:
 def _begin(told: Connection, stop: Event) -> None:
     global _told, _stop
     _told, _stop = told, stop
-    for name in ("SIGINT", "SIGHUP"):  # a terminal sends them to all processes; the parent decides
+    for name in ("SIGINT", "SIGHUP"):  # a terminal sends Ctrl-C to all processes; the parent decides
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     compute_with(1)
@@ -170,7 +170,7 @@ def _begin(told: Connection, stop: Event) -> None:
 
 
 def _end_with_parent() -> None:
-    """Do not outlive a run that was killed: another may go on with its files."""
+    """End this process with its parent: after a killed run, another run may continue its files."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -1,4 +1,4 @@
-"""A live source as a clip: its frames are those that were taken, one after the other."""
+"""A live source as a clip: its frames are those that were taken from the source."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from vfoa.types import StereoFrame
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Latency:
-    """One frame: the milliseconds from its arrival to the end of all that was done with it, and how many it cost.
+    """Latency of one frame: milliseconds from its arrival to the end of all processing, and the frames that it cost.
 
-    ``dropped_before`` counts the frames that came and went since the one before.
+    ``dropped_before`` counts the frames that arrived and were dropped since the one before.
     """
 
     frame: int
@@ -27,10 +27,10 @@ class Latency:
 
 
 class LiveClip:
-    """What the pipeline sees of a live source (:class:`harness.sources.Clip`, but for the order).
+    """A live source as the pipeline reads it (:class:`harness.sources.Clip`, but only in the order of the source).
 
-    :meth:`numbers` waits for the newest frame, which can be read until the next one is asked for. A frame that is
-    damaged is passed over, and counted.
+    :meth:`numbers` waits for the newest frame, which can be read until the next one is requested. A damaged frame is
+    skipped and counted.
     """
 
     def __init__(self, newest: Newest, rate_hz: float | None) -> None:
@@ -45,14 +45,14 @@ class LiveClip:
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """Those that were taken so far."""
+        """Numbers of the frames taken so far."""
         return tuple(self._times_ns)
 
     def numbers(self, rehearse: Callable[[int], None], limit: int | None = None) -> Generator[int]:
-        """The number of each frame that is taken, when it has come; at most ``limit`` of them.
+        """Yield the number of each frame that is taken, when it has arrived; at most ``limit`` of them.
 
-        ``rehearse`` is called with the first one, which is taken again only if no other comes: what is loaded at its
-        first use takes seconds, and the frames that come meanwhile are not counted as dropped.
+        ``rehearse`` is called with the first one: things loaded at first use take seconds, and the frames that arrive
+        meanwhile do not count as dropped. The first frame is taken again only if no other arrives.
         """
         first: Arrival | None = None
         for arrival, dropped in self._newest:
@@ -70,7 +70,7 @@ class LiveClip:
             yield self._take(first, 0)
 
     def _read(self, arrival: Arrival) -> bool:
-        """Decode a frame; False for one that is damaged."""
+        """Decode a frame; return False if it is damaged."""
         try:
             self._frames = {arrival.number: arrival.read()}
         except VfoaError as error:
@@ -84,23 +84,23 @@ class LiveClip:
         return arrival.number
 
     def done(self, number: int) -> None:
-        """Take note that everything was done with a frame."""
+        """Note the time at which a frame was done."""
         arrival, dropped = self._underway.pop(number)
         latency_ms = 1e3 * (time.monotonic() - arrival.arrived_s)
         self.latencies.append(Latency(frame=number, latency_ms=latency_ms, dropped_before=dropped))
 
     def time_ns(self, number: int) -> int:
-        """As the source has it."""
+        """Time of a frame, as given by the source."""
         return self._times_ns[number]
 
     def frame(self, number: int) -> StereoFrame:
-        """The frame that was taken last."""
+        """Return the frame that was taken last."""
         return self._frames[number]
 
     def truth(self, number: int) -> Truth:
-        """Nothing is known."""
+        """A live source has no ground truth."""
         return Truth()
 
     def digest(self) -> str:
-        """Of the frames' numbers and times: the frames themselves are gone."""
+        """Digest of the frames' numbers and times: the frames themselves are gone."""
         return hashlib.sha256(repr(list(self._times_ns.items())).encode()).hexdigest()

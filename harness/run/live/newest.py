@@ -9,7 +9,7 @@ from harness.sources.live import Arrival, LiveSource
 
 
 class Newest:
-    """Reads a source in a thread, and gives whoever asks the newest frame; those before it are dropped, and counted."""
+    """Reads a source in a thread and gives the caller the newest frame; earlier ones are dropped and counted."""
 
     def __init__(self, source: LiveSource, stopped: Event) -> None:
         self._source = source
@@ -21,9 +21,9 @@ class Newest:
         self._thread = Thread(target=self._read, args=(stopped,), daemon=True)
 
     def __iter__(self) -> Iterator[tuple[Arrival, int]]:
-        """The newest frame, whenever one is asked for, and how many were dropped since the one before.
+        """Yield the newest frame each time one is requested, and the number of frames dropped since the one before.
 
-        Ends with the source, and with its error.
+        Ends when the source ends, and raises its error.
         """
         self._thread.start()
         while (taken := self._take()) is not None:
@@ -33,7 +33,7 @@ class Newest:
             raise self._error
 
     def begin(self) -> None:
-        """Count what is dropped from now on."""
+        """Begin to count dropped frames."""
         with self._changed:
             self._dropped = 0
         self._source.begin()
@@ -52,7 +52,7 @@ class Newest:
                     self._dropped += self._waiting is not None
                     self._waiting = arrival
                     self._changed.notify()
-        except BaseException as error:  # whoever waits for a frame has to know
+        except BaseException as error:  # the thread that waits for a frame must know
             self._error = error
         with self._changed:
             self._ended = True

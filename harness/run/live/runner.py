@@ -1,4 +1,4 @@
-"""A live run: one configuration on the newest frames of a source, recorded as any other run is."""
+"""A live run: one configuration on the newest frames of a source, recorded like any other run."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from vfoa.errors import VfoaError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LiveReport:
-    """How a live run went: frames done, dropped and damaged, and the milliseconds from a frame's arrival to its end."""
+    """Summary of a live run: frames done, dropped and damaged, and milliseconds from a frame's arrival to its end."""
 
     frames: int
     dropped: int
@@ -87,9 +87,7 @@ def run_live(
         If the source cannot be read, or a frame cannot be computed. What was done before is kept, as a finished run.
     """
     if not directory.is_new():
-        raise VfoaError(
-            f"{directory.path}: holds a run already; a live one cannot be gone on with: choose another --out"
-        )
+        raise VfoaError(f"{directory.path}: holds a run already; a live run cannot continue it: choose another --out")
     drawn = drawn_on(manifest, frames, experiment)
     if drawn is not None:
         experiment = replace(experiment, notes=(*experiment.notes, said_of_drawn(manifest.name, drawn)))
@@ -112,7 +110,7 @@ def run_live(
     if error is None and clip.damaged and not clip.frames:
         error = VfoaError(f"no frame can be read; the first: {clip.damaged[0]}")
     if error is not None and not clip.frames:
-        shutil.rmtree(directory.path, ignore_errors=True)  # it was new, and nothing came of it
+        shutil.rmtree(directory.path, ignore_errors=True)  # the directory was new, and no frame was written
         raise error
     report = _report(clip)
     plan = Plan(experiment=experiment, clips=(_prepared(job, clip, written),), sinks=sinks)
@@ -130,7 +128,7 @@ def _follow(
     limit: int | None,
     progress: Callable[[str], None],
 ) -> tuple[int, VfoaError | None]:
-    """Lead each frame that is taken from the source to the sinks; how many, and the error that ended it, if any."""
+    """Run each frame from the source through to the sinks; return the number of frames and the error that ended it."""
     parallel = job.perceive_ahead > 0
     with closing(SharedPipeline(job.configurations, clip, drawn=job.drawn, parallel=parallel)) as pipeline:
         numbers = clip.numbers(lambda first: _rehearse(first, clip, pipeline, job), limit)
@@ -140,7 +138,7 @@ def _follow(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Arrivals:
-    """The last sink of a live run: a frame that has come through is done, and a run that ends stops its source."""
+    """The last sink of a live run: it notes when a frame is done, and stops the source when the run ends."""
 
     clip: LiveClip
     stopped: Event
@@ -150,7 +148,7 @@ class _Arrivals:
         return {}
 
     def open(self, context: SinkContext) -> Self | None:
-        """The sink itself; none for the frame of the rehearsal."""
+        """Return the sink itself; none for the frame of the rehearsal."""
         return None if context.rehearsal else self
 
     def __enter__(self) -> Self:
@@ -160,12 +158,12 @@ class _Arrivals:
         self.stopped.set()  # a thread may be waiting for the next frame
 
     def write(self, frame: FinishedFrame) -> None:
-        """Note when a frame was done."""
+        """Note the time at which a frame was done."""
         self.clip.done(frame.record.frame)
 
 
 def _rehearse(number: int, clip: LiveClip, pipeline: SharedPipeline, job: ClipJob) -> None:
-    """Lead a frame through everything once, and keep nothing of it. What fails will fail again, and be said then."""
+    """Run one frame through all steps and discard the output. Errors are ignored: the run itself will report them."""
     with TemporaryDirectory() as folder:
         job = replace(job, directory=RunDirectory(Path(folder)), perceive_ahead=0, keeps=False)
         frames = reconstructed(clip, pipeline, [number], job)
@@ -185,7 +183,7 @@ def _write(
     started: str,
     failure: dict[str, str] | None,
 ) -> None:
-    """Write all but the recording; a failure before anything was written is that of the whole run."""
+    """Write all files but the recordings; a failure before the first frame counts for the whole run."""
     finished = [pair for pair in plan.pairs if directory.is_finished(pair)]
     directory.join(finished)
     failed = [failure] if failure and not finished else []

@@ -1,6 +1,6 @@
-"""The stage cache: what perception found is stored by all that it follows from, and never computed twice.
+"""The stage cache: stores outputs of perception under everything that they depend on, so that none is computed twice.
 
-``identity.py`` says what a result follows from, ``values.py`` how it is written to the last bit, ``store.py`` where it
-stands, and ``stage.py`` is a stage that looks there first. Only stages that see nothing but their arguments take part;
-one that reads the clip's truth or files of its own is as quick as the cache.
+``identity.py`` describes what an output depends on, ``values.py`` converts it to bytes exactly, ``store.py`` keeps the
+files, and ``stage.py`` looks for stored outputs. Only stages that use nothing but their arguments are cached; a stage
+that reads the clip's ground truth or files of its own is as fast as the cache.
 """

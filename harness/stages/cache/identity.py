@@ -1,9 +1,9 @@
 """Everything that a stage's outputs on a clip depend on beside its inputs, by name and as a digest.
 
-The clip's content, the stage and all its settings, its weights' content, its code and that of the adapter that reads
-the clip (the file it is in and every file of the same package, or of vfoa, that this imports, directly or not), the
-versions of the packages those import, the machine's kind, and the code that writes results down. A result is found
-again only if all of it is the same.
+These are the clip's content, the stage and all its settings, the content of its weights, its code and that of the
+clip's adapter (the file itself and all files of the same package, or of vfoa, that it imports, directly or not), the
+versions of the packages that these import, the kind of machine, and the code that stores outputs. A stored output is
+used only if all of it is the same.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from vfoa.weights import locate, weights_of
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """A stage on a clip: what its results follow from, and the digest of that."""
+    """A stage on a clip: everything that its outputs depend on, and the digest of that."""
 
     slot: str
     parts: Mapping[str, Any]
@@ -33,13 +33,13 @@ class Identity:
 
     @property
     def is_in_region(self) -> bool:
-        """Whether it is a matcher that is told where to match."""
+        """Whether it is a matcher that is given a region to match."""
         return self.parts["settings"].get("region") == "needed"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """A clip by name, the digest of its content, and the code that makes frames of it, with its versions."""
+    """A clip by name, the digest of its content, and the code that reads its frames, with its versions."""
 
     name: str
     digest: str
@@ -54,7 +54,7 @@ class Source:
 
 
 def identify(choice: StageChoice, source: Source) -> Identity | None:
-    """The identity of a stage on a clip; None for a stage that reads more than it is given."""
+    """Return the identity of a stage on a clip; None for a stage that reads more than its arguments."""
     slot = SLOTS[choice.slot]
     if choice.name in slot.of_clip:
         return None
@@ -70,14 +70,14 @@ def identify(choice: StageChoice, source: Source) -> Identity | None:
         "versions": {**source.versions, **versions},
         "format": file_digest(Path(values.__file__)),
     }
-    # a clip by another name is the same clip
+    # a clip under another name is the same clip
     content = {name: value for name, value in parts.items() if name != "clip"}
     digest = hashlib.sha256(json.dumps([choice.slot, content], sort_keys=True).encode()).hexdigest()
     return Identity(slot=choice.slot, parts=parts, digest=digest[:32])
 
 
 def difference(parts: Mapping[str, Any], stored: Iterable[Mapping[str, Any]]) -> str:
-    """Why there are no results yet: how the identity differs from the nearest one that is stored."""
+    """Say why there are no outputs yet: the difference to the most similar stored identity."""
     flat = dict(_flattened(parts))
     same_stage = [dict(_flattened(each)) for each in stored if each.get("stage") == parts["stage"]]
     same_clip = [each for each in same_stage if each.get("clip") == parts["clip"]]

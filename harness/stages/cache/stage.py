@@ -1,4 +1,4 @@
-"""The outputs of stages that the cache holds of one clip, and the account of what a run took from it."""
+"""The cached outputs of the stages on one clip, and the account of what a run reused and computed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """Which of one stage's results were found, computed, and found damaged, by the names of their files."""
+    """The outputs of one stage that were found, computed, and found damaged, by the names of their files."""
 
     found: set[str] = field(default_factory=set)
     computed: set[str] = field(default_factory=set)
@@ -32,7 +32,7 @@ class Tally:
         return Tally(self.found | other.found, self.computed | other.computed, self.damaged | other.damaged)
 
     def take(self) -> Tally:
-        """All that was counted so far; begin anew."""
+        """Return all counts so far, and reset them."""
         taken = Tally() | self
         for names in (self.found, self.computed, self.damaged):
             names.clear()
@@ -41,13 +41,13 @@ class Tally:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipCache:
-    """The cache as a job on one clip has it: the store, and who is who. It travels to other processes by pickle."""
+    """The cache for a job on one clip: the store, and the identity of each stage. It is pickled to other processes."""
 
     store: Store
     identities: Mapping[str, Identity]
 
     def outputs_of(self, choice: StageChoice, tallies: dict[str, Tally]) -> StoredOutputs | None:
-        """The stored outputs of a stage; None for a stage that takes no part. Counts go to ``tallies``."""
+        """Return the stored outputs of a stage; None for a stage that is not cached. Counts go to ``tallies``."""
         identity = self.identities.get(choice.key)
         if identity is None:
             return None
@@ -88,7 +88,7 @@ def _file_name(frame: int | None, inputs: tuple[object, ...]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StoredOutputs:
-    """The stored outputs of one stage on one clip. A frame counts by its number, all other inputs by their content."""
+    """The stored outputs of one stage on one clip. Keys are the frame's number and the content of all other inputs."""
 
     store: Store
     identity: Identity
@@ -96,14 +96,14 @@ class StoredOutputs:
     unwritable: list[str] = field(default_factory=list)
 
     def load(self, inputs: Sequence[object]) -> tuple[float, Any] | None:
-        """The seconds that the output for these inputs took, and the output; None if it is not stored, or damaged."""
+        """Return the seconds that the output for these inputs took, and the output; None if missing or damaged."""
         path = self._path(inputs)
         data, damaged = self.store.load(path)
         if data is not None:
             try:
                 place, seconds, value = decode(data)
                 damaged = place != self._label(path)
-            except Exception:  # a right checksum, but nothing that this program has stored
+            except Exception:  # a right checksum, but not stored by this program
                 damaged = True
         if damaged:
             self.tally.damaged.add(path.name)
@@ -114,7 +114,7 @@ class StoredOutputs:
         return seconds, value
 
     def save(self, inputs: Sequence[object], seconds: float, value: object) -> None:
-        """Store an output. A cache that cannot be written to costs time, not the run: it is logged once."""
+        """Store an output. If the cache cannot be written, this is logged once and the run goes on, slower."""
         path = self._path(inputs)
         self.tally.computed.add(path.name)
         if self.unwritable:
@@ -124,10 +124,10 @@ class StoredOutputs:
             self.store.save(path, encode((self._label(path), seconds, value)))
         except (OSError, TypeError, VfoaError) as error:
             self.unwritable.append(str(error))
-            _log.warning("%s: results of %s are not kept: %s", path.parent, self.identity.parts["stage"], error)
+            _log.warning("%s: results of %s are not stored: %s", path.parent, self.identity.parts["stage"], error)
 
     def _label(self, path: Path) -> str:
-        """What a file says of itself, so that one in the place of another is found out."""
+        """The label stored in a file, by which a file in the wrong place is detected."""
         return f"{self.identity.digest}/{path.name}"
 
     def _path(self, inputs: Sequence[object]) -> Path:
@@ -138,7 +138,7 @@ class StoredOutputs:
 
 @dataclass(slots=True)
 class _Entry:
-    """A stage on a clip: why it had no results when the run began (None: it had some), and how the cache served."""
+    """A stage on a clip: the reason why it had no outputs when the run began (None: it had some), and the counts."""
 
     identity: Identity
     absent: str | None
@@ -146,19 +146,19 @@ class _Entry:
 
 
 class Account:
-    """Counts by clip and stage. A stage must be opened before anything is computed: then it is known what there was."""
+    """Counts by clip and stage. Open a stage before anything is computed, so that earlier outputs are known."""
 
     def __init__(self) -> None:
         self._entries: dict[tuple[str, str], _Entry] = {}
 
     def open(self, clip: str, key: str, identity: Identity, store: Store) -> None:
-        """Look what there is of a stage, by its key, on a clip."""
+        """Look for stored outputs of a stage, by its key, on a clip."""
         stored = store.has(identity.slot, identity.digest)
         absent = None if stored else difference(identity.parts, store.described(identity.slot))
         self._entries[clip, key] = _Entry(identity, absent)
 
     def add(self, clip: str, tallies: Mapping[str, Tally]) -> None:
-        """Count what a job took and computed, by the keys of its stages."""
+        """Add what a job reused and computed, by the keys of its stages."""
         for key, tally in tallies.items():
             self._entries[clip, key].tally |= tally
 
@@ -170,7 +170,7 @@ class Account:
                 store.remove(folder / stored)
 
     def rows(self) -> list[dict[str, Any]]:
-        """One row per stage and clip of the run's manifest; ``why`` outputs were computed, None if all were reused."""
+        """Return one row per stage and clip for the run's manifest; ``why`` is None if all outputs were reused."""
         return [
             {
                 "clip": clip,
@@ -194,7 +194,7 @@ def _why(entry: _Entry) -> str | None:
 
 
 def cache_lines(rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """The rows in words: a line for each stage and reason, over all clips."""
+    """Yield the rows in words: a line for each stage and reason, over all clips."""
     sums: dict[tuple[str, str, str | None], tuple[int, int]] = {}
     for row in rows:
         key = row["slot"], row["stage"], row["why"]

@@ -31,19 +31,19 @@ from vfoa.errors import VfoaError
 GIGABYTE = 10**9
 DEFAULT_LIMIT_GB = 10.0
 DRAFT_SECONDS = 3600.0
-"""No draft takes that long."""
+"""No draft file is written for longer than this."""
 
 _CHECKSUM_BYTES = 16
 _IDENTITY = "identity.json"
 
 
 def cache_limit() -> int:
-    """Bytes that stage results may take: ``$VFOA_CACHE_GB`` gigabytes, or 10.
+    """Bytes that stage outputs may take: ``$VFOA_CACHE_GB`` gigabytes, or 10.
 
     Raises
     ------
     VfoaError
-        If the variable is not a number of 0 or more.
+        If the variable is not a number of at least 0.
     """
     text = os.environ.get("VFOA_CACHE_GB") or str(DEFAULT_LIMIT_GB)
     try:
@@ -107,7 +107,7 @@ class Store:
         return self.stages / slot / identity
 
     def load(self, path: Path) -> tuple[bytes | None, bool]:
-        """A result's bytes, None where there are none; and whether a file was there, but damaged."""
+        """Return an output's bytes, None if there are none; and whether a file was there, but damaged."""
         try:
             content = read_bytes(path)
         except VfoaError:
@@ -120,8 +120,8 @@ class Store:
         checksum, data = content[:_CHECKSUM_BYTES], content[_CHECKSUM_BYTES:]
         if _checksum(data) != checksum:
             return None, True
-        with suppress(OSError):  # another's cache that may only be read
-            os.utime(path)  # what is used last is removed last
+        with suppress(OSError):  # the cache may be another user's, and read-only
+            os.utime(path)  # the most recently used is removed last
         return data, False
 
     def save(self, path: Path, data: bytes) -> None:
@@ -197,7 +197,7 @@ class Store:
         return sorted(found, key=lambda each: -each.bytes)
 
     def trim(self) -> int:
-        """Remove what was used longest ago until the rest is within the limit; return the bytes removed.
+        """Remove the least recently used outputs until the rest is within the limit; return the bytes removed.
 
         Drafts that a killed process left are removed, too.
         """
@@ -249,7 +249,7 @@ def _checksum(data: bytes) -> bytes:
 
 
 def _results(folder: Path) -> list[tuple[float, int, Path]]:
-    """(last use, bytes, path) of every result under a folder; those that vanish meanwhile are left out."""
+    """(last use, bytes, path) of every output under a folder; those that vanish meanwhile are left out."""
     found = []
     for path in folder.rglob("*.bin"):
         try:

@@ -1,8 +1,8 @@
-"""Stage outputs as bytes and back: arrays and numbers to the last bit, and no code.
+"""Stage outputs as bytes and back: arrays and numbers exactly, and without code.
 
-MessagePack, in which a value of :mod:`vfoa.types` is a map with its type's name, and an array its dtype, shape and
-bytes: the first bytes of all elements, then the second ones, compressed (a map of disparities in sixteenths shrinks to
-a fraction that way).
+The format is MessagePack. A value of :mod:`vfoa.types` is a map with its type's name, and an array its dtype, shape and
+compressed bytes: the first bytes of all elements, then the second ones (which makes a map of disparities in sixteenths
+much smaller).
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ _ARRAY, _SCALAR = 1, 2
 
 
 class Codec:
-    """Values of these frozen dataclasses as bytes and back; also tuples, arrays, numbers, text and None."""
+    """Converts frozen dataclasses of these types to bytes and back; also tuples, arrays, numbers, text and None."""
 
     def __init__(self, types: Iterable[type[Any]]) -> None:
         self._types = {each.__name__: each for each in types}
 
     def encode(self, value: object) -> bytes:
-        """A value as bytes.
+        """Encode a value as bytes.
 
         Raises
         ------
         TypeError
-            If something in it is of another type.
+            If it holds a value of another type.
         """
         return msgspec.msgpack.encode(self._plain(value), enc_hook=_pack)
 
     def decode(self, data: bytes) -> Any:
-        """The value that :meth:`encode` was given, of the same types and equal to the last bit."""
+        """Return the value that :meth:`encode` was given, with the same types and equal to the last bit."""
         return self._value(msgspec.msgpack.decode(data, ext_hook=_unpack))
 
     def digest(self, *values: object) -> str:
-        """Hexadecimal digest of what values hold, whichever objects they are. Raises as :meth:`encode` does."""
+        """Hexadecimal digest of the content of values, not of their identity. Raises as :meth:`encode` does."""
         total = hashlib.blake2b(digest_size=16)
         total.update(msgspec.msgpack.encode(self._plain(values), enc_hook=_raw))
         return total.hexdigest()

@@ -1,4 +1,4 @@
-"""Checkpoints of others made into ONNX files that ONNX Runtime runs. The only folder that imports PyTorch."""
+"""Conversion of published checkpoints to ONNX files. The only folder that imports PyTorch."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _EXTRA = ("torch", "onnx")
 
 
 def export_gaze360(checkpoint: Path, out: Path) -> float:
-    """Write Gaze360's network as ONNX; see :func:`harness.stages.export.gaze360.export`, which answers in its stead.
+    """Write Gaze360's network as ONNX: calls :func:`harness.stages.export.gaze360.export`.
 
     Raises
     ------

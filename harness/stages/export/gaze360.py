@@ -1,9 +1,9 @@
-"""Gaze360 (Kellnhofer et al. 2019), its temporal network: built in PyTorch, filled from the official checkpoint.
+"""The temporal network of Gaze360 (Kellnhofer et al. 2019), built in PyTorch and filled from the official checkpoint.
 
-Seven head crops, the middle one's gaze: ResNet-18 per crop, a bidirectional LSTM over the seven, and a linear layer on
-its fourth step. The ONNX file takes ``images`` [B, 7, 3, 224, 224], RGB by ImageNet's mean and deviation, and gives
-``gaze`` [B, 2] = (theta, phi) and ``sigma`` [B, 1], all in radians: theta > 0 to the image's left, phi > 0 up, sigma
-the distance to the 10 % and 90 % quantiles.
+It estimates the gaze of the middle of seven head crops: ResNet-18 per crop, a bidirectional LSTM over the seven, and a
+linear layer on its fourth step. The ONNX file takes ``images`` [B, 7, 3, 224, 224], RGB by ImageNet's mean and
+deviation, and gives ``gaze`` [B, 2] = (theta, phi) and ``sigma`` [B, 1], all in radians: theta > 0 to the image's left,
+phi > 0 up, sigma the distance to the 10 % and 90 % quantiles.
 """
 
 from __future__ import annotations
@@ -31,10 +31,11 @@ FEATURES = 256
 OPSET = 17
 TOLERANCE_RAD = 1e-4
 PROOF_BATCHES = (1, 2, 3, 4, 5, 5)
-"""Sizes of the batches on which ONNX and PyTorch are compared: 20 inputs, and the batch's length is really open."""
+"""Batch sizes on which ONNX and PyTorch are compared: 20 inputs, of different batch sizes, since the size must be open.
+"""
 
-_PREFIX = "module."  # from the DataParallel it was trained in
-_COUNTER = ".num_batches_tracked"  # counts training steps; PyTorch before 0.4.1 wrote none
+_PREFIX = "module."  # prefix of DataParallel, used in training
+_COUNTER = ".num_batches_tracked"  # counts training steps; PyTorch before 0.4.1 did not save it
 
 
 class Gaze360(nn.Module):
@@ -56,14 +57,14 @@ class Gaze360(nn.Module):
 
 
 def export(checkpoint: Path, out: Path) -> float:
-    """Write the network of a checkpoint as ONNX, once ONNX Runtime gives what PyTorch gives.
+    """Write the network of a checkpoint as ONNX, after checking that ONNX Runtime and PyTorch agree.
 
     Parameters
     ----------
     checkpoint
-        The official file, or one of the same tensors.
+        The official file, or one with the same tensors.
     out
-        The ONNX file. It appears, or is replaced, as a whole and only after the proof.
+        The ONNX file. It is written or replaced atomically, and only after the check.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def export(checkpoint: Path, out: Path) -> float:
     Raises
     ------
     VfoaError
-        If the checkpoint cannot be read, if one of its tensors is missing, too many or of a wrong shape, if the
+        If the checkpoint cannot be read, if one of its tensors is missing, unexpected or of a wrong shape, if the
         two differ by more than 1e-4 rad, or if the file cannot be written.
     """
     network = load(checkpoint)
@@ -93,7 +94,7 @@ def load(checkpoint: Path) -> Gaze360:
     Raises
     ------
     VfoaError
-        If the checkpoint cannot be read, or if one of its tensors is missing, too many or of a wrong shape.
+        If the checkpoint cannot be read, or if one of its tensors is missing, unexpected or of a wrong shape.
     """
     found = _read_tensors(checkpoint)
     network = Gaze360()
@@ -103,7 +104,7 @@ def load(checkpoint: Path) -> Gaze360:
             raise VfoaError(f"{checkpoint}: no tensor {name}; expected Gaze360's {_shape(tensor)}")
     for name, tensor in found.items():
         if name not in expected:
-            raise VfoaError(f"{checkpoint}: tensor {name} is too many; expected those of Gaze360 alone")
+            raise VfoaError(f"{checkpoint}: unexpected tensor {name}; expected only those of Gaze360")
         if _shape(tensor) != _shape(expected[name]):
             raise VfoaError(f"{checkpoint}: tensor {name}: found {_shape(tensor)}, expected {_shape(expected[name])}")
     network.load_state_dict({name.removeprefix(_PREFIX): tensor for name, tensor in (expected | found).items()})
@@ -113,12 +114,12 @@ def load(checkpoint: Path) -> Gaze360:
 def _read_tensors(checkpoint: Path) -> dict[str, Any]:
     content = read_bytes(checkpoint)
     if is_lfs_pointer(checkpoint):
-        raise VfoaError(f"{checkpoint}: a Git LFS pointer; expected the checkpoint it stands for")
+        raise VfoaError(f"{checkpoint}: a Git LFS pointer; expected the checkpoint itself (fetch it with git lfs pull)")
     try:
-        # A checkpoint is a pickle, and a pickle can run anything: PyTorch unpickles no more than tensors here
+        # A checkpoint is a pickle, and a pickle can run any code: here, PyTorch unpickles only tensors
         found = torch.load(io.BytesIO(content), map_location="cpu", weights_only=True)
-    except Exception as error:  # the errors of a damaged pickle have no base of their own
-        raise VfoaError(f"{checkpoint}: not a whole PyTorch checkpoint of nothing but tensors") from error
+    except Exception as error:  # the errors of a damaged pickle have no common base class
+        raise VfoaError(f"{checkpoint}: expected a complete PyTorch checkpoint that holds only tensors") from error
     tensors = found.get("state_dict") if isinstance(found, dict) else None
     if not isinstance(tensors, dict):
         what = f"the keys {', '.join(map(str, found))}" if isinstance(found, dict) else f"a {type(found).__name__}"
@@ -132,9 +133,10 @@ def _shape(tensor: Any) -> str:
 
 def _write_onnx(network: Gaze360, path: Path) -> None:
     with warnings.catch_warnings():
-        # Tracing needs no package beside onnx; PyTorch would rather have its newer exporter used
+        # Tracing needs no package beside onnx; PyTorch recommends its newer exporter
         warnings.filterwarnings("ignore", category=DeprecationWarning)
-        # What tracing takes for constant are the LSTM's checks of its input; that the batch is not, the proof shows
+        # Tracing takes the LSTM's checks of its input for constants; the check below shows that the batch size is not
+        # one
         warnings.filterwarnings("ignore", category=torch.jit.TracerWarning)
         warnings.filterwarnings("ignore", message="Exporting a model to ONNX with a batch_size other than 1")
         torch.onnx.export(
@@ -150,7 +152,7 @@ def _write_onnx(network: Gaze360, path: Path) -> None:
 
 
 def _prove(network: Gaze360, path: Path, checkpoint: Path) -> float:
-    """The greatest difference in radians between ONNX Runtime and PyTorch, which must not pass the tolerance."""
+    """Return the greatest difference in radians between ONNX Runtime and PyTorch; an error beyond the tolerance."""
     model = Model(str(path), SIGNATURE, RuntimeSettings())
     random = np.random.default_rng(0)
     greatest_rad = 0.0
@@ -160,9 +162,9 @@ def _prove(network: Gaze360, path: Path, checkpoint: Path) -> float:
         with torch.no_grad():
             expected = dict(zip(SIGNATURE.outputs, network(torch.from_numpy(images)), strict=True))
         difference_rad = max(float(np.abs(found[name] - expected[name].numpy()).max()) for name in expected)
-        if not difference_rad <= TOLERANCE_RAD:  # NaN is a difference too
+        if not difference_rad <= TOLERANCE_RAD:  # NaN also counts as a difference
             raise VfoaError(
-                f"{checkpoint}: ONNX and PyTorch differ by {difference_rad:.2g} rad; expected {TOLERANCE_RAD:g} at most"
+                f"{checkpoint}: ONNX and PyTorch differ by {difference_rad:.2g} rad; expected at most {TOLERANCE_RAD:g}"
             )
         greatest_rad = max(greatest_rad, difference_rad)
     return greatest_rad

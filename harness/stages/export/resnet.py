@@ -1,4 +1,4 @@
-"""ResNet-18 (He et al. 2016, 18 layers, basic blocks) with the two linear layers that Gaze360 puts on top."""
+"""ResNet-18 (He et al. 2016, 18 layers, basic blocks) with the two linear layers that Gaze360 adds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from torch import nn
 
 
 class BasicBlock(nn.Module):
-    """Two 3 x 3 convolutions beside a shortcut, which is a 1 x 1 convolution where the shape changes."""
+    """Two 3 x 3 convolutions and a shortcut, which is a 1 x 1 convolution if the shape changes."""
 
     def __init__(self, channels_in: int, channels: int, stride: int) -> None:
         super().__init__()
@@ -29,7 +29,7 @@ class BasicBlock(nn.Module):
 
 
 class ResNet18(nn.Module):
-    """An image to ``features`` numbers, through a hidden layer of 1000: ImageNet's classes once.
+    """An image to ``features`` numbers, through a hidden layer of 1000 (the size of ImageNet's classes).
 
     The attributes have the names of the tensors in the official checkpoint.
     """

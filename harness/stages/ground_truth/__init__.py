@@ -1,1 +1,1 @@
-"""Stages that know the answer: the truth, and the truth with an error of known size."""
+"""Stages that return the ground truth, exactly or with an error of known size."""

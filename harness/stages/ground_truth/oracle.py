@@ -1,7 +1,7 @@
-"""Stages that answer with the ground truth: each step of the oracle ablation replaces one measurement.
+"""Stages that return the ground truth: each step of the oracle ablation replaces one measurement.
 
-They read the clip's truth, so they are built as ``Class(settings, clip)``. A clip that does not know what is asked
-is an error, never an empty answer.
+They read the clip's ground truth, so they are built as ``Class(settings, clip)``. If the clip does not have the
+requested value, this is an error, never an empty answer.
 """
 
 from __future__ import annotations
@@ -21,22 +21,22 @@ from vfoa.types import Disparity, Float, Gaze, Head, HeadPose, Instances, Stereo
 T = TypeVar("T")
 
 LEAST_OVERLAP = 0.3
-"""Boxes that overlap less (intersection over union) are not of the same head."""
+"""Boxes that overlap less (intersection over union) do not belong to the same head."""
 
 
 class OracleSettings(Settings):
-    """The truth has nothing to set."""
+    """The ground truth has no settings."""
 
 
 _last_truths: WeakKeyDictionary[Clip, tuple[int, Truth]] = WeakKeyDictionary()
-"""Each clip's last frame: several stages ask for it, some of them once for every head."""
+"""Each clip's last ground truth: several stages ask for it, some of them once for every head."""
 
 
 def truth_of(clip: Clip, frame: int) -> Truth:
-    """A clip's truth of one frame; that of the last frame asked for is kept, where clips of this class allow that."""
+    """Return a clip's ground truth of one frame. The last one is kept, if clips of this class allow it."""
     try:
         last = _last_truths.get(clip)
-    except TypeError:  # no hash, as a dataclass that is not frozen, or no weak reference, as one with slots
+    except TypeError:  # no hash (a dataclass that is not frozen), or no weak reference (one with slots)
         return clip.truth(frame)
     if last is None or last[0] != frame:
         last = _last_truths[clip] = frame, clip.truth(frame)
@@ -44,7 +44,7 @@ def truth_of(clip: Clip, frame: int) -> Truth:
 
 
 class KnownTruth:
-    """A clip's truth as one stage needs it."""
+    """The parts of a clip's ground truth that one stage needs; a missing part is an error."""
 
     def __init__(self, clip: Clip, needed_by: str) -> None:
         self._clip, self._needed_by = clip, needed_by
@@ -65,10 +65,10 @@ class KnownTruth:
         return self._known(frame, truth.people, "people", truth.missing.get("people"))
 
     def person(self, frame: int, head: Head) -> PersonTruth | None:
-        """Whose head this is: the person's whose head overlaps it most; None: nobody's.
+        """Return the person whose head overlaps this head most; None if it is nobody's.
 
-        A head's instance has the number that the segmentation gave it, which need not be the source's: it only confirms
-        what overlaps too little.
+        A head's instance has the number that the segmentation gave it, which may differ from the source's: it is used
+        only to confirm a head that overlaps too little.
         """
         people = self.people(frame)
         matches = [(box_iou(each.head_box_px, head.box_px), each.instance_id == head.instance_id) for each in people]
@@ -78,18 +78,18 @@ class KnownTruth:
         return people[matches.index((overlap, is_confirmed))]
 
     def own_ids(self, frame: int, instances: Instances) -> set[int]:
-        """The ids of these instances, if they are the source's own; none of a segmentation that numbers things anew."""
+        """The ids of these instances if they are the source's own; empty if a segmentation numbered them anew."""
         true = self._truth(frame).instances
         if true is None or not np.array_equal(true.ids, instances.ids):
             return set()
         return {each.id for each in instances.instances}
 
     def head_direction(self, frame: int, person: PersonTruth) -> Float:
-        """Where the person's head truly points, a unit vector (3,) in the camera frame."""
+        """True direction of the person's head, a unit vector (3,) in the camera frame."""
         return self._known(frame, person.head_direction, f"head direction of {person.name!r}")
 
     def gaze_direction(self, frame: int, person: PersonTruth) -> Float:
-        """Where the person truly looks, a unit vector (3,) in the camera frame."""
+        """True gaze direction of the person, a unit vector (3,) in the camera frame."""
         return self._known(frame, person.gaze_direction, f"gaze direction of {person.name!r}")
 
     def _truth(self, frame: int) -> Truth:
@@ -104,7 +104,7 @@ class KnownTruth:
 
 
 class TruthMatcher:
-    """``stereo.matcher = "truth"``: the clip's disparity."""
+    """``stereo.matcher = "truth"``: the clip's true disparity."""
 
     Settings = OracleSettings
 
@@ -117,7 +117,7 @@ class TruthMatcher:
 
 
 class TruthSegmenter:
-    """``segmentation.model = "truth"``: the clip's instances."""
+    """``segmentation.model = "truth"``: the clip's true instances."""
 
     Settings = OracleSettings
 
@@ -130,7 +130,7 @@ class TruthSegmenter:
 
 
 class TruthHeads:
-    """``heads.detector = "truth"``: the clip's head boxes, each with its person's instance."""
+    """``heads.detector = "truth"``: the clip's true head boxes, each with its person's instance."""
 
     Settings = OracleSettings
 
@@ -138,7 +138,7 @@ class TruthHeads:
         self._truth = KnownTruth(clip, 'heads.detector = "truth"')
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """The true heads of the frame. The instance is given where ``instances`` are the true ones."""
+        """Return the true heads of the frame. They have an instance only if ``instances`` are the true ones."""
         own_ids = self._truth.own_ids(frame.index, instances)
         return tuple(
             Head(
@@ -151,7 +151,7 @@ class TruthHeads:
 
 
 class TruthHeadPose:
-    """``head_pose.model = "truth"``: where the head truly points; None for a head that is nobody's."""
+    """``head_pose.model = "truth"``: the true direction of the head; None for a head that is nobody's."""
 
     Settings = OracleSettings
 
@@ -159,13 +159,13 @@ class TruthHeadPose:
         self._truth = KnownTruth(clip, 'head_pose.model = "truth"')
 
     def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
-        """The true direction of one head."""
+        """Return the true direction of one head."""
         person = self._truth.person(frame.index, head)
         return None if person is None else HeadPose(direction=self._truth.head_direction(frame.index, person))
 
 
 class TruthGaze:
-    """``gaze.model = "truth"``: where the eyes truly look; None for a head that is nobody's."""
+    """``gaze.model = "truth"``: the true gaze direction; None for a head that is nobody's."""
 
     Settings = OracleSettings
 
@@ -173,15 +173,15 @@ class TruthGaze:
         self._truth = KnownTruth(clip, 'gaze.model = "truth"')
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
-        """The true gaze of one head."""
+        """Return the true gaze of one head."""
         person = self._truth.person(frame.index, head)
         return None if person is None else Gaze(direction=self._truth.gaze_direction(frame.index, person))
 
 
 def true_labels(clip: Clip) -> Labels:
-    """The annotations that follow from a clip's truth: what everybody looks at, ``ignore`` during a saccade.
+    """Return labels made from a clip's ground truth: the target of each person, ``ignore`` during a saccade.
 
-    Where the clip knows that something blocks the line of sight, the note says so.
+    If the clip knows that something blocks the line of sight, the note says so.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""Head pose and gaze as models of known accuracy would give them: the truth and a seeded error.
+"""Simulated head pose and gaze models of known accuracy: the ground truth with a seeded error.
 
-The error is a random turn. Part of it is a slow bias, which a filter over time cannot remove, and part is noise of
-each frame; together their mean angle is ``error_deg``. Besides, a model can be wrong in a way of its own: a bias that
-stays for a person and clip, angles that shrink towards the camera, noise with heavy tails, and a claim of another
-error than it has. Every error is a function of (seed, draw, person, frame) alone, so frames can be computed in any
+The error is a random rotation. Part of it is a slow bias, which a filter over time cannot remove, and part is noise of
+each frame; together their mean angle is ``error_deg``. A model can also have systematic errors: a bias that is constant
+for a person and clip, angles that shrink towards the camera, noise with heavy tails, and a claimed error that differs
+from the true one. Every error is a function of (seed, draw, person, frame) alone, so frames can be computed in any
 order and on any worker.
 """
 
@@ -28,19 +28,19 @@ _SLOW, _NOISE, _CONSTANT, _STUDENT = range(4)
 """The kinds of random numbers."""
 
 _STUDENT_MEAN = math.sqrt(6 / math.pi)
-"""E[sqrt(3 / chi^2_3)]: how much longer three degrees of freedom make the mean of a pair's length."""
+"""E[sqrt(3 / chi^2_3)]: the factor by which Student's distribution with three degrees of freedom lengthens a pair."""
 
 _STRAIGHT_RAD = 1e-6
-"""A direction this near to the camera's, or to its opposite, has no plane to be turned in."""
+"""A direction nearer to the camera's, or to its opposite, defines no plane of rotation."""
 
 
 class _ErrorSettings(Settings):
-    """An error's size and kind.
+    """Size and kind of an error.
 
-    ``error_deg`` is the mean angle between truth and answer. ``bias_share`` is the share of its variance that is the
-    slow bias, ``bias_frames`` how many frames lie between biases that have nothing to do with each other. Clips of one
-    ``draw`` have the same errors, person by person; usually it is the clip's name, so that every clip has its own: only
-    then do several clips say more than one.
+    ``error_deg`` is the mean angle between ground truth and answer. ``bias_share`` is the share of its variance that is
+    the slow bias, ``bias_frames`` the number of frames after which the bias is independent. Clips of one ``draw`` have
+    the same errors, person by person. Usually ``draw`` is the clip's name, so that every clip has its own errors: only
+    then are the clips independent samples.
     """
 
     error_deg: float = Field(ge=0, le=60)
@@ -48,37 +48,37 @@ class _ErrorSettings(Settings):
     bias_share: float = Field(default=0.5, ge=0, le=1)
     """Share of the error's variance that is a slow bias; the rest is new in each frame."""
     bias_frames: int = Field(default=25, ge=1)
-    """Frames after which the bias is another one."""
+    """Frames after which the bias is independent of the earlier one."""
     seed: int = Field(default=1, ge=0)
     """Seed of the errors."""
     claimed_error_deg: float | None = Field(default=None, ge=0, le=90)
-    """Mean angle that the model claims as its error; the true ``error_deg`` if not given."""
+    """Mean angle that the model claims as its error; if not set, the true ``error_deg``."""
     clip_bias_deg: float = Field(default=0.0, ge=0, le=60)
-    """Mean angle of a bias that stays for a person in a clip, beside ``error_deg``."""
+    """Mean angle of a bias that is constant for a person in a clip, beside ``error_deg``."""
     gain: float = Field(default=1.0, ge=0.1, le=1.5)
     """Factor of a direction's angle from the camera; below 1, directions shrink towards the camera."""
     noise: Literal["normal", "von_mises_fisher", "student"] = "normal"
     """Distribution of the noise of each frame; Student's has three degrees of freedom and the same mean angle."""
     draw: str = CLIP_VARIABLE
-    """Clips of one draw have the same errors, person by person. The clip's name gives each clip its own."""
+    """Clips of one draw have the same errors, person by person. With the clip's name, each clip has its own."""
 
 
 class SimulatedGazeSettings(_ErrorSettings):
-    """Default: Gaze360's published mean error on faces turned to the camera (Kellnhofer et al. 2019)."""
+    """Settings of the simulated gaze. Default: Gaze360's published error on frontal faces (Kellnhofer et al. 2019)."""
 
     error_deg: float = Field(default=11.1, ge=0, le=60)
     """Mean angle between the truth and the answer; 11.1 is Gaze360's published error on frontal faces."""
 
 
 class SimulatedHeadPoseSettings(_ErrorSettings):
-    """Default: about FSA-Net's published error per angle on AFLW2000 (Yang et al. 2019)."""
+    """Settings of the simulated head pose. Default: about FSA-Net's published error on AFLW2000 (Yang et al. 2019)."""
 
     error_deg: float = Field(default=5.0, ge=0, le=60)
     """Mean angle between the truth and the answer; 5 is about FSA-Net's published error."""
 
 
 class AngularError:
-    """The error of one model. ``stream`` keeps the errors of different models apart under the same seed."""
+    """The error of one model. ``stream`` makes the errors of different models independent under the same seed."""
 
     def __init__(self, settings: _ErrorSettings, stream: int) -> None:
         self.sigma_rad = sigma_rad(settings.error_deg)
@@ -89,9 +89,9 @@ class AngularError:
         self._key = (settings.seed, stream, int.from_bytes(draw[:8], "big"))
 
     def apply(self, direction: Float, person: int, frame: int, towards_camera: Float | None = None) -> Float:
-        """A direction (3,) with the error of this person in this frame.
+        """Return a direction (3,) with the error of this person in this frame.
 
-        ``towards_camera`` (3,) is where the camera is seen, a unit vector; without it nothing shrinks towards it.
+        ``towards_camera`` (3,) is the unit vector from the person to the camera; None: no shrinking towards it.
         """
         share = self._settings.bias_share
         shrunk = direction if towards_camera is None else _shrunk(direction, towards_camera, self._settings.gain)
@@ -101,7 +101,7 @@ class AngularError:
         return perturb(shrunk, right, down)
 
     def _noise(self, person: int, frame: int, sigma: float) -> Float:
-        """The part (2,) that is new in each frame, radians in the two tangent directions."""
+        """The noise (2,) of this frame, radians in the two tangent directions."""
         pair = self._normal(person, _NOISE, frame)
         if self._settings.noise == "von_mises_fisher" and sigma > 0:
             return _von_mises_fisher(pair, sigma)
@@ -110,12 +110,12 @@ class AngularError:
         return np.asarray(sigma * pair)
 
     def _student_factor(self, person: int, frame: int) -> float:
-        """What makes a normal pair one of Student's, with three degrees of freedom and the same mean length."""
+        """Factor from a normal pair to one of Student's with three degrees of freedom and the same mean length."""
         chi_squared = float((self._generator(person, _STUDENT, frame).standard_normal(3) ** 2).sum())
         return math.sqrt(3 / chi_squared) / _STUDENT_MEAN
 
     def _slow_bias(self, person: int, frame: int) -> Float:
-        """A standard normal pair (2,) that changes slowly: a quarter turn from each knot's pair to the next one's."""
+        """A standard normal pair (2,) that changes slowly: a quarter turn leads from each knot's pair to the next."""
         every = self._settings.bias_frames
         knot, within = divmod(frame, every)
         turn = np.pi / 2 * within / every
@@ -125,13 +125,13 @@ class AngularError:
         return self._generator(person, kind, number).standard_normal(2)
 
     def _generator(self, person: int, kind: int, number: int) -> np.random.Generator:
-        # Seeds are not negative, frame numbers can be.
+        # Seeds must not be negative, but frame numbers can be.
         place = 2 * number if number >= 0 else -2 * number - 1
         return np.random.default_rng([*self._key, person, kind, place])
 
 
 def _shrunk(direction: Float, towards_camera: Float, gain: float) -> Float:
-    """The direction at ``gain`` times its angle from the camera, in the same plane."""
+    """Return the direction at ``gain`` times its angle from the camera, in the same plane."""
     angle = float(angle_between(direction, towards_camera))
     if gain == 1.0 or angle < _STRAIGHT_RAD or angle > np.pi - _STRAIGHT_RAD:
         return direction
@@ -158,7 +158,7 @@ class SimulatedHeadPose:
         self._error = AngularError(settings, stream=1)
 
     def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
-        """The direction of one head; None for a head that is nobody's."""
+        """Return the direction of one head with its error; None for a head that is nobody's."""
         person = self._truth.person(frame.index, head)
         if person is None:
             return None
@@ -168,7 +168,7 @@ class SimulatedHeadPose:
 
 
 class SimulatedGaze:
-    """``gaze.model = "simulated"``: the true gaze with an error; its sigma is the claimed one, per tangent."""
+    """``gaze.model = "simulated"``: the true gaze with an error; sigma is the claimed error per tangent direction."""
 
     Settings = SimulatedGazeSettings
 
@@ -177,7 +177,7 @@ class SimulatedGaze:
         self._error = AngularError(settings, stream=2)
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
-        """The gaze of one head; None for a head that is nobody's."""
+        """Return the gaze of one head with its error; None for a head that is nobody's."""
         person = self._truth.person(frame.index, head)
         if person is None:
             return None
@@ -187,5 +187,5 @@ class SimulatedGaze:
 
 
 def _towards_camera(person: PersonTruth) -> Float | None:
-    """Where the person sees the camera, a unit vector (3,); None where the eyes' place is not known."""
+    """The unit vector (3,) from the person to the camera; None if the eye origin is not known."""
     return None if person.eye_origin_left is None else unit(-person.eye_origin_left)

@@ -1,1 +1,1 @@
-"""Stages that read what was made elsewhere: masks and disparity from files."""
+"""Stages that read outputs of other programs from files."""

@@ -1,4 +1,4 @@
-"""Segmentation made elsewhere, in COCO's panoptic format (as detectron2 and its relatives write it)."""
+"""Segmentation of another program, in COCO's panoptic format (as detectron2 and similar programs write it)."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ _Entry = TypeVar("_Entry", bound=BaseModel)
 
 
 class CocoPanopticSettings(Settings):
-    """Where the masks are: a JSON file and a folder of PNG under ``root``.
+    """Location of the masks: a JSON file and a folder of PNG under ``root``.
 
-    Stuff is kept only where it is named, or all of it. With ``partial``, a frame without masks is an error only when
-    it is read: enough for a run of the clip's first frames.
+    Stuff is kept only if it is named, or all of it. With ``partial``, a frame without masks is an error only when it is
+    read: enough for a run of the clip's first frames.
     """
 
     root: str
@@ -46,14 +46,14 @@ class CocoPanopticSettings(Settings):
 
 
 class CocoPanoptic:
-    """A segmenter that reads each frame's id map (id = R + 256 G + 65536 B) and what its ids are.
+    """A segmenter that reads each frame's id map (id = R + 256 G + 65536 B) and the meaning of its ids.
 
-        root/
-          panoptic.json       images, annotations[].{file_name, segments_info[].{id, category_id}}, categories
-          png/frame_0001.png  one a frame, of the left image's size; the digits are the clip's frame number
+    root/
+        panoptic.json       images, annotations[].{file_name, segments_info[].{id, category_id}}, categories
+        png/frame_0001.png  one per frame, of the left image's size; the digits are the clip's frame number
 
-    Ids that fit 16 bits stay as they are; larger ones get the smallest free number, the same in every frame.
-    Crowd regions and stuff that is not named are no instances.
+    Ids that fit 16 bits stay unchanged; larger ones get the smallest free number, the same in every frame. Crowd
+    regions and stuff that is not named do not become instances.
     """
 
     Settings = CocoPanopticSettings
@@ -81,7 +81,7 @@ class CocoPanoptic:
         Raises
         ------
         VfoaError
-            If the frame has none, its size is not the image's, or it holds ids that the JSON does not explain.
+            If the frame has none, its size is not the image's, or it holds ids that are not in the JSON.
         """
         if frame.index not in self._annotations:
             raise VfoaError(f"{self._json}: no annotation for frame {frame.index}")
@@ -100,10 +100,10 @@ class CocoPanoptic:
         return Instances(ids=relabel(ids, small), instances=tuple(self._instance(segment) for segment in kept))
 
     def digest(self) -> str:
-        """Hexadecimal sha256 of the JSON and every PNG it names."""
+        """Hexadecimal sha256 of the JSON and every PNG that it names."""
         maps = [(str(n), self._png / each.file_name) for n, each in self._annotations.items()]
         if missing := next((path for _, path in maps if not path.is_file()), None):
-            raise VfoaError(f"{missing}: no such file, but {self._json} names it")
+            raise VfoaError(f"{missing}: no such file; expected it, since {self._json} names it")
         return digest_files([("json", self._json), *maps])
 
     def _is_wanted(self, segment: _Segment) -> bool:
@@ -147,7 +147,7 @@ class _Category(BaseModel):
 
 
 class _PanopticFile(BaseModel):
-    """The part of COCO's panoptic JSON that is used; it may hold more."""
+    """The part of COCO's panoptic JSON that is used; the file may hold more."""
 
     annotations: list[_Annotation]
     categories: list[_Category]
@@ -161,7 +161,7 @@ def _by_key(entries: Iterable[_Entry], key: str, where: str) -> dict[Any, _Entry
     found: dict[Any, _Entry] = {}
     for entry in entries:
         if found.setdefault(getattr(entry, key), entry) is not entry:
-            raise VfoaError(f"{where}: {key} {getattr(entry, key)!r} is there twice; expected it once")
+            raise VfoaError(f"{where}: {key} {getattr(entry, key)!r} occurs twice; expected it once")
     return found
 
 
@@ -178,7 +178,7 @@ def _read_ids(path: Path) -> np.ndarray[tuple[int, ...], np.dtype[np.uint32]]:
     image = read_raw(path)
     if image.ndim != 3 or image.dtype != np.uint8:
         raise VfoaError(f"{path}: found {image.ndim} dimensions of {image.dtype}; expected an 8-bit RGB PNG")
-    # red, green, blue and a fourth byte are the bytes of one number; a product of matrices takes longer
+    # reads red, green, blue and a fourth byte as the bytes of one number; a matrix product is slower
     return cv2.cvtColor(image, cv2.COLOR_RGB2RGBA).view("<u4")[..., 0] & np.uint32(0xFFFFFF)
 
 

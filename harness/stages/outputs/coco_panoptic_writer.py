@@ -1,4 +1,4 @@
-"""Segmentation written in COCO's panoptic format, as :mod:`harness.stages.outputs.coco_panoptic` reads it."""
+"""Write segmentations in COCO's panoptic format, as :mod:`harness.stages.outputs.coco_panoptic` reads it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from vfoa.types import Instances, Mask
 
 
 def write_coco_panoptic(root: Path, frames: Iterable[tuple[int, Instances]]) -> None:
-    """Write frame numbers with their instances; one frame is held at a time. See :class:`CocoPanopticWriter`."""
+    """Write frame numbers with their instances, one frame at a time. See :class:`CocoPanopticWriter`."""
     writer = CocoPanopticWriter(root)
     for number, instances in frames:
         writer.add(number, instances)
@@ -24,10 +24,10 @@ def write_coco_panoptic(root: Path, frames: Iterable[tuple[int, Instances]]) -> 
 
 
 class CocoPanopticWriter:
-    """Writes ``root/panoptic.json`` and ``root/png/frame_<number>.png``, one a frame: id = R + 256 G + 65536 B.
+    """Writes ``root/panoptic.json`` and ``root/png/frame_<number>.png``, one per frame: id = R + 256 G + 65536 B.
 
-    Each segment has its ``score`` beside what COCO asks for, and its ``name`` where a person drew it. Instances without
-    a pixel are left out. The JSON comes last, so that what it names is there.
+    Each segment has its ``score`` beside COCO's own fields, and its ``name`` if a person drew it. Instances without a
+    pixel are left out. The JSON is written last, so that all files that it names exist.
     """
 
     def __init__(self, root: Path) -> None:
@@ -42,10 +42,10 @@ class CocoPanopticWriter:
         Raises
         ------
         VfoaError
-            If the frame comes twice, or one category's number has two meanings.
+            If the frame is added twice, or one category number has two meanings.
         """
         if number in self._annotations:
-            raise VfoaError(f"{self._root}: frame {number} comes twice; expected each frame once")
+            raise VfoaError(f"{self._root}: frame {number} occurs twice; expected each frame once")
         name = f"frame_{number:04d}.png"
         atomic_write(self._root / "png" / name, _png(instances))
         height, width = instances.ids.shape

@@ -1,17 +1,17 @@
-"""Head pose and gaze made elsewhere, from CSV tables.
+"""Head pose and gaze of other programs, from CSV tables.
 
-    frame,subject,x,y,z[,sigma_deg]                          both: a unit direction in the camera frame
-    frame,subject,yaw_deg,pitch_deg,roll_deg[,sigma_deg]     head pose: angles in the crop's axes
-    frame,subject,theta_deg,phi_deg[,sigma_deg]              gaze: angles in the crop's axes, as Gaze360's
+frame,subject,x,y,z[,sigma_deg]                          both: a unit direction in the camera frame
+frame,subject,yaw_deg,pitch_deg,roll_deg[,sigma_deg]     head pose: angles in the crop's axes
+frame,subject,theta_deg,phi_deg[,sigma_deg]              gaze: angles in the crop's axes, like Gaze360's
 
-Camera frame: of the rectified left camera, x right, y down, z away. Crop's axes: z along the ray from the camera to
-the head, so that angles of 0 look into the camera wherever the person stands. The ray goes through the middle of the
-face's box where the table of heads has one, else of the head's. yaw > 0 and theta > 0 turn to the image's left,
-pitch > 0 and phi > 0 up, roll > 0 clockwise in the image. ``sigma`` is the error that the model claims. Every angle may
-be in radians instead: ``yaw_rad``, ``sigma_rad``.
+Camera frame: of the rectified left camera, x right, y down, z away. Crop's axes: z along the ray from the camera to the
+head, so that angles of 0 look into the camera wherever the person stands. The ray goes through the middle of the face's
+box if the table of heads has one, else of the head's. yaw > 0 and theta > 0 turn to the image's left, pitch > 0 and phi
+> 0 up, roll > 0 clockwise in the image. ``sigma`` is the error that the model claims. Every angle may be in radians
+instead: ``yaw_rad``, ``sigma_rad``.
 
 A row is joined to a head by ``subject`` and the table of heads (``heads``): it belongs to the head of its frame whose
-box overlaps that subject's box most, wherever that head was detected. A head without a row has no direction.
+box overlaps that subject's box most, whichever detector found that head. A head without a row has no direction.
 """
 
 from __future__ import annotations
@@ -43,29 +43,29 @@ _LENGTH_TOLERANCE = 0.01
 
 
 class FileHeadPoseSettings(Settings):
-    """Where the poses are: the table ``file`` under ``root``; ``heads``, relative to ``root``, has the boxes."""
+    """Location of the poses: the table ``file`` under ``root``; ``heads``, relative to ``root``, has the boxes."""
 
     root: str
     """Folder of the tables; ``${CLIP}`` stands for the clip's name."""
     file: str = Field(default="head_pose.csv", min_length=1)
     """Table of head poses below ``root``."""
     heads: str = Field(default="heads.csv", min_length=1)
-    """Table of head boxes below ``root``, by which a row finds its head."""
+    """Table of head boxes below ``root``; it joins each row to a head."""
 
 
 class FileGazeSettings(Settings):
-    """Where the gazes are: the table ``file`` under ``root``; ``heads``, relative to ``root``, has the boxes."""
+    """Location of the gazes: the table ``file`` under ``root``; ``heads``, relative to ``root``, has the boxes."""
 
     root: str
     """Folder of the tables; ``${CLIP}`` stands for the clip's name."""
     file: str = Field(default="gaze.csv", min_length=1)
     """Table of gaze directions below ``root``."""
     heads: str = Field(default="heads.csv", min_length=1)
-    """Table of head boxes below ``root``, by which a row finds its head."""
+    """Table of head boxes below ``root``; it joins each row to a head."""
 
 
 class FileHeadPose:
-    """``head_pose.model = "files"``: where the head points. A row may have angles beside its direction: the model's."""
+    """``head_pose.model = "files"``: head poses from a table, with the model's angles if the table has them."""
 
     Settings = FileHeadPoseSettings
 
@@ -74,7 +74,7 @@ class FileHeadPose:
         self._rows = _JoinedRows(root / settings.file, root / settings.heads, HEAD_ANGLES, clip, angles_beside=True)
 
     def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
-        """The pose of one head, or None."""
+        """Return the pose of one head, or None."""
         found = self._rows.find(frame.index, head)
         if found is None:
             return None
@@ -92,7 +92,7 @@ class FileHeadPose:
 
 
 class FileGaze:
-    """``gaze.model = "files"``: where the eyes look."""
+    """``gaze.model = "files"``: gaze directions from a table."""
 
     Settings = FileGazeSettings
 
@@ -101,7 +101,7 @@ class FileGaze:
         self._rows = _JoinedRows(root / settings.file, root / settings.heads, GAZE_ANGLES, clip)
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
-        """The gaze of one head, or None."""
+        """Return the gaze of one head, or None."""
         found = self._rows.find(frame.index, head)
         if found is None:
             return None
@@ -118,7 +118,7 @@ class FileGaze:
 
 
 def write_head_poses(path: Path, rows: Sequence[tuple[int, str, HeadPose]]) -> None:
-    """Write poses by frame and subject: direction and angles, in radians, which lose nothing."""
+    """Write poses by frame and subject: direction, and angles in radians, so that they read back exactly."""
     columns = (*DIRECTION, *(f"{name}_rad" for name in HEAD_ANGLES), "sigma_rad")
     table = []
     for frame, subject, pose in rows:
@@ -129,13 +129,13 @@ def write_head_poses(path: Path, rows: Sequence[tuple[int, str, HeadPose]]) -> N
 
 
 def write_gazes(path: Path, rows: Sequence[tuple[int, str, Gaze]]) -> None:
-    """Write gazes by frame and subject: direction, and sigma in radians, which loses nothing."""
+    """Write gazes by frame and subject: direction, and sigma in radians, so that they read back exactly."""
     table = [(frame, subject, *gaze.direction.tolist(), gaze.sigma_rad) for frame, subject, gaze in rows]
     write_table(path, (*DIRECTION, "sigma_rad"), table)
 
 
 class _JoinedRows:
-    """The rows of a table of directions, found by the heads they belong to. Every row is checked at once.
+    """The rows of a table of directions, found by their heads. All rows are checked when the table is read.
 
     ``angles_beside``: a row may have angles beside its direction.
     """
@@ -163,9 +163,9 @@ class _JoinedRows:
         return digest_files(self._paths)
 
     def find(self, frame: int, head: Head) -> tuple[Row, Head] | None:
-        """The row of a head and that subject's own boxes; None for a head that is no subject's."""
+        """Return the row of a head and that subject's own boxes; None for a head that belongs to no subject."""
         heads = self._heads.get(frame, {})
-        # Of equal boxes the one of the same instance; of those that are equal in that, too, the first.
+        # Of equal boxes, take the one with the same instance; if these are also equal, the first.
         overlaps = [
             (box_iou(each.box_px, head.box_px), each.instance_id == head.instance_id, subject)
             for subject, each in heads.items()
@@ -183,7 +183,7 @@ def _direction(row: Row) -> Float | None:
 
 
 def _angles(row: Row, names: Sequence[str]) -> Float | None:
-    """Angles in radians, from the columns in degrees or in radians; None where both are blank."""
+    """Angles in radians, from the columns in degrees or in radians; None if both are blank."""
     degrees, radians = (row.numbers([f"{name}{unit}" for name in names]) for unit in _UNITS)
     if degrees is not None and radians is not None:
         raise VfoaError(f"{row.where}: {names[0]}: found degrees and radians; expected one of them")

@@ -1,4 +1,4 @@
-"""Disparity made elsewhere, read from files."""
+"""Disparity of another program, read from files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vfoa.types import Disparity, StereoFrame
 
 
 class FileMatcherSettings(Settings):
-    """Where the maps are: ``pattern`` (one printf field for the frame number) under ``root``.
+    """Location of the maps: ``pattern`` (one printf field for the frame number) under ``root``.
 
     ``counts_per_px`` is the scale of 16-bit PNG files: 256 is KITTI's. With ``partial``, a frame without a map is an
     error only when it is read: enough for a run of the clip's first frames.
@@ -34,7 +34,7 @@ class FileMatcherSettings(Settings):
 
 
 class FileMatcher:
-    """A matcher that reads each frame's disparity: Sintel PNG, 16-bit PNG, PFM or npy, by the file's own kind."""
+    """A matcher that reads each frame's disparity: Sintel PNG, 16-bit PNG, PFM or npy, recognised by content."""
 
     Settings = FileMatcherSettings
 

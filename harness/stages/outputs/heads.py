@@ -1,12 +1,12 @@
-"""Heads made elsewhere, from a CSV table.
+"""Heads of another program, from a CSV table.
 
-    frame,subject,u0_px,v0_px,u1_px,v1_px[,score][,instance_id]
-        [,face_u0_px,face_v0_px,face_u1_px,face_v1_px]
-        [,right_eye_u_px,right_eye_v_px,left_eye_...,nose_...,right_mouth_...,left_mouth_...]
+frame,subject,u0_px,v0_px,u1_px,v1_px[,score][,instance_id]
+    [,face_u0_px,face_v0_px,face_u1_px,face_v1_px]
+    [,right_eye_u_px,right_eye_v_px,left_eye_...,nose_...,right_mouth_...,left_mouth_...]
 
-Pixels of the rectified left image, (u0, v0) the upper left and (u1, v1) the lower right corner; the whole head, not
-the face alone. The landmarks are the person's own right and left. ``instance_id`` is the person's id in the masks.
-A frame without a row has no heads.
+Pixels of the rectified left image, (u0, v0) the upper left and (u1, v1) the lower right corner; the whole head, not the
+face alone. The landmarks are the person's own right and left. ``instance_id`` is the person's id in the masks. A frame
+without a row has no heads.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ COLUMNS = (*BOX, "score", *FACE, *LANDMARKS, "instance_id")
 
 
 class FileHeadsSettings(Settings):
-    """Where the heads are: the table ``file`` under ``root``."""
+    """Location of the heads: the table ``file`` under ``root``."""
 
     root: str
     """Folder of the table; ``${CLIP}`` stands for the clip's name."""
@@ -51,7 +51,7 @@ class FileHeads:
         self._heads = read_heads(self._path, clip)
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
-        """The heads of one frame."""
+        """Return the heads of one frame."""
         return tuple(self._heads.get(frame.index, {}).values())
 
     def digest(self) -> str:
@@ -91,12 +91,12 @@ def _head(row: Row) -> Head:
             landmarks_px=None if landmarks is None else landmarks.reshape(5, 2),
             instance_id=_instance(row),
         )
-    except ValueError as error:  # a box without an area; the value's own words say which
+    except ValueError as error:  # a box without an area; the error's text says which
         raise VfoaError(f"{row.where}: {error}") from None
 
 
 def _instance(row: Row) -> int | None:
-    """The person's id, which need not be among the masks: a hidden person has no pixel there."""
+    """The person's id. It need not be among the masks: a hidden person has no pixel there."""
     value = row.number("instance_id")
     if value is not None and (value != int(value) or not 0 < value < 2**16):
         raise VfoaError(f"{row.where}: instance_id: expected 1 to 65535, found {row.cells['instance_id']!r}")

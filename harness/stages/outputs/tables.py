@@ -1,6 +1,6 @@
-"""CSV tables of stage outputs: one row a frame and subject, read strictly.
+"""CSV tables of stage outputs: one row per frame and subject, read strictly.
 
-    frame,subject,<columns of the signal>
+frame,subject,<columns of the output>
 
 ``frame`` is the clip's own number. ``subject`` is any word: it joins the rows of a frame over several files, and need
 not be a name of the manifest. The unit is in a column's name. A blank cell means that the value is not known.
@@ -32,15 +32,15 @@ def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> l
     Parameters
     ----------
     columns
-        What the table may have beside ``frame`` and ``subject``, in any order.
+        The columns that the table may have beside ``frame`` and ``subject``, in any order.
     frames
         The clip's frame numbers.
 
     Raises
     ------
     VfoaError
-        For the first mistake, with file and line: a column that is not known, missing or there twice, a wrong number
-        of cells, a frame that the clip does not have, a blank subject, or a frame and subject that come twice.
+        For the first mistake, with file and line: a column that is unknown, missing or repeated, a wrong number
+        of cells, a frame that the clip does not have, a blank subject, or a repeated pair of frame and subject.
     """
     rows: list[Row] = []
     first_seen: dict[tuple[int, str], str] = {}
@@ -48,16 +48,14 @@ def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> l
     for cells in read_rows(path, (*KEYS, *columns), KEYS):
         row = _row(cells, known_frames)
         if before := first_seen.get((row.frame, row.subject)):
-            raise VfoaError(
-                f"{row.where}: frame {row.frame}, subject {row.subject!r}: is there twice, first at {before}"
-            )
+            raise VfoaError(f"{row.where}: frame {row.frame}, subject {row.subject!r}: occurs twice, first at {before}")
         first_seen[row.frame, row.subject] = row.where
         rows.append(row)
     return rows
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Write a table, whole or not at all: ``columns`` follow ``frame,subject``; floats exactly, None as a blank."""
+    """Write a table atomically: ``columns`` follow ``frame,subject``; floats are exact, None is a blank cell."""
     write_rows(path, (*KEYS, *columns), rows)
 
 

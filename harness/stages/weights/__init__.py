@@ -1,1 +1,1 @@
-"""Learned models: the catalogue, downloads, and whether a file is what it should be."""
+"""Learned models: the catalogue, downloads, and checks of their files."""

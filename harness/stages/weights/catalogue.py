@@ -1,4 +1,4 @@
-"""The model catalogue: what models there are, under which terms, and where their files come from."""
+"""The model catalogue: the known models, their licences, and the sources of their files."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from vfoa.validation import parse
 from vfoa.weights import cache_directory, directories, locate
 
 Progress = Callable[[int, int | None], None]
-"""Told the bytes that are there, and those of the whole file where they are known."""
+"""Called with the bytes received, and the bytes of the whole file if known."""
 
 
 class CatalogueEntry(Settings):
@@ -44,7 +44,7 @@ class CatalogueEntry(Settings):
     @model_validator(mode="after")
     def _check_what_is_fetched(self) -> Self:
         if self.address is not None and self.sha256 is None:
-            raise ValueError("address: expected sha256 beside it: without one a login page passes for the model")
+            raise ValueError("address: expected sha256 beside it: without one, a login page would pass for the model")
         return self
 
     @property
@@ -53,7 +53,7 @@ class CatalogueEntry(Settings):
         return self.file.endswith(".onnx")
 
     def find(self) -> Path | None:
-        """The path of its file on this machine; None if it is missing."""
+        """Return the path of its file on this machine; None if it is missing."""
         try:
             return locate(self.file)
         except VfoaError:
@@ -62,7 +62,7 @@ class CatalogueEntry(Settings):
 
 @cache
 def catalogue() -> Mapping[str, CatalogueEntry]:
-    """Every model by name, in the order of the file.
+    """Return every model by name, in the order of the file.
 
     Raises
     ------
@@ -74,12 +74,12 @@ def catalogue() -> Mapping[str, CatalogueEntry]:
 
 
 def find_model(name: str) -> CatalogueEntry:
-    """The model of this name.
+    """Return the model of this name.
 
     Raises
     ------
     VfoaError
-        If there is none; the message proposes the nearest.
+        If there is none; the message suggests the nearest name.
     """
     models = catalogue()
     if name not in models:
@@ -88,13 +88,13 @@ def find_model(name: str) -> CatalogueEntry:
 
 
 def locate_all(files: Iterable[str]) -> dict[str, Path]:
-    """The path of each weights file.
+    """Return the path of each weights file.
 
     Raises
     ------
     VfoaError
-        As :func:`vfoa.weights.locate`; where the catalogue knows one that is missing, with all that are, and the
-        command that brings them.
+        If one is missing. If the catalogue knows a missing one, the message names all missing files and the command
+        that fetches them.
     """
     files = list(files)
     models = {entry.file: name for name, entry in catalogue().items()}
@@ -102,19 +102,19 @@ def locate_all(files: Iterable[str]) -> dict[str, Path]:
         folders = ", ".join(map(str, directories()))
         raise VfoaError(
             f"no such model files: {', '.join(absent)}; expected in {folders}: `vfoa models fetch "
-            f"{' '.join(models[file] for file in absent)}` brings them, or says where to get them"
+            f"{' '.join(models[file] for file in absent)}` fetches them, or says where to get them"
         )
     return {file: locate(file) for file in files}
 
 
 def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progress: Progress | None = None) -> Path:
-    """Bring a model's file to this machine, if it is not there yet, and return its path.
+    """Download a model's file, if it is not on this machine yet, and return its path.
 
     Raises
     ------
     VfoaError
-        If its terms were not accepted, no address with a checksum is known, another file hides it, or the download
-        fails.
+        If its licence was not accepted, no address with a checksum is known, another file would hide it, or
+        the download fails.
     """
     from harness.download import download
 
@@ -124,7 +124,7 @@ def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progr
     target = cache_directory() / entry.file
     if here and here != target:
         raise VfoaError(
-            f"{here}: not the catalogue's {name} (another checksum), and it would hide the one that is fetched; "
+            f"{here}: not the catalogue's {name} (another checksum), and it would hide the fetched one; "
             "expected it to be moved away"
         )
     if entry.non_commercial and not accept_licence:

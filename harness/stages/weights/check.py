@@ -1,4 +1,4 @@
-"""Whether a model's file is what the catalogue says, and how long one inference takes here."""
+"""Checks of a model's file against the catalogue, and the time of one inference on this machine."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ Verdict = Literal["ok", "fails", "absent"]
 class ModelCheck:
     """The result of checking one model.
 
-    ``provider`` and ``inference_ms`` are None where nothing was run; ``checksum_known`` says whether the catalogue
-    has one to compare with. ``message`` says what is wrong, or what else a reader must know.
+    ``provider`` and ``inference_ms`` are None if nothing was run; ``checksum_known`` says whether the catalogue has a
+    checksum to compare with. ``message`` says what is wrong, or what else a reader must know.
     """
 
     name: str
@@ -36,7 +36,7 @@ class ModelCheck:
 
 
 def check_model(name: str, entry: CatalogueEntry, settings: RuntimeSettings) -> ModelCheck:
-    """Load a model, check its signature, run it once on zeros and compare its checksum. A failure is a verdict."""
+    """Load a model, check its signature, run it once on zeros, compare its checksum; a failure is a verdict."""
     path = entry.find()
     if path is None:
         source = f"vfoa models fetch {name}" if entry.address else f"its home: {entry.home}"
@@ -59,7 +59,7 @@ def check_model(name: str, entry: CatalogueEntry, settings: RuntimeSettings) -> 
 
 
 def signature(entry: CatalogueEntry) -> Signature:
-    """The catalogue's signature of a model: a word for a length becomes None."""
+    """Return the catalogue's signature of a model; a length given as a word becomes None."""
 
     def shapes(tensors: dict[str, tuple[int | str, ...]]) -> dict[str, tuple[int | None, ...]]:
         return {
@@ -77,14 +77,14 @@ def signature(entry: CatalogueEntry) -> Signature:
 
 def _check_whole(path: Path, entry: CatalogueEntry) -> None:
     if is_lfs_pointer(path):
-        raise VfoaError(f"{path}: a Git LFS pointer; expected the model it stands for")
+        raise VfoaError(f"{path}: a Git LFS pointer; expected the model itself (fetch it with git lfs pull)")
     found = path.stat().st_size
     if entry.bytes is not None and found < entry.bytes:
         raise VfoaError(f"{path}: truncated: found {found} bytes, expected {entry.bytes}")
 
 
 def _run_once(path: Path, entry: CatalogueEntry, settings: RuntimeSettings) -> tuple[str, float]:
-    """The provider, and the milliseconds of one inference on zeros."""
+    """Return the provider, and the milliseconds of one inference on zeros."""
     model = Model(str(path), signature(entry), settings)
     zeros = {
         name: np.zeros([entry.sizes[length] if isinstance(length, str) else length for length in shape], np.float32)

@@ -228,7 +228,7 @@ _IMAGES = [
     case("image gone on one side", gone("images/right/000002.png"), "frame 2: not in the clip"),
     case("image is a folder", a_folder(LEFT), "000002.png", "directory"),
     case("image is a pipe", a_pipe(LEFT), "000002.png", "no plain file"),
-    case("image is a dangling link", dangling(LEFT), "000002.png", "a link to nowhere, which is not there"),
+    case("image is a dangling link", dangling(LEFT), "000002.png", "a link to nowhere, which does not exist"),
     case("no images on one side", lambda root: [each.unlink() for each in (root / "images/left").iterdir()], "left"),
     case("a stray image whose name is not UTF-8", _stray, "do not share one numbering"),
     case("folder of images gone", lambda root: os.rename(root / "images/left", root / "images/links"), "left"),
@@ -267,7 +267,7 @@ _MANIFEST = [
     case("manifest of an unknown adapter", replaced(TOML, '"stereo_folder"', '"stereo_fodler"'), "stereo_folder"),
     case("manifest of many brackets", text(TOML, f"a = {10_000 * '['}"), "mine.toml", "levels deep"),
     case("manifest with 5,000 digits", replaced(TOML, "25.0", 5_000 * "9"), "mine.toml", "64 bits"),
-    case("manifest is a dangling link", dangling(TOML), "mine.toml", "a link to nowhere, which is not there"),
+    case("manifest is a dangling link", dangling(TOML), "mine.toml", "a link to nowhere, which does not exist"),
     case("manifest is a pipe", a_pipe(TOML), "mine.toml", "no plain file"),
     case("manifest is a folder", a_folder(TOML), "no clip 'mine'"),
 ]
@@ -275,7 +275,7 @@ _MANIFEST = [
 CSV = "annotations/mine.csv"
 _ANNOTATIONS = [
     case("annotations empty", empty(CSV), "mine.csv"),
-    case("annotations are a dangling link", dangling(CSV), "mine.csv", "a link to nowhere, which is not there"),
+    case("annotations are a dangling link", dangling(CSV), "mine.csv", "a link to nowhere, which does not exist"),
     case("annotations are a pipe", a_pipe(CSV), "mine.csv", "no plain file"),
     case("annotations without their version", text(CSV, LABELS.partition("\n")[2]), "mine.csv"),
     case("annotations of another version", replaced(CSV, "annotations 1", "annotations 9"), "mine.csv", "9"),

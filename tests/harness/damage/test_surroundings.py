@@ -65,7 +65,7 @@ def test_a_disk_that_is_full_while_recording_ends_the_run_in_one_line_and_it_goe
     assert code == 2, said
     assert said.count("\n") == 1, said
     assert "No space left on device" in said
-    assert "the same command goes on" in said
+    assert "the same command continues" in said
     assert not (project / "out" / "frr.csv").exists()
     assert vfoa(monkeypatch, capsys, *recorded)[::2] == (0, "")
     assert (project / "out" / "frr.csv").is_file()

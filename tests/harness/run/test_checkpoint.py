@@ -131,7 +131,7 @@ def test_a_killed_run_goes_on_from_its_checkpoint(
     assert _files(directory) == _files(unbroken)
     assert directory.timings.read_text().count(",attention,") == 3 * FRAMES
     for name in ("filtered", "window"):
-        assert f"studio_table under {name}: goes on after frame {kept}" in told
+        assert f"studio_table under {name}: continues after frame {kept}" in told
     # two configurations go on behind the checkpoint, the one that looks ahead from the frames that still waited
     again = [frame for frame in attended if frame <= kept]
     assert len(attended) - len(again) == 3 * (FRAMES - kept)
@@ -176,7 +176,7 @@ def test_a_checkpoint_whose_results_were_changed_is_left_out(
     results.write_bytes(b"".join(results.read_bytes().splitlines(keepends=True)[:3]))
     directory = _run(experiment, tmp_path / "out", told)
     assert _files(directory) == _files(unbroken)
-    assert any("filtered.jsonl.partial is not as it was written" in line for line in told)
+    assert any("filtered.jsonl.partial has changed since it was written" in line for line in told)
 
 
 def _logged(recording: Path) -> set[tuple[str, int, str]]:
@@ -205,7 +205,7 @@ def test_a_recording_goes_on_behind_a_key_frame(
         _kill(experiment, tmp_path / "out", kept, killed, "light")
     assert len(list((tmp_path / "out").glob("studio_table.rrd.partial*"))) == 2
     directory = _run(experiment, tmp_path / "out", told, recording="light")
-    assert "studio_table under filtered: goes on after frame 10" in told
+    assert "studio_table under filtered: continues after frame 10" in told
     assert directory.results.read_bytes() == whole.results.read_bytes()
     names = sorted(path.name for path in whole.path.glob("*.rrd*"))
     assert sorted(path.name for path in directory.path.glob("*.rrd*")) == names

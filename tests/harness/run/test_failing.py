@@ -138,6 +138,6 @@ def test_the_command_line_says_what_failed_and_leaves_with_1(
     assert ended.value.code == 1
     assert said.err.splitlines() == [
         "vfoa: studio_table under sgbm: out of memory",
-        "vfoa: 1 failed; again with --retry-failed, when it is mended",
+        "vfoa: 1 failed; run again with --retry-failed when the cause is fixed",
     ]
     assert "bm" in said.out

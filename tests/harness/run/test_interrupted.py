@@ -138,7 +138,7 @@ def test_images_that_change_while_a_run_is_on_end_it_and_leave_nothing_in_the_ca
     image = next(path for path in sorted(tmp_path.rglob("*.png")) if "left" in path.as_posix() and "0003" in path.name)
     store = Store(tmp_path / "cache", 10**9)
     plan = prepare(experiment, sinks=[Exchange(image)])
-    with pytest.raises(VfoaError, match="its images or calibration changed while the run was on"):
+    with pytest.raises(VfoaError, match="its images or calibration changed during the run"):
         run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None, cache=store)
     assert not list(store.stages.rglob("*.bin"))
     assert not (tmp_path / "out" / "results.jsonl").exists()

@@ -18,7 +18,7 @@ def test_names_by_the_sources_ids_are_doubted_where_a_network_numbers_the_masks(
     assert note.startswith(
         "studio_talk: the manifest finds anna, ben, mug, bear, bowl, plant by their ids in the source"
     )
-    assert "not those of rf_detr_seg" in note
+    assert "differ from those of rf_detr_seg" in note
     assert prepare(by_truth).experiment.notes == by_truth.notes
 
 

@@ -274,7 +274,9 @@ def test_a_recording_that_begins_anew_is_said(tmp_path: Path) -> None:
     while next(records) is not None:
         pass
     path.write_bytes(whole[:50])
-    with pytest.raises(VfoaError, match=r"take\.mcap: is shorter than what was read of it; expected a recording that"):
+    with pytest.raises(
+        VfoaError, match=r"take\.mcap: is shorter than the part already read; expected a recording that"
+    ):
         next(records)
 
 
@@ -423,7 +425,7 @@ def test_a_signal_ends_a_live_run_and_keeps_it(sign: signal.Signals, experiment_
         (["nowhere.mcap"], "nowhere.mcap: no such file"),
         (["nowhere.mcap", "--source", "lefd=/a"], "unknown key '--source.lefd'; did you mean 'left'"),
         (["nowhere.mcap", "--source", "left"], "left: expected KEY=VALUE, such as left=/front/left/image"),
-        (["nowhere.mcap", "--source", "start_s=1"], "--source start_s: means nothing for a recording that grows"),
+        (["nowhere.mcap", "--source", "start_s=1"], "--source start_s: has no meaning for a growing recording"),
         (["no_such_clip", "--source", "left=/a"], "--source is for an .mcap file"),
         (["nowhere.mcap", "--calibration", "c.yaml"], "--calibration is for two cameras"),
         (["nowhere.mcap", "--recording", "none", "--viewer"], "nothing for a viewer"),

@@ -99,7 +99,7 @@ def test_a_cache_that_cannot_be_written_costs_no_run(
     nowhere.write_text("")
     directory = _run(experiment, tmp_path / "run", Store(nowhere, 10**9))
     assert directory.results.read_bytes() == plain.results.read_bytes()
-    assert "are not kept" in caplog.text
+    assert "are not stored" in caplog.text
 
 
 def test_beyond_the_limit_results_are_removed_and_computed_again(experiment: Path, tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_the_command_line_says_what_was_reused_and_shows_and_clears_the_cache(
     run = ("run", str(experiment), *options, "--limit", "2", "--recording", "none", "--workers", "1", "--out")
     assert "Cache: stereo bm: 0 reused, 2 computed (first time)\n" in says(*run, str(tmp_path / "first"))
     assert "Cache: stereo bm: 2 reused, 0 computed\n" in says(*run, str(tmp_path / "second"))
-    assert "second: finished before; nothing was computed\n" in says(*run, str(tmp_path / "second"))
+    assert "second: finished already; nothing was computed\n" in says(*run, str(tmp_path / "second"))
     usage = json.loads(says("cache", "info", "--json", *options))
     assert usage["bytes"] == sum(path.stat().st_size for path in (tmp_path / "cache").rglob("*.bin"))
     assert {(each["slot"], each["files"]) for each in usage["stages"]} == {("stereo", 2), ("heads", 2), ("gaze", 2)}

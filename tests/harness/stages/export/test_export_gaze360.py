@@ -206,7 +206,7 @@ def test_a_missing_tensor_is_named(name: str, tensors: Arrays, tmp_path: Path, r
 @pytest.mark.parametrize("name", ["module.attention.weight", "last_layer.bias", "module.base_model.layer1.2.bn1.bias"])
 def test_an_extra_tensor_is_named(name: str, tensors: Arrays, tmp_path: Path, refused: Any) -> None:
     message = refused(save(tmp_path / "more.pth.tar", tensors | {name: np.zeros(3, np.float32)}))
-    assert f"tensor {name} is too many" in message
+    assert f"unexpected tensor {name}" in message
 
 
 def test_a_tensor_of_another_shape_is_named(tensors: Arrays, tmp_path: Path, refused: Any) -> None:
@@ -231,11 +231,11 @@ class Stranger:
 def test_what_is_not_a_checkpoint_is_refused(checkpoint: Path, tmp_path: Path, refused: Any) -> None:
     path = tmp_path / "file.pth.tar"
     path.write_text("not a checkpoint\n" * 10)
-    assert f"{path}: not a whole PyTorch checkpoint" in refused(path)
+    assert f"{path}: expected a complete PyTorch checkpoint" in refused(path)
     path.write_bytes(checkpoint.read_bytes()[:-1000])
-    assert f"{path}: not a whole PyTorch checkpoint" in refused(path)
+    assert f"{path}: expected a complete PyTorch checkpoint" in refused(path)
     torch.save({"state_dict": {}, "optimizer": Stranger()}, path)
-    assert f"{path}: not a whole PyTorch checkpoint of nothing but tensors" in refused(path)
+    assert f"{path}: expected a complete PyTorch checkpoint that holds only tensors" in refused(path)
     path.write_text("version https://git-lfs.github.com/spec/v1\n")
     assert f"{path}: a Git LFS pointer" in refused(path)
     torch.save({"epoch": 3, "weights": {}}, path)

@@ -83,6 +83,6 @@ def test_a_number_with_two_meanings_and_a_frame_that_comes_twice_are_refused(tmp
     person, stuff = instances_of(ids, a=(1, PERSON, 1.0)), instances_of(ids, a=(1, (1, "banner", False), 1.0))
     with pytest.raises(VfoaError, match="category 1 is 'person' and 'banner'"):
         write_coco_panoptic(tmp_path, [(1, person), (2, stuff)])
-    with pytest.raises(VfoaError, match="frame 1 comes twice"):
+    with pytest.raises(VfoaError, match="frame 1 occurs twice"):
         write_coco_panoptic(tmp_path, [(1, person), (1, person)])
     assert not (tmp_path / "panoptic.json").exists()

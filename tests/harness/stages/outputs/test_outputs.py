@@ -106,7 +106,7 @@ def test_mistakes_in_the_masks_are_one_line(clip: StereoFolderClip, tmp_path: Pa
         segment("size", ids=_map()[1:])
     with pytest.raises(VfoaError, match=r"panoptic\.json: annotations\.0\.segments_info\.0\.category_id: missing"):
         segment("broken", segments=[{"id": 3}])
-    with pytest.raises(VfoaError, match=r"panoptic\.json: frame_0004\.png: segments_info: id 3 is there twice"):
+    with pytest.raises(VfoaError, match=r"panoptic\.json: frame_0004\.png: segments_info: id 3 occurs twice"):
         segment("twice", segments=[SEGMENTS[0], *SEGMENTS])
 
 
@@ -122,7 +122,7 @@ def test_mistakes_around_the_masks_are_one_line(clip: StereoFolderClip, tmp_path
     for table, said in (("annotations", r"file_name 'frame_0004\.png'"), ("categories", "id 1")):
         twice = document | {table: [*document[table], document[table][0]]}
         write_text(tmp_path / "coco" / "panoptic.json", json.dumps(twice))
-        with pytest.raises(VfoaError, match=rf"panoptic\.json: {table}: {said} is there twice; expected it once"):
+        with pytest.raises(VfoaError, match=rf"panoptic\.json: {table}: {said} occurs twice; expected it once"):
             CocoPanoptic(CocoPanopticSettings(root=root), clip)
     for content in ("{", "[" * 100_000):
         write_text(tmp_path / "coco" / "panoptic.json", content)

@@ -94,7 +94,7 @@ def test_a_wrong_checksum_leaves_nothing_behind(site: Site, target: Path, kept: 
     target.write_bytes(b"what was there")
     partial(target).write_bytes(kept)
     expected = SHA256 if kept else "0" * 64
-    with pytest.raises(VfoaError, match=rf"wrong checksum, thrown away: found sha256 \w+, expected {expected}"):
+    with pytest.raises(VfoaError, match=rf"wrong checksum, removed: found sha256 \w+, expected {expected}"):
         download(site.url("/model.onnx"), target, sha256=expected)
     assert target.read_bytes() == b"what was there"
     assert not partial(target).exists()
@@ -152,6 +152,6 @@ def test_a_page_that_asks_to_log_in_is_not_taken_for_the_file(
 
 def test_another_kind_of_file_is_refused_by_its_first_bytes(site: Site, target: Path) -> None:
     site.files["/model.onnx"] = b"Rar!"
-    with pytest.raises(VfoaError, match=r"another kind of file, thrown away: begins with b'Rar!', expected b'PK'"):
+    with pytest.raises(VfoaError, match=r"another kind of file, removed: begins with b'Rar!', expected b'PK'"):
         download(site.url("/model.onnx"), target, sha256=None, begins=b"PK")
     assert list(target.parent.iterdir()) == []

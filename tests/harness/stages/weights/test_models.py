@@ -258,7 +258,7 @@ def test_check_names_what_is_wrong_and_exits_2(tmp_path: Path, shared_models: Pa
     assert found.exit_code == 2
     good, bad = found.stdout.splitlines()
     assert good.startswith("fsanet-1x1: ok: cpu, ")
-    assert good.endswith(" ms, checksum right")
+    assert good.endswith(" ms, checksum correct")
     assert bad == f"fsanet-var: fails: {damaged}: truncated: found 1000 bytes, expected 1246963"
     rows = json.loads(run("check", "--json").stdout)
     verdicts = {row["name"]: row["verdict"] for row in rows}
@@ -271,7 +271,7 @@ def test_every_model_of_the_shared_folder_is_right(shared_models: Path, monkeypa
     assert {catalogue()[name].file for name in here} == {path.name for path in shared_models.glob("*.onnx")}
     found = run("check", *here)
     assert found.exit_code == 0, found.stdout
-    assert all(": ok: cpu, " in line and line.endswith("checksum right") for line in found.stdout.splitlines())
+    assert all(": ok: cpu, " in line and line.endswith("checksum correct") for line in found.stdout.splitlines())
 
 
 def test_fetch_shows_the_licence_and_the_path(tmp_path: Path, site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
