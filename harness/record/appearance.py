@@ -41,7 +41,7 @@ _RIBS = 4
 
 
 class Colours:
-    """A colour and a class for every target's name: by the order given, then by the order in which names appear."""
+    """A colour and a class for every target's name: in the given order, then in order of appearance."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self._classes: dict[str, int] = {}
@@ -53,7 +53,7 @@ class Colours:
         return self._classes.setdefault(name, len(self._classes) + 1)
 
     def of(self, name: str) -> Colour:
-        """The colour of a name; grey for what is no target."""
+        """The colour of a name; grey for a name that is no target."""
         if name in (NOWHERE, IGNORED):
             return GREY
         return _TARGET_COLOURS[(self.class_of(name) - 1) % len(_TARGET_COLOURS)]
@@ -74,7 +74,7 @@ def subject_names(record: FrameRecord) -> dict[int, str]:
 
 
 def target_names(record: FrameRecord) -> dict[int, str]:
-    """The name of each target of a frame by instance id, each used once: ``cup``, ``cup (4)`` where two are cups."""
+    """The name of each target of a frame by instance id, each used once: ``cup``, ``cup (4)`` if there are two cups."""
     uses = Counter(target.name for target in record.targets)
     return {
         target.instance_id: target.name if uses[target.name] == 1 else f"{target.name} ({target.instance_id})"
@@ -83,7 +83,7 @@ def target_names(record: FrameRecord) -> dict[int, str]:
 
 
 def attention_by_name(record: FrameRecord, subject: SubjectRecord) -> dict[str, AttentionRecord]:
-    """A subject's attention by the target's manifest name: of instances that share a name, the one with the most."""
+    """A subject's attention by the target's manifest name; of instances that share a name, the greatest."""
     names = {target.instance_id: target.name for target in record.targets}
     strongest: dict[str, AttentionRecord] = {}
     for value in subject.attention:
@@ -94,7 +94,7 @@ def attention_by_name(record: FrameRecord, subject: SubjectRecord) -> dict[str, 
 
 
 def reach_m(attention: Attention, scene: Scene) -> float:
-    """How far a subject's cones and missing rays are drawn: to the middling target; without one, the paper's height."""
+    """Length of a subject's cones and missing rays, metres: median distance of the targets, else the paper's height."""
     eyes = attention.subject.person.eye_origin_left
     attended = {value.instance_id for value in attention.values}
     boxes = [target.box for target in scene.targets if target.instance.id in attended and target.box is not None]
@@ -104,10 +104,10 @@ def reach_m(attention: Attention, scene: Scene) -> float:
 
 
 def cone_wire(cone: Cone, reach_m: float, *, rim: int = RIM) -> Float:
-    """A cone as one line (N, 3) in the camera frame, metres: four ribs of length ``reach_m``, then the rim they end on.
+    """A cone as one line (N, 3) in the camera frame, metres: four ribs of length ``reach_m``, then the rim.
 
-    One line, because Rerun takes an array of lines ten times faster than a list of lines of several lengths. ``rim`` is
-    the number of points on it, a multiple of four.
+    It is one line, because Rerun takes an array of lines ten times faster than a list of lines of several lengths.
+    ``rim`` is the number of points on the rim, a multiple of four.
     """
     half = cone.fov_rad / 2
     turn = np.linspace(0, 2 * math.pi, rim + 1)

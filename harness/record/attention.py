@@ -29,7 +29,7 @@ ARROW_M = 0.25
 def log_attention(
     log: FrameLog, configuration: str, result: FrameResult, record: FrameRecord, colours: Colours
 ) -> None:
-    """All subjects of a frame under a configuration."""
+    """Log all subjects of a frame under a configuration."""
     names = subject_names(record)
     for attention in result.attentions:
         path = entities.subject_3d(configuration, names[attention.subject.track_id])
@@ -67,7 +67,7 @@ def _log_cones(log: FrameLog, path: str, attention: Attention, reach: float) -> 
 
 
 def _log_rays(log: FrameLog, path: str, cones: Sequence[Cone], rays: Rays, reach: float) -> None:
-    """Rays that hit are bright and end where they first enter a box; rays that miss are dim, as long as the cone."""
+    """Log rays: hits are bright and end where they first enter a box; misses are dim and as long as the cone."""
     of_cone = np.array([cone.cue for cone in cones])
     entry = rays.entry_m
     first = np.fmin.reduce(entry, axis=1) if entry.shape[1] else np.full(len(entry), np.nan)
@@ -77,7 +77,7 @@ def _log_rays(log: FrameLog, path: str, cones: Sequence[Cone], rays: Rays, reach
     for cue in CUES:
         ours = of_cone[rays.cone_index] == cue
         bright, dim = CUE_COLOURS[cue], _dim(CUE_COLOURS[cue], 0.2)
-        # two entities, so that a colour is one static value and not one for each ray
+        # two entities, so that a colour is one static value and not one per ray
         for part, chosen, colour in (("rays", ours & hit, bright), ("missed_rays", ours & ~hit, dim)):
             if chosen.any():
                 log.keep(f"{path}/{cue}/{part}", partial(_line_style, 0.5, colour), key="style")
@@ -104,7 +104,7 @@ def _log_curves(
 
 
 def _log_heads(log: FrameLog, configuration: str, record: FrameRecord, names: dict[int, str]) -> None:
-    """The box of every subject's head, with the subject's name."""
+    """Log the box of every subject's head, with the subject's name."""
     for subject in record.subjects:
         if subject.head_box_px is None:
             continue
@@ -119,7 +119,7 @@ def _log_heads(log: FrameLog, configuration: str, record: FrameRecord, names: di
 
 
 def _log_targets_2d(log: FrameLog, configuration: str, record: FrameRecord, colours: Colours) -> None:
-    """One batch of 2D boxes around the masks, so that the image says what is what without a pointer over it."""
+    """Log one batch of 2D boxes around the masks, so that the image names all targets without a pointer over them."""
     seen = [(target, target.box_px) for target in record.targets if target.box_px is not None]
     if not seen:
         return
@@ -135,7 +135,7 @@ def _log_targets_2d(log: FrameLog, configuration: str, record: FrameRecord, colo
             radii=rr.Radius.ui_points(0.75),
         ),
     )
-    # a box has its caption below itself, which is often below the image
+    # the viewer puts a box's caption below the box, which is often below the image
     middles = np.array([box_px for _, box_px in seen]).reshape(-1, 2, 2).mean(axis=1)
     log.log(
         f"{path}/caption",
@@ -150,14 +150,14 @@ def _log_targets_2d(log: FrameLog, configuration: str, record: FrameRecord, colo
 
 
 def _captions(record: FrameRecord, names: Mapping[int, str]) -> dict[int, str]:
-    """``bird 0.42`` with one subject; with several the name alone, since the values would hide the scene."""
+    """``bird 0.42`` with one subject; with several only the name, since the values would hide the scene."""
     if len(record.subjects) != 1:
         return dict(names)
     totals = {value.instance_id: value.total for value in record.subjects[0].attention if value.total > 0}
     return {number: f"{name} {totals[number]:.2f}" if number in totals else name for number, name in names.items()}
 
 
-# What never changes of an entity is static: it is logged once, and outlives the clearing of the entity.
+# Values of an entity that never change are static: they are logged once, and outlive the clearing of the entity.
 
 
 def _marker_style() -> rr.Points3D:

@@ -1,4 +1,4 @@
-"""The layouts in which recordings open: one configuration, several, or two side by side; a tab for each person."""
+"""Layouts in which recordings open: one configuration, several, or two side by side; with a tab for each person."""
 
 from __future__ import annotations
 
@@ -17,17 +17,18 @@ from vfoa.geometry import box_corners
 from vfoa.types import CUES, Float, Scene, StereoFrame
 
 FROM_MIDDLE = (0.46, -0.4, -0.55)
-"""Where the viewer's eye is, in diagonals of the scene from its middle: right of the camera, above, and behind it."""
+"""Position of the viewer's eye, in diagonals of the scene from its middle: right of the camera, above, and behind it.
+"""
 
 MOST_TABS = 8
-"""Subjects with a tab of their own; with more, everybody is in one."""
+"""Most subjects with tabs of their own; if there are more, all share one tab."""
 
 EVERYONE = "Everyone"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Subjects:
-    """Who has a tab, and who is shown first (None: the first)."""
+    """The subjects with tabs, and the one that is shown first (None: the first)."""
 
     names: tuple[str, ...]
     first: str | None = None
@@ -35,7 +36,7 @@ class Subjects:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """What a clip's recording has to show: the kinds of its images, the extent of its scene, and its rate.
+    """The content of a clip's recording: the kinds of its images, the extent of its scene, and its rate.
 
     ``eye`` is the position (3,) and the look-at point (3,) of the viewer's eye, camera frame, metres.
     """
@@ -49,7 +50,7 @@ class Shown:
 
     @classmethod
     def of(cls, frame: StereoFrame | None, scene: Scene | None, size: Size, rate_hz: float | None) -> Shown:
-        """What a clip shows that begins with this frame and scene; without a frame, what a clip without images does."""
+        """The content of a clip that begins with this frame and scene; a frame of None means a clip without images."""
         return cls(
             has_images=frame is not None,
             has_right=frame is not None and frame.right is not None,
@@ -61,7 +62,7 @@ class Shown:
 
     @classmethod
     def of_paths(cls, paths: Collection[str], *, eye: tuple[Float, Float], rate_hz: float | None) -> Shown:
-        """What the entities of a clip's images show."""
+        """The content of a recording with these entities in its images' layer."""
         return cls(
             has_images=entities.IMAGE in paths,
             has_right=entities.RIGHT in paths,
@@ -74,7 +75,7 @@ class Shown:
 def clip_layout(
     layers: Sequence[LayerNames], shown: Shown, subjects: Subjects, *, follow: bool = False
 ) -> rrb.Blueprint:
-    """One configuration of a clip, or several as tabs. ``follow``: the viewer goes on to each new frame as it comes."""
+    """One configuration of a clip, or several as tabs. ``follow``: the viewer moves to each new frame as it arrives."""
     parts = [_by_subject(subjects, partial(_wide, each, shown)) for each in layers]
     if len(parts) == 1:
         return _blueprint(parts[0], shown, follow=follow)
@@ -83,7 +84,7 @@ def clip_layout(
 
 
 def comparison_layout(pair: tuple[LayerNames, LayerNames], shown: Shown, subjects: Subjects) -> rrb.Blueprint:
-    """Two configurations of a clip side by side; both columns are alike, so that the eye compares along a line."""
+    """Two configurations of a clip side by side, in columns of the same layout, so that rows can be compared."""
     columns = _by_subject(subjects, lambda who: rrb.Horizontal(*(_column(each, shown, who) for each in pair)))
     return _blueprint(columns, shown)
 
@@ -111,7 +112,7 @@ def _by_subject(subjects: Subjects, build: Callable[[str | None], rrb.Container]
 
 
 def _wide(layers: LayerNames, shown: Shown, subject: str | None) -> rrb.Horizontal:
-    """The scene on the left, what it means on the right."""
+    """The 3D scene on the left, images and plots on the right."""
     images = _images(layers, shown, subject)
     scene = rrb.Vertical(rrb.Tabs(*images, active_tab=0), _world(layers, shown, subject), row_shares=[5, 6])
     meaning = rrb.Vertical(
@@ -153,7 +154,7 @@ def _images(layers: LayerNames, shown: Shown, subject: str | None) -> list[rrb.S
 
 
 def _left_image(layers: LayerNames, subject: str | None) -> rrb.Spatial2DView:
-    # what is in the world is projected into the image: all rays would hide the scene, the outlines of cones do not
+    # the world is projected into the image: all rays would hide the scene, the outlines of cones do not
     marks = [
         entities.IMAGE,
         entities.masks(layers.masks),
@@ -225,12 +226,12 @@ def _states(layers: LayerNames, subject: str | None) -> rrb.StateTimelineView:
 
 
 def orbital_eye(position: Float, look_target: Float) -> rrb.EyeControls3D:
-    """An eye that a mouse turns about what it looks at, with the camera's up."""
+    """An eye that the mouse turns around its look-at point, with the camera's up direction."""
     return rrb.EyeControls3D(kind=rrb.Eye3DKind.Orbital, position=position, look_target=look_target, eye_up=(0, -1, 0))
 
 
 def eye_controls(scene: Scene | None) -> tuple[Float, Float]:
-    """Position (3,) and look-at point (3,) of an eye that sees the whole scene, as :func:`eye_for` has it."""
+    """Position (3,) and look-at point (3,) of an eye that sees the whole scene: see :func:`eye_for`."""
     seen = [] if scene is None else [box_corners(target.box) for target in scene.targets if target.box is not None]
     if scene is not None:
         seen += [person.eye_origin_left[None] for person in scene.people if person.eye_origin_left is not None]
@@ -238,9 +239,9 @@ def eye_controls(scene: Scene | None) -> tuple[Float, Float]:
 
 
 def eye_for(seen: Sequence[Float]) -> tuple[Float, Float]:
-    """Position (3,) and look-at point (3,) of an eye that sees all of some points, each (N, 3), camera frame, metres.
+    """Position (3,) and look-at point (3,) of an eye that sees all points, each (N, 3), camera frame, metres.
 
-    From above and to the side of the left camera, so that depth, which the image hides, is seen.
+    It is above and to the side of the left camera, so that depth, which the image hides, is visible.
     """
     points = np.concatenate(seen) if seen else np.array([[-0.5, -0.3, 1.0], [0.5, 0.3, 2.0]])
     low, high = points.min(axis=0), points.max(axis=0)

@@ -1,4 +1,4 @@
-"""The paper's synthetic cases as recordings: to scrub through the frames is to widen the cone."""
+"""The paper's synthetic cases as recordings: stepping through the frames widens the cone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run's recordings as the viewer opens them: the layers of a clip, together with a layout."""
+"""A run's recordings as the viewer opens them: the layers of a clip with a layout."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Composed:
-    """Files that are one recording, by a name, and the layout in which they open.
+    """Files that form one recording, by a name, and the layout in which they open.
 
-    ``frames`` are those of the clip; none for a file outside a run. ``make_layout`` reads the files, so that it is
-    called only when they are opened; None for the layout in the files.
+    ``frames`` are those of the clip; none for a file outside a run. ``make_layout`` reads the files, so it is called
+    only when they are opened; None for the layout in the files.
     """
 
     name: str
@@ -32,7 +32,7 @@ class Composed:
     make_layout: Callable[[], rrb.Blueprint] | None = None
 
     def layout(self) -> rrb.Blueprint | None:
-        """The layout, None for the one in the files.
+        """Return the layout; None for the one in the files.
 
         Raises
         ------
@@ -42,7 +42,7 @@ class Composed:
         return self.make_layout() if self.make_layout else None
 
     def expect_frame(self, frame: int) -> None:
-        """Refuse a frame that the clip does not have: the viewer would go to the nearest one without a word."""
+        """Reject a frame that the clip does not have: the viewer would silently show the nearest one."""
         if self.frames and frame not in self.frames:
             known = f"{min(self.frames)} to {max(self.frames)}"
             raise VfoaError(f"{self.files[0]}: found no frame {frame}; expected one of {known}")
@@ -50,7 +50,7 @@ class Composed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedClip:
-    """What a run recorded of one clip, under the configurations that were asked for."""
+    """The recordings of one clip in a run, for the selected configurations."""
 
     files: ClipFiles
     layers: tuple[LayerNames, ...]
@@ -59,11 +59,11 @@ class RecordedClip:
     rate_hz: float | None
 
     def under(self, configuration: str) -> RecordedClip:
-        """The clip under one of these configurations alone."""
+        """Return the clip with only one of these configurations."""
         return self._with([each for each in self.layers if each.configuration == configuration])
 
     def compose(self, *, subject: str | None = None) -> Composed:
-        """All layers as one recording: one configuration, or a tab for each. ``subject`` has the tab in front."""
+        """Combine all layers into one recording: one configuration, or a tab for each; ``subject``'s tab in front."""
         from harness.record.blueprint import Subjects, clip_layout
 
         names = [each.configuration for each in self.layers]
@@ -99,7 +99,7 @@ class RecordedClip:
         )
 
     def _shown(self) -> Shown:
-        """What the files have to show."""
+        """The content of the files."""
         from harness.record.blueprint import Shown, eye_for
         from harness.record.reading import entity_paths, first_points
 
@@ -110,7 +110,7 @@ class RecordedClip:
 
 
 def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[RecordedClip]:
-    """What a run recorded, clip by clip in the order of its manifest; of one clip, of one configuration, if given.
+    """Find a run's recordings, clip by clip in the order of its manifest; only of one clip or configuration, if given.
 
     Raises
     ------
@@ -134,13 +134,13 @@ def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[R
 
 
 def clip_names(clip: Mapping[str, Any]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The subjects and the targets of a clip, from the manifest of a run; none where an older run does not tell."""
+    """The subjects and the targets of a clip, from the manifest of a run; none if an older run did not save them."""
     names = clip.get("names", {})
     return tuple(names.get("subjects", ())), tuple(names.get("targets", ()))
 
 
 def _clips(run: Path) -> list[RecordedClip]:
-    """Every clip of a run, with the configurations under which it was recorded, perhaps none."""
+    """Every clip of a run, with the configurations that were recorded, perhaps none."""
     manifest = RunDirectory(run).read_manifest()
     names = layer_names(manifest["configurations"])
     return [_clip(run, each, names) for each in manifest["clips"]]
@@ -160,14 +160,14 @@ def _clip(run: Path, clip: dict[str, Any], names: dict[str, LayerNames]) -> Reco
 def find_recordings(
     run: Path, clip: str | None, configuration: str | None, subject: str | None = None
 ) -> list[Composed]:
-    """What there is to open: each clip of a run with its configurations, or ``run`` itself if it is a recording.
+    """Return the recordings to open: each clip of a run with its configurations, or ``run`` if it is a recording.
 
     The tab of ``subject`` is in front.
 
     Raises
     ------
     VfoaError
-        If there is nothing, or the first clip does not have that subject.
+        If there is none, or the first clip does not have that subject.
     """
     if run.is_file() and run.suffix == ".rrd":
         return [Composed(name=run.stem, files=(run,))]
@@ -180,6 +180,6 @@ def find_recordings(
 
 
 def served_recordings(run: Path) -> dict[Pair, Composed]:
-    """Every (clip, configuration) of a run that was recorded, each as a recording of its own; none: an empty dict."""
+    """Every recorded (clip, configuration) of a run, each as a recording of its own; empty without recordings."""
     pairs = [(clip, layers.configuration) for clip in _clips(run) for layers in clip.layers]
     return {(clip.files.clip, name): clip.under(name).compose() for clip, name in pairs}

@@ -31,7 +31,7 @@ RECONSTRUCTION = f"{WORLD}/reconstruction"
 ATTENTION_3D = f"{WORLD}/attention"
 VERDICTS_3D = f"{WORLD}/verdicts"
 
-# A disparity under the camera's pinhole would be drawn as false geometry.
+# Below the camera's pinhole, a disparity would be drawn as false geometry.
 STEREO = "/stereo"
 RIGHT = f"{STEREO}/right"
 DISPARITY = f"{STEREO}/disparity"
@@ -76,7 +76,7 @@ def depth(reconstruction: str) -> str:
 
 
 def scene(reconstruction: str) -> str:
-    """Above all clouds and boxes of a reconstruction."""
+    """The parent of all clouds and boxes of a reconstruction."""
     return _join(RECONSTRUCTION, reconstruction)
 
 
@@ -94,7 +94,7 @@ def box(reconstruction: str, instance_id: int) -> str:
 
 
 def image_marks(configuration: str, *parts: str) -> str:
-    """What a configuration draws in the left image: ``targets``, and ``heads`` with a subject each."""
+    """Marks of a configuration in the left image: ``targets``, and ``heads`` with a subject each."""
     return _join(ATTENTION_2D, configuration, *parts)
 
 
@@ -104,7 +104,7 @@ def head_box(configuration: str, subject: str) -> str:
 
 
 def subject_3d(configuration: str, *parts: str) -> str:
-    """A subject in the world, and its eye ``origin``; without a subject, above all of them."""
+    """A subject in the world, and its eye ``origin``; without a subject, the parent of all of them."""
     return _join(ATTENTION_3D, configuration, *parts)
 
 
@@ -114,7 +114,7 @@ def cue_3d(configuration: str, subject: str, cue: Cue, part: str) -> str:
 
 
 def curves(configuration: str, subject: str, value: str) -> str:
-    """Above the curves of one subject's ``gaze``, ``head`` or ``total``: one plot."""
+    """The parent of the curves of one subject's ``gaze``, ``head`` or ``total``: one plot."""
     return _join(ATTENTION, configuration, subject, value)
 
 
@@ -127,12 +127,12 @@ def curve(configuration: str, subject: str, value: str, target: str) -> str:
 
 
 def verdict(configuration: str, *parts: str) -> str:
-    """States of a subject over time: ``truth``, ``predicted``, ``verdict``; without these, above them."""
+    """States of a subject over time: ``truth``, ``predicted``, ``verdict``; without these, their parent."""
     return _join(VERDICTS, configuration, *parts)
 
 
 def answer_3d(configuration: str, *parts: str) -> str:
-    """The true target of a subject (``truth``) and the wrong answer (``predicted``); without these, above them."""
+    """The true target of a subject (``truth``) and the wrong answer (``predicted``); without these, their parent."""
     return _join(VERDICTS_3D, configuration, *parts)
 
 
@@ -147,10 +147,10 @@ def log(configuration: str) -> str:
 
 
 class Entity(Protocol):
-    """Logs something of each frame, after all that the recorder itself logs."""
+    """Logs data of each frame, after the recorder's own data."""
 
     def __call__(self, log: FrameLog, frame: FinishedFrame, size: Size) -> None:
-        """Log one frame by ``log.log``, ``log.number`` or ``log.keep``; what is not logged again is cleared."""
+        """Log one frame by ``log.log``, ``log.number`` or ``log.keep``; entities not logged again are cleared."""
         ...
 
 
@@ -158,5 +158,5 @@ ENTITIES = Registry(kind="recording entity", builtin={}, group="vfoa.entities")
 
 
 def load_entities() -> tuple[Entity, ...]:
-    """Every further entity, by the order of their names."""
+    """Load every further entity, in the order of their names."""
     return tuple(ENTITIES.load(name) for name in ENTITIES.names())

@@ -1,4 +1,4 @@
-"""A few frames of a recording as one small file, to send to a colleague."""
+"""A few frames of a recording as one small file, for sharing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vfoa.errors import VfoaError
 def write_excerpt(recording: Composed, rate_hz: float | None, frame: int, margin: int, excerpt: Path) -> None:
     """Write the frames ``frame - margin`` to ``frame + margin`` of all layers, with the layout and all static data.
 
-    Of a video also the frames back to the key frame before are kept, since it is decoded from there.
+    Frames of a video are included from the preceding key frame on, since decoding begins there.
 
     Raises
     ------
@@ -53,7 +53,7 @@ def write_excerpt(recording: Composed, rate_hz: float | None, frame: int, margin
 
 
 def _cut(chunks: Iterable[Chunk], key: int, first: int, last: int) -> Iterator[Chunk]:
-    """The static chunks, and of the others the rows from ``first`` to ``last``; of videos, from ``key`` on.
+    """Yield the static chunks, and of the others the rows from ``first`` to ``last``; of videos, from ``key`` on.
 
     The camera is logged only when it changes: its latest row before ``first`` is kept.
     """
@@ -80,7 +80,7 @@ def _cut(chunks: Iterable[Chunk], key: int, first: int, last: int) -> Iterator[C
 
 
 def _at(row: pa.RecordBatch, frame: int, time: pa.Scalar) -> pa.RecordBatch:
-    """A row at another time."""
+    """Return a row at another time."""
     for name, value in (("frame", frame), ("time", time.as_py())):
         index = row.schema.get_field_index(name)
         field = row.schema.field(index)

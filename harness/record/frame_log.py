@@ -1,4 +1,4 @@
-"""Logging frame by frame into a Rerun stream: times, static values, and the clearing of what has gone."""
+"""Logging frame by frame into a Rerun stream: times, static values, and the clearing of entities that disappear."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 import rerun as rr
 
 COLUMN_FRAMES = 25
-"""Frames whose numbers are sent together. A kill loses at most this many frames of the curves."""
+"""Number of frames whose numbers are sent together. A kill loses the curves of at most this many frames."""
 
 
 class FrameLog:
-    """A part of a recording in which an entity that a frame does not log is cleared.
+    """A part of a recording in which an entity is cleared in frames that do not log it.
 
-    Rerun shows the latest value of an entity: without the clearing, a box would stay where its object was last seen.
+    Rerun shows the latest value of an entity: without clearing, a box would stay where its object was last seen.
 
-    Numbers wait for :data:`COLUMN_FRAMES` frames and are then sent as one column a curve: a call to Rerun costs more
+    Numbers wait for :data:`COLUMN_FRAMES` frames and are then sent as one column per curve: a call to Rerun costs more
     than a number. :meth:`close` sends the last of them.
     """
 
@@ -33,16 +33,16 @@ class FrameLog:
         self._logged_to: int | None = None
 
     def state(self) -> dict[str, Any]:
-        """What another log needs to go on with the next frame. The numbers that wait are sent."""
+        """Send the waiting numbers, and return the state from which another log can continue with the next frame."""
         self.close()
         return {"logged_to": max(self._logged, default=self._logged_to), "before": sorted(self._before)}
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Go on where another log was."""
+        """Continue from the state of another log."""
         self._logged_to, self._before = state["logged_to"], set(state["before"])
 
     def begin(self, frame: int, time_ns: int) -> bool:
-        """Set the time of all that follows: the source's frame number and time. False: that frame is logged already."""
+        """Set the frame number and time of the following entities; False if the frame is already logged."""
         if frame in self._logged or (self._logged_to is not None and frame <= self._logged_to):
             return False
         self._logged.add(frame)
@@ -67,13 +67,13 @@ class FrameLog:
         self._waiting.setdefault(path, []).append((*self._time, value))
 
     def keep(self, path: str, build: Callable[[], rr.AsComponents], *, key: object, static: bool = True) -> None:
-        """Build and log what outlives the frame, only when its ``key`` differs from that of the last time."""
+        """Build and log an entity that outlives the frame, but only if its ``key`` has changed since the last time."""
         if path not in self._kept or self._kept[path] != key:
             self._kept[path] = key
             self._stream.log(path, build(), static=static)
 
     def end(self) -> None:
-        """Clear what the frame before had and this one has not."""
+        """Clear the entities that the frame before had and this one has not."""
         for path in sorted(self._before - self._now):
             self._stream.log(path, rr.Clear(recursive=True))
         self._before, self._now = self._now, set()
@@ -82,7 +82,7 @@ class FrameLog:
             self.close()
 
     def close(self) -> None:
-        """Send the numbers that wait."""
+        """Send the waiting numbers."""
         for path, rows in self._waiting.items():
             frames, times_ns, values = zip(*rows, strict=True)
             columns = rr.Scalars.columns(scalars=values)
@@ -126,7 +126,7 @@ class ColumnLog:
         self._rows.setdefault((path, archetype), []).append((*self._time, row))
 
     def end(self) -> None:
-        """Clear what the frame before had and this one has not."""
+        """Clear the entities that the frame before had and this one has not."""
         for path in sorted(self._before - self._now):
             self._rows.setdefault((path, rr.Clear), []).append((*self._time, {"is_recursive": True}))
         self._before, self._now = self._now, set()

@@ -29,13 +29,13 @@ if TYPE_CHECKING:
     import av
 
 KEY_FRAME_S = 1.0
-"""Seconds between key frames of a video: to show a frame, the viewer decodes from the key frame before it."""
+"""Seconds between key frames of a video: to show a frame, the viewer decodes from the preceding key frame."""
 
 IMAGE_PLANE_M = 0.25
 _JPEG_QUALITY = 85
 _OPACITY = 0.35
 LEAST_SIDE_PX = 64
-"""The encoder takes no smaller images."""
+"""Smaller images are not accepted by the encoder."""
 
 _QUALITY = 32
 """Constant rate factor, 0 (best) to 63: no artefact is visible at the size of the viewer's panes."""
@@ -44,12 +44,12 @@ _PRESET = 10
 
 
 def key_frame_every(rate_hz: float | None) -> int:
-    """How many frames of a clip one key frame serves."""
+    """Number of frames of a clip from one key frame to the next."""
     return int(np.clip(round(KEY_FRAME_S * (rate_hz or 25)), 5, 60))
 
 
 class ImageLog:
-    """Logs the images of a clip: AV1 videos in a light recording, without loss in a full one.
+    """Logs the images of a clip: AV1 videos in a light recording, lossless images in a full one.
 
     A viewer that watches a run gets JPEGs (``watched``): a video would arrive some frames late.
     """
@@ -81,7 +81,7 @@ class ImageLog:
             self._packets(path, video.finish())
 
     def pause(self) -> bool:
-        """Log all images so far, so that another run can go on with the next one; False where that is no key frame."""
+        """Log all images so far, so that another run can continue with the next one; False if that is no key frame."""
         if any(len(times) % self._key_every for times in self._times.values()):
             return False
         self.close()
@@ -109,7 +109,7 @@ class ImageLog:
 def log_masks(
     log: FrameLog, segmentation: str, percepts: Percepts, record: FrameRecord, colours: Colours, size: Size
 ) -> None:
-    """The masks, in one colour per name, so that a name keeps its colour when the segmenter renumbers its instances.
+    """Log the masks, in one colour per name, so that a name keeps its colour if instances get other ids.
 
     A light recording has them as a small picture in steps of two pixels; a full one as classes, pixel by pixel.
     """
@@ -148,13 +148,13 @@ def class_context(known: dict[str, Colour]) -> rr.AnnotationContext:
 
 
 def encoded_depth(depth_m: Float | Map) -> rr.EncodedDepthImage:
-    """Depth as a PNG in millimetres, in Rerun's form: 0 is unknown, and all beyond 65.5 m is at 65.5 m."""
+    """Depth as a PNG in millimetres, in Rerun's form: 0 is unknown, and larger depths than 65.5 m become 65.5 m."""
     millimetres = np.nan_to_num(np.clip(1000 * depth_m, 1, 65535), nan=0).astype(np.uint16)
     return rr.EncodedDepthImage(blob=png(millimetres), media_type="image/png", meter=1000)
 
 
 def png(image: NDArray[np.uint16] | Image) -> bytes:
-    """A PNG file."""
+    """Encode an image as PNG."""
     return cv2.imencode(".png", image)[1].tobytes()
 
 
@@ -172,7 +172,7 @@ def _pinhole(rig: StereoRig) -> rr.Pinhole:
 
 
 def _encoded(image: Image, suffix: str, media_type: str) -> rr.EncodedImage:
-    # OpenCV's encoder writes the same bytes as Rerun's own path through Pillow, in a fraction of the time
+    # OpenCV's encoder writes the same bytes as Rerun's own path through Pillow, several times faster
     options = [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY] if suffix == ".jpg" else []
     _, encoded = cv2.imencode(suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     return rr.EncodedImage(contents=encoded.tobytes(), media_type=media_type)
@@ -181,7 +181,7 @@ def _encoded(image: Image, suffix: str, media_type: str) -> rr.EncodedImage:
 class VideoEncoder:
     """Encodes images of one size, with a key frame at the first and at every ``key_every``-th image.
 
-    The same images give the same bytes: one thread, no frames of the future.
+    The same images give the same bytes: one thread, and no prediction from later frames.
     """
 
     def __init__(self, width_px: int, height_px: int, key_every: int) -> None:
@@ -203,12 +203,12 @@ class VideoEncoder:
         self._count = 0
 
     def encode(self, image: Image) -> Iterator[tuple[int, bytes]]:
-        """Take an image; yield what is encoded by now: the position of an image in the stream and its packet."""
+        """Add an image; yield the packets that are ready, each with the position of its image in the stream."""
         import av
 
         padded = np.pad(
             image, ((0, image.shape[0] % 2), (0, image.shape[1] % 2), (0, 0)), mode="edge"
-        )  # the codec takes even sizes
+        )  # the codec takes even sizes only
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(padded), format="rgb24")
         frame.pts = self._count
         self._count += 1
@@ -226,10 +226,10 @@ class VideoEncoder:
 
 
 def open_without_real_time(codec: av.VideoCodecContext) -> None:
-    """Open the encoder, and give its threads and this one the scheduling that this one had.
+    """Open the encoder, and give its threads and this one the scheduling that this one had before.
 
-    For root, SVT-AV1 makes them all real-time threads: they, and every process that is started later, would take the
-    processor from everything else on the machine.
+    For root, SVT-AV1 makes them all real-time threads. They, and every process started later, would take the processor
+    from everything else on the machine.
     """
     if not hasattr(os, "sched_setscheduler"):
         codec.open()

@@ -1,4 +1,4 @@
-"""One file of a clip's recording while it is being written."""
+"""One file of a clip's recording while it is written."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 _FLUSHED_EVERY = 50
-"""Frames. What waits in memory does not grow with the clip, and a kill loses no more than this."""
+"""Frames between flushes. They bound the memory in use and the loss at a kill."""
 LEAST_FREE_BYTES = 32 * 2**20
-"""A recording stops while the disk has this much: what remains is for the results."""
+"""A recording stops when the disk has less free space than this: the rest is for the results."""
 
 
 class LayerFile:
@@ -36,8 +36,8 @@ class LayerFile:
     After an error or a kill only the partial file is left; Rerun can read its frames. The file is opened by the first
     call of :meth:`open`. With ``watched_at``, the address of a viewer, that viewer is shown each frame as well.
 
-    A run that goes on writes a partial file of its own, ``<path>.partial-1``, and so on; the last one takes in the
-    others when it is closed as complete.
+    A run that continues writes a partial file of its own, ``<path>.partial-1``, and so on; when the last one is closed
+    as complete, it includes the others.
     """
 
     def __init__(self, path: Path, files: ClipFiles, *, watched_at: str | None = None) -> None:
@@ -60,12 +60,12 @@ class LayerFile:
 
     @property
     def _partial(self) -> Path:
-        """The file that is written: behind those that earlier runs left."""
+        """The file that is written: numbered after those that earlier runs left."""
         number = f"-{len(self._kept)}" if self._kept else ""
         return self._path.with_name(f"{self._path.name}.partial{number}")
 
     def state(self) -> dict[str, Any]:
-        """What another run needs to go on: the bytes of each partial file, all written out, and its parts."""
+        """Return the state for another run: the bytes of each flushed partial file, and its parts."""
         parts = {name: log.state() for name, log in self._logs.items()}
         files = {path.name: size for path, size in self._kept}
         if self._opened:
@@ -74,7 +74,7 @@ class LayerFile:
         return {"files": files, "parts": parts}
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Go on behind partial files, unless it goes on behind more of them already; before it is opened."""
+        """Continue after partial files, unless it already continues after more of them; call it before :meth:`open`."""
         kept = [(self._path.with_name(name), size) for name, size in state["files"].items()]
         if not self._opened and sum(size for _, size in kept) > sum(size for _, size in self._kept):
             self._kept = kept
@@ -83,15 +83,15 @@ class LayerFile:
 
     @property
     def is_open(self) -> bool:
-        """Whether the file was begun."""
+        """Whether the file has been begun."""
         return self._opened
 
     def open(self, layout: rrb.Blueprint | None = None) -> None:
-        """Begin the file, with the layout that the viewer opens it in; nothing if it is open."""
+        """Begin the file, with the layout in which the viewer opens it; nothing if it is open."""
         if self._opened:
             return
         self._opened, self._layout = True, layout
-        rr.set_strict_mode(True)  # without it, Rerun drops bad data with a warning
+        rr.set_strict_mode(True)  # without it, Rerun drops bad data with only a warning
         self._path.parent.mkdir(parents=True, exist_ok=True)
         self._check_room()
         for path, size in self._kept:
@@ -108,12 +108,12 @@ class LayerFile:
         return self._logs.setdefault(name, FrameLog(self.stream))
 
     def end_frame(self) -> None:
-        """Write out what waits, from time to time; at once where a viewer watches.
+        """Flush from time to time; at once if a viewer watches.
 
         Raises
         ------
         OSError
-            If the disk is full, or does not take what is written.
+            If the disk is full, or cannot be written.
         """
         self._check_room()
         self._frames += 1
@@ -123,9 +123,9 @@ class LayerFile:
             self._flush()
 
     def close(self, *, complete: bool, whole: Whole | None = None) -> None:
-        """End the file; a complete one takes its place, whole or (with ``whole``) thin elsewhere.
+        """Close the file; a complete one is moved to its place, thinned outside of ``whole`` if that is given.
 
-        Raises as :meth:`end_frame`, if it is to be complete.
+        Raises the errors of :meth:`end_frame` if it is to be complete.
         """
         try:
             if complete:
@@ -134,7 +134,7 @@ class LayerFile:
                 self._send_numbers()
                 if complete:
                     self._take_in()
-                with nullcontext() if complete else suppress(OSError):  # of an error that is being told already
+                with nullcontext() if complete else suppress(OSError):  # another error is already being reported
                     self._flush()
         finally:
             if not self._broken:
@@ -161,10 +161,10 @@ class LayerFile:
             raise
 
     def _take_in(self) -> None:
-        """Write what earlier runs left into the file, chunk by chunk."""
+        """Write the partial files of earlier runs into the file, chunk by chunk."""
         for path, _ in self._kept:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", rr.error_utils.RerunWarning)  # of a file that was not closed
+                warnings.simplefilter("ignore", rr.error_utils.RerunWarning)  # a file that was not closed
                 for chunk in RrdReader(path).stream():
                     self.stream.send_chunks(chunk)
 

@@ -1,11 +1,11 @@
-"""The layers of a clip's recording: which files a run writes, and which of them show one configuration.
+"""The layers of a clip's recording: the files that a run writes, and those that show one configuration.
 
 All files of a clip have one recording id, so that the viewer and Rerun's catalogue merge them::
 
     CLIP.rrd                              images, and the masks of each distinct segmentation
     CLIP__RECONSTRUCTION.scene.rrd        disparity, clouds and boxes of each distinct reconstruction
     CLIP__CONFIGURATION.rrd               cones, rays, hits and attention of each configuration
-    CLIP__CONFIGURATION.verdicts.rrd      ground truth, verdicts and error types, written anew by each scoring
+    CLIP__CONFIGURATION.verdicts.rrd      ground truth, verdicts and error types, rewritten by each scoring
 
 A layer that several configurations share is named after the first of them.
 """
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 Plain = Mapping[str, Any]
-"""A configuration as JSON values, as the manifest of a run has it."""
+"""A configuration as JSON values, as in the manifest of a run."""
 
 _MASKS = ("segmentation",)
 _RECONSTRUCTION = ("stereo", "segmentation", "heads", "drawn", "reconstruction")
@@ -56,7 +56,7 @@ def _first_alike(configurations: Mapping[str, Plain], tables: Iterable[str]) -> 
 
 
 def _of_drawn(configuration: Plain) -> tuple[str, ...]:
-    """The tables on which masks that are drawn depend, too: they are cut out by depth."""
+    """The further tables on which drawn masks depend, since depth cuts them out."""
     drawn = configuration.get("drawn") or {}
     return ("drawn", "stereo") if drawn.get("targets") or drawn.get("heads") else ()
 
@@ -86,7 +86,7 @@ class ClipFiles:
         return self.run / f"{self.clip}__{configuration}.verdicts.rrd"
 
     def of(self, layers: LayerNames) -> tuple[Path, ...]:
-        """Every file that shows a configuration and is there."""
+        """Every existing file that shows a configuration."""
         files = (
             self.images,
             self.reconstruction(layers.reconstruction),
@@ -97,10 +97,10 @@ class ClipFiles:
 
     @property
     def application_id(self) -> str:
-        """What the viewer keeps a layout for: each clip has its own."""
+        """The viewer stores a layout per application id: each clip has its own."""
         return f"vfoa {self.clip}"
 
     @property
     def recording_id(self) -> str:
-        """The same for every layer of the clip in this run; another one for any other run."""
+        """The same for every layer of the clip in this run, and different in any other run."""
         return str(uuid.uuid5(uuid.NAMESPACE_URL, f"vfoa:{self.run.resolve().name}/{self.clip}"))

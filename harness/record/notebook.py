@@ -19,7 +19,7 @@ HEIGHT_PX = 640
 
 
 def show_recording(recording: Composed, frame: int | None = None) -> Viewer:
-    """A viewer that shows a recording, as the last value of a cell; with ``frame``, it opens there.
+    """Return a viewer that shows a recording, as the last value of a cell; with ``frame``, it opens there.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def show_recording(recording: Composed, frame: int | None = None) -> Viewer:
     from rerun.notebook import HAS_NOTEBOOK, Viewer
 
     if not HAS_NOTEBOOK:
-        raise VfoaError('the viewer of notebooks is not installed; expected it: pip install "vfoa[notebook]"')
+        raise VfoaError('the notebook viewer is not installed; install it: pip install "vfoa[notebook]"')
     stream = rr.RecordingStream(recording.application_id)
     viewer = Viewer(width="auto", height=HEIGHT_PX, recording=stream)
     with tempfile.TemporaryDirectory() as scratch:

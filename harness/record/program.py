@@ -1,6 +1,6 @@
-"""Rerun's own program, the viewer: where it is, and how it is started so that it asks nobody on the network.
+"""Rerun's viewer program: its location, and how it is started without any network requests.
 
-Left alone it sends usage statistics and looks up the newest version, and it has no option against either.
+By default it sends usage statistics and looks up the newest version; there is no option against either.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from typing import IO
 import rerun_cli
 
 _NOWHERE = "http://127.0.0.1:9"
-"""A proxy that does not answer: what is asked of the network is refused here."""
+"""A proxy that does not answer, so that network requests fail at once."""
 
 
 def viewer_binary() -> Path:
-    """The viewer inside the Rerun package. The ``rerun`` command is a wrapper: ending it would leave the viewer."""
+    """The viewer inside the Rerun package. Ending the ``rerun`` command, a wrapper, would leave the viewer running."""
     name = "rerun.exe" if os.name == "nt" else "rerun"
     return Path(rerun_cli.__file__).with_name(name)
 
 
 @contextmanager
 def started(arguments: Sequence[str], said: IO[bytes] | int = subprocess.DEVNULL) -> Iterator[subprocess.Popen[bytes]]:
-    """The program with these arguments, until the block ends, whatever ends it; ``said`` takes its stderr."""
+    """Run the program with these arguments until the block ends, for whatever reason; ``said`` receives its stderr."""
     with _offline() as environment:
         command = [str(viewer_binary()), *arguments]
         process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=said)
@@ -39,7 +39,7 @@ def started(arguments: Sequence[str], said: IO[bytes] | int = subprocess.DEVNULL
 
 
 def run(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
-    """Run the program to its end."""
+    """Run the program and wait for its end."""
     with _offline() as environment:
         command = [str(viewer_binary()), *arguments]
         return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
@@ -47,7 +47,7 @@ def run(arguments: Sequence[str]) -> subprocess.CompletedProcess[str]:
 
 @contextmanager
 def _offline() -> Iterator[dict[str, str]]:
-    """The environment in which it asks nobody: statistics off in a configuration of its own, a proxy that is none."""
+    """An environment without network requests: statistics turned off, and a proxy that does not answer."""
     with tempfile.TemporaryDirectory(prefix="vfoa-") as folder:
         analytics = Path(folder) / "rerun" / "analytics.json"
         analytics.parent.mkdir()

@@ -1,4 +1,4 @@
-"""Reading recordings back: one line for one that is damaged, as one is that a run was killed in."""
+"""Reading recordings back. A damaged one, for example after a killed run, gives an error of one line."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from vfoa.types import Float
 
 @contextmanager
 def reading(recording: Path) -> Iterator[None]:
-    """Within the block, what Rerun's reader says against a recording is a :class:`VfoaError` that names it."""
+    """Turn errors of Rerun's reader in the block into a :class:`VfoaError` that names the recording."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RerunWarning)  # of a missing footer: what is read is whole, or an error
+            warnings.simplefilter("ignore", RerunWarning)  # a missing footer: what is read is complete, or an error
             yield
     except (RuntimeError, ValueError) as error:
-        raise VfoaError(f"{recording}: not a whole recording: {str(error).splitlines()[0]}") from None
+        raise VfoaError(f"{recording}: incomplete or damaged recording: {str(error).splitlines()[0]}") from None
 
 
 def entity_paths(recording: Path) -> set[str]:
-    """Every entity of a file."""
+    """Return every entity path of a file."""
     with reading(recording):
         return {chunk.entity_path for chunk in RrdReader(recording).stream()}
 
 
 def properties(recording: Path) -> dict[str, object]:
-    """The properties of a recording that are single values, by name, whatever they are of."""
+    """Return the properties of a recording that are single values, by name."""
     found: dict[str, object] = {}
     with reading(recording):
         for chunk in RrdReader(recording).stream().filter(content="/__properties/**"):
@@ -45,12 +45,12 @@ def properties(recording: Path) -> dict[str, object]:
 
 
 def first_points(recording: Path) -> list[Float]:
-    """The points (N, 3) of each instance at its first frame, camera frame, metres, of the first instances to come."""
+    """Return the points (N, 3) of each instance at its first frame, camera frame, metres, for the first instances."""
     found: dict[str, Float] = {}
     with reading(recording):
         clouds = RrdReader(recording).stream().filter(content=f"{entities.RECONSTRUCTION}/**", components=_POSITIONS)
         for chunk in clouds:
-            if chunk.entity_path in found:  # the second part of a cloud's time: the first parts have all come
+            if chunk.entity_path in found:  # the time of a cloud repeats: all first clouds have been read
                 break
             values = chunk.to_record_batch().column(_POSITIONS).drop_null().to_pylist()
             if values:

@@ -15,17 +15,17 @@ from vfoa.geometry import depth_from_disparity
 from vfoa.types import Box3D, Disparity, Float, Map, Percepts, Scene, StereoFrame
 
 LIGHT_POINTS = 120
-"""Most points of a cloud in a light recording: enough to see its shape and its outliers."""
+"""Most points of a cloud in a light recording: enough to show its shape and its outliers."""
 
 _STEPS_PER_PX = 4
-"""A light recording rounds disparities to this: below what a matcher resolves."""
+"""A light recording rounds disparities to this fraction of a pixel, below the resolution of a matcher."""
 
 
 def log_disparity(log: FrameLog, name: str, frame: StereoFrame, percepts: Percepts, size: Size) -> None:
-    """The disparity in pixels; in a full recording also its confidence, and the depth in millimetres.
+    """Log the disparity in pixels; in a full recording also its confidence, and the depth in millimetres.
 
-    A light recording holds every second row and column: picked, not averaged, so that edges stay edges. Without a
-    right image there is no disparity to show: the measured depth is in the layer of the images.
+    A light recording holds every second row and column: picked, not averaged, so that edges stay sharp. Without a right
+    image there is no disparity to show: the measured depth is in the layer of the images.
     """
     if frame.right is None:
         return
@@ -58,7 +58,7 @@ def _confidence(confidence: Map) -> rr.Image:
 
 
 def log_targets(log: FrameLog, name: str, scene: Scene, record: FrameRecord, colours: Colours, size: Size) -> None:
-    """The cloud and the box of every target, in its colour and with its name."""
+    """Log the cloud and the box of every target, in its colour and with its name."""
     names = target_names(record)
     base = {target.instance_id: target.name for target in record.targets}
     for target in scene.targets:
@@ -79,7 +79,7 @@ def log_targets(log: FrameLog, name: str, scene: Scene, record: FrameRecord, col
     log.keep(entities.scene(name), lambda: class_context(known), key=tuple(known))
 
 
-# What never changes of an entity is static: it is logged once, and outlives the clearing of the entity.
+# Values of an entity that never change are static: they are logged once, and outlive the clearing of the entity.
 
 
 def _cloud_style() -> rr.Points3D:
@@ -104,7 +104,7 @@ def _box(box: Box3D, name: str, class_id: int) -> rr.Boxes3D:
 
 
 def _quaternion(rotation: Float) -> Float:
-    """The quaternion (4,), as (x, y, z, w); that of a box along the camera's axes without the work."""
+    """The quaternion (4,), as (x, y, z, w); boxes along the camera's axes take a shortcut."""
     if np.array_equal(rotation, np.eye(3)):
         return np.array([0.0, 0.0, 0.0, 1.0])
     return np.asarray(Rotation.from_matrix(rotation).as_quat())

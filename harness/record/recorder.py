@@ -28,9 +28,9 @@ Judge = Callable[[FrameRecord], Sequence[Verdict]]
 
 
 class SharedLayers:
-    """The layers of a clip that several configurations show, while a run writes them.
+    """The layers of a clip that several configurations share, while a run writes them.
 
-    Whichever configuration comes to a frame first logs it. A file is complete if one of its configurations was.
+    The first configuration that reaches a frame logs it. A file is complete if at least one of its configurations was.
     """
 
     _open: ClassVar[dict[ClipFiles, SharedLayers]] = {}
@@ -49,7 +49,7 @@ class SharedLayers:
         self._times_ns: dict[int, int] = {}
 
     def state(self, layers: LayerNames) -> dict[str, Any] | None:
-        """What another run needs to go on with a configuration's shared layers; None where that is not possible."""
+        """Return the state of a configuration's shared layers for another run; None if it cannot continue here."""
         if not self._image_log.pause():
             return None
         found = {"images": self._images.state()}
@@ -58,7 +58,7 @@ class SharedLayers:
         return {"layers": found, "colours": list(self.colours.known)}
 
     def resume(self, layers: LayerNames, state: Mapping[str, Any]) -> None:
-        """Go on where one of the configurations left the layers: the farthest one counts."""
+        """Continue from the state of one of the configurations; the most advanced one counts."""
         for name in state["colours"]:
             self.colours.class_of(name)
         self._images.resume(state["layers"]["images"])
@@ -70,7 +70,7 @@ class SharedLayers:
     def join(
         cls, files: ClipFiles, size: Size, rate_hz: float | None, names: Sequence[str], watched_at: str | None
     ) -> SharedLayers:
-        """The layers of a clip that this process writes; each caller leaves them by :meth:`leave`."""
+        """Return the layers of a clip that this process writes; each caller leaves them by :meth:`leave`."""
         if files not in cls._open:
             cls._open[files] = cls(files, size, rate_hz, names, watched_at)
         shared = cls._open[files]
@@ -97,7 +97,7 @@ class SharedLayers:
         return replace(judged, wrong={*wrong}, times_ns=dict(sorted(self._times_ns.items()))).whole()
 
     def write(self, frame: FinishedFrame, layers: LayerNames) -> None:
-        """Log what a frame shows in the shared layers of a configuration, unless it is logged already."""
+        """Log a frame's data in the shared layers of a configuration, unless it is logged already."""
         self._images.open()
         index, time_ns = frame.record.frame, frame.record.time_ns
         if frame.frame is not None and self._image_log.add(frame.frame):
@@ -132,7 +132,7 @@ class Recorder:
     files, layers
         The files of the clip, and the layers of the configuration.
     rate_hz
-        Frames per second at which the viewer plays, None where the source does not know it.
+        Frames per second at which the viewer plays; None if the source does not know it.
     size
         ``light``: images as video, half of the disparity's resolution, thin clouds. ``full``: everything, lossless.
     subjects, targets
@@ -142,10 +142,10 @@ class Recorder:
     judge
         Gives the verdicts that a watching viewer is shown; without a viewer they are a layer of their own.
     resumed
-        Where an earlier run left the files.
+        The state of the files after an earlier run.
     around
-        Frames before and after each wrong one that are recorded whole, the others being thin
-        (:mod:`harness.record.thinning`); None: all frames are whole.
+        Number of frames before and after each wrong one that are recorded completely, the others being thinned
+        (:mod:`harness.record.thinning`); None: all frames are complete.
     """
 
     def __init__(
@@ -186,7 +186,7 @@ class Recorder:
         return self
 
     def state(self) -> SinkState | None:
-        """How far the files are, all written out; None between key frames of the videos, and where a viewer watches."""
+        """The extent of the flushed files; None between key frames of the videos, and if a viewer watches."""
         shared = None if self._watched_at else self._shared.state(self._layers)
         if shared is None:
             return None
@@ -223,7 +223,7 @@ class Recorder:
         self._layer.end_frame()
 
     def _open(self, first: FinishedFrame) -> None:
-        """Begin the file with a layout that looks at the scene of the first frame and shows the views it has."""
+        """Begin the file with a layout for the scene of the first frame and the views that it has."""
         if self._layer.is_open:
             return
         shown = Shown.of(first.frame, first.result.scene, self._size, self._rate_hz)

@@ -1,4 +1,4 @@
-"""Recordings that are whole around wrong frames alone: what takes space is left out elsewhere.
+"""Thinned recordings: complete only around wrong frames; elsewhere the large data is left out.
 
 Left out: masks, measured depth, disparity, clouds, cones, rays and hits. Images, boxes, directions, curves, marks and
 verdicts stay in every frame, so that the clip still plays.
@@ -36,14 +36,14 @@ _PARTS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Whole:
-    """Which frames of a clip are recorded whole. ``times_ns`` are the times of all frames, in their order."""
+    """The frames of a clip that are recorded completely. ``times_ns`` are the times of all frames, in their order."""
 
     frames: frozenset[int]
     times_ns: Mapping[int, int]
 
     @classmethod
     def around(cls, wrong: Collection[int], around: int, times_ns: Mapping[int, int]) -> Whole:
-        """The first frame, which tells the viewer the extent of the scene, and so many about each wrong one."""
+        """Select the first frame, which gives the extent of the scene, and ``around`` frames about each wrong one."""
         frames, whole = list(times_ns), {0}
         for place, frame in enumerate(frames):
             if frame in wrong:
@@ -51,7 +51,7 @@ class Whole:
         return cls(frames=frozenset(frames[place] for place in whole if place < len(frames)), times_ns=times_ns)
 
     def ends_ns(self) -> dict[int, int]:
-        """The first frame after each stretch of whole ones, with its time."""
+        """The first frame after each stretch of complete ones, with its time."""
         pairs = pairwise(self.times_ns)
         return {
             after: self.times_ns[after] for before, after in pairs if before in self.frames and after not in self.frames
@@ -60,35 +60,35 @@ class Whole:
 
 @dataclass(slots=True, kw_only=True)
 class Judged:
-    """The wrong frames of a configuration as far as it has come, and how many about each are whole (None: all are)."""
+    """The wrong frames of a configuration so far; ``around``: complete frames about each (None: all are complete)."""
 
     around: int | None
     wrong: set[int] = field(default_factory=set)
     times_ns: dict[int, int] = field(default_factory=dict)
 
     def add(self, record: FrameRecord, verdicts: Iterable[Verdict]) -> None:
-        """Take in a frame."""
+        """Add a frame."""
         self.times_ns[record.frame] = record.time_ns
         if any(each.outcome == "wrong" for each in verdicts):
             self.wrong.add(record.frame)
 
     def whole(self) -> Whole | None:
-        """Which frames are whole; None: all."""
+        """The complete frames; None: all."""
         return None if self.around is None else Whole.around(self.wrong, self.around, self.times_ns)
 
     def state(self) -> dict[str, Any]:
-        """What another run needs to go on."""
+        """The state from which another run can continue."""
         return {"wrong": sorted(self.wrong), "times_ns": [list(each) for each in self.times_ns.items()]}
 
     def resume(self, state: Mapping[str, Any]) -> None:
-        """Go on from there."""
+        """Continue from such a state."""
         self.wrong, self.times_ns = set(state["wrong"]), dict(state["times_ns"])
 
 
 def thin(path: Path, files: ClipFiles, layout: rrb.Blueprint | None, whole: Whole) -> None:
-    """Write a closed file anew without what takes space in the frames that are not whole.
+    """Rewrite a closed file without the large data in the frames that are not complete.
 
-    Rerun shows the latest value of an entity, so that what is left out is cleared after each stretch of whole frames.
+    Rerun shows the latest value of an entity, so the data left out is cleared after each stretch of complete frames.
     """
     draft = path.with_name(path.name + ".thin")
     stream = rr.RecordingStream(files.application_id, recording_id=files.recording_id)

@@ -84,7 +84,7 @@ def write_verdict_layers(
 
 @cache
 def _code() -> str:
-    """The digest of what writes the layer. That of all that it imports would take longer than to write a small one."""
+    """Digest of the code that writes the layer, without its imports: these take longer than writing a small layer."""
     modules = (verdicts, entities, frame_log, layer_file, appearance, scored, posterior_checks)
     files = [Path(__file__), *(Path(str(each.__file__)) for each in modules)]
     return digest_files((file.name, file) for file in files)
@@ -193,7 +193,7 @@ def _copy(layer: Path, stream: rr.RecordingStream, frames: Container[int]) -> No
 
 
 def _properties(clip: str, configuration: str, outcomes: Counter[str]) -> dict[str, Any]:
-    """What Rerun's catalogue lists of a configuration."""
+    """The properties of a configuration that Rerun's catalogue lists."""
     counts = {outcome: outcomes[outcome] for outcome in ("correct", "wrong", "unscored")}
     scored = counts["correct"] + counts["wrong"]
     rate = {"frr": counts["correct"] / scored} if scored else {}

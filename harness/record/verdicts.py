@@ -1,6 +1,6 @@
-"""The layer of the verdicts: the truth, prediction and verdict of each subject, the answers in space, the frame's page.
+"""The layer of the verdicts: each subject's truth, prediction and verdict, the answers in space, and a page per frame.
 
-It is made from a run's results and the labels alone, so that each scoring can write it anew.
+It is made from a run's results and the labels only, so that each scoring can rewrite it.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ NO_TRUTH = "not annotated"
 
 
 def log_verdicts(log: ColumnLog, record: FrameRecord, verdicts: Sequence[Verdict]) -> None:
-    """All of a frame's verdicts."""
+    """Log all verdicts of a frame."""
     configuration = record.configuration
     for verdict in verdicts:
         _log_states(log, verdict)
@@ -45,7 +45,7 @@ def log_verdicts(log: ColumnLog, record: FrameRecord, verdicts: Sequence[Verdict
 
 
 def _log_states(log: ColumnLog, verdict: Verdict) -> None:
-    """Three lanes a subject: the truth, the prediction, and whether they agree."""
+    """Log three rows of states per subject: the truth, the prediction, and whether they agree."""
     states = (verdict.truth or NO_TRUTH, verdict.predicted or NO_PREDICTION, verdict.outcome)
     for lane, state in zip(_LANES, states, strict=True):
         log.log(entities.verdict(verdict.configuration, verdict.subject, lane), rr.StateChange, state=state)
@@ -89,7 +89,7 @@ class LiveVerdicts:
 
 
 def _log_answers(log: ColumnLog, record: FrameRecord, verdict: Verdict) -> None:
-    """The box of the true target in green, that of a wrong answer in red, and the line from the eyes to each."""
+    """Log the box of the true target in green, that of a wrong answer in red, and the line from the eyes to each."""
     names = subject_names(record)
     subject = next((s for s in record.subjects if names[s.track_id] == verdict.subject), None)
     answers = [("truth", verdict.truth)]
@@ -187,7 +187,7 @@ def _prediction_sets(record: FrameRecord) -> list[str]:
 
 
 def _attention_table(record: FrameRecord) -> list[str]:
-    """One row a target, one column a subject, the most attended target first."""
+    """One row per target, one column per subject, the most attended target first."""
     names = subject_names(record)
     columns = {names[subject.track_id]: attention_by_name(record, subject) for subject in record.subjects}
     strongest: dict[str, float] = {}
@@ -211,5 +211,5 @@ def _numbers(value: AttentionRecord) -> str:
 
 
 def _cell(text: str) -> str:
-    """A name in a Markdown table: what would end the cell or start a format is escaped."""
+    """A name in a Markdown table: characters that would end the cell or start a format are escaped."""
     return "".join(f"\\{sign}" if sign in "\\|*_`<[#" else sign for sign in text.replace("\n", " "))

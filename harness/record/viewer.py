@@ -1,4 +1,4 @@
-"""The real Rerun viewer: opened at a frame, on this machine only, and stopped by whoever started it."""
+"""The real Rerun viewer: opened at a frame, on this machine only, and stopped by its caller."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DRAWN_S = 60.0
 _POLL_S = 0.3
 
 INSTEAD = "--web shows a recording in a browser, --screenshot PNG draws it into a file"
-"""What to do where there is no display."""
+"""What to do without a display."""
 
 
 def show(recordings: Sequence[Composed], frame: int | None) -> None:
@@ -33,7 +33,7 @@ def show(recordings: Sequence[Composed], frame: int | None) -> None:
     Raises
     ------
     VfoaError
-        If the viewer cannot be started, as without a display.
+        If the viewer cannot be started, for example without a display.
     """
     with _viewer([]) as (process, client):
         _open(client, recordings, frame)
@@ -42,7 +42,7 @@ def show(recordings: Sequence[Composed], frame: int | None) -> None:
 
 @contextmanager
 def listening(options: Sequence[str] = ()) -> Iterator[str]:
-    """A viewer's address, to which recordings can be sent while they are made; it is closed at the end.
+    """Yield the address of a viewer to which recordings can be sent while they are made; it is closed at the end.
 
     Raises
     ------
@@ -63,10 +63,10 @@ class GoTo(Protocol):
 
 @contextmanager
 def opened(options: Sequence[str] = (), *, instead: str = INSTEAD) -> Iterator[GoTo]:
-    """A viewer that shows what it is told, as often as wanted.
+    """Yield a function that shows recordings in one viewer, any number of times.
 
-    ``options`` are the viewer's own, ``--headless`` for one without a window. It is stopped at the end. ``instead`` is
-    what to do without a display.
+    ``options`` are the viewer's own, ``--headless`` for one without a window. It is stopped at the end. ``instead``
+    says what to do without a display.
 
     Raises
     ------
@@ -78,12 +78,12 @@ def opened(options: Sequence[str] = (), *, instead: str = INSTEAD) -> Iterator[G
 
         def go_to(recording: Composed, frame: int, tabs: Sequence[str] = ()) -> None:
             if process.poll() is not None:
-                raise VfoaError("the Rerun viewer: expected it to be open, found that its window was closed")
+                raise VfoaError("the Rerun viewer: expected an open window, found that it was closed")
             for file in recording.files:
                 if not file.is_file():
                     raise VfoaError(f"{file}: found no such recording; was the run made without it?")
             if recording.files in known:
-                client.open(str(recording.files[-1]))  # in front again
+                client.open(str(recording.files[-1]))  # bring it to the front again
                 client.set_time("frame", sequence=frame, play_state="paused")
             else:
                 known.add(recording.files)
@@ -111,12 +111,12 @@ def screenshot(recording: Composed, frame: int | None, png: Path, *, size: tuple
 
 
 def _open(client: ViewerClient, recordings: Sequence[Composed], frame: int | None) -> None:
-    # the last one opened is in front
+    # the one opened last is in front
     for recording in reversed(recordings):
         with tempfile.TemporaryDirectory() as scratch:
             files = [*map(str, recording.files)]
             if (layout := recording.layout()) is not None:
-                files.insert(0, str(Path(scratch) / "layout.rbl"))  # first: an open recording keeps its layout
+                files.insert(0, str(Path(scratch) / "layout.rbl"))  # first, since an open recording keeps its layout
                 layout.save(recording.application_id, files[0])
             client.open(files)
     if frame is not None:
@@ -124,7 +124,7 @@ def _open(client: ViewerClient, recordings: Sequence[Composed], frame: int | Non
 
 
 def _bring_to_front(client: ViewerClient, tabs: Sequence[str]) -> None:
-    """Select the tab of the first name, within it that of the second, and so on; a name that has no tab is left out."""
+    """Select the tab of the first name, within it that of the second, and so on; names without a tab are skipped."""
     layout = client.get_blueprint().blueprint
     containers = {
         path.lstrip("/"): each["ContainerBlueprint"] for path, each in layout.items() if "ContainerBlueprint" in each
@@ -151,7 +151,7 @@ def _below(containers: Mapping[str, Mapping[str, Any]], path: str) -> set[str]:
 
 
 def _settled_picture(client: ViewerClient) -> bytes:
-    """A screenshot that equals the one before it: loading and layout are over."""
+    """Return a screenshot that equals the one before it, which means that loading and layout are finished."""
     deadline = time.monotonic() + _DRAWN_S
     before = b""
     while time.monotonic() < deadline:
@@ -160,14 +160,14 @@ def _settled_picture(client: ViewerClient) -> bytes:
         if now == before:
             return now
         before = now
-    raise VfoaError(f"the Rerun viewer: expected a picture that stands still within {_DRAWN_S:.0f} s, found none")
+    raise VfoaError(f"the Rerun viewer: expected the picture to settle within {_DRAWN_S:.0f} s; it still changes")
 
 
 @contextmanager
 def _viewer(options: Sequence[str], instead: str = INSTEAD) -> Iterator[tuple[subprocess.Popen[bytes], ViewerClient]]:
     port = free_port()
     arguments = ["--bind", HOST, "--port", str(port), "--hide-welcome-screen", *options]
-    # a file, since a pipe that nobody reads would stop the viewer once it is full
+    # a file, since a full pipe that nobody reads would block the viewer
     with tempfile.TemporaryFile() as said, program.started(arguments, said) as process:
         yield process, _connect(process, port, said, instead)
 
@@ -190,7 +190,7 @@ def _connect(process: subprocess.Popen[bytes], port: int, said: BinaryIO, instea
 
 
 def free_port() -> int:
-    """A port of this machine that nobody listens on now."""
+    """Return a free port of this machine."""
     with socket.socket() as probe:
         probe.bind((HOST, 0))
         return int(probe.getsockname()[1])

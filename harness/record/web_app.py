@@ -1,4 +1,4 @@
-"""Recordings in a browser: the web viewer, the files it reads, and a page whose cells lead there, under one address."""
+"""Recordings in a browser: the web viewer, the files that it reads, and a page that links to them, at one address."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from vfoa.errors import VfoaError
 VIEWER = "/viewer/"
 
 PAGE_POLICY = "frame-ancestors 'none'"
-"""The rest of the page's policy stands in the page."""
+"""The rest of the page's policy is in the page."""
 
 VIEWER_POLICY = (
     "default-src 'none'; script-src 'self' 'wasm-unsafe-eval'; style-src 'self'; connect-src 'self'; "
@@ -42,22 +42,22 @@ def site(
     page: Callable[[], str] | None = None,
     more: Routes = (),
 ) -> Starlette:
-    """The application, to be served by a :class:`harness.local_server.LocalServer`; nothing in it writes but ``more``.
+    """Return the application for a :class:`harness.local_server.LocalServer`; it is read-only except for ``more``.
 
     ``/`` is the page (without one: the first recording), ``/open?recording=NAME&frame=N`` leads to the viewer at a
-    frame, ``/viewer/`` is the viewer, and ``/files/NUMBER/`` has the files of a recording, in parts if wanted (HTTP
-    Range). No path of a request becomes a path of a file: recordings and their files are counted.
+    frame, ``/viewer/`` is the viewer, and ``/files/NUMBER/`` has the files of a recording, also in parts (HTTP Range).
+    No path of a request becomes a path of a file: recordings and their files are numbered.
 
     Parameters
     ----------
     recordings
-        By the names under which they are asked for.
+        By the names in requests.
     viewer
-        As :func:`harness.record.web_viewer.web_viewer_files` gives it.
+        From :func:`harness.record.web_viewer.web_viewer_files`.
     page
-        Makes the page anew each time it is asked for.
+        Makes the page anew for each request.
     more
-        What else is served.
+        Further routes.
     """
     numbered = list(recordings.values())
 
@@ -120,7 +120,7 @@ def site(
 
 
 def open_path(name: str, frame: int | None) -> str:
-    """Where the site opens a recording."""
+    """The path at which the application opens a recording."""
     return f"/open?recording={quote(name, safe='')}" + ("" if frame is None else f"&frame={frame}")
 
 
@@ -137,7 +137,7 @@ def _check_there(file: Path) -> None:
 
 
 def _told(answer: Callable[[Request], Response]) -> Callable[[Request], Response]:
-    """An answer that says in one line what is wrong with the run's files."""
+    """Wrap a route so that an error in the run's files becomes an answer of one line."""
 
     def answered(request: Request) -> Response:
         try:

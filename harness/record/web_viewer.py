@@ -1,7 +1,7 @@
-"""The web viewer inside the Rerun package, and the page that opens a recording in it, as files to give out.
+"""The web viewer inside the Rerun package, and the page that opens a recording in it, as files to serve.
 
-Rerun's own server for it gives no policy along, and its page then asks three hosts on the network: for a font, for
-the newest version, and to tell that it was started.
+Rerun's own server sends no content policy, and its page makes three requests to the network: for a font, for the newest
+version, and to report that it was started.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ class WebFile:
 
 
 def web_viewer_files() -> dict[str, WebFile]:
-    """The page ``viewer.html`` and what it loads, by name. The viewer is taken from Rerun's server, then stopped.
+    """Return the page ``viewer.html`` and the files that it loads, by name, as read from Rerun's own server.
 
     Raises
     ------
     VfoaError
-        If it does not answer, or has other files: another version of Rerun.
+        If it does not answer, or has other files (another version of Rerun).
     """
     port = free_port()
     ports = ["--port", str(free_port()), "--web-viewer-port", str(port)]
@@ -53,7 +53,7 @@ def web_viewer_files() -> dict[str, WebFile]:
 
 
 def page_files() -> dict[str, WebFile]:
-    """The files of the page itself."""
+    """Return the files of the page itself."""
     folder = resources.files(__package__) / "viewer_page"
     return {
         file.name: WebFile(content=file.read_bytes(), media_type=_TYPES[Path(file.name).suffix])
@@ -70,7 +70,7 @@ def _wait_for(process: subprocess.Popen[bytes], client: httpx.Client) -> None:
             time.sleep(_POLL_S)
         else:
             return
-    raise VfoaError("the Rerun web viewer: expected its server to answer, found that it did not start")
+    raise VfoaError("the Rerun web viewer: expected its server to answer; it did not start")
 
 
 def _fetched(client: httpx.Client, name: str) -> WebFile:

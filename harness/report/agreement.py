@@ -90,7 +90,7 @@ def differences_table(
 def agreement_tables(
     clip: str, labels: Mapping[str, Labels], found: Sequence[Agreement], frames: Sequence[int]
 ) -> dict[str, Table]:
-    """All tables by the name of their file."""
+    """Return all tables, by the name of their file."""
     confusions = {
         f"confusion_{pair.first}_{pair.second}": confusion_table(clip, pair) for pair in found if pair.subject is None
     }

@@ -1,4 +1,4 @@
-"""Behaviour as tables: ``behaviour.csv``, and the panels that set the labels and every configuration side by side."""
+"""Behaviour as tables: ``behaviour.csv``, and panels that show the labels and every configuration side by side."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from harness.score.score import Scores
 from harness.score.sequences import TRUTH
 
 _MOST_CLIPS = 4
-"""With more clips, the page shows what holds over all of them; ``behaviour.csv`` has every clip."""
+"""With more clips, the page shows only the values over all of them; ``behaviour.csv`` has every clip."""
 
 _TITLES = {
     "time_share": "Time on",
@@ -52,13 +52,13 @@ def behaviour_csv(scores: Scores) -> Table:
 
 
 def behaviour_table(scores: Scores) -> Table:
-    """A row a measure, a column a source; over all clips, and of each where they are few."""
+    """One row per measure, one column per source; over all clips and, if they are few, for each clip."""
     rows = [row for row in _shown(scores) if row.measure in _TITLES]
     return _side_by_side("Behaviour", ("Clip", "Who", "Measure"), rows, _NOTES, lambda row: (_title(row),))
 
 
 def transitions_table(scores: Scores) -> Table:
-    """The matrix of transitions as a list: a row a pair of targets, a column a source."""
+    """The matrix of transitions as a list: one row per pair of targets, one column per source."""
     rows = [row for row in _shown(scores) if row.measure == "transitions"]
     return _side_by_side(
         "Transitions from target to target",

@@ -29,12 +29,12 @@ _NOTES = (
 
 
 def compare_configurations(scores: Scores) -> tuple[Comparison, ...]:
-    """Compare every two configurations of a run; the oracle ablation has a table of its own."""
+    """Compare every two configurations of a run, without the oracle ablation, which has a table of its own."""
     return compare({name: scores.frames_of(name) for name in without_oracles(scores.scored_configurations)})
 
 
 def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:
-    """A line for each pair. What all names begin with, such as the folder of the one run, is left out."""
+    """One line for each pair. A common beginning of all names, such as the folder of the only run, is left out."""
     names = [name for each in comparisons for name in (each.configuration, each.reference)]
     shared = _shared_folder(names)
     return Table(
@@ -56,7 +56,7 @@ def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:
 
 
 def model_table(found: Sequence[OddsRatio]) -> Table:
-    """Odds ratios of the mixed-effects model, and why there is none where there is none."""
+    """Odds ratios of the mixed-effects model; a note says why there is none for a pair."""
     shared = _shared_folder([name for each in found for name in (each.configuration, each.reference)])
     refused = [
         f"{each.configuration.removeprefix(shared)} against {each.reference.removeprefix(shared)}: no model: "
@@ -104,7 +104,7 @@ def comparison_table(comparisons: Sequence[Comparison]) -> Table:
 
 
 def comparisons_csv(comparisons: Sequence[Comparison]) -> Table:
-    """The same for programs: differences as shares."""
+    """The same table for programs: differences as shares."""
     return Table(
         title="Comparisons",
         columns=(
@@ -141,7 +141,7 @@ def _share(value: float) -> str:
 
 
 def _shared_folder(names: Sequence[str]) -> str:
-    """The folders in which all names stand, with the slash."""
+    """The folders that all names have in common, with the slash."""
     levels = zip(*(name.split("/")[:-1] for name in names), strict=False)
     return "".join(f"{level[0]}/" for level in takewhile(lambda level: len(set(level)) == 1, levels))
 
@@ -178,7 +178,7 @@ def ablation_table(scores: Scores) -> Table:
 
 
 def terminal_ablation(scores: Scores) -> Table:
-    """The same with fewer words under it."""
+    """The same table with shorter notes."""
     return replace(
         ablation_table(scores),
         notes=(
@@ -189,7 +189,7 @@ def terminal_ablation(scores: Scores) -> Table:
 
 
 def ablation_csv(scores: Scores) -> Table:
-    """The same for programs: shares with six decimals, empty for the first step."""
+    """The same table for programs: shares with six decimals, empty for the first step."""
     return Table(
         title="Oracle ablation",
         columns=("configuration", "replaced", "n", "frr", "gained", "gained_low", "gained_high", "reads"),

@@ -24,12 +24,12 @@ FRAME_COLUMNS = (
 
 
 def scores_table(scores: Scores) -> Table:
-    """Every measure of every row, for programs: shares with six decimals, unknown ones empty.
+    """Every measure of every row, for programs: shares with six decimals, unknown values empty.
 
     Raises
     ------
     VfoaError
-        If a metric has the name of a column that is there already.
+        If a metric has the name of an existing column.
     """
     columns = (
         *("clip", "subject", "configuration", "n", "looks", "clips", "correct", "wrong", "predicted", "no_hit", "frr"),
@@ -43,7 +43,7 @@ def scores_table(scores: Scores) -> Table:
     )
     metrics = tuple(load_metrics())
     if taken := sorted({*columns} & {*metrics}):
-        raise VfoaError(f"metric {taken[0]!r}: frr.csv has a column of that name; expected another name")
+        raise VfoaError(f"metric {taken[0]!r}: frr.csv already has a column of that name; expected another name")
     rows = tuple((*_score_cells(row), *(_share(row.metrics[name]) for name in metrics)) for row in scores.rows)
     return Table(title="Scores", columns=(*columns, *metrics), words=3, rows=rows)
 
@@ -84,13 +84,13 @@ FrameLines = tuple[int, str | None, list[str]]
 
 
 class FrameRows:
-    """Collects the rows while records pass by, so that a long run is read once: see :meth:`watch`."""
+    """Collects the rows from passing records, so that a long run is read once: see :meth:`watch`."""
 
     def __init__(self) -> None:
         self._rows: list[tuple[_Key, str | None, list[str]]] = []
 
     def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Hand the records on, as to :func:`harness.score.score.score`, and keep what the table needs of them."""
+        """Yield the records unchanged, as to :func:`harness.score.score.score`, and keep the data of the table."""
         for record in records:
             key = record.clip, record.configuration, record.frame
             start = _start(*key, time=f"{record.time_ns / 1e9:.3f}")
@@ -105,21 +105,21 @@ class FrameRows:
         return [(frame, subject, lines) for (_, _, frame), subject, lines in self._rows]
 
     def add(self, clip: str, configuration: str, rows: Iterable[FrameLines]) -> None:
-        """Take over the rows of another log that has watched one configuration on one clip."""
+        """Add the rows of another log that has watched one configuration on one clip."""
         self._rows.extend(((clip, configuration, frame), subject, lines) for frame, subject, lines in rows)
 
     def to_csv(self, verdicts: Iterable[Verdict]) -> str:
-        """The table as text, in the order of the records: one row per target, ``focus`` 1 for the one looked at.
+        """Return the table as text, in the order of the records: one row per target, ``focus`` 1 for the one looked at.
 
-        A subject without attention values has one row without a target. Labelled frames that have no such subject,
-        or no record, stand at the end. ``set_90`` is 1 for the targets of the smallest set with 90 % of the
-        probability, and blank where attention is no probability. Attention has four decimals, time three. A person
-        the manifest does not know has a track and no name.
+        A subject without attention values has one row without a target. Labelled frames that have no such subject, or
+        no record, come last. ``set_90`` is 1 for the targets of the smallest set with 90 % of the probability, and
+        blank if attention is no probability. Attention has four decimals, time three. A person that the manifest does
+        not know has a track and no name.
         """
         judged = {(each.clip, each.configuration, each.frame, each.subject): each for each in verdicts}
         text = [",".join(FRAME_COLUMNS) + "\n"]
         for key, subject, lines in self._rows:
-            # taken out when used: of tracks that share a name the first is the one that was judged
+            # removed when used: if tracks share a name, the first is the one that was judged
             end = _judgement(judged.pop((*key, subject), None) if subject is not None else None)
             text.extend(f"{line}{end}" for line in lines)
         for verdict in judged.values():

@@ -89,7 +89,7 @@ def _frames(scores: Scores) -> tuple[ExportedSubject, ...]:
 
 
 def _sheet_lines(table: ExportedTable) -> list[str]:
-    """The data sheet in words, a line for each entry."""
+    """The data sheet in words, one line per entry."""
     sheet = table.sheet
     seeds = {f"{stage} {seed}" for stages in sheet.seeds.values() for stage, seed in stages.items()}
     return [
@@ -131,4 +131,4 @@ def _json(scores: Scores, table: ExportedTable) -> str:
 
 
 FORMATS = {"csv": _csv, "tex": _tex, "md": _markdown, "json": _json}
-"""By name, what writes a table with its data sheet."""
+"""Functions by format that write a table with its data sheet."""

@@ -1,4 +1,4 @@
-"""Figures as files, the same bytes for the same figure."""
+"""Figures as files. The same figure gives the same bytes."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ def _drawn(figure: Figure, path: Path) -> bytes:
 
 
 def check_format(path: Path) -> str:
-    """The format that a file's name asks for: ``pdf``, ``svg`` or ``png``.
+    """Return the format given by the file's name: ``pdf``, ``svg`` or ``png``.
 
     Raises
     ------
     VfoaError
-        If it is another.
+        If it is another one.
     """
     kind = path.suffix.removeprefix(".").lower()
     if kind not in _UNDATED:

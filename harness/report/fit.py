@@ -8,7 +8,7 @@ from harness.toml_text import toml_key, toml_value
 
 
 def fit_tables(fitted: FittedSettings) -> list[Table]:
-    """The values with their intervals, and every clip under settings fitted on the others."""
+    """The fitted values with their intervals, and every clip under settings fitted on the others."""
     return [
         Table(
             title=f"Fitted on {', '.join(fitted.fit.clips)}",

@@ -17,19 +17,19 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
 UNKNOWN = "–"
-"""Printed in place of a number without a value; CSV has an empty cell."""
+"""Printed instead of a number without a value; CSV has an empty cell."""
 
 
 _LEAST_WORDS = 24
-"""A column of words that is wider is wrapped rather than that a table is parted."""
+"""A column of words that is wider is wrapped before a table is split."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
     """Text in rows and columns, every number already in its printed form.
 
-    ``words`` is how many of the first columns hold words; all others are numbers and are printed to the right.
-    ``notes`` are what a reader must know, each one sentence or more.
+    ``words`` is the number of leading columns that hold words; all others are numbers and are aligned to the right.
+    ``notes`` are shown with the table, each one sentence or more.
     """
 
     title: str
@@ -45,14 +45,14 @@ class Table:
 
 
 def to_csv(table: Table) -> str:
-    """Header and rows, RFC 4180 with LF; title and notes have no place in it."""
+    """Header and rows, RFC 4180 with LF; title and notes are left out."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([table.columns, *(map(plain_cell, row) for row in table.rows)])
     return text.getvalue()
 
 
 def to_markdown(table: Table, *, level: int = 1) -> str:
-    """A heading, what the table needs said of it, and the table."""
+    """A heading, the notes, and the table."""
     head = f"{'#' * level} {_one_line(table.title)}\n\n"
     notes = "".join(f"- {_markdown(note)}\n" for note in table.notes)
     if not table.rows:
@@ -69,9 +69,9 @@ LATEX_HEAD = "% needs \\usepackage{booktabs}\n"
 
 
 def to_latex(table: Table, *, label: str) -> str:
-    r"""A floating table with booktabs rules; needs ``\usepackage{booktabs}``. The notes stand under it.
+    r"""A floating table with booktabs rules; needs ``\usepackage{booktabs}``. The notes are below it.
 
-    A little space sets groups of rows apart that begin with the same word.
+    Groups of rows that begin with the same word are separated by a little space.
     """
     lines = [
         r"\begin{table}",
@@ -93,7 +93,7 @@ def to_latex(table: Table, *, label: str) -> str:
 
 
 def in_parts(table: Table, width: int) -> tuple[Table, ...]:
-    """The table as parts no wider than a terminal: each has all words, and as many columns of numbers as fit."""
+    """Split the table into parts no wider than ``width``: each has all words and as many number columns as fit."""
     widths = [max(map(len, column)) + 2 for column in zip(table.columns, *table.rows, strict=True)]
     room = width - sum(min(each, _LEAST_WORDS) for each in widths[: table.words]) - 1
     parts: list[list[int]] = [[]]
@@ -114,7 +114,7 @@ def in_parts(table: Table, width: int) -> tuple[Table, ...]:
 
 
 def to_rich(table: Table) -> RichTable:
-    """For a terminal: numbers are never cut or wrapped, words are where it is narrow."""
+    """The table for a terminal: numbers are never cut or wrapped; words are wrapped if it is narrow."""
     from rich import box
     from rich.markup import escape
     from rich.table import Table as RichTable
@@ -129,7 +129,7 @@ def to_rich(table: Table) -> RichTable:
 
 
 def csv_cell(text: str) -> str:
-    """One cell as :func:`to_csv` would write it, for tables too long to hold as cells."""
+    """One cell as :func:`to_csv` writes it, for tables that are too long to hold in memory as cells."""
     text = plain_cell(text)
     return '"' + text.replace('"', '""') + '"' if re.search('[",\r\n]', text) else text
 
@@ -146,7 +146,7 @@ def _one_line(text: str) -> str:
 
 
 def _markdown(text: str) -> str:
-    """Escape what would end a cell or be read as mark-up."""
+    """Escape characters that would end a cell or be read as mark-up."""
     return re.sub(r"([\\`*<|\[\]#]|(?<!\w)_|_(?!\w))", r"\\\1", _one_line(text))
 
 

@@ -17,9 +17,9 @@ from vfoa.registry import Registry
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """An SVG drawing on the page. ``svg`` is the ``<svg>`` element alone, without scripts or links to other files.
+    """An SVG drawing on the page. ``svg`` is only the ``<svg>`` element, without scripts or links to other files.
 
-    ``notes`` are what a reader must know, each one sentence or more.
+    ``notes`` are shown with it, each one sentence or more.
     """
 
     title: str
@@ -51,7 +51,7 @@ PANELS = Registry(
 
 
 def draw_panels(scores: Scores) -> Iterator[Table | Picture]:
-    """Every panel that has something to show: those of this project, then those of other distributions, sorted."""
+    """Yield every panel with content: those of this project, then those of other distributions, sorted."""
     others = (name for name in PANELS.names() if name not in PANELS.builtin)
     for name in (*PANELS.builtin, *others):
         panel: Panel = PANELS.load(name)

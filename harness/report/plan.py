@@ -17,10 +17,10 @@ from harness.score.scored_frames import pair
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What two configurations need: ``clips`` with as many looks in each as now, ``clips_longer`` with twice as many.
+    """Clips that two configurations need: ``clips`` with as many looks each as now, ``clips_longer`` with twice those.
 
-    ``difference`` is the one found, ``detectable`` the one that this run can see; all three are shares. None: not to be
-    reached, or not known from so few clips.
+    ``difference`` is the observed one, ``detectable`` the one that this run can detect; all three are shares. None: not
+    reachable, or not known from so few clips.
     """
 
     reference: str
@@ -33,7 +33,7 @@ class Plan:
 
 
 def plans(scores: Scores, points: float, power: float = POWER) -> list[Plan]:
-    """A plan for every two configurations to see a difference of ``points`` points of FRR."""
+    """Plan for every two configurations how to detect a difference of ``points`` points of FRR."""
     return [_plan(one, two, units, points / 100, power) for one, two, units in _pairs(scores)]
 
 
@@ -58,7 +58,7 @@ def _plan(reference: str, configuration: str, units: Units, difference: float, p
 
 
 def plan_table(found: list[Plan], points: float, power: float = POWER) -> Table:
-    """How many clips and looks every two configurations need."""
+    """The clips and looks that every two configurations need."""
     return Table(
         title=f"Clips needed to see a difference of {points:g} points",
         columns=(

@@ -14,7 +14,7 @@ from harness.score.statistics import wilson_interval
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reproduction:
-    """One configuration here and there. ``p`` is of Fisher's exact test, two-sided, that both rates are the same."""
+    """One configuration's rates here and as published; ``p`` is of Fisher's exact two-sided test of equality."""
 
     configuration: str
     published: PublishedCount
@@ -26,7 +26,7 @@ class Reproduction:
 def reproductions(scores: Scores) -> list[Reproduction]:
     """The configurations that were scored here and have a published count, in the order of the scores.
 
-    The publication's frames are not known one by one, so the two samples are taken as independent.
+    The publication's frames are not known one by one, so the two samples are treated as independent.
     """
     if scores.published is None:
         return []

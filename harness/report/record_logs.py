@@ -46,7 +46,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Part:
-    """What the logs have of some records of one configuration on one clip, in plain values."""
+    """The logs' data of some records of one configuration on one clip, in plain values."""
 
     judged: dict[str, Judged]
     times_ns: dict[int, int]
@@ -76,17 +76,17 @@ class RecordLogs:
         deque(map(self.outcomes.judge, self.measures.watch(self.attention.watch(watched))), maxlen=0)
 
     def scores(self) -> Scores:
-        """The scores of all that was watched or added; notes tell where directions do not fit the posterior."""
+        """The scores of all records watched or added; notes say where directions do not fit the posterior."""
         scores = score_outcomes(self.outcomes.outcomes(), self.measures, self._reference)
         unfit = (each.sentence() for each in self.directions.checks() if not each.fits)
         return replace(scores, notes=(*scores.notes, *unfit))
 
     def tables(self) -> tuple[Table, ...]:
-        """How sets of answers and measured directions do."""
+        """Tables of prediction sets and of measured directions."""
         return prediction_set_table(self.sets.coverages()), direction_check_table(self.directions.checks())
 
     def part(self, clip: str, configuration: str) -> Part:
-        """What these logs, which have watched one configuration on one clip, have to give to others."""
+        """Return the data of these logs, which have watched one configuration on one clip, for other logs."""
         judged, times_ns = self.outcomes.part(clip, configuration)
         measures, names = self.measures.part(clip, configuration)
         attention, targets = self.attention.part()
@@ -104,7 +104,7 @@ class RecordLogs:
         )
 
     def add(self, clip: str, configuration: str, part: Part) -> None:
-        """Take over what other logs have watched of one configuration on one clip."""
+        """Add the data that other logs have of one configuration on one clip."""
         self.outcomes.add(clip, configuration, part.judged, part.times_ns)
         self.measures.add(clip, configuration, part.measures, part.names)
         self.frames.add(clip, configuration, part.rows)
@@ -126,7 +126,7 @@ class KeptParts:
         self._scored = [(block, self._key(block)) for block in run.scored_blocks(self.blocks)]
 
     def logs(self) -> RecordLogs:
-        """The logs of all blocks. What was made anew is kept, what nobody needs any more is removed."""
+        """Return the logs of all blocks. New parts are stored, and parts that are no longer used are removed."""
         logs = RecordLogs(self._reference, self._probabilistic)
         for block, key in self._scored:
             path = self._folder / f"{key}.part"
@@ -155,7 +155,7 @@ class KeptParts:
         return hashlib.blake2b(repr(of).encode(), digest_size=16).hexdigest()
 
     def _labelled(self, block: Block) -> str:
-        """The digest of the labels in a block's frames; configurations have the same frames as a rule."""
+        """The digest of the labels in a block's frames; configurations usually have the same frames."""
         key = block.clip, block.frames
         if key not in self._labels:
             labels = self._reference.labels.get(block.clip)
@@ -165,7 +165,7 @@ class KeptParts:
 
 
 def _indexed(results: Path, index: Path) -> list[Block]:
-    """The blocks of the results: as the index has them, if every line is the same, or cut anew."""
+    """Return the blocks of the results: those of the index if every line is the same, otherwise divided again."""
     try:
         blocks = msgspec.json.decode(index.read_bytes(), type=list[Block])
     except (OSError, msgspec.DecodeError):
@@ -195,7 +195,7 @@ def _load(path: Path) -> Part | None:
 
 
 def _save(path: Path, part: Part) -> None:
-    """Keep a part. It is not forced to the disk: what a power cut spoils, its checksum tells."""
+    """Store a part. It is not synced to the disk: a checksum detects what a power cut damages."""
     body = _codec()[0].encode(part)
     with replacing(path) as draft:
         draft.write_bytes(hashlib.blake2b(body, digest_size=_CHECKSUM_BYTES).digest() + body)
@@ -208,7 +208,7 @@ def _codec() -> tuple[msgspec.msgpack.Encoder, msgspec.msgpack.Decoder[Any]]:
 
 @cache
 def _code_digest() -> str:
-    """The digest of all code of both packages: a part of another version is made anew."""
+    """The digest of all code of both packages: a part of another version is not used."""
     total = hashlib.blake2b(digest_size=16)
     for package in (harness, vfoa):
         root = Path(package.__file__ or "").parent

@@ -1,4 +1,4 @@
-"""The simulation's pages and figures: equal rows give equal bytes."""
+"""Pages and figures of the simulation: equal rows give equal bytes."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _tuning(rows: Sequence[Row]) -> Figure:
 
 
 def _settings(rows: Sequence[Row]) -> Figure:
-    """Heat map of the sum over all cases: rays across, field of view up."""
+    """Heat map of the sum over all cases: number of rays by field of view."""
     sums = setting_sums(rows)
     n_rays, radii = sorted({n for n, _ in sums}), sorted({radius for _, radius in sums})
     figure = Figure(figsize=(7, 5), layout="constrained")

@@ -26,8 +26,9 @@ if TYPE_CHECKING:
 class RecordingSinks:
     """Recordings of this size, next to the results. ``watched_at`` is the address of a viewer that gets each frame.
 
-    ``layers`` are those of every configuration of the experiment, by its name. ``around``: only so many frames before
-    and after each wrong one are whole, the others thin; None: all are whole, and so are those of a clip without labels.
+    ``layers`` are those of every configuration of the experiment, by its name. ``around``: number of frames before and
+    after each wrong one that are complete, the others being thinned; None: all are complete. All frames of a clip
+    without labels are complete.
     """
 
     shares_files: ClassVar[bool] = True
@@ -38,13 +39,13 @@ class RecordingSinks:
     around: int | None = None
 
     def described(self) -> Mapping[str, Any]:
-        """How much the recordings hold."""
+        """The size of the recordings."""
         if self.around is None:
             return {"recording": self.size}
         return {"recording": "failures", "recording_around": self.around}
 
     def open(self, context: SinkContext) -> Recorder:
-        """The recording of one configuration on one clip."""
+        """Open the recording of one configuration on one clip."""
         from harness.record.recorder import Recorder
 
         manifest = context.manifest
@@ -73,9 +74,9 @@ def recordings(
     watched_at: str | None = None,
     around: int | None = None,
 ) -> tuple[RecordingSinks, ...]:
-    """The recordings of an experiment with these configurations: of this size, or none.
+    """Return the recordings of an experiment with these configurations: of this size, or none.
 
-    ``around`` is as :class:`RecordingSinks` has it.
+    ``around`` is as in :class:`RecordingSinks`.
     """
     if size is None:
         return ()
@@ -85,14 +86,14 @@ def recordings(
 
 @dataclass(frozen=True, slots=True)
 class ThumbnailSinks:
-    """Thumbnails in the run's directory: the report needs them, and neither clip nor models."""
+    """Opens thumbnails in the run's directory, so that the report needs neither clip nor models."""
 
     def described(self) -> Mapping[str, Any]:
         """They are no setting of a run."""
         return {}
 
     def open(self, context: SinkContext) -> ThumbnailWriter:
-        """The thumbnails of one configuration on one clip."""
+        """Open the thumbnails of one configuration on one clip."""
         from harness.report.thumbnails.writer import ThumbnailWriter
 
         return ThumbnailWriter(context.directory.path, *context.pair, resumed=context.resumed)
@@ -107,7 +108,7 @@ def composed_sinks(
 ) -> tuple[SinkFactory, ...]:
     """Thumbnails, and recordings of this size (None: none), which a viewer at ``watched_at`` shows as they grow.
 
-    ``configurations`` are all those of the experiment. ``around``: frames before and after each wrong one that the
-    recordings have whole; None: all.
+    ``configurations`` are all those of the experiment. ``around``: number of frames before and after each wrong one
+    that recordings keep complete; None: all are complete.
     """
     return ThumbnailSinks(), *recordings(configurations, recording, watched_at, around)

@@ -37,11 +37,11 @@ _NOTES = (
 _Rows = tuple[tuple[str, ...], ...]
 _by_configuration: WeakKeyDictionary[MeasureLog, _Rows] = WeakKeyDictionary()
 _by_object: WeakKeyDictionary[MeasureLog, _Rows] = WeakKeyDictionary()
-"""The rows of measures that are complete: tables and page show the same ones, and a long run has a million values."""
+"""Finished rows of measures: tables and page show the same ones, and a long run has a million values."""
 
 
 def stage_measures_table(scores: Scores) -> Table:
-    """A row per clip and configuration, and one over all clips; no rows where no clip knows any truth."""
+    """One row per clip and configuration, and one over all clips; no rows without ground truth."""
     if scores.measures not in _by_configuration:
         pooled = scores.measures.pooled()
         rows = tuple((clip or ALL, name, *_cells(frames)) for (clip, name), frames in pooled.items())
@@ -67,11 +67,11 @@ _TERMINAL = {
     "Head deg": "Head °",
     "Gaze deg": "Gaze °",
 }
-"""The columns that a terminal has, and what they are called there: 80 characters leave room for a name."""
+"""The columns for a terminal, and their names there: they leave room for a name within 80 characters."""
 
 
 def terminal_measures(scores: Scores) -> Table:
-    """The rows over all clips, as far as they fit a terminal or a page of paper; the oracle ablation is left out."""
+    """The rows over all clips, with the columns that fit a terminal or a printed page; without the oracle ablation."""
     table = stage_measures_table(scores)
     shown = without_oracles(scores.configurations)
     rows = [row for row in table.rows if row[0] == ALL] or table.rows
@@ -89,7 +89,7 @@ def terminal_measures(scores: Scores) -> Table:
 
 
 def object_measures_table(scores: Scores) -> Table:
-    """A row per clip, object and configuration: how well its mask and its box were found."""
+    """One row per clip, object and configuration: the quality of its mask and its box."""
     if scores.measures not in _by_object:
         found = scores.measures.by_thing()
         rows = tuple((*key, str(len(measures)), *_object_cells(measures)) for key, measures in found.items())
@@ -135,7 +135,7 @@ def _object_cells(measures: Sequence[TargetMeasure]) -> tuple[str, str, str]:
 
 
 def _printed(values: Iterable[_Value], of: Callable[[Sequence[float]], object], scale: float, digits: int) -> str:
-    """A statistic of the values that are known."""
+    """A statistic of the known values, as text."""
     known = [value for value in values if value is not None]
     return f"{scale * float(of(known)):.{digits}f}" if known else UNKNOWN  # type: ignore[arg-type]
 
@@ -146,7 +146,7 @@ def _percentile_95(values: Sequence[float]) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageTimes:
-    """Median milliseconds a frame over all clips: by stage, one for each configuration; None where it has no such."""
+    """Median milliseconds per frame over all clips: by stage, one per configuration; None without such a stage."""
 
     configurations: tuple[str, ...]
     ms: dict[str, list[float | None]]
@@ -169,12 +169,12 @@ class StageTimes:
 
 
 def stage_times(timings: Path) -> StageTimes:
-    """Time per stage of a run.
+    """Read the time per stage of a run.
 
     Raises
     ------
     VfoaError
-        If the file is not a run's timings. A missing one gives no stages: scores need none.
+        If the file is not a run's timings. A missing file gives no stages: scores need none.
     """
     times: dict[str, dict[str, list[float]]] = {}
     configurations: dict[str, None] = {}

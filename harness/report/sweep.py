@@ -1,4 +1,4 @@
-"""A sweep's table, its answers and their figure: equal rows give equal bytes."""
+"""A sweep's tables and figure: equal rows give equal bytes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from harness.score.sweep.runner import Sweep, SweepRow
 
 
 def write_sweep(out: Path, sweep: Sweep) -> None:
-    """Write ``sweep.csv`` (a row a configuration), ``sweep.md`` (the answers), the figure (SVG, PNG) and the page."""
+    """Write ``sweep.csv`` (a row per configuration), ``sweep.md`` (the best), the figure (SVG, PNG) and the page."""
     best, effects, rows = best_table(sweep), effects_table(sweep), _all_rows(sweep)
     pages = [to_markdown(best), to_markdown(effects, level=2), "![rate over the sweep](sweep.svg)\n"]
     with mpl.rc_context(STYLE):
@@ -34,7 +34,7 @@ def write_sweep(out: Path, sweep: Sweep) -> None:
 
 
 def best_table(sweep: Sweep) -> Table:
-    """The best configuration for each value of the sweep's ``per``; of equals the first in the grid."""
+    """The best configuration for each value of the sweep's ``per``; of equal ones, the first in the grid."""
     rows = []
     for label, members in _grouped(sweep.rows, sweep.view.per):
         best = max(members, key=lambda row: row.correct)
@@ -54,7 +54,7 @@ def best_table(sweep: Sweep) -> Table:
 
 
 def effects_table(sweep: Sweep) -> Table:
-    """What each value of each factor comes to: the mean rate and the best one over all values of the others."""
+    """The mean rate and the best one of each value of each factor, over all values of the others."""
     rows = []
     for key in sweep.rows[0].factors:
         for label, members in _grouped(sweep.rows, key):
@@ -91,5 +91,5 @@ def _grouped(rows: Iterable[SweepRow], key: str) -> Iterator[tuple[str, list[Swe
 
 
 def _short(key: str) -> str:
-    """Stages share names of settings (``gaze.error_deg``, ``head_pose.error_deg``): those keep their table's."""
+    """Short name of a key. Keys of several stages (``gaze.error_deg``, ``head_pose.error_deg``) keep their table."""
     return key if key.endswith(".error_deg") else key.partition(".")[2]

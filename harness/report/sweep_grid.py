@@ -1,4 +1,4 @@
-"""A sweep as a grid: rates by the values of two factors, numbers apart from words."""
+"""A sweep as a grid: rates by the values of two factors, numbers separated from words."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from vfoa.types import Float
 class SweepGrid:
     """Rates (rows, columns) over all other settings: their mean, and the best of them.
 
-    Rows are the values of the sweep's ``per``, columns those of ``across``: numbers first, in order, then words such as
-    ``10.4+25.6``. ``numbers`` counts the columns that are numbers; ``row_numbers`` are the rows' values, None if they
-    are words.
+    Rows are the values of the sweep's ``per``, columns those of ``across``: numbers first, ascending, then words such
+    as ``10.4+25.6``. ``numbers`` counts the columns that are numbers; ``row_numbers`` are the rows' values, None if
+    they are words.
     """
 
     per: str
@@ -32,7 +32,7 @@ class SweepGrid:
 
 
 def grid_of(sweep: Sweep) -> SweepGrid:
-    """The grid of a sweep; a combination that it does not have is NaN."""
+    """Return the grid of a sweep; a missing combination is NaN."""
     per, across = sweep.view.per, sweep.view.across
     rows = _ordered(list(dict.fromkeys(row.factors[per] for row in sweep.rows)))
     columns = _ordered(list(dict.fromkeys(row.factors[across] for row in sweep.rows)))
@@ -62,7 +62,7 @@ def number(label: str) -> float | None:
 
 
 def edges(values: Sequence[float]) -> list[float]:
-    """The borders of cells about increasing numbers, half way between them."""
+    """Borders of cells around increasing numbers, half way between them."""
     if len(values) < 2:
         return [each + side for each in values for side in (-0.5, 0.5)]
     middles = [(before + after) / 2 for before, after in pairwise(values)]
@@ -70,6 +70,6 @@ def edges(values: Sequence[float]) -> list[float]:
 
 
 def _ordered(labels: list[str]) -> list[str]:
-    """Numbers in their order, then words in theirs."""
+    """Sort numbers first, ascending, then words."""
     numbers = [label for label in labels if number(label) is not None]
     return [*sorted(numbers, key=float), *(label for label in labels if label not in numbers)]

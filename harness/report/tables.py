@@ -1,4 +1,4 @@
-"""The tables of a run: the FRR for the paper, every frame for the curious, and which configuration is better."""
+"""The tables of a run: FRR for the paper, every frame, and the comparisons of configurations."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def terminal_table(scores: Scores) -> Table:
 
 
 def paper_table(scores: Scores) -> Table:
-    """Configurations by correct and wrong frames, over all clips, as papers on the subject print it."""
+    """Numbers of correct and wrong frames by configuration, over all clips, as papers on the subject print them."""
     shown = without_oracles(scores.scored_configurations)
     rows = [row for row in scores.by_clip() if row.configuration in shown]
     pooled = [row for row in rows if row.clip is None] or rows
@@ -142,7 +142,7 @@ def baselines_table(scores: Scores) -> Table:
 
 
 def seeds_table(scores: Scores) -> Table:
-    """How far rates move from seed to seed of the simulated errors; no rows for a run under one seed."""
+    """Variation of rates between the seeds of the simulated errors; no rows for a run under one seed."""
     return Table(
         title="Over seeds",
         columns=("Clip", "Configuration", "Seeds", "Mean FRR %", "95 %", "SD over seeds", "Lowest %", "Highest %"),
@@ -165,7 +165,7 @@ def seeds_table(scores: Scores) -> Table:
 
 
 def nowhere_table(scores: Scores) -> Table:
-    """How methods that can say "looks at nothing" do at it; no rows where none can, or nobody does."""
+    """Precision and recall of "looks at nothing"; no rows if no method can say it, or nobody looks at nothing."""
     return Table(
         title="Looking at nothing",
         columns=("Clip", "Configuration", "True", "Said", "Both", "Precision %", "Recall %"),
@@ -206,7 +206,7 @@ def visible_table(scores: Scores) -> Table:
 
 
 def error_types_table(scores: Scores) -> Table:
-    """Why frames are wrong; error types that never occur are left out."""
+    """Numbers of wrong frames by error type; error types that never occur are left out."""
     rows = scores.by_clip()
     seen = [error_type for error_type in ERROR_TYPES if any(row.error_types[error_type] for row in rows)]
     return Table(
@@ -245,7 +245,7 @@ def subjects_table(scores: Scores) -> Table:
 
 
 def remarks(scores: Scores) -> list[str]:
-    """The run's own notes, and what its numbers ask for: clips without labels, clips that a baseline solves."""
+    """The run's own notes, and further ones: clips without labels, clips on which a baseline is as good."""
     asked = without_oracles(scores.scored_configurations)
     rows = [row for row in scores.by_clip() if row.configuration in asked]
     found = list(scores.notes)

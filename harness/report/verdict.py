@@ -62,9 +62,9 @@ NEXT_STEPS = {
 
 
 def verdict_sentence(scores: Scores) -> str:
-    """The answer of a run, from the comparisons of its configurations; the oracle ablation takes no part.
+    """The result of a run, from the comparisons of its configurations without the oracle ablation.
 
-    A grid is compared by its factors, over all values of the others. One configuration is compared with its best
+    A grid is compared by its factors, over all values of the others. A single configuration is compared with its best
     baseline.
     """
     names = without_oracles(scores.scored_configurations)
@@ -102,7 +102,7 @@ def _against_baseline(row: ScoreRow) -> str:
 
 
 def _of_group(comparisons: Sequence[Comparison]) -> tuple[list[str], list[str]]:
-    """What the best one beats, and what cannot be told from it."""
+    """The configurations that the best one beats, and those that cannot be told from it."""
     names = list(dict.fromkeys(name for each in comparisons for name in (each.reference, each.configuration)))
     against = {name: [_seen_from(name, each) for each in comparisons if name in _pair(each)] for name in names}
     best = max(names, key=lambda name: sum(0 if math.isnan(gain) else gain for _, gain, _ in against[name]))
@@ -157,7 +157,7 @@ def _joined(words: Sequence[str]) -> str:
 def factor_levels(configurations: Sequence[str]) -> list[tuple[str, ...]]:
     """The values of each factor of a grid, from names like bm-one, bm-two, sgbm-one, sgbm-two; () for one value.
 
-    Empty where the names are not all combinations, or where fewer than two factors have several values.
+    Empty if the names are not all combinations, or if fewer than two factors have several values.
     """
     words = [name.split("-") for name in configurations]
     if len({len(each) for each in words}) != 1:
@@ -169,10 +169,10 @@ def factor_levels(configurations: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def compare_factors(frames: Mapping[str, Sequence[ScoredFrames]]) -> list[tuple[Comparison, ...]]:
-    """For each factor of a grid, every two of its values compared on the frames of all configurations that have them.
+    """For each factor of a grid, compare every two of its values on the frames of all configurations that have them.
 
     A frame counts once for each value of the other factors. p values are corrected over all factors together.
-    ``frames`` are by configuration; names that are no grid give nothing.
+    ``frames`` are by configuration; the result is empty if the names form no grid.
     """
     names = list(frames)
     found = []
@@ -186,7 +186,7 @@ def compare_factors(frames: Mapping[str, Sequence[ScoredFrames]]) -> list[tuple[
 
 
 def _pooled(configurations: Sequence[Sequence[ScoredFrames]]) -> list[ScoredFrames]:
-    """Several configurations as seeds of one: the frames that all of them scored."""
+    """Return the frames that all of several configurations scored, as if these were seeds of one configuration."""
     by_subject = [{(each.clip, each.subject): each for each in frames} for frames in configurations]
     pooled = []
     for key, first in by_subject[0].items():
@@ -211,9 +211,9 @@ def _pooled(configurations: Sequence[Sequence[ScoredFrames]]) -> list[ScoredFram
 
 
 def next_steps(verdicts: Iterable[Verdict]) -> list[str]:
-    """A sentence for each of the most frequent error types: how many wrong frames have it, its meaning, what to try.
+    """A sentence for each of the most frequent error types: its number of wrong frames, its meaning, and what to try.
 
-    Empty where nothing is wrong. Frames of several configurations count each.
+    Empty if nothing is wrong. Frames of several configurations count each.
     """
     counts = Counter(each.error_type for each in verdicts if each.error_type is not None)
     wrong = sum(counts.values())

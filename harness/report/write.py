@@ -123,7 +123,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     Parameters
     ----------
     annotator
-        Score against this annotator's labels; None for those that the run was made with.
+        Score against this annotator's labels; None for the labels that the run was made with.
 
     Raises
     ------
@@ -142,9 +142,9 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
 
 
 def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:
-    """A finished run's page for a server that opens ``recordings`` by these names; writes nothing.
+    """Return a finished run's page for a server that opens ``recordings`` by these names; nothing is written.
 
-    Raises as :func:`rescore` does.
+    Raises the errors of :func:`rescore`.
     """
     run = FinishedRun.read(directory)
     served = Served(run=str(directory.path.resolve()), recordings=recordings)
@@ -153,7 +153,7 @@ def report_page(directory: RunDirectory, recordings: Mapping[Pair, str]) -> str:
 
 @contextmanager
 def _collector_paused() -> Iterator[None]:
-    """No search for reference cycles: a run is a million small values that have none, and looking takes a fifth."""
+    """Pause the garbage collector, which takes a fifth of the time: a run is a million small values without cycles."""
     was_on = gc.isenabled()
     gc.disable()
     try:
@@ -169,7 +169,7 @@ def render_tables(
     by_subject: Sequence[Reliability] = (),
     others: Sequence[Table] = (),
 ) -> dict[str, str]:
-    """Every table but ``frames.csv``, by file name; ``others`` join the page. Tables without rows are left out."""
+    """Every table but ``frames.csv``, by file name; ``others`` are on the page. Tables without rows are left out."""
     comparisons = compare_configurations(scores)
     compared = comparison_table(comparisons)
     sections = (paper_table, measures_table, baselines_table, error_types_table, subjects_table)

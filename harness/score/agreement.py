@@ -1,7 +1,7 @@
-"""How far annotators agree on who looks at what: kappa with its interval, per target, and where they differ.
+"""Agreement of annotators on who looks at what: kappa with its interval, agreement per target, and the differences.
 
-A frame is compared where both annotators judged it: a frame that only one labelled, or that one of them marked
-``ignore`` or left as a suggestion, is not.
+A frame is compared if both annotators judged it. It is not compared if only one labelled it, or if one of them marked
+it ``ignore`` or left it as a suggestion.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from harness.score.statistics import UNKNOWN, Codes, Counts, Interval, cohen_kap
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetAgreement:
-    """One target: in how many compared frames the first, the second and both annotators named it.
+    """One target: the numbers of compared frames in which the first, the second and both annotators named it.
 
     ``kappa`` is that of this target against all others.
     """
@@ -33,13 +33,13 @@ class TargetAgreement:
 
     @property
     def share(self) -> float:
-        """Specific agreement (Dice 1945): frames both named, over the mean of what each named."""
+        """Specific agreement (Dice 1945): frames that both named, over the mean of the frames that each named."""
         return 2 * self.both / (self.first + self.second)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Difference:
-    """A range of compared frames in which two annotators name one and another target."""
+    """A range of compared frames in which two annotators name different targets."""
 
     subject: str
     first_frame: int
@@ -53,7 +53,7 @@ class Difference:
 class Agreement:
     """Two annotators on one subject, or (``subject`` None) on all subjects pooled.
 
-    ``n`` frames are compared, ``skipped`` were labelled by at least one of them but not judged by both.
+    ``n`` frames are compared; ``skipped`` frames were labelled by at least one of them but not judged by both.
     ``confusion`` (targets, targets) counts the first's answers in rows, the second's in columns.
     """
 
@@ -69,7 +69,7 @@ class Agreement:
     confusion: Counts
 
     def by_target(self) -> list[TargetAgreement]:
-        """One row for each target that one of the two named, in the order of :attr:`targets`."""
+        """One row for each target that either of the two named, in the order of :attr:`targets`."""
         return [self._target(code) for code in range(len(self.targets))]
 
     def _target(self, code: int) -> TargetAgreement:
@@ -83,7 +83,7 @@ class Agreement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Sequence:
-    """One subject's compared frames, and what both annotators said there."""
+    """One subject's compared frames, and the answers of both annotators there."""
 
     subject: str
     frames: tuple[int, ...]
@@ -94,7 +94,7 @@ class _Sequence:
 
 
 def compare_annotators(labels: Mapping[str, Labels], frames: Sequence[int], rate_hz: float | None) -> list[Agreement]:
-    """Every pair of annotators, pooled first, then on each subject where there are several.
+    """Compare every pair of annotators, first pooled, then on each subject if there are several.
 
     Parameters
     ----------
@@ -114,12 +114,12 @@ def compare_annotators(labels: Mapping[str, Labels], frames: Sequence[int], rate
 
 
 def differences(first: Labels, second: Labels, frames: Sequence[int]) -> list[Difference]:
-    """Where two annotators judged the same frames differently, by subject and frame."""
+    """Return the ranges in which two annotators judged the same frames differently, by subject and frame."""
     found = []
     places = {frame: place for place, frame in enumerate(frames)}
     for each in _sequences(first, second, frames):
         said = zip(each.frames, each.first, each.second, strict=True)
-        # in a run of one difference, place in the clip and rank in the list grow together
+        # within a run of one difference, place in the clip and rank in the list grow together
         runs = groupby(enumerate(said), key=lambda item: (places[item[1][0]] - item[0], item[1][1:]))
         for (_, (one, other)), run in runs:
             inside = [frame for _, (frame, *_) in run]
@@ -190,7 +190,7 @@ def _codes(names: Sequence[str], targets: Sequence[str]) -> Codes:
 
 
 def _interval(coded: Sequence[tuple[_Sequence, Codes, Codes]], categories: int, rate_hz: float | None) -> Interval:
-    """The interval of kappa from resampled looks of the first annotator, of each subject by itself; unknown of few."""
+    """Interval of kappa from resampled looks of the first annotator, per subject; unknown with few looks."""
     tables, subjects = [], []
     for subject, (each, first, second) in enumerate(coded):
         looks = number_looks(first, np.array(each.places, dtype=np.intp), rate_hz)

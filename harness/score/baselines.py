@@ -1,15 +1,15 @@
 """Scores of simple baselines on the same frames.
 
 A clip on which a baseline does as well as the pipeline does not show that the pipeline works. Each baseline picks one
-target of the frame's record, never the subject's own body; where it cannot pick (no such subject, no eye origin,
-nothing with a box) it made no prediction, and that is wrong as it is for the pipeline.
+target of the frame's record, never the subject's own body. If it cannot pick (no such subject, no eye origin, nothing
+with a box), it makes no prediction, which counts as wrong, as it does for the pipeline.
 
-``commonest``  the target the subject looks at most often in the clip's own labels: the best any constant answer can do
+``commonest``  the subject's commonest target in the clip's own labels: the best that any constant answer can do
 ``nearest``    the box whose centre is nearest to the eye origin
 ``largest``    the largest extent in the image; without images it cannot pick
 ``central``    the box whose centre is nearest to the camera's axis, by angle
-``nearest_in_angle``  the box whose centre is nearest in angle to the measured gaze (to the head's direction where there
-               is no gaze), or nothing where that angle is above a limit. The limit is the one that is best on the other
+``nearest_in_angle``  the box whose centre is nearest in angle to the measured gaze (to the head's direction without a
+               gaze), or nothing if that angle is above a limit. The limit is the one that is best on the other
                clips of the run under the same configuration; with one clip there is none.
 """
 
@@ -32,7 +32,7 @@ BASELINES = ("commonest", "nearest", "largest", "central", "nearest_in_angle")
 
 
 class Choices(NamedTuple):
-    """The instance that each baseline picks in a frame; None where it cannot pick.
+    """The instance that each baseline picks in a frame; None if it cannot pick.
 
     ``angle_rad`` is between the direction and the pick of ``in_angle``; NaN without a pick.
     """
@@ -45,7 +45,7 @@ class Choices(NamedTuple):
 
 
 class Baselines:
-    """The baselines on one frame. What does not depend on the subject is ranked once."""
+    """The baselines on one frame. Rankings that do not depend on the subject are computed once."""
 
     def __init__(self, record: FrameRecord) -> None:
         centers = [(target.box.center_m, target.instance_id) for target in record.targets if target.box is not None]
@@ -82,7 +82,7 @@ class Baselines:
 
 
 def best_limit_rad(angles_rad: Float, hits: Flags, nowhere: Flags) -> float:
-    """The limit of the angle at which most frames are right; the largest of equally good ones.
+    """The limit of the angle that makes most frames right; the largest of equally good ones.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def best_limit_rad(angles_rad: Float, hits: Flags, nowhere: Flags) -> float:
 
 
 def commonest(truths: Iterable[str]) -> str | None:
-    """The commonest label, of equally common ones the first by name; None of none."""
+    """The commonest label; of equally common ones the first by name; None without labels."""
     counts = Counter(truths)
     return min(counts, key=lambda name: (-counts[name], name), default=None)
 
@@ -123,12 +123,12 @@ def _angle_rad(direction: Vector, eyes: Vector, center: Vector) -> float:
 
 
 def _off_axis(center_m: Vector) -> float:
-    """Minus the cosine of the angle between a point and the camera's axis: grows with the angle."""
+    """Minus the cosine of the angle between a point and the camera's axis; it grows with the angle."""
     return -center_m[2] / (math.hypot(*center_m) or math.inf)
 
 
 class Hits(NamedTuple):
-    """Which of the baselines that look at the frame were right, and the angle of the last one's pick."""
+    """Which of the baselines that use the frame were right, and the angle of the last one's pick."""
 
     nearest: bool
     largest: bool

@@ -48,7 +48,7 @@ MEASURES: Mapping[str, str] = {
     "followed_share": "share of the partner's looks that the subject follows, of those it can follow",
     "following_latency_s": "mean time from the beginning of a partner's look to that of the look that follows it",
 }
-"""Each measure with its meaning, in their order."""
+"""Each measure with its meaning, in the order of the tables."""
 
 _Kind = Literal["share", "mean", "rate", "count"]
 _KINDS: Mapping[str, _Kind] = {
@@ -71,11 +71,11 @@ _KINDS: Mapping[str, _Kind] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BehaviourRow:
-    """One measure of a subject, or of a subject and a partner, by one source.
+    """One measure of a subject, or of a subject and a partner, from one source.
 
     ``clip`` is None over all clips: subject and partner are None there, too. ``before`` is the target that a transition
-    leaves. ``n`` counts the frames, looks, transitions, or joint states that the value is of. ``interval`` is None for
-    what is counted.
+    leaves. ``n`` counts the frames, looks, transitions, or joint states behind the value. ``interval`` is None for
+    counts.
     """
 
     clip: str | None
@@ -91,10 +91,10 @@ class BehaviourRow:
 
 
 def measure_behaviour(outcomes: Iterable[Outcomes], *, by_clip: bool = True) -> list[BehaviourRow]:
-    """Every measure of every subject and pair, and over all clips where there are several.
+    """Compute every measure of every subject and pair, and over all clips if there are several.
 
-    What no source sees in a clip, such as a transition, has no row there; what one source sees has a row for each.
-    In order of clip, subject, partner, measure, target and source.
+    A measure that no source sees in a clip, such as a transition, has no row there; if one source sees it, each source
+    has a row. Rows are in order of clip, subject, partner, measure, target and source.
     """
     codes: dict[str, int] = {NOWHERE: 0}
     sequences = read_sequences(outcomes, codes)
@@ -110,7 +110,7 @@ _Who = tuple[str | None, str | None, str | None]
 
 
 def _rows(evidence: Iterable[Evidence], who: Callable[[Evidence], _Who]) -> list[BehaviourRow]:
-    """The rows of all evidence of whom ``who`` gives the same."""
+    """The rows of all evidence for which ``who`` gives the same."""
     groups: dict[tuple[_Who, str], dict[str, list[Evidence]]] = {}
     for each in evidence:
         groups.setdefault((who(each), each.measure), {}).setdefault(each.source, []).append(each)
@@ -145,7 +145,7 @@ def _group_rows(who: _Who, measure: str, sources: Mapping[str, list[Evidence]]) 
 def _pooled(
     found: Sequence[Evidence], keys: Sequence[Key], measure: str
 ) -> tuple[list[float], list[int], list[Interval]]:
-    """The value of each key, what it is of, and its interval (none for what is counted)."""
+    """The value of each key, the number of items behind it, and its interval (none for counts)."""
     clips: dict[str, int] = {}
     column = {key: place for place, key in enumerate(keys)}
     sizes, values = (np.zeros((sum(len(each.sizes) for each in found), len(keys))) for _ in range(2))
@@ -168,7 +168,7 @@ def _pooled(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ratios:
-    """K ratios ``value`` (K,) with the ends of their intervals, NaN where not known, and what these speak of."""
+    """K ratios ``value`` (K,) with the ends of their intervals, NaN if not known, and the unit of these."""
 
     value: Float
     low: Float
@@ -186,7 +186,7 @@ def pooled_ratios(clips: Codes, sizes: Float, values: Float, *, shares: bool) ->
     sizes, values
         The sums of each unit, (U, K). A unit of size 0 does not count for that measure.
     shares
-        Whether each value is at most its size, so that the ratios lie in [0, 1]. Else they are at least 0.
+        Whether each value is at most its size, so that the ratios lie in [0, 1]. Otherwise they are at least 0.
     """
     names, strata = np.unique(clips, return_inverse=True)
     by_clip = len(names) >= LEAST_CLIPS
@@ -213,7 +213,7 @@ def _summed(groups: Codes, columns: Float, count: int) -> Float:
 def _between(strata: Codes, there: Float, residuals: Float) -> tuple[Float, Float]:
     """The variance (K,) of the sum of the residuals, and its degrees of freedom (K,).
 
-    Within strata; where a stratum has one unit, which says nothing of itself, all units are one stratum.
+    It is computed within strata. If a stratum has only one unit, and so no spread, all units form one stratum.
     """
     count = int(strata.max(initial=-1)) + 1
     n, sums, squares = (_summed(strata, each, count) for each in (there, residuals, residuals**2))

@@ -1,4 +1,4 @@
-"""What each source says of the behaviour in one clip, as sums over looks: what :mod:`harness.score.behaviour` pools."""
+"""Evidence of behaviour in one clip by source, as sums over looks; :mod:`harness.score.behaviour` pools it."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from harness.score.statistics import Codes
 from vfoa.types import Float
 
 FOLLOWED_WITHIN_S = 2.0
-"""From the beginning of a look that is followed to that of the look that follows it, at most."""
+"""Longest time from the beginning of a look to the beginning of a look that follows it."""
 
 Key = tuple[str | None, str | None]
-"""The target that is left, and the target; None where a measure has none."""
+"""The target that is left, and the target; None for measures without one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """What one source says of one measure in one clip: a column for each key; sizes and values (U, K) of its units."""
+    """Evidence of one source for one measure in one clip: a column per key; sizes and values (U, K) of its units."""
 
     clip: str
     subject: str
@@ -37,7 +37,7 @@ class Evidence:
 
 
 def by_clips(sequences: Iterable[TargetSequence]) -> Iterator[dict[str, list[TargetSequence]]]:
-    """The sequences of each clip by subject."""
+    """Yield the sequences of each clip by subject."""
     clips: dict[str, dict[str, list[TargetSequence]]] = {}
     for each in sequences:
         clips.setdefault(each.clip, {}).setdefault(each.subject, []).append(each)
@@ -45,7 +45,7 @@ def by_clips(sequences: Iterable[TargetSequence]) -> Iterator[dict[str, list[Tar
 
 
 def clip_evidence(found: Mapping[str, list[TargetSequence]], names: Sequence[str]) -> Iterator[Evidence]:
-    """The evidence of every subject, every pair and every leader in one clip, by every source."""
+    """Yield the evidence of every subject, every pair and every leader in one clip, by every source."""
     for sequences in found.values():
         yield from _subject_evidence(sequences, names)
     for one, other in combinations(found, 2):
@@ -64,7 +64,7 @@ def _same_source(
 
 
 def _subject_evidence(sequences: Sequence[TargetSequence], names: Sequence[str]) -> Iterator[Evidence]:
-    """What all sources see of one subject in one clip, with the same columns."""
+    """Evidence of all sources on one subject in one clip, with the same columns."""
     looks = [each.looks() for each in sequences]
     moves = [_transitions(each, found) for each, found in zip(sequences, looks, strict=True)]
     targets = sorted({look.state for found in looks for look in found})
@@ -101,7 +101,7 @@ def _transitions(sequence: TargetSequence, looks: Sequence[Look]) -> list[tuple[
 
 
 def _pair_evidence(one: TargetSequence, other: TargetSequence, names: Sequence[str]) -> Iterator[Evidence]:
-    """What one source sees of two subjects together, at the frames that it knows of both."""
+    """Evidence of one source on two subjects together, at the frames known for both."""
     _, ours, theirs = np.intersect1d(one.positions, other.positions, assume_unique=True, return_indices=True)
     if len(ours) == 0:
         return
@@ -132,7 +132,7 @@ _begin = attrgetter("first")
 
 
 def _following_evidence(follower: TargetSequence, leader: TargetSequence, names: Sequence[str]) -> Iterator[Evidence]:
-    """How one subject follows the looks of another, by one source."""
+    """Evidence of one source on how one subject follows the looks of another."""
     if math.isnan(leader.rate_hz):
         return
     people = {0, _code(leader.subject, names), _code(follower.subject, names)}
@@ -177,7 +177,7 @@ def _evidence(
 
 
 def _code(name: str, names: Sequence[str]) -> int:
-    """The code of a subject as a target; one that no frame has where nobody looks at the subject."""
+    """The code of a subject as a target; a code that no frame has if nobody looks at the subject."""
     return names.index(name) if name in names else len(names)
 
 
@@ -187,7 +187,7 @@ def _units_of(sequence: TargetSequence, units: Codes, looks: Iterable[Look]) -> 
 
 
 def _table(rows: int, columns: int, row: Iterable[int] | Codes, column: Iterable[int]) -> Float:
-    """How often each (row, column) occurs."""
+    """Count each (row, column)."""
     table = np.zeros((rows, columns))
     np.add.at(table, (np.array(list(row), dtype=np.intp), np.array(list(column), dtype=np.intp)), 1.0)
     return table

@@ -20,13 +20,13 @@ _MOST_CLIPS = 100_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """A configuration against an earlier one (``reference``) on ``n`` common frames.
+    """A configuration compared with an earlier one (``reference``) on ``n`` common frames.
 
-    ``better`` frames are right now and were wrong, ``worse`` the other way about. ``difference`` is that of the rates,
-    with its 95 % interval. ``p`` is of the exact sign-flip test over ``unit``: clips where there are enough, else
-    looks, and then it speaks of these clips only. ``p_holm`` is corrected for the comparisons made together
-    (``family``). ``detectable`` is the true difference that such a comparison finds significant with 80 % power; NaN if
-    unknown.
+    ``better`` frames are right only in the configuration, ``worse`` frames only in the reference. ``difference`` is
+    that of the rates, with its 95 % interval. ``p`` is of the exact sign-flip test over ``unit``: clips if there are
+    enough, else looks, in which case it is valid for these clips only. ``p_holm`` is corrected for the comparisons made
+    together (``family``). ``detectable`` is the true difference that such a comparison finds significant with 80 %
+    power; NaN if unknown.
     """
 
     reference: str
@@ -51,7 +51,7 @@ class Comparison:
 
     @property
     def verdict(self) -> Literal["better", "worse", "cannot be told apart"]:
-        """The comparison in a word."""
+        """The result in words."""
         if not self.is_significant:
             return "cannot be told apart"
         return "worse" if self.worse > self.better else "better"
@@ -96,15 +96,15 @@ class Comparison:
 def compare(frames: Mapping[str, Iterable[ScoredFrames]]) -> tuple[Comparison, ...]:
     """Compare every two of several configurations (of one run, or of several), the later with the earlier.
 
-    ``frames`` are keyed by what each is called. Frames are paired by clip, subject and frame; frames that either did
-    not score are left out. No common frame gives n = 0 and p = 1.
+    ``frames`` are keyed by the names used in the result. Frames are paired by clip, subject and frame; frames that
+    either did not score are left out. Without a common frame, n = 0 and p = 1.
     """
     known = {name: list(each) for name, each in frames.items()}
     return with_holm([_comparison(one, two, pair(known[one], known[two])) for one, two in combinations(known, 2)])
 
 
 def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
-    """Comparisons corrected together for their number."""
+    """Return the comparisons, corrected together for their number."""
     corrected = holm([each.p for each in comparisons])
     return tuple(
         replace(each, p_holm=p, family=len(comparisons)) for each, p in zip(comparisons, corrected, strict=True)
@@ -137,12 +137,12 @@ def _counted(n: int, what: str) -> str:
 
 
 def format_p(p: float) -> str:
-    """A p value for people: two significant digits, ``p < 0.001`` below that."""
+    """A p value for readers: two significant digits, or ``p < 0.001``."""
     return "p < 0.001" if p < 0.001 else f"p = {p:.2g}"
 
 
 def detectable_difference(units: Units, power: float = POWER) -> float:
-    """The true difference that a comparison on these units calls significant with this probability; NaN if unknown."""
+    """The true difference that a comparison on these units finds significant with this probability; NaN if unknown."""
     if len(units.frames) < 2:
         return math.nan
     error, df = standard_error(units), degrees_of_freedom(units)
@@ -151,9 +151,10 @@ def detectable_difference(units: Units, power: float = POWER) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Spread:
-    """How a difference of two configurations varies: variances of a clip's difference, as shares squared.
+    """The variation of a difference of two configurations: variances of a clip's difference, as shares squared.
 
-    ``between`` is between clips, ``within`` what a clip's ``looks`` looks leave; NaN between where one clip is known.
+    ``between`` is the variance between clips, ``within`` the one that remains with a clip's ``looks`` looks;
+    ``between`` is NaN with only one clip.
     """
 
     between: float
@@ -163,7 +164,7 @@ class Spread:
 
     @classmethod
     def of(cls, units: Units) -> Spread:
-        """The spread of these units. Clips count by their frames, as in the pooled rate."""
+        """Estimate the spread from these units. Clips are weighted by their frames, as in the pooled rate."""
         clips, codes = np.unique(units.clips, return_inverse=True)
         n, total = len(clips), float(units.frames.sum())
         residuals = units.values - units.rate * units.frames
@@ -187,7 +188,7 @@ class Spread:
 
 
 def clips_needed(spread: Spread, difference: float, looks: float | None = None, power: float = POWER) -> int | None:
-    """The fewest clips on which a true difference (a share) is called significant with this probability.
+    """The fewest clips on which a true difference (a share) is found significant with this probability.
 
     Parameters
     ----------
@@ -197,7 +198,7 @@ def clips_needed(spread: Spread, difference: float, looks: float | None = None, 
     Returns
     -------
     int or None
-        At least :data:`harness.score.intervals.LEAST_CLIPS`; None if more than 100,000 would not do, or the spread
+        At least :data:`harness.score.intervals.LEAST_CLIPS`; None if more than 100,000 would be needed, or the spread
         between clips is not known.
     """
     variance = spread.variance(looks or spread.looks)
@@ -219,7 +220,7 @@ def clips_needed(spread: Spread, difference: float, looks: float | None = None, 
 
 
 def _needed_errors(df: int, power: float) -> float:
-    """How many standard errors a true difference must be: the non-centrality at which Student's test has this power."""
+    """The required difference in standard errors: the non-centrality at which Student's test has this power."""
     from scipy.special import nctdtr, stdtrit
 
     critical = float(stdtrit(df, (1 + LEVEL) / 2))

@@ -1,6 +1,6 @@
 """An exported table: a run's scores in one JSON file with a data sheet, to publish and to compare without the run.
 
-It holds what a comparison needs, frame by frame: which look a frame is of, and which configuration is right in it.
+It holds the data of a comparison, frame by frame: the look of each frame, and which configurations are right in it.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FORMAT: Literal["vfoa table 1"] = "vfoa table 1"
 
 
 class ExportedClip(Settings):
-    """One clip: what is cited, how much of it was scored, and the digests of its content and of the scored labels."""
+    """One clip: its citation, how much of it was scored, and the digests of its content and of the scored labels."""
 
     name: str
     licence: str | None
@@ -34,7 +34,7 @@ class ExportedClip(Settings):
 
 
 class ExportedSubject(Settings):
-    """A subject's scored frames in a clip; ``correct`` has a digit for each, 1 for right, by configuration."""
+    """A subject's scored frames in a clip. ``correct``, by configuration, has a digit for each frame, 1 for right."""
 
     clip: str
     subject: str
@@ -45,7 +45,7 @@ class ExportedSubject(Settings):
 
 
 class Sheet(Settings):
-    """The data sheet: what was run on what, with which seeds and versions; ``source_sha256`` is of the code."""
+    """The data sheet: configurations and clips, seeds and versions; ``source_sha256`` is of the code."""
 
     experiment: str
     clips: tuple[ExportedClip, ...]
@@ -60,7 +60,7 @@ class Sheet(Settings):
 
 
 class ExportedTable(Settings):
-    """The whole file. ``rows`` are those of ``frr.csv``; ``digest`` is the sha256 of all but itself."""
+    """The whole file. ``rows`` are those of ``frr.csv``; ``digest`` is the sha256 of everything but itself."""
 
     format: Literal["vfoa table 1"] = FORMAT
     sheet: Sheet
@@ -79,7 +79,7 @@ class ExportedTable(Settings):
 
     @property
     def scored_configurations(self) -> tuple[str, ...]:
-        """The configurations, in the order of the run: one for all seeds of a configuration."""
+        """The configurations, in the order of the run; one name for all seeds of a configuration."""
         return tuple(dict.fromkeys(map(base_of, self.configurations)))
 
     def frames_of(self, configuration: str) -> list[ScoredFrames]:
@@ -105,7 +105,7 @@ class ExportedTable(Settings):
         Raises
         ------
         VfoaError
-            If it is missing, no such table, or not as it was written.
+            If it is missing, is no such table, or was changed after it was written.
         """
         data = parse_json(read_text(path), path)
         found = data.get("format") if isinstance(data, dict) else None

@@ -1,4 +1,4 @@
-"""The wrong frames of a run, and the way from one to the next."""
+"""The wrong frames of a run, and stepping through them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ KEYS = "Enter or n: next, p: previous, w: the label is wrong, q: quit"
 
 
 def failures(scores: Scores, clip: str | None, configuration: str | None) -> list[Verdict]:
-    """The wrong verdicts, all of one recording together and there by frame; None: of every clip, configuration."""
+    """The wrong verdicts, grouped by recording and sorted by frame; None: of every clip, every configuration."""
     wrong = [
         verdict
         for verdict in scores.verdicts
@@ -24,10 +24,10 @@ def failures(scores: Scores, clip: str | None, configuration: str | None) -> lis
 
 
 def walk(count: int, keys: Iterable[str], start: int = 0) -> Iterator[int]:
-    """The places, 0 to ``count`` - 1, that somebody who starts at ``start`` and presses these keys sees.
+    """Yield the places, 0 to ``count`` - 1, that these keys lead to, beginning with ``start``.
 
-    ``n`` or nothing is the next, ``p`` the one before, ``q`` the end; every other key stays. Beyond either end there is
-    no step: it stays there, and says so by giving that place again.
+    ``n`` or nothing is the next place, ``p`` the one before, ``q`` the end; every other key stays. At either end, a
+    step beyond it yields the same place again.
     """
     place = min(start, count - 1)
     yield place
@@ -43,7 +43,7 @@ def walk(count: int, keys: Iterable[str], start: int = 0) -> Iterator[int]:
 
 
 def describe(wrong: Sequence[Verdict], place: int) -> str:
-    """One line: which of them it is, where, the subject, truth, prediction, and error type."""
+    """One line: position among the wrong frames, clip, configuration, frame, subject, truth, prediction, error type."""
     each = wrong[place]
     where = f"{each.clip}, {each.configuration}, frame {each.frame}"
     predicted = "no prediction" if each.predicted is None else f"predicted {each.predicted}"

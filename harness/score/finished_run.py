@@ -24,13 +24,13 @@ from harness.score.score import Scores, score
 from vfoa.errors import VfoaError
 
 RUN_LABELS = "run_labels_sha256"
-"""The key of a run's manifest with the labels that it was made with, where the tables are of others."""
+"""The key of a run's manifest with the labels that it was made with, if its tables use other labels."""
 TABLE_LABELS = "labels_sha256"
-"""The key with the labels that the tables are of."""
+"""The key with the labels that the tables use."""
 
 
 def read_scores(directory: RunDirectory) -> Scores:
-    """Score a finished run and write nothing.
+    """Score a finished run without writing anything.
 
     Raises
     ------
@@ -59,14 +59,14 @@ class FinishedRun:
         """
         manifest = directory.read_manifest()
         if "finished" not in manifest:
-            raise VfoaError(f"{directory.path}: this run is not finished; the same `vfoa run` again goes on with it")
+            raise VfoaError(f"{directory.path}: this run is not finished; repeat the same `vfoa run` to continue it")
         if missing := next((key for key in ("clips", "configurations") if not manifest.get(key)), None):
-            raise VfoaError(f"{directory.manifest}: {missing}: missing, and it is required")
+            raise VfoaError(f"{directory.manifest}: {missing}: missing; it is required")
         clips = [{"manifest": "", "notes": [], **clip} for clip in manifest.get("clips", [])]
         return cls(directory=directory, manifest={"notes": [], "configurations": {}, **manifest, "clips": clips})
 
     def records(self) -> Iterator[FrameRecord]:
-        """The records of all that can be compared: every configuration here has run on every clip here."""
+        """Yield the comparable records: those of every configuration that ran on every clip, on these clips."""
         clips, configurations = self._incomparable()
         found: Counter[Pair] = Counter()
         for record in read_results(self.directory.results):
@@ -76,7 +76,7 @@ class FinishedRun:
         self._check_complete(found)
 
     def scored_blocks(self, blocks: Sequence[Block]) -> list[Block]:
-        """Those of the results' blocks that :meth:`records` reads. Raises as it does."""
+        """Return the blocks of the results that :meth:`records` reads. Raises as it does."""
         clips, configurations = self._incomparable()
         found: Counter[Pair] = Counter()
         for block in blocks:
@@ -94,7 +94,7 @@ class FinishedRun:
         return clips, configurations
 
     def _check_complete(self, found: Counter[Pair]) -> None:
-        """A run's results that have lost lines would be scored as frames without a prediction."""
+        """Raise an error if results have lost lines: they would be scored as frames without a prediction."""
         failed = {(each["clip"], each["configuration"]) for each in self.manifest.get("failed", [])}
         for clip in self.manifest["clips"]:
             for configuration in self.manifest["configurations"]:
@@ -106,7 +106,7 @@ class FinishedRun:
                     )
 
     def reference(self, annotator: str | None = None, *, compare_content: bool = False) -> Reference:
-        """The present labels of the run's clips, of this annotator or of the one that the run was made with.
+        """Read the present labels of the run's clips, by this annotator or by the one that the run was made with.
 
         The notes say where labels or names have changed since, and with ``compare_content`` whether the clip has.
         """
@@ -140,7 +140,7 @@ class FinishedRun:
         )
 
     def note_labels(self, annotator: str | None = None) -> None:
-        """Write into the run's manifest which labels its tables are of; those it was made with stay in it, too."""
+        """Note in the run's manifest which labels its tables use. The labels that it was made with stay in it, too."""
         annotator = annotator or self.manifest.get("annotator")
         before = self.manifest.get(TABLE_LABELS, {})
         now = {clip["name"]: labels_digest(_manifest(clip), annotator) for clip in self.manifest["clips"]}
@@ -149,7 +149,7 @@ class FinishedRun:
             self.directory.write_manifest({**self.manifest, TABLE_LABELS: now, RUN_LABELS: of_run})
 
     def _said_of_unlabelled(self, clips: list[str]) -> list[str]:
-        """One sentence for each clip without labels: that it is not scored, and whom the run found in it."""
+        """A note for each clip without labels: it is not scored, and how many people the run found in it."""
         if not clips:
             return []
         people = dict.fromkeys(clips, 0)
@@ -172,9 +172,9 @@ def _people(most: int) -> str:
 
 
 def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:
-    """The clips on which everything failed, the configurations that failed on another, and a sentence for each.
+    """The clips on which everything failed, the configurations that failed on another clip, and a note for each.
 
-    A configuration that ran on some of the clips would have a rate over other frames than the rest of the table.
+    A configuration that ran on only some of the clips would have a rate over other frames than the rest of the table.
     """
     failed = run.get("failed", [])
     counts = Counter(each["clip"] for each in failed)
@@ -190,26 +190,26 @@ def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:
 
 
 def _manifest(clip: dict[str, Any]) -> ClipManifest:
-    """The clip's manifest where the run found it, or, if it has moved since, by name."""
+    """Read the clip's manifest where the run found it or, if it has moved since, by name."""
     place = Path(clip.get("manifest", ""))
     return load_manifest(place if is_file(place) else clip["name"])
 
 
 def _timeline(clip: dict[str, Any]) -> Timeline | None:
-    """The frames that were run and their times; None where an older run does not tell the times."""
+    """The frames of the run and their times; None if an older run did not save the times."""
     if "times_ns" not in clip:
         return None
     return Timeline(frames=clip["frames"], times_ns=clip["times_ns"], is_whole=False)
 
 
 def labels_digest(manifest: ClipManifest, annotator: str | None) -> str | None:
-    """The sha256 of a clip's label file; None where there is none."""
+    """The sha256 of a clip's label file; None if there is none."""
     path = manifest.annotations.find(annotator)
     return digest_files([("labels", path)]) if path else None
 
 
 def said_of_labels(run: Mapping[str, Any], clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
-    """A sentence if the labels are not those of the run: edited since, or another file."""
+    """Yield a note if the labels are not those of the run: edited since, or another file."""
     before = _labels_of_run(run, clip)
     if before is None or labels_digest(manifest, run.get("annotator")) == before:
         return
@@ -219,7 +219,7 @@ def said_of_labels(run: Mapping[str, Any], clip: Mapping[str, Any], manifest: Cl
 
 
 def said_of_names(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
-    """A sentence if subjects or targets were renamed, or are found in another way: the results have the old names."""
+    """Yield a note if subjects or targets were renamed, or have another rule: the results have the old names."""
     names = manifest.naming()
     if different := differences(clip.get("names", names), names):
         yield (
@@ -229,10 +229,10 @@ def said_of_names(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[s
 
 
 def said_of_content(run: Mapping[str, Any], clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
-    """A sentence if another clip has taken this one's name.
+    """Yield a note if another clip has taken this one's name.
 
-    Reading a clip whole takes time, so it is done only where its manifest or its labels are others than the run's. A
-    clip that cannot be opened is not compared: scoring needs no images.
+    Reading a whole clip takes time, so this is done only if its manifest or its labels differ from the run's. A clip
+    that cannot be opened is not compared: scoring needs no images.
     """
     same_labels = labels_digest(manifest, run.get("annotator")) == _labels_of_run(run, clip)
     if "live" in run or "sha256" not in clip or (same_labels and Path(clip["manifest"]) == manifest.path):

@@ -1,4 +1,4 @@
-"""``vfoa fit``: settings of the posterior from labelled clips, and what they are worth on a clip that was left out."""
+"""``vfoa fit``: fits settings of the posterior to labelled clips, and scores them on clips that were left out."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class LabelledRecords:
 
 
 def fit_posterior(found: LabelledRecords) -> FittedSettings:
-    """Fit on all clips, and, for the calibration after, on all but one in turn.
+    """Fit the settings on all clips; for the calibration after, on all clips but one in turn.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def fit_posterior(found: LabelledRecords) -> FittedSettings:
 def labelled_people(
     clip: str, records: Sequence[FrameRecord], labels: Labels, settings: BayesSettings
 ) -> list[LabelledPerson]:
-    """Everyone's labelled frames in one clip, without those that are ignored or in which nothing was measured."""
+    """Everyone's labelled frames in one clip, without ignored ones and those without a measured direction."""
     frames: dict[str, list[LabelledFrame]] = {}
     for record in records:
         for _, name, label in labels.labelled([record.frame]):
@@ -120,7 +120,7 @@ def _held_out(found: LabelledRecords, clip: str, people: Sequence[LabelledPerson
 
 
 def _reliability(found: LabelledRecords, clip: str, settings: PosteriorSettings) -> Reliability:
-    """One clip under these settings with forward smoothing."""
+    """Calibration on one clip under these settings with forward smoothing."""
     forward = BayesSettings.model_validate({**settings.model_dump(), "smoothing": "forward"})
     log = BeliefLog(["fit"], {clip: found.labels[clip]})
     for _ in log.watch(replay(found.by_clip[clip], forward, "fit")):
@@ -132,7 +132,7 @@ def _reliability(found: LabelledRecords, clip: str, settings: PosteriorSettings)
 
 
 def _changes(fitted: PosteriorSettings, base: PosteriorSettings) -> dict[str, Any]:
-    """The settings in which the fitted ones differ."""
+    """The settings that differ from ``base``."""
     before = base.model_dump(mode="json")
     return {
         key: round(value, 4) if isinstance(value, float) else value

@@ -1,4 +1,4 @@
-"""What ``vfoa fit`` takes from a finished run: one configuration's records by clip, labels and settings."""
+"""The input of ``vfoa fit`` from a finished run: one configuration's records by clip, labels and settings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vfoa.errors import VfoaError, did_you_mean
 
 
 def read_labelled(directory: RunDirectory, configuration: str | None) -> LabelledRecords:
-    """Read a finished run; without a name, the first configuration with a posterior counts, else the first of all.
+    """Read a finished run. Without a name, take the first configuration with a posterior, or else the first one.
 
     Raises
     ------

@@ -2,18 +2,18 @@
 
 Frames are not independent: those of a look are right or wrong together, and so are, less strongly, the looks of a clip.
 From :data:`LEAST_CLIPS` clips on, clips are resampled with replacement, then looks within each drawn clip: the interval
-speaks of clips like these. Below that, the clips are taken as they are and looks are resampled within each: the
-interval speaks of these clips only.
+is valid for clips like these. Below that, the clips are fixed and looks are resampled within each: the interval is
+valid for these clips only.
 
 Both are percentile intervals whose percentiles are expanded for small samples (Hesterberg, "What Teachers Should Know
 about the Bootstrap", The American Statistician 69, 2015, section 4.3): as far out as Student's t with the resample's
-degrees of freedom, and by the factor by which a resample's spread falls short. In ``reports/coverage.md`` the plain
-percentiles of resampled clips cover 80 to 90 % at 4 to 8 clips, these 92 % and more; a bootstrap-t covers as well,
-but with intervals two to five times as wide at 4 to 6 clips.
+degrees of freedom, and by the factor by which a resample's spread is too small. In ``reports/coverage.md`` the plain
+percentiles of resampled clips cover 80 to 90 % at 4 to 8 clips, these 92 % and more; a bootstrap-t covers as well, but
+with intervals two to five times as wide at 4 to 6 clips.
 
-Where a resample cannot tell (fewer than :data:`LEAST_UNITS` units, or all of them equal), the interval is closed: that
-of Clopper and Pearson (1934) with the effective sample size of Korn and Graubard (Survey Methodology 24, 1998) for a
-rate, Student's t for a difference.
+If resampling is not possible (fewer than :data:`LEAST_UNITS` units, or all of them equal), the interval has a closed
+form: that of Clopper and Pearson (1934) with the effective sample size of Korn and Graubard (Survey Methodology 24,
+1998) for a rate, Student's t for a difference.
 """
 
 from __future__ import annotations
@@ -31,10 +31,9 @@ from harness.score.statistics import LEVEL, REPLICATES, UNKNOWN, Codes, Interval
 from vfoa.types import Float
 
 LEAST_CLIPS = 6
-"""Clips from which on an interval and a test speak of other clips: the fewest of which a sign flip can reach p < .05.
-"""
+"""Fewest clips for intervals and tests about other clips: with fewer, a sign flip cannot reach p < .05."""
 LEAST_UNITS = 6
-"""Looks from which on they are resampled."""
+"""Fewest looks that are resampled."""
 
 _Z = NormalDist().inv_cdf((1 + LEVEL) / 2)
 _ROWS_AT_ONCE = 256
@@ -42,9 +41,9 @@ _ROWS_AT_ONCE = 256
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Units:
-    """Looks with their sums: ``clips`` (U,) the code of the clip of each, ``frames`` (U,) its frames.
+    """Looks with their sums: ``clips`` (U,) the code of the clip of each, ``frames`` (U,) its number of frames.
 
-    ``values`` (U,) are sums over the frames: of right ones for a rate, of better less worse ones for a difference.
+    ``values`` (U,) are sums over the frames: right frames for a rate, better minus worse frames for a difference.
     """
 
     clips: Codes
@@ -58,16 +57,16 @@ class Units:
 
     @property
     def n_clips(self) -> int:
-        """How many clips there are."""
+        """Number of clips."""
         return len(np.unique(self.clips))
 
     @property
     def speaks_of_clips(self) -> bool:
-        """Whether there are enough clips to speak of others."""
+        """Whether there are enough clips for statements about other clips."""
         return self.n_clips >= LEAST_CLIPS
 
     def merged(self) -> Units:
-        """What is exchangeable in a test: clips where there are enough, looks below that."""
+        """The units that are exchangeable in a test: clips if there are enough, looks otherwise."""
         if not self.speaks_of_clips:
             return self
         clips, codes = np.unique(self.clips, return_inverse=True)
@@ -92,8 +91,8 @@ def rate_interval(units: Units) -> Interval:
 def difference_interval(units: Units) -> Interval:
     """The 95 % interval of a difference of two rates on the same frames.
 
-    Unknown with fewer than two looks, or where all differ alike, so that nothing shows how far others would.
-    Where no frame differs, it is the exact bound: the differences that this many units can miss altogether.
+    Unknown with fewer than two looks, or if all units differ alike, so that their spread is not known. If no frame
+    differs, it is the exact bound: the largest difference that this many units can miss completely.
     """
     if len(units.frames) < 2:
         return UNKNOWN
@@ -126,15 +125,15 @@ def standard_error(units: Units) -> float:
 
 
 def degrees_of_freedom(units: Units) -> int:
-    """Of :func:`standard_error`: units less strata."""
+    """Degrees of freedom of :func:`standard_error`: units less strata."""
     merged = units.merged()
     return len(merged.frames) - len(_strata(merged))
 
 
 def _strata(units: Units) -> list[Codes]:
-    """The places of the units that are resampled among themselves.
+    """The indices of the units that are resampled among themselves.
 
-    Clips that speak for others, and looks where a clip has a single one, are one stratum; else each clip is one.
+    Clips that stand for others, and looks if a clip has only one, form one stratum; otherwise each clip is one.
     """
     everything = np.arange(len(units.frames))
     clips, counts = np.unique(units.clips, return_counts=True)
@@ -148,7 +147,7 @@ def _interval(units: Units, low: float, high: float) -> Interval:
 
 
 def _resampled(units: Units) -> tuple[float, float] | None:
-    """The expanded percentiles; None where the units are too few or all alike."""
+    """The expanded percentiles; None if the units are too few or all alike."""
     merged = units.merged()
     if len(merged.frames) < LEAST_UNITS or np.ptp(merged.values / merged.frames) == 0:
         return None
@@ -165,7 +164,7 @@ def expanded_percentiles(resampled: Float, n: int, df: int) -> tuple[float, floa
 
 
 def resampled_rates(units: Units) -> Float:
-    """The pooled rate of every resample: (replicates,). Equal layouts of clips and looks are resampled alike."""
+    """The pooled rate of every resample: (replicates,). Equal layouts of clips and looks get equal resamples."""
     order = np.argsort(units.clips, kind="stable")
     sums = np.stack([units.values[order], units.frames[order]], axis=1)
     counts = draw(units.clips[order], by_clip=units.speaks_of_clips)
@@ -174,7 +173,7 @@ def resampled_rates(units: Units) -> Float:
 
 
 def draw(groups: Codes, *, by_clip: bool) -> NDArray[np.uint16]:
-    """How often each of some units (U,), sorted by group, stands in each resample: (replicates, U).
+    """The number of times that each unit (U,), sorted by group, is drawn in each resample: (replicates, U).
 
     By clip, groups are drawn with replacement, then units within each drawn one; else units are drawn within each
     group.
@@ -184,7 +183,7 @@ def draw(groups: Codes, *, by_clip: bool) -> NDArray[np.uint16]:
 
 @lru_cache(maxsize=8)
 def _draws(layout: bytes, by_clip: bool) -> NDArray[np.uint16]:
-    # kept, because every configuration asks for the same
+    # cached, because every configuration asks for the same
     clips = np.frombuffer(layout, dtype=np.intp)
     rng = np.random.default_rng(list(hashlib.sha256(layout).digest()))
     units = Units(clips=clips, frames=np.ones(len(clips)), values=np.zeros(len(clips)))
@@ -202,7 +201,7 @@ def _draws(layout: bytes, by_clip: bool) -> NDArray[np.uint16]:
 
 
 def _effective(units: Units) -> float:
-    """Independent trials that would leave a rate as uncertain as the units do (Korn and Graubard 1998)."""
+    """Number of independent trials with the same uncertainty of the rate as the units (Korn and Graubard 1998)."""
     from scipy.special import stdtrit
 
     n, share, error, df = len(units.merged().frames), units.rate, standard_error(units), degrees_of_freedom(units)
@@ -213,7 +212,7 @@ def _effective(units: Units) -> float:
 
 
 def _clopper_pearson(share: float, n: float) -> tuple[float, float]:
-    """The exact interval of a share of ``n`` trials, which need not be whole."""
+    """The exact interval of a share of ``n`` trials, where ``n`` need not be whole."""
     from scipy.special import betaincinv
 
     right, tail = share * n, (1 - LEVEL) / 2

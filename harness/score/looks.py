@@ -23,18 +23,18 @@ import numpy as np
 from harness.score.statistics import Codes
 
 LEAST_S = 2.0
-"""Seconds that a unit lasts at least, where a subject has as many."""
+"""Shortest duration of a unit in seconds, unless the subject's frames last less."""
 
 
 def number_looks(truth: Codes, positions: Codes, frames_per_second: float | None) -> Codes:
-    """Number the looks of one subject's scored frames, 0 and up: (n,).
+    """Number the looks of one subject's scored frames from 0: (n,).
 
     Parameters
     ----------
     truth, positions
         The code of the true target and the place in the clip of each scored frame, in order: (n,).
     frames_per_second
-        The rate of the clip's frames; None where it is not known: looks are not joined then.
+        The rate of the clip's frames; None if it is not known: looks are not joined then.
     """
     if len(truth) == 0:
         return np.zeros(0, dtype=np.intp)
@@ -48,7 +48,7 @@ def number_looks(truth: Codes, positions: Codes, frames_per_second: float | None
 
 
 def _joined(seconds: np.ndarray) -> Codes:
-    """The number of the unit that each look becomes a part of; a short rest at the end joins the unit before it."""
+    """The number of the unit that each look belongs to; a short rest at the end joins the unit before it."""
     units = np.zeros(len(seconds), dtype=np.intp)
     unit, lasted = 0, 0.0
     for look, each in enumerate(seconds.tolist()):
@@ -71,7 +71,7 @@ class Event(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EventCounts:
-    """Events in the truth, in the predictions, and pairs of them that match."""
+    """Numbers of true events, predicted events, and matching pairs."""
 
     true: int
     found: int
@@ -79,17 +79,17 @@ class EventCounts:
 
     @property
     def recall(self) -> float:
-        """Share of the true events that were found; NaN where there are none."""
+        """Share of the true events that were found; NaN without true events."""
         return self.matched / self.true if self.true else math.nan
 
     @property
     def precision(self) -> float:
-        """Share of the found events that are true; NaN where there are none."""
+        """Share of the found events that are true; NaN without found events."""
         return self.matched / self.found if self.found else math.nan
 
     @property
     def f_measure(self) -> float:
-        """Harmonic mean of recall and precision; NaN where there are no events at all."""
+        """Harmonic mean of recall and precision; NaN without any events."""
         events = self.true + self.found
         return 2 * self.matched / events if events else math.nan
 
@@ -100,7 +100,7 @@ class EventCounts:
 
 
 def find_events(codes: Codes, positions: Codes) -> list[Event]:
-    """Runs of one code over consecutive positions. Negative codes (no prediction) are no events and end one.
+    """Return the runs of one code over consecutive positions. Negative codes (no prediction) end a run and start none.
 
     ``positions`` (n,) ascend; a gap, such as frames that are not scored, ends a run too.
     """
@@ -114,10 +114,10 @@ def find_events(codes: Codes, positions: Codes) -> list[Event]:
 
 
 def match_events(true: list[Event], found: list[Event]) -> int:
-    """The most pairs of a true and a found event with the same target that overlap, each event used once.
+    """The greatest number of pairs of a true and a found event with the same target that overlap; each is used once.
 
-    Both lists are in order. Events of a list do not overlap each other, so that the sweep below finds the best
-    alignment: when the first two do not match, whichever ends first can match nothing that comes later.
+    Both lists are in order. Events of one list do not overlap, so the sweep below finds the best alignment: if the
+    first two do not match, the one that ends first can match no later event.
     """
     matched = i = j = 0
     while i < len(true) and j < len(found):

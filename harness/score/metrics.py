@@ -32,7 +32,7 @@ class Metric(Protocol):
     meaning: str
 
     def __call__(self, group: Sequence[Outcomes]) -> float:
-        """The value of one row; NaN where it has none (an empty cell in the table)."""
+        """The value of one row; NaN if it has none (an empty cell in the table)."""
         ...
 
 
@@ -48,20 +48,20 @@ class MacroF1:
 
 
 class Kappa:
-    """Cohen's kappa. "No prediction", and any target that is never the truth, are answers of their own."""
+    """Cohen's kappa. "No prediction", and any target that never occurs in the truth, count as answers of their own."""
 
     title = "Kappa"
     meaning = "Kappa: Cohen's, with no prediction as an answer of its own."
 
     def __call__(self, group: Sequence[Outcomes]) -> float:
-        """Kappa of a row, at most 1; NaN where chance alone would always agree."""
+        """Kappa of a row, at most 1; NaN if chance alone would always agree."""
         return cohen_kappa(confusion(group))
 
 
 def confusion(group: Sequence[Outcomes]) -> Counts:
     """Counts (L + 1, L + 1) of truth (rows) by answer, over the L labels of the truth, then any other answer or none.
 
-    Answers that are never the truth share a column: telling them apart would change neither kappa nor macro F1.
+    Answers that never occur in the truth share a column: separating them would change neither kappa nor macro F1.
     """
     truth, predicted = (np.concatenate([getattr(each, name) for each in group]) for name in ("truth", "predicted"))
     labels, true_codes = np.unique(truth, return_inverse=True)
@@ -82,6 +82,6 @@ METRICS = Registry(
 
 
 def load_metrics() -> Mapping[str, Metric]:
-    """Every metric by name: those of this project, then those of other distributions, sorted."""
+    """Load every metric by name: those of this project, then those of other distributions, sorted."""
     others = (name for name in METRICS.names() if name not in METRICS.builtin)
     return {name: METRICS.load(name)() for name in (*METRICS.builtin, *others)}

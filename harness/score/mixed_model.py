@@ -2,8 +2,8 @@
 
 Clip, subject within clip and look are random effects. statsmodels fits it by variational Bayes; its maximum a
 posteriori drives variances to zero and does not converge on such data. Priors: normal with standard deviation 3 on the
-fixed effects, and 1 on the logarithms of the random effects' standard deviations. The approximation takes parameters
-as independent, so that the interval is rather too narrow: the permutation test decides, the model describes.
+fixed effects, and 1 on the logarithms of the random effects' standard deviations. The approximation treats parameters
+as independent, so that the interval is somewhat too narrow: use the permutation test to decide, the model to describe.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _Z = 1.959963984540054
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OddsRatio:
-    """How much better the odds of being right are under the configuration than under the reference.
+    """The odds ratio of being right under the configuration against the reference.
 
     ``spreads`` are the standard deviations of the random effects of clips, subjects and looks, in log-odds. ``refusal``
     says why there is no model; all numbers are NaN then.
@@ -81,7 +81,7 @@ def odds_ratio(
 
 
 def _design(first: Sequence[ScoredFrames], second: Sequence[ScoredFrames]) -> tuple[Float, Float, tuple[Codes, ...]]:
-    """Right or wrong (n,), which configuration (n,), and the codes (n,) of clip, subject and look."""
+    """Whether each frame is right (n,), its configuration (n,), and the codes (n,) of clip, subject and look."""
     others = {(each.clip, each.subject): dict(zip(each.frames, each.correct, strict=True)) for each in second}
     clips: dict[str, int] = {}
     subjects: dict[tuple[str, str], int] = {}
@@ -127,7 +127,7 @@ def _fit(
     zeros = np.zeros(2 + len(effects) + design.shape[1])
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        # statsmodels starts at random places; these make equal runs give equal numbers
+        # statsmodels starts at random values; a fixed seed makes equal runs give equal numbers
         found = model.fit_vb(mean=zeros, sd=np.full(len(zeros), 0.5))
     mean, deviation = float(found.fe_mean[1]), float(found.fe_sd[1])
     if said or not math.isfinite(mean) or not math.isfinite(deviation):

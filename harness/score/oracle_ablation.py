@@ -45,14 +45,14 @@ REPLACEMENTS = (
         lambda truth: truth.people is not None and all(each.gaze_direction is not None for each in truth.people),
     ),
 )
-"""In the order of the pipeline, in which they are replaced."""
+"""The stages, in the order of the pipeline, in which they are replaced."""
 
 
 def with_oracle_ablation(experiment: Experiment) -> Experiment:
     """Add the steps of the oracle ablation to every configuration, named ``sgbm-one+disparity+instances``.
 
-    A step is left out where the stage is off or is the ground truth already. It is also left out where the first frame
-    of a clip has no such ground truth: a note says so.
+    A step is left out if the stage is off or is the ground truth already. It is also left out if the first frame of a
+    clip has no such ground truth; a note says so.
 
     Raises
     ------
@@ -110,7 +110,7 @@ class Step:
 
     @property
     def reads(self) -> str:
-        """Whether the step is better than the one before, as good within the interval, or falls; "" if unknown."""
+        """Whether the step is better than the one before, as good within the interval, or worse; "" if unknown."""
         if self.interval is None or math.isnan(self.interval.low):
             return ""
         if self.interval.low > 0:
@@ -119,12 +119,12 @@ class Step:
 
 
 def without_oracles(configurations: Collection[str]) -> list[str]:
-    """The configurations that were asked for: all but those that :func:`with_oracle_ablation` added."""
+    """The configurations without those that :func:`with_oracle_ablation` added."""
     return [name for name in configurations if _step_before(name, configurations) is None]
 
 
 def steps(scores: Scores) -> list[Step]:
-    """The ablations of a run, each from its configuration on; empty for a run without."""
+    """The ablations of a run, each beginning with its configuration; empty for a run without ablation."""
     rows = scores.by_clip()
     pooled = [row for row in rows if row.clip is None] or rows
     scored = {row.configuration: row for row in pooled}
@@ -139,7 +139,7 @@ def steps(scores: Scores) -> list[Step]:
 
 
 def _step_before(name: str, configurations: Collection[str]) -> str | None:
-    """The configuration whose next step this is; None if it is no step."""
+    """The configuration of which this is the next step; None if it is no step."""
     before, _, replaced = name.rpartition("+")
     return before if before in configurations and replaced in {each.name for each in REPLACEMENTS} else None
 

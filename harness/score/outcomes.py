@@ -1,4 +1,4 @@
-"""From records and labels to columns: the scored frames of one subject in one clip under one configuration."""
+"""Outcomes: records and labels as columns of the scored frames of one subject in one clip under one configuration."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ NO_PREDICTION = -1
 class Outcomes:
     """A subject's frames in order: all verdicts, and columns (n,) of the scored ones.
 
-    ``truth`` and ``predicted`` are codes of names, the same in a whole run; :data:`NO_PREDICTION` where there is none.
+    ``truth`` and ``predicted`` are codes of names, the same in a whole run; :data:`NO_PREDICTION` if there is none.
     ``positions`` count the clip's frames, so that a difference above 1 is a gap; ``frames`` are their numbers.
     ``looks`` number the looks (see :mod:`harness.score.looks`). ``no_hit`` are the frames in which nothing got any
     attention, ``nowhere`` those in which the subject looks at nothing, ``says_nowhere`` those in which the method says
-    so, ``blocked`` those whose line of sight the label calls blocked. ``baselines`` (n, baselines) says which baseline
-    was right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is the smallest angle from the
-    gaze to a box's centre, NaN where not known. ``error_types`` are those of the wrong frames. ``all_positions`` (m,)
-    are those of all verdicts; ``rate_hz`` is the rate of the clip's frames, None where it is not known.
+    so, ``blocked`` those whose line of sight the label calls blocked. ``baselines`` (n, baselines) says which baselines
+    were right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is the smallest angle from the
+    gaze to a box's centre, NaN if not known. ``error_types`` are those of the wrong frames. ``all_positions`` (m,) are
+    those of all verdicts; ``rate_hz`` is the rate of the clip's frames, None if it is not known.
     """
 
     clip: str
@@ -65,7 +65,7 @@ class Judgement(NamedTuple):
 
 
 Judged = dict[int, Judgement]
-"""By frame."""
+"""Judgements by frame."""
 
 
 @dataclass(slots=True)
@@ -78,18 +78,18 @@ class _Clip:
     _by_frame: dict[int, dict[str, Label]] = field(default_factory=dict)
 
     def labels_in(self, frame: int) -> dict[str, Label]:
-        """The labels of a frame by subject; every configuration asks for the same ones again."""
+        """The labels of a frame by subject, cached: every configuration asks for the same ones."""
         if frame not in self._by_frame:
             found = self.labels.labelled([frame]) if self.labels else ()
             self._by_frame[frame] = {subject: label for _, subject, label in found}
         return self._by_frame[frame]
 
     def positions(self) -> dict[int, int]:
-        """Every frame's place in the clip."""
+        """The place of every frame in the clip."""
         return {frame: place for place, frame in enumerate(sorted({*self.wanted, *self.times_ns}))}
 
     def frames_per_second(self) -> float | None:
-        """The rate by the median step between the frames that have a time; None where time stands still."""
+        """The frame rate by the median step between frames that have a time; None if all times are equal."""
         times = np.array([time for _, time in sorted(self.times_ns.items())])
         step_ns = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
         return 1e9 / step_ns if step_ns > 0 else None
@@ -115,11 +115,11 @@ class OutcomeLog:
         )
 
     def part(self, clip: str, configuration: str) -> tuple[dict[str, Judged], dict[int, int]]:
-        """What was judged so far of a configuration on a clip, and the time of each frame, for another log."""
+        """The judgements of a configuration on a clip so far, and the time of each frame, for another log."""
         return self._tracks.get((clip, configuration), {}), self._clip(clip).times_ns
 
     def add(self, clip: str, configuration: str, judged: Mapping[str, Judged], times_ns: Mapping[int, int]) -> None:
-        """Take over a part of another log."""
+        """Add a part of another log."""
         self._clip(clip).times_ns.update(times_ns)
         by_subject = self._tracks.setdefault((clip, configuration), {})
         for subject, each in judged.items():
@@ -132,7 +132,7 @@ class OutcomeLog:
         return self._clips[name]
 
     def outcomes(self) -> list[Outcomes]:
-        """All that was judged, and every labelled frame of which there is no record.
+        """The outcomes of all judged records, and of every labelled frame without a record.
 
         In order of clip, configuration (both as they first appear in the records) and subject (by name).
         """
@@ -176,7 +176,7 @@ def _judge_record(record: FrameRecord, clip: _Clip, by_subject: dict[str, Judged
 
 
 def _as_said(verdict: Verdict) -> Verdict:
-    """The verdict of a method that says "looks at nothing" by giving no attention, which of cones is no answer."""
+    """For a method that can say "looks at nothing", count no attention as that answer; for cones it is no answer."""
     if verdict.predicted != NO_HIT:
         return verdict
     error_type = "missed" if verdict.error_type == "no_hit" else verdict.error_type

@@ -19,23 +19,23 @@ from harness.run.records import DirectionFitRecord, FrameRecord, SubjectRecord
 from harness.score.verdicts import find_subject, right_answers
 
 SET_LEVEL = 0.9
-"""The probability that a set has at least."""
+"""The least probability of a set."""
 
 SMALL_TAIL = 0.05
-"""A tail probability below this is a surprise; that share of the frames has one where the model is right."""
+"""A smaller tail probability is a surprise; if the model is right, this share of the frames has one."""
 MOST_SURPRISES = 0.15
-"""The share of surprising frames above which directions do not fit."""
+"""Share of surprising frames above which a note says that the directions do not fit."""
 MOST_TIMES_CLAIMED = 1.5
-"""How many times its claimed error a model may be wrong, or the other way round, without a word."""
+"""Factor between the claimed and the implied error, either way, above which a note says that they do not fit."""
 FEWEST_FRAMES = 20
-"""Fewer frames say nothing."""
+"""Fewer frames give no check."""
 
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SetCoverage:
-    """How often one configuration's sets hold the truth, and how many objects they hold, over ``n`` scored frames."""
+    """Share of one configuration's sets that hold the truth, and their mean size, over ``n`` scored frames."""
 
     configuration: str
     n: int
@@ -58,14 +58,14 @@ def prediction_set(subject: SubjectRecord) -> tuple[int | None, ...] | None:
 
 
 class SetLog:
-    """Keeps the sets of the scored frames while records pass by."""
+    """Collects the sets of the scored frames from passing records."""
 
     def __init__(self, labels_by_clip: Mapping[str, Labels]) -> None:
         self._labels = labels_by_clip
         self._found: dict[str, list[tuple[bool, int]]] = {}
 
     def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Hand the records on."""
+        """Yield the records unchanged."""
         for record in records:
             labels = self._labels.get(record.clip)
             for _, name, label in labels.labelled([record.frame]) if labels is not None else ():
@@ -77,16 +77,16 @@ class SetLog:
             yield record
 
     def part(self, configuration: str) -> list[tuple[bool, int]]:
-        """What was found so far of a configuration: covered or not, and the size, for another log."""
+        """The sets of a configuration so far, covered or not and the size of each, for another log."""
         return self._found.get(configuration, [])
 
     def add(self, configuration: str, found: list[tuple[bool, int]]) -> None:
-        """Take over a part of another log."""
+        """Add a part of another log."""
         if found:
             self._found.setdefault(configuration, []).extend(found)
 
     def coverages(self) -> list[SetCoverage]:
-        """One for each configuration that gives probabilities."""
+        """One coverage for each configuration that gives probabilities."""
         return [
             SetCoverage(
                 configuration=name,
@@ -102,8 +102,8 @@ class SetLog:
 class DirectionCheck:
     """One configuration on one clip: the share of surprising frames, and the median errors in degrees, of ``n`` frames.
 
-    ``claimed_deg`` is the mean gaze error that its source claims, ``implied_deg`` what the directions imply; None
-    without gaze.
+    ``claimed_deg`` is the mean gaze error that its source claims, ``implied_deg`` the one that the directions imply;
+    None without gaze.
     """
 
     clip: str
@@ -115,14 +115,14 @@ class DirectionCheck:
 
     @property
     def fits(self) -> bool:
-        """Whether there is nothing to say."""
+        """Whether the directions fit, so that no note is needed."""
         if self.n < FEWEST_FRAMES:
             return True
         times = self.implied_deg / self.claimed_deg if self.implied_deg and self.claimed_deg else 1.0
         return self.surprises <= MOST_SURPRISES and 1 / MOST_TIMES_CLAIMED <= times <= MOST_TIMES_CLAIMED
 
     def sentence(self) -> str:
-        """Notes for the reader of the probabilities."""
+        """A note for the reader of the probabilities."""
         parts = [f"{100 * self.surprises:.0f} % of {self.n} frames surprise it (expected {100 * SMALL_TAIL:.0f} %)"]
         if self.claimed_deg is not None and self.implied_deg is not None:
             claimed, implied = (f"{angle:.0f} deg" for angle in (self.claimed_deg, self.implied_deg))
@@ -132,12 +132,12 @@ class DirectionCheck:
 
 @dataclass(slots=True)
 class DirectionLog:
-    """Keeps the fit of every subject in every frame while records pass by."""
+    """Collects the fit of every subject in every frame from passing records."""
 
     _found: dict[tuple[str, str], list[DirectionFitRecord]] = field(default_factory=dict)
 
     def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Hand the records on."""
+        """Yield the records unchanged."""
         for record in records:
             fits = [each.fit for each in record.subjects if each.fit is not None and each.name is not None]
             if fits:
@@ -145,16 +145,16 @@ class DirectionLog:
             yield record
 
     def part(self, clip: str, configuration: str) -> list[DirectionFitRecord]:
-        """What was found so far of a configuration on a clip, for another log."""
+        """The fits of a configuration on a clip so far, for another log."""
         return self._found.get((clip, configuration), [])
 
     def add(self, clip: str, configuration: str, found: list[DirectionFitRecord]) -> None:
-        """Take over a part of another log."""
+        """Add a part of another log."""
         if found:
             self._found.setdefault((clip, configuration), []).extend(found)
 
     def checks(self) -> list[DirectionCheck]:
-        """One for each clip and configuration with a posterior, over the named subjects."""
+        """One check for each clip and configuration with a posterior, over the named subjects."""
         return [
             DirectionCheck(
                 clip=clip,

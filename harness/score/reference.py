@@ -11,11 +11,11 @@ from harness.run.published import Published
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """Labels and frames by clip, and what every table must say beside the scores.
+    """Labels and frames by clip, and the notes that every table must show with the scores.
 
-    A clip without labels is not scored. ``frames`` are those that were to be run, where they are fewer than the labels
+    A clip without labels is not scored. ``frames`` are those that were to be run, if they are fewer than the labels
     cover (a clip whose numbers have gaps, a run with a limit): a labelled one among them without a record is wrong.
-    ``notes`` tell of the clips and the experiment, such as how a view was made; ``published`` are somebody's figures.
+    ``notes`` describe the clips and the experiment, such as how a view was made; ``published`` are published figures.
     ``says_nowhere`` are the configurations whose method can answer "looks at nothing".
     """
 

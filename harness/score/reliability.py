@@ -1,9 +1,9 @@
-"""Whether probabilities can be believed: whether 70 % of the frames that are 70 % sure are right.
+"""Calibration of probabilities: whether 70 % of the frames with a confidence of 70 % are right.
 
-Guo et al. (2017): predictions are sorted into ten bins by confidence, the probability of what was predicted. The
-expected calibration error is the mean distance between a bin's share of right frames and its mean confidence. Equal
-bins leave most frames in one bin where probabilities are high; adaptive bins (Nguyen and O'Connor 2015) hold as many
-frames each. Brier's score (1950) is the squared distance between all probabilities and the truth, 0 to 2.
+Guo et al. (2017): predictions are sorted into ten bins by confidence, the probability of the predicted target. The
+expected calibration error is the mean distance between a bin's share of right frames and its mean confidence. If
+probabilities are high, equal bins put most frames in one bin; adaptive bins (Nguyen and O'Connor 2015) hold the same
+number of frames each. Brier's score (1950) is the squared distance between all probabilities and the truth, 0 to 2.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Sureness = tuple[float, bool, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reliability:
-    """How far one configuration's probabilities can be believed, over ``n`` scored frames with a prediction.
+    """The calibration of one configuration's probabilities over ``n`` scored frames with a prediction.
 
     ``clip`` and ``subject`` are None for all together. ``confidence``, ``accuracy`` (means) and ``counts`` are by equal
     bin (B,); the means of an empty bin are NaN. ``interval`` is that of the calibration error, clips resampled; unknown
@@ -53,7 +53,7 @@ class Reliability:
 
     @property
     def mean_confidence(self) -> float:
-        """The share of right frames that the probabilities promise."""
+        """Mean confidence: the share of right frames that the probabilities predict."""
         return float(np.nansum(self.confidence * self.counts) / self.n)
 
     @property
@@ -63,14 +63,14 @@ class Reliability:
 
 
 class BeliefLog:
-    """Keeps the probabilities of the scored frames while records pass by, of the configurations that give any."""
+    """Collects the probabilities of the scored frames from passing records, for configurations that give any."""
 
     def __init__(self, configurations: Collection[str], labels_by_clip: Mapping[str, Labels]) -> None:
         self._labels = labels_by_clip
         self._found: dict[str, dict[tuple[str, str], list[Sureness]]] = {name: {} for name in configurations}
 
     def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Hand the records on."""
+        """Yield the records unchanged."""
         for record in records:
             labels = self._labels.get(record.clip)
             if record.configuration in self._found and labels is not None:
@@ -82,17 +82,17 @@ class BeliefLog:
             yield record
 
     def part(self, clip: str, configuration: str) -> dict[str, list[Sureness]]:
-        """What was found so far of a configuration on a clip, by subject, for another log."""
+        """The values of a configuration on a clip so far, by subject, for another log."""
         found = self._found.get(configuration, {})
         return {subject: each for (of, subject), each in found.items() if of == clip}
 
     def add(self, clip: str, configuration: str, found: Mapping[str, list[Sureness]]) -> None:
-        """Take over a part of another log."""
+        """Add a part of another log."""
         for subject, each in found.items():
             self._found[configuration].setdefault((clip, subject), []).extend(each)
 
     def reliabilities(self) -> list[Reliability]:
-        """One over all clips for each configuration of which a frame was scored, in the order of the configurations."""
+        """One over all clips for each configuration with a scored frame, in the order of the configurations."""
         return [
             reliability(
                 name,
@@ -115,7 +115,7 @@ class BeliefLog:
 
 
 def _coded(by_subject: Mapping[tuple[str, str], Sized]) -> Iterator[tuple[int, Sized]]:
-    """The number of each list's clip, and the list."""
+    """Yield the number of each list's clip, and the list."""
     codes: dict[str, int] = {}
     for (clip, _), each in by_subject.items():
         yield codes.setdefault(clip, len(codes)), each
@@ -129,9 +129,9 @@ def reliability(
     clip: str | None = None,
     subject: str | None = None,
 ) -> Reliability:
-    """Count out frames (n, 3): the confidence, whether it was right, and Brier's score of each.
+    """Compute the calibration of frames (n, 3): the confidence, whether it was right, and Brier's score of each.
 
-    ``clips`` (n,) are the codes of the frames' clips; None: all of one.
+    ``clips`` (n,) are the codes of the frames' clips; None: all of one clip.
     """
     confidence, right, brier = frames.T
     bins = np.minimum((confidence * BINS).astype(np.intp), BINS - 1)
@@ -153,7 +153,7 @@ def reliability(
 
 
 def adaptive_error(confidence: Float, right: Float) -> float:
-    """The expected calibration error of :data:`BINS` bins of as many frames each; equal confidences share a bin."""
+    """The expected calibration error of :data:`BINS` bins of equal numbers of frames; equal confidences share one."""
     order = np.argsort(confidence, kind="stable")
     edges = confidence[order][np.linspace(0, len(order), BINS + 1).astype(int)[1:-1].clip(max=len(order) - 1)]
     bins = np.searchsorted(np.unique(edges), confidence, side="right")
@@ -161,7 +161,7 @@ def adaptive_error(confidence: Float, right: Float) -> float:
 
 
 def _interval(gaps: Float, bins: Codes, clips: Codes) -> Interval:
-    """The interval of the calibration error, from gaps (n,) of confidence and outcome."""
+    """The interval of the calibration error, from the gaps (n,) between confidence and outcome."""
     n = int(clips.max()) + 1
     if n < LEAST_CLIPS:
         return UNKNOWN
@@ -175,7 +175,7 @@ def _interval(gaps: Float, bins: Codes, clips: Codes) -> Interval:
 def _sureness(record: FrameRecord, subject: SubjectRecord, label: Label) -> tuple[float, bool, float]:
     """Confidence, whether it is right, and Brier's score of a subject's probabilities; nowhere has their rest up to 1.
 
-    The truth of a target that the frame does not have has no probability.
+    A true target that the frame does not have has probability 0.
     """
     probabilities: dict[int | None, float] = {value.instance_id: value.total for value in subject.attention}
     probabilities[None] = max(0.0, 1 - sum(probabilities.values()))

@@ -1,6 +1,6 @@
-"""The second half of the pipeline once more on records of a run: other settings of attention, no images, no models.
+"""Replay: the second half of the pipeline on a run's records, with other settings of attention; no images, no models.
 
-Directions are those of the record, after the run's filter. A record has no clouds, so that targets are their boxes.
+Directions are those of the record, after the run's filter. A record has no clouds, so targets are their boxes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _NO_POINTS = np.zeros((0, 3), np.float32)
 
 
 def replay(records: Iterable[FrameRecord], settings: BayesSettings, name: str) -> Iterator[FrameRecord]:
-    """The records of one clip in order, with the attention that these settings give; ``name``: the configuration."""
+    """Yield the records of one clip with the attention under these settings, as of the configuration ``name``."""
     state = BeliefState()
     for record in records:
         targets = tuple(to_target(each) for each in record.targets)
@@ -41,17 +41,17 @@ def _answered(subject: SubjectRecord, attention: Attention) -> SubjectRecord:
 
 
 def to_subject(record: SubjectRecord) -> Subject:
-    """A person of a record, with the directions after the filter."""
+    """Convert a person of a record to a subject, with the directions after the filter."""
     gaze = None if record.gaze is None else Gaze(direction=np.array(record.gaze), sigma_rad=record.gaze_sigma_rad)
     head = None if record.head is None else HeadPose(direction=np.array(record.head))
     origin = None if record.eye_origin_m is None else np.array(record.eye_origin_m)
-    number = -record.track_id if record.instance_id is None else record.instance_id  # no target has a negative one
+    number = -record.track_id if record.instance_id is None else record.instance_id  # no target has a negative id
     person = Person(view=Cues(head_pose=head, gaze=gaze), instance_id=number, eye_origin_left=origin)
     return Subject(track_id=record.track_id, person=person, gaze=gaze, head_pose=head)
 
 
 def to_target(record: TargetRecord) -> Target:
-    """A target of a record; its cloud is not kept there."""
+    """Convert a target of a record; records have no clouds."""
     instance = Instance(id=record.instance_id, label=record.label, category_id=0, is_thing=True, score=record.score)
     return Target(
         instance=instance,

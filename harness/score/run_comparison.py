@@ -1,4 +1,4 @@
-"""Whole runs compared: every two configurations, or each with the same one of a baseline run."""
+"""Comparisons of whole runs: every two configurations, or each with the same one of a baseline run."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Compari
     Raises
     ------
     VfoaError
-        If a run cannot be scored, has a configuration the baseline has not or none in common with it to score.
+        If a run cannot be scored, has a configuration that the baseline lacks, or has none in common with it to score.
     """
     reference = _read(baseline)
     scored = [(run, _read(run)) for run in _distinct([baseline, *runs])[1:]]

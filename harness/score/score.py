@@ -1,4 +1,4 @@
-"""Scores of a run: the focus recognition rate (FRR) per clip and configuration, and what it is worth.
+"""Scores of a run: the focus recognition rate (FRR) per clip and configuration, and how reliable it is.
 
 FRR = correct / annotated (frame, subject) pairs without ``ignore``; a pair without a prediction is wrong. "Frame" means
 such a pair below. Pooled over subjects or clips means all their pairs together: a longer clip weighs more.
@@ -29,12 +29,12 @@ from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p,
 from harness.score.verdicts import ERROR_TYPES, Verdict
 
 Beats = Literal["yes", "not shown", "no"]
-"""Whether a configuration beats the best baseline: significantly, by chance for all one knows, or not at all."""
+"""Whether a configuration beats the best baseline: significantly, possibly by chance, or not at all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NowhereCounts:
-    """How a method that can say "looks at nothing" does at it: frames in which it is true, said, and both."""
+    """Counts for a method that can say "looks at nothing": frames in which it is true, said, and both."""
 
     true: int
     said: int
@@ -42,12 +42,12 @@ class NowhereCounts:
 
     @property
     def precision(self) -> float:
-        """The share of the frames in which it was said that are right; NaN if it never was."""
+        """Share of right frames among those in which it was said; NaN if it never was."""
         return self.right / self.said if self.said else math.nan
 
     @property
     def recall(self) -> float:
-        """The share of the frames in which it is true that were found; NaN if it never is."""
+        """Share of the frames in which it is true that were found; NaN if it never is."""
         return self.right / self.true if self.true else math.nan
 
 
@@ -55,15 +55,15 @@ class NowhereCounts:
 class ScoreRow:
     """The scores of one configuration on one clip, on one subject of it, or on all clips together.
 
-    ``clip`` is None for all clips, ``subject`` None for all subjects. ``n`` counts frames, ``looks`` and ``clips`` what
-    they are of. ``predicted`` counts the frames with an answer, ``predicted_correct`` the right ones of these,
-    ``no_hit`` the frames in which nothing got any attention. ``interval`` is that of the rate by clips or looks (see
-    :mod:`harness.score.intervals`); ``wilson`` would hold if frames were independent. ``metrics`` are the values of
-    :mod:`harness.score.metrics` by name, NaN where one has no value. ``nowhere`` is None for a method that cannot say
+    ``clip`` is None for all clips, ``subject`` None for all subjects. ``n`` counts frames, ``looks`` and ``clips``
+    their looks and clips. ``predicted`` counts the frames with an answer, ``predicted_correct`` the right ones of
+    these, ``no_hit`` the frames in which nothing got any attention. ``interval`` is that of the rate by clips or looks
+    (see :mod:`harness.score.intervals`); ``wilson`` would hold if frames were independent. ``metrics`` are the values
+    of :mod:`harness.score.metrics` by name, NaN without a value. ``nowhere`` is None for a method that cannot say
     "looks at nothing". ``visible`` and ``visible_correct`` count the frames whose line of sight no label calls blocked.
     ``baselines`` are the rates of :mod:`harness.score.baselines`, ``beats`` says whether the best of them is beaten.
     ``error_types`` are the wrong frames by error type, in the order of :data:`ERROR_TYPES`, zeros included.
-    ``seed_rates`` are the rates under each seed, where a configuration ran under several; ``n`` counts all of them.
+    ``seed_rates`` are the rates under each seed, if a configuration ran under several; ``n`` counts all of them.
     """
 
     clip: str | None
@@ -116,11 +116,11 @@ class ScoreRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scores:
-    """All scores of a run. ``rows`` hold only what has annotated frames; ``verdicts`` the unscored frames, too.
+    """All scores of a run. ``rows`` hold only groups with annotated frames; ``verdicts`` include the unscored frames.
 
     Clips and configurations are in the order of the results; verdicts by clip, configuration, subject, frame. ``notes``
-    are what every table must say of the clips and the experiment, ``published`` somebody's figures to set beside.
-    ``measures`` are the stages' against the truth. ``outcomes`` are what the rows were made of.
+    are shown with every table; ``published`` are published figures. ``measures`` compare the stages with the ground
+    truth. ``outcomes`` are the input of the rows.
     """
 
     clips: tuple[str, ...]
@@ -133,7 +133,7 @@ class Scores:
     outcomes: tuple[Outcomes, ...] = field(default=(), compare=False, repr=False)
 
     def by_clip(self) -> list[ScoreRow]:
-        """The rows of whole clips, and those of all clips together where there are several."""
+        """The rows of whole clips and, if there are several, of all clips together."""
         return [row for row in self.rows if row.subject is None]
 
     def by_subject(self) -> list[ScoreRow]:
@@ -146,7 +146,7 @@ class Scores:
 
     @property
     def scored_configurations(self) -> tuple[str, ...]:
-        """The configurations that have rows, in the order of the results: one for all seeds of a configuration."""
+        """The configurations that have rows, in the order of the results; one name for all seeds of a configuration."""
         return tuple(dict.fromkeys(map(base_of, self.configurations)))
 
     def frames_of(self, configuration: str) -> list[ScoredFrames]:
@@ -170,14 +170,14 @@ class Scores:
 
 
 def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
-    """Score every (clip, configuration) of which there are records.
+    """Score every (clip, configuration) that has records.
 
     Parameters
     ----------
     records
-        As :func:`harness.run.results.read_results` gives them; each is looked at once.
+        As :func:`harness.run.results.read_results` yields them; each is read once.
     reference
-        What they are scored against. A clip without labels has unscored verdicts and no rows.
+        The labels to score against. A clip without labels has unscored verdicts and no rows.
     """
     measures, log = MeasureLog(), OutcomeLog(reference)
     for record in measures.watch(records):
@@ -186,7 +186,7 @@ def score(records: Iterable[FrameRecord], reference: Reference) -> Scores:
 
 
 def score_outcomes(outcomes: Sequence[Outcomes], measures: MeasureLog, reference: Reference) -> Scores:
-    """Score what was judged; ``measures`` are those of the same records."""
+    """Score judged outcomes; ``measures`` are those of the same records."""
     clips = tuple(dict.fromkeys(each.clip for each in outcomes))
     configurations = tuple(dict.fromkeys(each.configuration for each in outcomes))
     metrics = load_metrics()

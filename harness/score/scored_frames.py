@@ -1,4 +1,4 @@
-"""Frames of one configuration for a comparison: which are right, whose they are, and the look of each."""
+"""Frames of one configuration for a comparison: their correctness, subject, clip and look."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class ScoredFrames:
     """A subject's scored frames in one clip.
 
     ``frames`` are their numbers, ``looks`` the number of the look of each, ``truth`` its true target. ``correct``
-    counts the seeds, of ``seeds``, under which each is right: 0 or 1 of one.
+    counts the seeds, of ``seeds``, under which each is right; with one seed it is 0 or 1.
     """
 
     clip: str
@@ -36,8 +36,8 @@ class ScoredFrames:
 class Pairs:
     """Two configurations on their common frames.
 
-    ``better`` frames are right in the second alone, ``worse`` ones in the first alone. ``units`` are the looks, with
-    better less worse frames; None without a common frame.
+    ``better`` frames are right only in the second, ``worse`` ones only in the first. ``units`` are the looks, with
+    better minus worse frames; None without a common frame.
     """
 
     n: int
@@ -47,7 +47,7 @@ class Pairs:
 
 
 def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs:
-    """Pair frames by clip, subject and frame; the first's looks count, as far as they are common to both.
+    """Pair frames by clip, subject and frame. Looks are those of the first, reduced to the common frames.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
 
 
 def units_of(group: Sequence[Outcomes], values: Sequence[NDArray[Any]]) -> Units:
-    """The looks of some outcomes, with the sums of a value (n,) of each of their frames."""
+    """The looks of some outcomes, with the sums over their frames of a value (n,) per frame."""
     clips: dict[str, int] = {}
     sums: dict[tuple[str, str], Float] = {}  # (looks, 2) by clip and subject: seeds share the looks
     for each, value in zip(group, values, strict=True):

@@ -1,7 +1,7 @@
-"""What each subject looks at over a clip, by the labels and by each configuration, and the looks it is made of.
+"""The target of each subject over a clip, by the labels and by each configuration, and its looks.
 
-A frame is known to a source (the labels, or a configuration) if it says what the subject looks at there. Frames that
-are labelled ``ignore``, such as saccades, are left out for all sources. A frame in which nothing got any attention
+A frame is known to a source (the labels, or a configuration) if the source gives the subject's target there. Frames
+that are labelled ``ignore``, such as saccades, are left out for all sources. A frame in which nothing got any attention
 counts as looking at nothing.
 """
 
@@ -21,10 +21,10 @@ from harness.score.statistics import Codes
 from harness.score.verdicts import NO_HIT, Verdict
 
 TRUTH = "(truth)"
-"""The source of what the labels say, beside the names of the configurations."""
+"""The name of the labels as a source, beside the names of the configurations."""
 
 LONGEST_GAP_S = 0.5
-"""Unknown time, such as a blink, that a look or a transition may span."""
+"""Longest unknown time, such as a blink, that a look or a transition may span."""
 
 
 class Look(NamedTuple):
@@ -40,8 +40,8 @@ class TargetSequence:
     """The targets of one subject in one clip by one source, at its known frames.
 
     ``states`` (n,) are codes of targets' names, the same in a whole run; ``positions`` (n,) count the clip's frames.
-    ``rate_hz`` is NaN where it is not known. ``stride`` is the usual step between known frames: labels may be sparser
-    than frames.
+    ``rate_hz`` is NaN if it is not known. ``stride`` is the usual step between known frames: labels may be sparser than
+    frames.
     """
 
     clip: str
@@ -58,7 +58,7 @@ class TargetSequence:
         return self.stride / self.rate_hz
 
     def units(self) -> Codes:
-        """What intervals take as independent: the look of each known frame, short ones joined (n,)."""
+        """The independent units of intervals: the look of each known frame, short ones joined (n,)."""
         return number_looks(self.states, self.positions, None if math.isnan(self.rate_hz) else self.rate_hz)
 
     def looks(self) -> list[Look]:
@@ -66,7 +66,7 @@ class TargetSequence:
         return self.runs(self.states)
 
     def runs(self, states: Codes) -> list[Look]:
-        """Longest runs of one state (n,) of the known frames. Unknown time of a blink's length does not end one."""
+        """Longest runs of one state (n,) of the known frames. Unknown time as short as a blink does not end a run."""
         if len(states) == 0:
             return []
         breaks = np.flatnonzero((np.diff(states) != 0) | (np.diff(self.positions) > self._longest_step())) + 1
@@ -78,11 +78,11 @@ class TargetSequence:
         ]
 
     def length_s(self, look: Look) -> float:
-        """How long a look lasts."""
+        """Duration of a look in seconds."""
         return (look.last - look.first + self.stride) / self.rate_hz
 
     def follows(self, before: Look, after: Look) -> bool:
-        """Whether a look begins at once after another one, or after no longer than a blink."""
+        """Whether a look begins at once after another one, or after a gap as short as a blink."""
         return after.first - before.last <= self._longest_step()
 
     def _longest_step(self) -> float:
@@ -90,15 +90,15 @@ class TargetSequence:
         return max(1.5 * self.stride, self.stride + gap)
 
     def at(self, keep: Codes) -> TargetSequence:
-        """The sequence at some of its frames."""
+        """Return the sequence at some of its frames."""
         positions = self.positions[keep]
         return replace(self, states=self.states[keep], positions=positions, stride=_stride(positions))
 
 
 def read_sequences(outcomes: Iterable[Outcomes], codes: dict[str, int]) -> list[TargetSequence]:
-    """The sequences of a run, without those that know no frame: the labels' before those of the configurations.
+    """The sequences of a run, without those that know no frame; the labels' come before the configurations'.
 
-    ``codes`` gets a code for each target's name that is not in it.
+    ``codes`` gets a code for each new target name.
     """
     found: dict[tuple[str, str], list[TargetSequence]] = {}
     for each in outcomes:

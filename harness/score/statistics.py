@@ -28,10 +28,10 @@ REPLICATES = 2000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """A 95 % confidence interval of a share or of a difference of shares; NaN where it is not known.
+    """A 95 % confidence interval of a share or of a difference of shares; NaN if it is not known.
 
-    ``unit`` is what it takes as independent: ``"clip"`` speaks of clips like these, ``"look"`` of these clips only, and
-    ``"frame"`` would hold if frames were independent.
+    ``unit`` is the independent unit: ``"clip"`` is valid for clips like these, ``"look"`` for these clips only, and
+    ``"frame"`` would be valid if frames were independent.
     """
 
     low: float
@@ -69,7 +69,7 @@ def confusion_matrix(truth: Codes, predicted: Codes, categories: int) -> Counts:
 
 
 def cohen_kappa(confusion: Counts) -> float:
-    """Cohen's kappa (Cohen 1960), agreement beyond chance; NaN where chance alone would always agree."""
+    """Cohen's kappa (Cohen 1960), agreement beyond chance; NaN if chance alone would always agree."""
     n = confusion.sum()
     if n == 0:
         return math.nan
@@ -79,7 +79,7 @@ def cohen_kappa(confusion: Counts) -> float:
 
 
 def macro_f1(confusion: Counts) -> float:
-    """Mean F1 over the categories that occur in the truth (rows); NaN where there is no truth."""
+    """Mean F1 over the categories that occur in the truth (rows); NaN without ground truth."""
     true, found = confusion.sum(axis=1), confusion.sum(axis=0)
     occurs = true > 0
     if not occurs.any():
@@ -90,8 +90,8 @@ def macro_f1(confusion: Counts) -> float:
 def sign_flip_p(differences: Codes | Float) -> float:
     """Two-sided p of sums of differences (U,) in whole frames, if each unit's sign is as likely as its opposite.
 
-    Were the two configurations equal, each unit's difference could as well have had the other sign. p is the share of
-    all 2^U assignments whose total is at least as far from 0 as the one found. The total is a whole number, so its
+    If the two configurations were equal, each unit's difference could as well have the other sign. p is the share of
+    all 2^U assignments whose total is at least as far from 0 as the observed one. The total is a whole number, so its
     whole distribution is computed, one unit after another: p is exact for any number of units.
     """
     sizes = np.abs(np.rint(differences[differences != 0])).astype(np.int64)
@@ -99,12 +99,12 @@ def sign_flip_p(differences: Codes | Float) -> float:
         return 1.0
     step = math.gcd(*sizes.tolist())
     found = abs(int(differences.sum())) // step
-    chance = np.ones(1)  # of the totals -k, -k + 2, ..., k, where k is the sum of the sizes so far
+    chance = np.ones(1)  # distribution over the totals -k, -k + 2, ..., k, where k is the sum of the sizes so far
     for size in (sizes // step).tolist():
         wider = np.zeros(len(chance) + size)
         wider[: len(chance)] += chance / 2
         wider[size:] += chance / 2
         chance = wider
-    # place i is the total 2 i - k: those from `found` up, and by symmetry as many from -found down
+    # place i is the total 2 i - k: the totals from `found` up, and by symmetry as many from -found down
     upper = float(chance[(found + len(chance) - 1) // 2 :].sum())
     return 1.0 if found == 0 else min(1.0, 2 * upper)

@@ -2,21 +2,21 @@
 
 The error type is the first of these that applies, in the order of the pipeline:
 
-``no_subject``            no record of the frame, or no tracked person in it bears the subject's name
-``no_eyes_3d``            the subject was seen, but where the eyes are in space is not known
+``no_subject``            no record of the frame, or no tracked person in it has the subject's name
+``no_eyes_3d``            the subject was seen, but the 3D position of the eyes is not known
 ``no_direction``          neither gaze nor head direction was measured
-``target_not_segmented``  no instance bears the true target's name
-``target_without_box``    instances do, but none has a 3D box
+``target_not_segmented``  no instance has the true target's name
+``target_without_box``    instances have the name, but none has a 3D box
 ``false_attention``       the subject looks at nothing, and a target was predicted
 ``wrong_subject``         the record under the subject's name is somebody else's body: see below
 ``no_hit``                nothing in the frame got any attention: no ray hit anything
 ``missed``                the true target got no attention at all, something else did
-``outscored``             it got some, but another target, or nowhere, won (a tie that was lost counts here)
+``outscored``             it got some, but another target, or nowhere, won (including a lost tie)
 
-Results alone show a wrong subject in two ways: instances of the frame bear the subject's name and the record's head was
-joined to another instance; or the predicted target bears the subject's own name, which nobody can look at, so the
-head was joined to another body. An exchange in which name and body moved together cannot be seen, and counts as
-``missed`` or ``outscored``.
+Results alone show a wrong subject in two ways: instances of the frame have the subject's name and the record's head was
+joined to another instance; or the predicted target has the subject's own name, which nobody can look at, so the head
+was joined to another body. If name and body were exchanged together, this cannot be seen, and counts as ``missed`` or
+``outscored``.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ERROR_TYPES = {
     "missed": "the true target got no attention at all, another did",
     "outscored": "the true target got some attention, another more",
 }
-"""Each error type in their order, with words for a reader who sees it for the first time."""
+"""Each error type, in order, with an explanation for new readers."""
 
 
 NO_HIT = "(nothing hit)"
@@ -50,16 +50,17 @@ NO_HIT = "(nothing hit)"
 NO_PREDICTION = "no prediction"
 """What stands for people where a frame has no prediction."""
 ANOTHER = "(another of this name)"
-"""Appended to a predicted name that is the truth's, but of another instance: it must not count as agreement."""
+"""Appended to a predicted name that equals the true one but belongs to another instance: it must not count as
+agreement."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
     """The prediction for a subject in a frame, and whether it is right.
 
-    ``truth`` and ``predicted`` are targets' names, ``"none"`` for nowhere. ``truth`` is None where there is no
-    label, ``predicted`` None where no prediction was made, :data:`NO_HIT` where nothing got any attention: that is
-    right where the label is ``none``, as in the paper, and an error of its own elsewhere. ``error_type`` is one of
+    ``truth`` and ``predicted`` are targets' names, ``"none"`` for nowhere. ``truth`` is None if there is no label,
+    ``predicted`` None if no prediction was made, :data:`NO_HIT` if nothing got any attention: that is right if the
+    label is ``none``, as in the paper, and an error type of its own otherwise. ``error_type`` is one of
     :data:`ERROR_TYPES` for a wrong frame, None for every other.
     """
 
@@ -74,7 +75,7 @@ class Verdict:
 
 
 def judge(record: FrameRecord, subject: str, label: Label | None) -> Verdict:
-    """Judge what a frame's record says of a subject. No label, or ``ignore``: unscored."""
+    """Judge a frame's record for a subject. No label, or ``ignore``: unscored."""
     found = find_subject(record, subject)
     predicted = _predicted(record, found)
     if label is None or label.target == IGNORED:
@@ -84,18 +85,18 @@ def judge(record: FrameRecord, subject: str, label: Label | None) -> Verdict:
 
 
 def judge_absent(clip: str, configuration: str, frame: int, subject: str, label: Label) -> Verdict:
-    """Judge a labelled frame of which a run has no record: wrong, because a frame without a prediction is."""
+    """Judge a labelled frame without a record: it is wrong, like any frame without a prediction."""
     empty = FrameRecord(clip=clip, configuration=configuration, frame=frame, time_ns=0, targets=(), subjects=())
     return judge(empty, subject, label)
 
 
 def find_subject(record: FrameRecord, subject: str) -> SubjectRecord | None:
-    """The person of this name; the first in the record where tracks share it."""
+    """Return the person of this name; the first in the record if tracks share it."""
     return next((each for each in record.subjects if each.name == subject), None)
 
 
 def true_targets(record: FrameRecord, label: Label) -> list[TargetRecord]:
-    """The instances that bear the label's name; where it has an image point, only the one nearest to it."""
+    """Return the instances with the label's name; if the label has an image point, only the one nearest to it."""
     named = [target for target in record.targets if target.name == label.target]
     if label.point_px is None or len(named) < 2:
         return named
@@ -104,7 +105,7 @@ def true_targets(record: FrameRecord, label: Label) -> list[TargetRecord]:
 
 
 def right_answers(record: FrameRecord, label: Label) -> tuple[int | None, ...]:
-    """The instances that the label names in this frame, each a right focus; None means nowhere."""
+    """Return the instances that the label names in this frame, each of them a right focus; None means nowhere."""
     if label.target == NOWHERE:
         return (None,)
     return tuple(target.instance_id for target in true_targets(record, label))
@@ -181,9 +182,9 @@ def _distance_px(box_px: BoxPx | None, point_px: tuple[float, float]) -> tuple[f
 
 
 def answer(verdict: Verdict) -> str | None:
-    """What a verdict's prediction counts as: its name; None without prediction, or where nothing was hit in error.
+    """The answer that a verdict's prediction counts as: a name; None without one, or if wrongly nothing was hit.
 
-    A name that is the truth's, though another instance was meant, is marked.
+    A name that equals the true one, though another instance was meant, is marked.
     """
     if verdict.outcome == "correct":
         return verdict.truth
@@ -195,7 +196,7 @@ def answer(verdict: Verdict) -> str | None:
 
 
 def answered(verdict: Verdict) -> str:
-    """The answer for people: a target, "nothing hit" where that is an error, or :data:`NO_PREDICTION`."""
+    """The answer as text: a target, "nothing hit" if that is an error, or :data:`NO_PREDICTION`."""
     if verdict.outcome == "wrong" and verdict.predicted == NO_HIT:
         return NO_HIT
     return answer(verdict) or NO_PREDICTION

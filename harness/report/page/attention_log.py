@@ -17,12 +17,13 @@ from harness.score.verdicts import Verdict, find_subject
 Bytes = NDArray[np.uint8]
 
 SCALE = 250
-"""Attention is kept in steps of 1 / SCALE; ``frames.csv`` has more digits."""
+"""Attention is stored in steps of 1 / SCALE; ``frames.csv`` has more digits."""
 UNKNOWN = 255
 """Not measured, or no attention in this frame."""
 PARTS = ("total", "gaze", "head")
 MOST_BYTES = 3_000_000
-"""What the attention values of all clips may weigh in a page. More: every second frame, or every third, has values."""
+"""Most bytes of the attention values of all clips in a page. If there are more, only every second or third frame has
+values."""
 
 TrackPart = tuple[list[int], dict[str, list[bytes]]]
 """Frames, and by target the bytes of each part."""
@@ -59,11 +60,11 @@ class AttentionTrack:
                 cells.extend(more)
 
     def attended(self) -> list[str]:
-        """The targets that got any attention, in the order in which they appear."""
+        """The targets that got any attention, in order of appearance."""
         return [name for name, (total, _, _) in self.columns.items() if any(0 < each < UNKNOWN for each in total)]
 
     def aligned(self, name: str, frames: Sequence[int]) -> Bytes:
-        """A target's values (parts, frames) at these frames; :data:`UNKNOWN` where there are none."""
+        """A target's values (parts, frames) at these frames; :data:`UNKNOWN` if there are none."""
         place = {frame: i for i, frame in enumerate(self.frames)}
         rows = np.array([place.get(frame, -1) for frame in frames], dtype=np.intp)
         values = np.array([np.frombuffer(cells, dtype=np.uint8) for cells in self.columns[name]])
@@ -71,14 +72,14 @@ class AttentionTrack:
 
 
 class AttentionLog:
-    """Keeps every named subject's attention while records pass by: see :meth:`watch`."""
+    """Collects every named subject's attention from passing records: see :meth:`watch`."""
 
     def __init__(self) -> None:
         self._tracks: dict[tuple[str, str, str], AttentionTrack] = {}
         self._colours: dict[str, Colours] = {}
 
     def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
-        """Hand the records on and keep the attention of each named subject, by the target's name."""
+        """Yield the records unchanged and keep the attention of each named subject, by the target's name."""
         for record in records:
             colours = self._colours.setdefault(record.clip, Colours(()))
             for target in record.targets:
@@ -100,7 +101,7 @@ class AttentionLog:
         return tracks, [name for colours in self._colours.values() for name in colours.known]
 
     def add(self, clip: str, configuration: str, tracks: Mapping[str, TrackPart], known: Iterable[str]) -> None:
-        """Take over what another log has of one configuration on one clip."""
+        """Add another log's attention of one configuration on one clip."""
         colours = self._colours.setdefault(clip, Colours(()))
         for target in known:
             colours.class_of(target)
@@ -108,11 +109,11 @@ class AttentionLog:
             self._tracks.setdefault((clip, configuration, subject), AttentionTrack()).extend(frames, columns)
 
     def track(self, clip: str, configuration: str, subject: str) -> AttentionTrack:
-        """A subject's attention; without columns where there was none."""
+        """A subject's attention; without columns if there is none."""
         return self._tracks.get((clip, configuration, subject), AttentionTrack())
 
     def colours(self, clip: str) -> Colours:
-        """The colours of a clip's targets, by the order in which they appear."""
+        """The colours of a clip's targets, in order of appearance."""
         return self._colours.setdefault(clip, Colours(()))
 
 
@@ -122,7 +123,7 @@ def _byte(value: float | None) -> int:
 
 @dataclass(frozen=True, slots=True)
 class PackedAttention:
-    """Packs by clip, of every ``stride`` frames."""
+    """Packs of attention by clip, with the values of every ``stride`` frames."""
 
     stride: int
     has_cues: bool
@@ -132,7 +133,7 @@ class PackedAttention:
 def pack_attention(
     clips: Sequence[str], by_clip: Mapping[str, Mapping[str, Judged]], attention: AttentionLog
 ) -> PackedAttention:
-    """As much of the attention as fits: totals of every frame or of every second, third ..., then gaze and head."""
+    """Pack as much of the attention as fits: totals of every frame or every second, third ..., then gaze and head."""
     parts = {clip: _values(clip, by_clip.get(clip, {}), attention, 1) for clip in clips}
     whole = {clip: pack(totals + cues) for clip, (totals, cues) in parts.items()}
     if sum(map(len, whole.values())) <= MOST_BYTES:

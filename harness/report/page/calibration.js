@@ -1,4 +1,4 @@
-// Whether probabilities can be believed: the share of right frames against their confidence.
+// Calibration of probabilities: the share of right frames against their confidence.
 
 import { drawn, percent } from "./dom.js";
 import { canvas, figure, legendOf, marker, path, text, ticks } from "./figure.js";

@@ -8,7 +8,7 @@ import { clipTracks, nameOf } from "./store.js";
 
 const LAST = ["(nothing hit)", "no prediction"];
 
-// Scored frames by lane's name: a map from "truth answer" to how many.
+// Scored frames by lane's name: a map from "truth answer" to their number.
 async function counted(clip) {
   const counts = new Map();
   for (const track of await clipTracks(clip)) {

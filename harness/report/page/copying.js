@@ -26,7 +26,7 @@ async function copied(blob, kind) {
 
 const KEPT = ["fill", "stroke", "stroke-width", "stroke-dasharray", "opacity", "font-family", "font-size", "font-weight", "text-anchor"];
 
-// A drawing that looks the same outside the page: its styles stand in it, on the page's ground.
+// A drawing that looks the same outside the page: it contains its styles and the page's background.
 export function svgText(svg) {
   const copy = svg.cloneNode(true);
   const places = [svg, ...svg.querySelectorAll("*")];

@@ -17,7 +17,7 @@ from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES, Verdict, answered
 
 STATES = ("correct", "unscored", *ERROR_TYPES)
-"""What a frame of a timeline can be; the data holds the place in this list, -1 where there is no frame."""
+"""States of a frame of a timeline; the data holds the place in this list, -1 if there is no frame."""
 
 LETTERS = {
     "correct": "",
@@ -33,12 +33,12 @@ LETTERS = {
     "missed": "M",
     "outscored": "O",
 }
-"""What stands in a frame of a timeline, so that outcomes can be told apart without colour."""
+"""A letter for each state of a timeline's frame, so that outcomes can be told apart without colour."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Served:
-    """What a page knows that a server gives out: its run's directory, and under which name each recording opens."""
+    """Data of a page that a server delivers: its run's directory, and the name under which each recording opens."""
 
     run: str
     recordings: Mapping[Pair, str]
@@ -46,7 +46,7 @@ class Served:
 
 @dataclass(slots=True)
 class Names:
-    """Names as numbers, in the order in which they are first asked for."""
+    """Numbers for names, in the order in which they are first used."""
 
     codes: dict[str, int] = field(default_factory=dict)
 
@@ -62,11 +62,11 @@ def page_data(
     served: Served | None,
     rates_hz: Mapping[str, float | None],
 ) -> tuple[dict[str, Any], dict[str, str]]:
-    """The data object, and packs by name.
+    """Return the data object, and packs by name.
 
     The object, read by ``store.js``::
 
-        states, letters, error_types   what a frame can be; words for each
+        states, letters, error_types   states of a frame; words for each
         names                          targets and answers; elsewhere numbers stand for them, -1 for none
         configurations                 {name, oracle: whether it is a step of the oracle ablation}
         clips                          {name, subjects, frames, rate_hz or null, stride}: values every ``stride`` frames
@@ -75,12 +75,12 @@ def page_data(
         scored                         configurations that rows name: one for all seeds of a configuration
 
     A row is ``[clip or -1, scored configuration, n, looks, correct, low, high, best baseline's FRR, beats, [wrong
-    frames by error type]]``; low and high are the ends of the 95 % interval, null where unknown.
+    frames by error type]]``; low and high are the ends of the 95 % interval, null if unknown.
 
-    Packs: ``rows`` are the rows of the clips. ``clip-K`` is what :func:`_clip_data` makes of clip number K,
+    Packs: ``rows`` are the rows of the clips. ``clip-K`` is the output of :func:`_clip_data` for clip number K,
     ``attention-K`` its values: for each subject, configuration and target a byte per ``stride`` frames of total, then
-    of gaze and head where ``cues`` says so; 250 is 1, 255 unknown. ``pictures-K`` are its thumbnails: data URIs by
-    frame, and what each configuration saw.
+    of gaze and head if ``cues`` says so; 250 is 1, 255 unknown. ``pictures-K`` are its thumbnails: data URIs by frame,
+    and the objects that each configuration saw.
     """
     names, numbers = Names(), {name: i for i, name in enumerate(scores.configurations)}
     scored = {name: i for i, name in enumerate(scores.scored_configurations)}
@@ -190,7 +190,7 @@ def _colours(colours: Colours, tracks: list[dict[str, Any]], names: Names) -> di
 def _pictures(
     clip: str, subjects: Mapping[str, Judged], numbers: Mapping[str, int], thumbnails: Thumbnails
 ) -> dict[str, Any] | None:
-    """``pictures`` by frame; ``seen`` by subject, configuration and frame, of the frames judged wrong."""
+    """``pictures`` by frame; ``seen`` by subject, configuration and frame, for the frames judged wrong."""
     pictures = {frame: uri for (of, frame), uri in thumbnails.pictures.items() if of == clip}
     if not pictures:
         return None
@@ -202,7 +202,7 @@ def _pictures(
 
 
 def _seen(verdicts: Iterable[Verdict], thumbnails: Thumbnails) -> dict[int, dict[str, Any]]:
-    """By frame, what is drawn over the picture of a subject who was judged wrong."""
+    """By frame, the marks drawn over the picture of a subject who was judged wrong."""
     drawn = {}
     for each in verdicts:
         thumbnail = thumbnails.seen.get((each.clip, each.configuration, each.frame))
@@ -226,7 +226,7 @@ def _recordings(served: Served) -> dict[str, dict[str, str]]:
 
 
 def differing_settings(configurations: Mapping[str, Mapping[str, Any]]) -> Table:
-    """The settings in which a run's configurations differ, a row per setting and a column per configuration."""
+    """The settings in which a run's configurations differ, one row per setting and one column per configuration."""
     flat = {name: dict(_flatten(settings)) for name, settings in configurations.items()}
     keys = dict.fromkeys(key for settings in flat.values() for key in settings)
     rows = [(key, *(settings.get(key, UNKNOWN) for settings in flat.values())) for key in keys]

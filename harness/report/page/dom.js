@@ -1,4 +1,4 @@
-// Elements of HTML and SVG, numbers in words, and what a screen reader is told.
+// Elements of HTML and SVG, formatted numbers, and texts for screen readers.
 
 export function element(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
@@ -27,7 +27,7 @@ export function choice(label, options, chosen, changed) {
   return element("label", { class: "choice" }, `${label} `, select);
 }
 
-// A part of a figure that leads somewhere: by pointer, by Enter and by Space.
+// A part of a figure that is a link: by pointer, Enter and Space.
 export function actionable(group, label, action) {
   group.setAttribute("role", "button");
   group.setAttribute("tabindex", "0");

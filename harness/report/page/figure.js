@@ -3,7 +3,7 @@
 import { copyCsv, copyPng, copySvg } from "./copying.js";
 import { button, drawn, element } from "./dom.js";
 
-// `draw(width)` gives an <svg>; `csv()` gives rows of cells. Returns what draws it again.
+// `draw(width)` returns an <svg>; `csv()` returns rows of cells. Returns a function that draws it again.
 export function figure(place, { title, notes = [], controls = [], legend = null, draw, csv }) {
   const drawing = element("div", { class: "drawing" });
   const copies = element("span", { class: "copies" }, "Copy as ",
@@ -36,7 +36,7 @@ export function canvas(width, height, label) {
 export const text = (x, y, words, attributes = {}) => drawn("text", { x, y, ...attributes }, words);
 export const path = (d, attributes = {}) => drawn("path", { d, ...attributes });
 
-// Shapes and colours of the configurations: told apart without colour, too.
+// Shapes and colours of the configurations, which are also distinct without colour.
 const SHAPES = [
   (x, y, r) => `M${x - r} ${y}a${r} ${r} 0 1 0 ${2 * r} 0a${r} ${r} 0 1 0 ${-2 * r} 0`,
   (x, y, r) => `M${x - r} ${y - r}h${2 * r}v${2 * r}h${-2 * r}z`,
@@ -65,7 +65,7 @@ export function ticks(low, high, most) {
   return found;
 }
 
-// How wide the longest of some words is, at most a share of the width.
+// Width of the longest of some words, at most a share of the total width.
 export function gutter(list, width, share = 0.4) {
   return Math.min(24 + 7.1 * Math.max(...list.map((each) => each.length), 4), share * width);
 }

@@ -1,4 +1,4 @@
-// The box of one frame: what was true, what was answered and why, the picture, the attention.
+// The box of one frame: the truth, the answer, the error type, the picture, the attention.
 
 import { drawn, element } from "./dom.js";
 import { labelLink } from "./label.js";
@@ -51,7 +51,7 @@ function link({ track, lane, i }) {
   return [element("p", {}, element("a", { href: address, target: VIEWER }, "Open the recording at this frame"))];
 }
 
-// The picture of a wrong frame: what was seen, the truth (solid, thick, a tick) and the answer (dashed, a cross)
+// The picture of a wrong frame: the objects found, the truth (solid, thick, a tick) and the answer (dashed, a cross)
 
 function thumbnail(at, found) {
   const { track, lane, i } = at;

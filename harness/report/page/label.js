@@ -1,4 +1,4 @@
-// From a frame to a better label: the form of a served page (harness/annotate/correction_page.py).
+// The link to correct a label: the form of a served page (harness/annotate/correction_page.py).
 
 import { element } from "./dom.js";
 import { data } from "./packs.js";

@@ -1,10 +1,10 @@
-// What stands one above the other in a timeline; each lane draws itself on a pen between two positions of frames.
+// The lanes of a timeline, one above the other; each lane draws itself on a pen between two positions of frames.
 
 import { data } from "./packs.js";
 import { nameOf, valueAt, WRONG_FROM } from "./store.js";
 import { DASHES, ticks } from "./figure.js";
 
-// `view` is {from, to, left, width}: positions of frames, and where in pixels they are drawn.
+// `view` is {from, to, left, width}: positions of frames, and their range in pixels.
 export const toX = ({ from, to, left, width }, i) => left + width * (i - from) / (to - from);
 export const toFrame = ({ from, to, left, width }, x) => from + (to - from) * (x - left) / width;
 

@@ -1,4 +1,4 @@
-// Starts the page: the answer first, then what is below it when the rest has been read.
+// Starts the page: the result first, then the sections below it when the rest has been read.
 
 import { drawCalibration } from "./calibration.js";
 import { drawConfusion } from "./confusion.js";
@@ -14,7 +14,7 @@ import { drawTimeline } from "./timeline.js";
 
 const place = (name) => document.getElementById(`draw-${name}`);
 
-// The wrong frames of the subject that is shown, as a table whose rows lead to them.
+// The wrong frames of the shown subject, as a table whose rows link to them.
 function wrongFrames(fold) {
   const fill = () => {
     if (!fold.open || !shown.track) return;

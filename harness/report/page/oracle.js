@@ -1,4 +1,4 @@
-// The oracle ablation as a waterfall: what each stage costs, in points of FRR.
+// The oracle ablation as a waterfall: the cost of each stage, in points of FRR.
 
 import { drawn, percent, words } from "./dom.js";
 import { canvas, figure, fitted, path, text, ticks } from "./figure.js";

@@ -19,7 +19,7 @@ _EXPORT = re.compile(r"^export ((?:async )?(?:const|function) (\w+))", re.MULTIL
 
 
 def pack(content: bytes) -> str:
-    """Bytes as text for a page; the same text for the same bytes."""
+    """Compress bytes to text for a page; the same bytes give the same text."""
     return base64.b64encode(zlib.compress(content, 9)).decode()
 
 
@@ -29,7 +29,7 @@ def pack_json(value: object) -> str:
 
 
 def runs(values: Iterable[int]) -> list[int]:
-    """Run-length code: each value and how often it follows itself, ``[value, count, value, count, ...]``."""
+    """Run-length code: each value and its number of repetitions, ``[value, count, value, count, ...]``."""
     return [number for value, same in groupby(values) for number in (value, sum(1 for _ in same))]
 
 
@@ -42,10 +42,10 @@ def steps(numbers: Iterable[int]) -> list[int]:
 
 
 def bundle(entry: Path) -> str:
-    """A module and all that it imports, each once and before what needs it.
+    """Join a module and everything that it imports, each module once and before its importers.
 
     A module imports names from ``./NAME.js`` and exports constants and functions. Each becomes a function of its own
-    that returns its exports, so that two may use one name for different things.
+    that returns its exports, so that two modules may use one name for different things.
     """
     texts: dict[str, str] = {}
     _add(entry.parent, entry.stem, texts, set())

@@ -1,4 +1,4 @@
-// The page's data object and its packs, which are decoded when they are first asked for.
+// The page's data object and its packs, which are decoded at their first use.
 
 export const data = JSON.parse(document.getElementById("data").textContent);
 

@@ -80,7 +80,7 @@ export function svgPen(width, height, ground) {
   };
 }
 
-// The page's colours, as its style sheet has them for a light or a dark screen.
+// The page's colours from its style sheet, for a light or a dark screen.
 export function palette() {
   const style = getComputedStyle(document.documentElement);
   const found = new Map(); // asking for a style takes longer than drawing

@@ -1,4 +1,4 @@
-// Recordings: where a served page opens them, and the command that does.
+// Recordings: their address on a served page, and the command that opens them.
 
 import { data } from "./packs.js";
 
@@ -15,7 +15,7 @@ export function openRecording(track, lane, i) {
   if (address) window.open(address, VIEWER);
 }
 
-// A page on disk lies in its run's directory.
+// A page on disk is in its run's directory.
 const run = data.run ?? (location.protocol === "file:"
   ? decodeURIComponent(location.pathname).replace(/^\/(?=[A-Za-z]:)/, "").replace(/\/[^/]*$/, "") || "/"
   : "RUN");

@@ -1,4 +1,4 @@
-"""``report.html``: a whole run on one page that opens from disk and asks the network for nothing."""
+"""``report.html``: a whole run on one page that opens from disk and makes no network requests."""
 
 from __future__ import annotations
 
@@ -40,22 +40,22 @@ def render_page(
     thumbnails: Thumbnails | None = None,
     served: Served | None = None,
 ) -> str:
-    """The page as text, the same for the same arguments.
+    """Return the page as text; the same arguments give the same text.
 
     Parameters
     ----------
     attention
-        Has watched the records that were scored.
+        A log that has watched the scored records.
     manifest
-        The run's, as :meth:`harness.run.directory.RunDirectory.read_manifest` gives it; None leaves out what was run.
+        The run's, from :meth:`harness.run.directory.RunDirectory.read_manifest`; None leaves out the run's description.
     times
-        What each stage took; None leaves out the section.
+        Times of the stages; None leaves out the section.
     reliabilities
-        Of the configurations that give probabilities; ``checks`` are more tables about these.
+        Calibration of the configurations that give probabilities; ``checks`` are further tables about these.
     thumbnails
-        What is shown of wrong frames.
+        Thumbnails of wrong frames.
     served
-        For a page that a server gives out. Without it no frame leads anywhere, and the page knows no address.
+        For a page that a server delivers. None: no frame is a link, and the page contains no address.
     """
     thumbnails = thumbnails or Thumbnails()
     rates = {clip["name"]: clip["rate_hz"] for clip in manifest["clips"]} if manifest else {}
@@ -103,7 +103,7 @@ def render_page(
 
 
 def _figures(scores: Scores, reliabilities: Sequence[Reliability], times: StageTimes | None) -> dict[str, Any]:
-    """What small figures are drawn from.
+    """Data of the small figures.
 
     ``oracle``: steps ``{configuration, replaced or null, frr, gained, low, high, reads}``. ``calibration``:
     ``{configuration, error, bins: [[confidence, right, frames]]}``. ``speed``: ``{configurations, stages, ms}``, a row
@@ -145,7 +145,7 @@ def _known(value: float | None) -> float | None:
 
 
 def _facts(scores: Scores, manifest: Mapping[str, Any] | None) -> list[str]:
-    """Date, commit, clips, frames, n."""
+    """Date, commit, clips, frames and n, as words."""
     labelled = sum(len(each.frames) for each in scores.outcomes if each.configuration == scores.configurations[0])
     facts = []
     if manifest:
@@ -179,7 +179,7 @@ def _differs(row: Sequence[str], columns: Sequence[str], names: Sequence[str]) -
 
 
 def _numbered(groups: Mapping[str, Sequence[Table]]) -> tuple[dict[str, list[int]], list[Table]]:
-    """The tables that have rows, and their numbers by group."""
+    """Return the tables that have rows, and their numbers by group."""
     tables: list[Table] = []
     numbers: dict[str, list[int]] = {}
     for name, group in groups.items():
@@ -190,7 +190,7 @@ def _numbered(groups: Mapping[str, Sequence[Table]]) -> tuple[dict[str, list[int
 
 
 def plain_table(table: Table) -> dict[str, Any]:
-    """A table as ``tables.js`` reads it."""
+    """Convert a table to the form that ``tables.js`` reads."""
     return {name: getattr(table, name) for name in ("title", "columns", "words", "rows", "notes")}
 
 
@@ -216,7 +216,7 @@ def _text(value: object) -> str:
 
 
 def _printed(manifest: Mapping[str, Any]) -> str:
-    """The manifest for reading: a clip's frames on one line."""
+    """The manifest as readable text: a clip's frames on one line."""
     clips = [
         {**clip, **{key: " ".join(map(str, clip[key])) for key in ("frames", "times_ns") if key in clip}}
         for clip in manifest["clips"]

@@ -13,14 +13,14 @@ from harness.score.sweep.runner import Sweep
 from vfoa.types import Float
 
 MOST_ROWS = 20_000
-"""More configurations stay in ``sweep.csv`` alone."""
+"""More configurations are only in ``sweep.csv``."""
 
 
 def render_sweep(sweep: Sweep, tables: Sequence[Table]) -> str:
-    """The page as text; of ``tables``, those of more than :data:`MOST_ROWS` rows are left out.
+    """Return the page as text; those of the ``tables`` with more than :data:`MOST_ROWS` rows are left out.
 
     Its data object, read by ``sweep.js``: ``sweep`` is ``{per, across, rows, columns, numbers, row_numbers, mean,
-    best}`` as :class:`harness.report.sweep_grid.SweepGrid` has them, null for a combination that there is not.
+    best}`` as in :class:`harness.report.sweep_grid.SweepGrid`, null for a missing combination.
     """
     grid = grid_of(sweep)
     shown = [table for table in tables if len(table.rows) <= MOST_ROWS]

@@ -1,4 +1,4 @@
-// What is shown: a clip, a configuration, a subject and a frame, which the address names, and which frames N and P visit.
+// The selection: a clip, a configuration, a subject and a frame, all in the address, and the frames that N and P visit.
 
 import { data } from "./packs.js";
 import { clipTracks, isWrong, nameOf, stateOf } from "./store.js";
@@ -13,7 +13,7 @@ function changed(why = {}) {
   for (const listener of listeners) listener(why);
 }
 
-// `wanted` may name a clip (number), a subject, a configuration (name) and a frame; what is left out stays.
+// `wanted` may name a clip (number), a subject, a configuration (name) and a frame; the others stay the same.
 export async function select(wanted, why = {}) {
   const clip = wanted.clip ?? shown.track?.clip ?? 0;
   const tracks = await clipTracks(clip);
@@ -46,7 +46,7 @@ export function frameInWords(track, lane, i) {
     `Truth ${truth}, predicted ${predicted}.`;
 }
 
-// N and P visit wrong frames, or those that a figure named; after the last one comes the first.
+// N and P visit wrong frames, or those selected in a figure; after the last one comes the first.
 export function visited(lane, track) {
   const wanted = shown.visits;
   return (i) => (wanted ? wanted.holds(track, lane, i) : isWrong(lane, i));

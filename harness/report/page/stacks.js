@@ -1,4 +1,4 @@
-// Stacked bars, a row each: why frames are wrong, and where the time goes.
+// Stacked bars, one per row: error types of frames, and times of stages.
 
 import { actionable, choice, drawn, element, percent, words } from "./dom.js";
 import { canvas, figure, fitted, gutter, path, text, ticks } from "./figure.js";

@@ -1,4 +1,4 @@
-// A run's tracks and rows from its data: harness/report/page/data.py says what is in it.
+// A run's tracks and rows from its data, which harness/report/page/data.py describes.
 
 import { data, once, packed, packedJson } from "./packs.js";
 
@@ -59,8 +59,8 @@ export const withValues = (number) => once(`values ${number}`, async () => {
   return tracks;
 });
 
-// The place of a configuration among those that were asked for, which gives its colour and shape; that of a step of the
-// oracle ablation, or of a seed, is its own configuration's.
+// The place of a configuration in the experiment, which decides its colour and shape; a step of the oracle ablation
+// or a seed has the place of its configuration.
 const asked = data.scored.filter((each) => !each.oracle).map((each) => each.name);
 export function numberOf(name) {
   const own = asked.indexOf(name);

@@ -1,4 +1,4 @@
-// The page of a sweep: rates by two factors as heatmaps whose axes are the numbers themselves, and its tables.
+// The page of a sweep: rates by two factors as heatmaps with numeric axes, and its tables.
 
 import { drawn, percent } from "./dom.js";
 import { canvas, figure, fitted, text } from "./figure.js";
@@ -15,7 +15,7 @@ function colour(share) {
   return `rgb(${STOPS[i].map((each, k) => Math.round(each + part * (STOPS[i + 1][k] - each))).join(" ")})`;
 }
 
-// Borders of cells between two ends: about numbers half way between them, about words evenly.
+// Borders of cells between two ends: half way between numbers, evenly spaced for words.
 function borders(values, from, to) {
   const middles = values.slice(1).map((each, i) => (each + values[i]) / 2);
   const all = values.length < 2 ? [0, 1] : [2 * values[0] - middles[0], ...middles, 2 * values.at(-1) - middles.at(-1)];

@@ -1,4 +1,4 @@
-// The tables: made when their fold is opened, sorted by a click on a column, filtered by words, page by page.
+// The tables: built when their section is opened, sorted by a click on a column, filtered by words, page by page.
 
 import { copyCsv } from "./copying.js";
 import { button, element } from "./dom.js";

@@ -48,7 +48,7 @@ async function arrange() {
   withValues(of.clip).then(() => redraw());
 }
 
-// What the lanes show is kept as a picture: where only the cursor has moved (`lanesToo` false), it is shown again.
+// The drawn lanes are cached as a picture: if only the cursor has moved (`lanesToo` false), it is shown again.
 const still = element("canvas");
 let stale = true;
 

@@ -1,1 +1,1 @@
-"""Figures of a finished run that print in a paper, one file per kind."""
+"""Figures of a finished run for a paper, one file per kind."""

@@ -73,7 +73,7 @@ def draw_confusion(scores: Scores, clip: str | None) -> Figure:
 
 
 def confusions(verdicts: Iterable[Verdict]) -> dict[tuple[str, str], Confusion]:
-    """By clip and configuration, in the order of the verdicts."""
+    """Count scored frames by clip and configuration, in the order of the verdicts."""
     found: dict[tuple[str, str], Confusion] = {}
     for verdict in verdicts:
         if verdict.outcome != "unscored":

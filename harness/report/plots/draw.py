@@ -1,4 +1,4 @@
-"""Which figure is drawn of what."""
+"""Figures by kind, for runs and sweeps."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ _USES_CLIP = ("timeline", "confusion")
 
 
 def plot_run(directory: Path, kind: str, *, clip: str | None = None, subject: str | None = None) -> Figure:
-    """A figure of a finished run, or of a sweep, in the style that prints.
+    """Draw a figure of a finished run, or of a sweep, in the style for print.
 
     Parameters
     ----------
     kind
         One of :data:`KINDS`.
     clip
-        Of ``timeline`` and ``confusion``: the clip; without it the first one, or all clips together.
+        For ``timeline`` and ``confusion``: the clip; None for the first one, or for all clips together.
     subject
-        Of ``timeline``: the subject; without it the first one.
+        For ``timeline``: the subject; None for the first one.
 
     Raises
     ------

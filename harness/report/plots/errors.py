@@ -1,4 +1,4 @@
-"""Why frames are wrong: error types stacked by configuration."""
+"""Error types of the wrong frames, stacked by configuration."""
 
 from __future__ import annotations
 

@@ -14,11 +14,11 @@ from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 
 MOST_CLIPS = 30
-"""More clips fit no page: those with the largest differences are drawn."""
+"""Most clips that fit a page; if there are more, those with the largest differences are drawn."""
 
 
 def draw_forest(scores: Scores) -> Figure:
-    """Focus recognition rates with 95 % intervals; a dash is the best baseline."""
+    """Focus recognition rates with 95 % intervals; a dash marks the best baseline."""
     names = without_oracles(scores.scored_configurations)
     pooled = [row for row in overall(scores) if row.configuration in names]
     clips = _clips(scores, names)

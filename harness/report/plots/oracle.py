@@ -1,4 +1,4 @@
-"""The oracle ablation as waterfalls: what each stage costs."""
+"""The oracle ablation as waterfalls: points of FRR that each stage costs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vfoa.errors import VfoaError
 
 
 def draw_oracle(scores: Scores) -> Figure:
-    """A panel for each configuration: its rate, then the points that each true stage gains.
+    """Draw a panel for each configuration: its rate, then the points gained by each true stage.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""One style for all figures: widths of a paper's columns, and colours and marks that survive grey print."""
+"""One style for all figures: column widths of papers, and colours and markers that stay distinct in grey print."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from typing import Any
 
 COLUMN_IN = 3.5
 PAGE_IN = 7.16
-"""Widths of one and of two columns, as IEEE has them."""
+"""Widths of one column and of two columns in inches, as in IEEE papers."""
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#8C6500", "#56B4E9", "#333333", "#999999")
-"""After Okabe and Ito (2008), which the colour-blind can tell apart; their yellow is too light for lines on paper."""
+"""After Okabe and Ito (2008), distinct for the colour-blind; their yellow is too light for lines on paper."""
 MARKERS = "osD^vPX*"
 HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "++", "oo", "--", "**", "||")
 GREY = "0.55"
@@ -36,14 +36,14 @@ STYLE: dict[Any, Any] = {
     "pdf.fonttype": 42,
     "svg.hashsalt": "vfoa",
 }
-"""Settings of Matplotlib. Type 42: text in a PDF stays text, as publishers ask."""
+"""Settings of Matplotlib. Type 42: text in a PDF stays text, as publishers require."""
 
 
 def colour(number: int) -> str:
-    """The colour of a configuration by its place."""
+    """The colour of a configuration, by its place."""
     return COLOURS[number % len(COLOURS)]
 
 
 def marker(number: int) -> str:
-    """Its mark."""
+    """The marker of a configuration, by its place."""
     return MARKERS[number % len(MARKERS)]

@@ -1,4 +1,4 @@
-"""One subject over time: what is true, and the outcome of each frame under each configuration."""
+"""One subject over time: the true target, and the outcome of each frame under each configuration."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ UNSCORED = "0.88"
 
 
 def draw_timeline(scores: Scores, clip: str | None, subject: str | None) -> Figure:
-    """A strip for each configuration, of one subject of one clip; without names, the first ones.
+    """Draw one row for each configuration, for one subject of one clip; None: the first ones.
 
     Raises
     ------

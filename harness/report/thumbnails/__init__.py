@@ -29,7 +29,7 @@ FOLDER = "thumbnails"
 Box = tuple[int, int, int, int]
 """Left, top, right, bottom in a picture's pixels."""
 BUDGET_BYTES = 1_000_000
-"""What all thumbnails of a page may weigh: a page stays under 3 MB beside them."""
+"""Most bytes of all thumbnails of a page: with them, a page stays under 3 MB."""
 
 _Place = tuple[str, str]
 _Frame = tuple[str, int]
@@ -38,7 +38,7 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ThumbnailSubject:
-    """A person in a picture. ``lines`` are a cue (``gaze``, ``head``) and the x, y, x, y ... of a line each."""
+    """A person in a picture. ``lines`` are a cue (``gaze``, ``head``) and the points x, y, x, y ... of each line."""
 
     name: str | None
     head: Box
@@ -48,7 +48,7 @@ class ThumbnailSubject:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thumbnail:
-    """What one configuration saw in a frame. ``boxes`` are an instance's id, its name and its box each."""
+    """The objects and people that one configuration saw in a frame; ``boxes`` are an instance's id, name and box."""
 
     frame: int
     size: tuple[int, int]
@@ -57,21 +57,21 @@ class Thumbnail:
 
 
 def picture_path(run: Path, clip: str, frame: int) -> Path:
-    """The picture of a frame."""
+    """The file of a frame's picture."""
     return run / FOLDER / clip / f"{frame}.webp"
 
 
 def lines_path(run: Path, clip: str, configuration: str) -> Path:
-    """What a configuration saw in a clip."""
+    """The file of everything that a configuration saw in a clip."""
     return run / FOLDER / f"{clip}__{configuration}.jsonl"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Thumbnails:
-    """What a page shows of the wrong frames. ``pictures`` are data URIs by (clip, frame).
+    """The pictures and marks of the wrong frames that a page shows. ``pictures`` are data URIs by (clip, frame).
 
-    ``seen`` is what a configuration saw, by (clip, configuration, frame); ``wrong`` counts the wrong frames that have a
-    picture, of which a page may have room for fewer.
+    ``seen`` holds each configuration's :class:`Thumbnail`, by (clip, configuration, frame); ``wrong`` counts the wrong
+    frames that have a picture, of which a page may have room for fewer.
     """
 
     pictures: Mapping[_Frame, str] = field(default_factory=dict)
@@ -80,15 +80,15 @@ class Thumbnails:
 
 
 def read_thumbnails(run: Path, verdicts: Iterable[Verdict], budget: int = BUDGET_BYTES) -> Thumbnails:
-    """The thumbnails of the frames in which somebody was judged wrong.
+    """Read the thumbnails of the frames in which somebody was judged wrong.
 
-    Where all of them weigh more than ``budget`` bytes, every second one is taken, or every third ...: as many as fit.
-    A run without thumbnails has none here.
+    If all of them take more than ``budget`` bytes, every second one is read, or every third ...: as many as fit. A run
+    without thumbnails has none here.
 
     Raises
     ------
     VfoaError
-        If a file of them cannot be read.
+        If one of their files cannot be read.
     """
     wrong: dict[_Place, dict[int, None]] = {}
     for verdict in verdicts:
@@ -110,7 +110,7 @@ def read_thumbnails(run: Path, verdicts: Iterable[Verdict], budget: int = BUDGET
 
 
 def _lines(path: Path, frames: Mapping[int, None]) -> dict[int, bytes]:
-    """The lines of these frames, not yet read."""
+    """The lines of these frames, not yet decoded."""
     found: dict[int, bytes] = {}
     if path.is_file():
         with path.open("rb") as file:
@@ -122,7 +122,7 @@ def _lines(path: Path, frames: Mapping[int, None]) -> dict[int, bytes]:
 
 
 def _sizes(run: Path, lines: Mapping[_Place, Mapping[int, bytes]]) -> dict[_Frame, int]:
-    """What each frame with a picture weighs in a page, clip by clip in the order of the frames."""
+    """The bytes that each frame with a picture takes in a page, clip by clip in the order of the frames."""
     sizes: dict[_Frame, int] = {}
     for (clip, _), found in lines.items():
         for frame, line in found.items():

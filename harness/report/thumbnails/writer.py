@@ -1,4 +1,4 @@
-"""The sink that keeps a thumbnail of every frame."""
+"""The sink that writes a thumbnail of every frame."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ WIDTH_PX = 360
 QUALITY = 55
 ARROW_M = 0.25
 NEAR_M = 0.05
-"""A line that comes nearer to the camera's plane than this is not drawn: it would run off to infinity."""
+"""A line that comes nearer to the camera's plane than this is not drawn: it would extend to infinity."""
 RIM = 16
 
 
 class ThumbnailWriter:
-    """Write the thumbnails of one clip and configuration; older ones are replaced when it ends."""
+    """Writes the thumbnails of one clip and configuration; older ones are replaced when it ends."""
 
     def __init__(self, run: Path, clip: str, configuration: str, resumed: SinkState | None = None) -> None:
         self._run, self._clip, self._resumed = run, clip, resumed
@@ -47,7 +47,7 @@ class ThumbnailWriter:
         return self
 
     def state(self) -> SinkState:
-        """How far the lines are; pictures have a file each."""
+        """The extent of the lines' file; each picture has a file of its own."""
         self._file.flush()
         return SinkState(files={self._name: self._file.tell()})
 
@@ -69,7 +69,7 @@ class ThumbnailWriter:
             return
         path = picture_path(self._run, self._clip, images.index)
         if not path.exists():  # another configuration has written it
-            with replacing(path) as draft:  # or is writing it, in another process
+            with replacing(path) as draft:  # another process may be writing it
                 draft.write_bytes(picture(images.left))
         self._file.write(self._encoder.encode(thumbnail(images.rig, frame.result, frame.record)) + b"\n")
 
@@ -106,7 +106,7 @@ def thumbnail(rig: StereoRig, result: FrameResult, record: FrameRecord) -> Thumb
 
 
 def _lines(attention: Attention, scene: Scene, rig: StereoRig, scale: float) -> list[tuple[str, list[int]]]:
-    """The cones and directions of a subject as they are seen in the picture."""
+    """The cones and directions of a subject as seen in the picture."""
     reach = reach_m(attention, scene)
     lines: list[tuple[str, Float]] = [(each.cue, cone_wire(each, reach, rim=RIM)) for each in attention.cones]
     eyes = attention.subject.person.eye_origin_left

@@ -21,12 +21,12 @@ def is_sweep(directory: Path) -> bool:
 
 
 def read_sweep(directory: Path) -> Sweep:
-    """The sweep that :func:`harness.report.sweep.write_sweep` wrote.
+    """Read the sweep that :func:`harness.report.sweep.write_sweep` wrote.
 
     Raises
     ------
     VfoaError
-        If a file of it is missing, was cut, or is of an older version.
+        If one of its files is missing, truncated, or of an older version.
     """
     path = directory / "sweep.json"
     try:

@@ -1,4 +1,4 @@
-"""A whole sweep: every clip opened first, then the tallies, then the table, its answers and their figure."""
+"""A whole sweep: every clip is opened first, then counted, then the table and its figure are made."""
 
 from __future__ import annotations
 
@@ -60,10 +60,10 @@ class Sweep:
 
 
 def sweep_plan(plan: Plan, out: Path, *, workers: int, progress: Progress, cache: Store | None = None) -> Sweep:
-    """Sweep over the plan's clips. Clips without labels take no part, and the notes say so.
+    """Sweep over the plan's clips. Clips without labels are left out; a note says so.
 
-    ``out`` is the directory that the caller writes the sweep to. ``cache`` is where stage outputs are stored; None for
-    nowhere.
+    ``out`` is the directory that the caller writes the sweep to. ``cache`` is the store of stage outputs; None for
+    none.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""One clip under every configuration of a sweep: how many labelled frames each gets right."""
+"""One clip under every configuration of a sweep: the number of labelled frames that each gets right."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ Tallies = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tally:
-    """Counts of a clip: ``n`` labelled (frame, subject) pairs, and of those, per configuration (S,), how many.
+    """Counts of a clip: ``n`` labelled (frame, subject) pairs, and counts of these per configuration (S,).
 
-    ``correct`` counts the right ones, ``predicted`` those with an answer. ``error`` says why the clip could
-    not be finished, None if it was.
+    ``correct`` counts the right ones, ``predicted`` those with an answer. ``error`` says why the clip could not be
+    finished, None if it was.
     """
 
     clip: str
@@ -45,7 +45,7 @@ class Tally:
 
 
 def sweep_clip(job: ClipJob, progress: Progress) -> Tally:
-    """Run the loop over one labelled clip, once for all configurations that differ in attention alone, and count."""
+    """Run the loop over one labelled clip, once for all configurations that differ only in attention, and count."""
     try:
         groups = {group.configuration.name: group for group in _groups(job)}
     except VfoaError as wrong:
@@ -67,10 +67,10 @@ def sweep_clip(job: ClipJob, progress: Progress) -> Tally:
 
 @dataclass(slots=True, kw_only=True)
 class _Group:
-    """The sink of configurations that differ in attention alone: one pass over the clip for all of them.
+    """The sink of configurations that differ only in attention: one pass over the clip for all of them.
 
-    ``configuration`` is the first of them. Its tracks and names serve all, since cones carry nothing from frame to
-    frame. ``numbers`` are their places in the sweep, ``correct`` and ``predicted`` their counts.
+    ``configuration`` is the first of them. Its tracks and names are valid for all, since cones carry nothing from frame
+    to frame. ``numbers`` are their places in the sweep, ``correct`` and ``predicted`` their counts.
     """
 
     labels: Labels
@@ -101,7 +101,7 @@ class _Group:
 
 @dataclass(frozen=True, slots=True)
 class _Groups:
-    """Hands each group to the loop as the sink of its first configuration."""
+    """Gives the loop each group as the sink of its first configuration."""
 
     by_name: Mapping[str, _Group]
 
@@ -110,12 +110,12 @@ class _Groups:
         return {}
 
     def open(self, context: SinkContext) -> _Group:
-        """The group of this configuration."""
+        """Return the group of this configuration."""
         return self.by_name[context.configuration]
 
 
 def _groups(job: ClipJob) -> list[_Group]:
-    """The job's configurations by all that comes before attention."""
+    """Group the job's configurations by everything that comes before attention."""
     if job.labels is None:
         raise AssertionError("a sweep takes labelled clips")
     numbers: dict[object, list[int]] = {}

@@ -159,7 +159,7 @@ def _vfoa(monkeypatch, *arguments: str) -> int:
 def test_a_screenshot_replaces_no_file_unasked(tmp_path, monkeypatch, capsys):
     (tmp_path / "a.png").write_text("mine")
     assert _vfoa(monkeypatch, "view", str(tmp_path / "a.rrd"), "--screenshot", str(tmp_path / "a.png")) == 2
-    assert "a.png: is there already; expected --replace, or another --screenshot" in capsys.readouterr().err
+    assert "a.png: exists already; expected --replace, or another --screenshot" in capsys.readouterr().err
     assert (tmp_path / "a.png").read_text() == "mine"
 
 

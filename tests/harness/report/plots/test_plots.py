@@ -138,7 +138,7 @@ def test_the_command_draws_sweeps_and_runs_and_says_what_it_cannot(sweep: Sweep,
     assert "Sweep s" in page
     assert re.findall(r'(?:src|href)="([^"]*)"', page) == ["data:,"]
     for arguments, message in (
-        (("--kind", "sweep", "--out", str(out)), "is there already"),
+        (("--kind", "sweep", "--out", str(out)), "exists already"),
         (("--kind", "sweep", "--out", str(tmp_path / "x.jpg")), r"expected \.pdf, \.svg or \.png"),
         (("--kind", "forest", "--out", str(tmp_path / "x.pdf")), "expected sweep, which it has"),
         (("--kind", "sweep", "--clip", "a", "--out", str(tmp_path / "x.pdf")), "--clip is for timeline and confusion"),
