@@ -15,7 +15,7 @@ from vfoa.types import Box3D, Disparity, Float, Image, Instances, Scene, StereoF
 class PersonTruth:
     """Ground truth of one person in one frame (camera frame, metres, unit directions). None: not known.
 
-    ``target`` is the name of what the person looks at, ``"none"`` for nothing in the scene.
+    ``target`` is the name of the target that the person looks at, ``"none"`` for nothing in the scene.
     """
 
     name: str
@@ -31,8 +31,8 @@ class PersonTruth:
 class Truth:
     """Ground truth of one frame. None: not known to the source.
 
-    ``boxes`` are keyed by instance id. ``missing`` says of a field that is None what would have to be there, where
-    the source could know it: it is told to whoever asks for that field.
+    ``boxes`` are keyed by instance id. ``missing`` says, for a field that is None, which file is missing, if the source
+    knows it; errors about that field quote it.
     """
 
     disparity: Disparity | None = None
@@ -46,7 +46,7 @@ class AnyClip(Protocol):
     """A sequence of frames: a :class:`Clip` of images or a :class:`MeasuredClip`.
 
     Built as ``Class(settings, root)``, with ``Class.Settings``; ``root`` is the manifest's resolved ``root`` (None
-    where it has none). Frames are read on demand and in any order; a clip can be pickled to another process.
+    without one). Frames are read on demand and in any order; a clip can be pickled to another process.
     """
 
     @property
@@ -56,7 +56,7 @@ class AnyClip(Protocol):
 
     @property
     def rate_hz(self) -> float | None:
-        """Frames per second, None where the source does not know it."""
+        """Frames per second; None if the source does not know it."""
         ...
 
     @property
@@ -65,7 +65,7 @@ class AnyClip(Protocol):
         ...
 
     def time_ns(self, number: int) -> int:
-        """When a frame was taken, ns on the source's own clock, as the frame has it, without reading an image."""
+        """Time of a frame, ns on the source's own clock, the same as in the frame, without reading an image."""
         ...
 
     def truth(self, number: int) -> Truth:
@@ -73,12 +73,12 @@ class AnyClip(Protocol):
         ...
 
     def digest(self) -> str:
-        """Hexadecimal sha256 of all that a frame depends on: files' content or settings, not their paths."""
+        """Hexadecimal sha256 of everything that a frame depends on: files' content or settings, not their paths."""
         ...
 
 
 class Clip(AnyClip, Protocol):
-    """A sequence of rectified stereo frames, of which none is held in memory."""
+    """A sequence of rectified stereo frames, none of which is held in memory."""
 
     def frame(self, number: int) -> StereoFrame:
         """Read one stereo pair.
@@ -97,17 +97,17 @@ class MeasuredClip(AnyClip, Protocol):
 
     @property
     def people(self) -> Mapping[str, int]:
-        """Everyone whom the source names: the instance id, the same in every frame, by name."""
+        """Every person whom the source names: the instance id, the same in every frame, by name."""
         ...
 
     @property
     def objects(self) -> Mapping[str, int]:
-        """Every object besides that can be looked at: the instance id, the same in every frame, by name."""
+        """Every other object that can be looked at: the instance id, the same in every frame, by name."""
         ...
 
     @property
     def categories(self) -> Mapping[str, str]:
-        """The category of every person and object by name."""
+        """The category of every person and object, by name."""
         ...
 
     def scene(self, number: int) -> Scene:
@@ -132,30 +132,30 @@ class SightTruth(Protocol):
 
 @runtime_checkable
 class LeftClip(Protocol):
-    """What a clip may have besides: its left image alone, where the right one costs as much again."""
+    """An optional part of a clip: its left image alone, if reading the right one costs as much again."""
 
     def left(self, number: int) -> Image:
-        """The left image of :meth:`Clip.frame`; raises as it does."""
+        """Read the left image of :meth:`Clip.frame`; raises the same errors."""
         ...
 
 
 @runtime_checkable
 class SoundClip(Protocol):
-    """What a clip may have besides: videos whose sound belongs to its frames."""
+    """An optional part of a clip: videos whose sound belongs to its frames."""
 
     @property
     def sound_files(self) -> tuple[Path, ...]:
-        """The videos, the one whose sound counts first; sound and frames begin together."""
+        """The videos, the preferred one first; sound and frames begin together."""
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recognised:
-    """One way to read a path as a clip: what ``vfoa clips add`` writes into a manifest.
+    """One way to read a path as a clip: the values that ``vfoa clips add`` writes into a manifest.
 
-    ``root`` and ``source`` are the manifest's, ``layout`` says in words what was found, ``name`` is what to call the
-    clip. ``calibration`` says where the calibration is from; None: there is none, and the user has to give one.
-    ``incomplete`` says of calibrations that lie there what they lack.
+    ``root`` and ``source`` are the manifest's, ``layout`` says in words what was found, ``name`` is the proposed name
+    of the clip. ``calibration`` says where the calibration is from; None: there is none, and the user must give one.
+    ``incomplete`` says what calibrations beside the images lack.
     """
 
     root: Path
@@ -171,24 +171,24 @@ class Recognised:
 class Recogniser(Protocol):
     """An optional part of an adapter's class: it can tell whether it reads a path.
 
-    Every registered adapter is asked, those of other packages too. A calibration that the user gives arrives as the
-    setting ``calibration`` (a file) or ``camera`` (``fx_px``, ``cx_px``, ``cy_px``, ``baseline_m``), where the
+    Every registered adapter is asked, including those of other packages. A calibration that the user gives arrives as
+    the setting ``calibration`` (a file) or ``camera`` (``fx_px``, ``cx_px``, ``cy_px``, ``baseline_m``), if the
     adapter's ``Settings`` have it.
     """
 
     @classmethod
     def recognise(cls, path: Path) -> Sequence[Recognised]:
-        """Every way to read an absolute path that exists, none where it is not of this kind.
+        """Return every way to read an existing absolute path; none if it is not of this kind.
 
-        Several ways differ in their ``source``: the user chooses by the setting in which they do. Only names and the
-        heads of files are looked at, and nothing is guessed: what cannot be seen is left out.
+        Several ways differ in their ``source``: the user chooses by the setting that differs. Only names and the heads
+        of files are read, and nothing is guessed: settings that cannot be determined are left out.
         """
         ...
 
 
 @runtime_checkable
 class GuidedRecogniser(Recogniser, Protocol):
-    """A recogniser that can also be told which files to read: what the user names wins over what it sees."""
+    """A recogniser that can also be told which files to read: the user's settings override its own findings."""
 
     @classmethod
     def recognise_as(cls, path: Path, given: Mapping[str, Any]) -> Sequence[Recognised]:
@@ -197,7 +197,8 @@ class GuidedRecogniser(Recogniser, Protocol):
         Raises
         ------
         vfoa.errors.VfoaError
-            If files that the user names cannot be read, or none are recognised that could be: how to name them.
+            If files that the user names cannot be read, or candidates are there but none is recognised: it says how
+            to name them.
         """
         ...
 

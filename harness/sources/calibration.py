@@ -15,7 +15,7 @@ from vfoa.types import StereoRig
 class Calibration:
     """A rectified pair: intrinsics in pixels, baseline in metres.
 
-    ``size_px`` is the (width, height) it holds for, where the file says so.
+    ``size_px`` is the (width, height) that it is valid for, if the file gives it.
     """
 
     fx_px: float
@@ -27,12 +27,12 @@ class Calibration:
     size_px: tuple[int, int] | None = None
 
     def rig(self, width_px: int, height_px: int) -> StereoRig:
-        """The rig for images of this size.
+        """Return the rig for images of this size.
 
         Raises
         ------
         VfoaError
-            If the calibration is for another size, or is none of a camera.
+            If the calibration is for another size, or its numbers are not those of a camera.
         """
         if self.size_px not in (None, (width_px, height_px)):
             raise VfoaError(f"the calibration is for {self.size_px} pixels, the images have ({width_px}, {height_px})")
@@ -54,7 +54,7 @@ class Calibration:
 def from_projections(
     p_left: ArrayLike, p_right: ArrayLike, where: str, size_px: tuple[int, int] | None = None
 ) -> Calibration:
-    """The calibration in two projection matrices (3, 4) of a rectified pair, fourth columns in pixel metres.
+    """Return the calibration in two projection matrices (3, 4) of a rectified pair, fourth columns in pixel metres.
 
     B = (P_left[0, 3] - P_right[0, 3]) / fx: in KITTI's files neither camera is the origin.
 

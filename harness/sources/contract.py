@@ -1,4 +1,4 @@
-"""Checks that hold for every clip, for the tests of adapters, also those of other packages.
+"""Checks that every clip must pass, for the tests of adapters, also those of other packages.
 
 def test_my_adapter_keeps_the_contract(tmp_path):
     check_contract(MyClip(MyClip.Settings(...), tmp_path), spawn=True)
@@ -21,14 +21,14 @@ from vfoa.types import Scene, StereoFrame
 
 
 def check_contract(clip: Clip | MeasuredClip, *, spawn: bool = False) -> None:
-    """Check that a clip does what :mod:`harness.sources` says; ``spawn`` also reads it in a fresh process.
+    """Check that a clip follows the protocols of :mod:`harness.sources`; ``spawn`` also reads it in a fresh process.
 
     Reads the first, a middle and the last frame, several times and in several orders.
 
     Raises
     ------
     AssertionError
-        For the first promise that is broken, in one line.
+        For the first violation, in one line.
     """
     _check_frames(clip)
     _check_description(clip)
@@ -167,7 +167,7 @@ def _read_copy(data: bytes, numbers: list[int]) -> tuple[dict[int, str], str]:
 
 
 def _fingerprint(frame: StereoFrame | Scene) -> str:
-    """Of all that a frame holds."""
+    """Digest of everything that a frame holds."""
     if isinstance(frame, Scene):
         return hashlib.sha256(repr(frame).encode()).hexdigest()
     total = hashlib.sha256(f"{frame.index} {frame.time_ns} {frame.rig}".encode())
@@ -177,7 +177,7 @@ def _fingerprint(frame: StereoFrame | Scene) -> str:
 
 
 def _sample(clip: AnyClip) -> list[int]:
-    """First, middle and last number, each once."""
+    """First, middle and last number, without repetitions."""
     return sorted({clip.frames[0], clip.frames[len(clip.frames) // 2], clip.frames[-1]})
 
 

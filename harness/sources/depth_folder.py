@@ -25,11 +25,11 @@ from vfoa.types import StereoFrame
 
 
 class DepthFolderSettings(Settings):
-    """Which files, under the manifest's root, and how their camera was calibrated.
+    """Files of the clip, under the manifest's root, and the calibration of their camera.
 
     ``colour`` and ``depth`` are folders, globs (``depth/*.npy``), printf patterns, or two lists of times and files
-    (``rgb.txt``, ``depth.txt``), which are joined if they are at most ``tolerance_ms`` apart. ``depth_scale`` is how
-    many counts are a metre (if not given, integers are millimetres and floating point numbers metres; TUM RGB-D has
+    (``rgb.txt``, ``depth.txt``), which are joined if they are at most ``tolerance_ms`` apart. ``depth_scale`` is the
+    number of counts per metre (if not given, integers are millimetres and floating point numbers metres; TUM RGB-D has
     5000). The camera is a file (``calibration``) or numbers (``camera``); ``rectified`` images have no lens distortion
     any more. Without ``rate_hz``, times are the lists'; images without times are a second apart.
     """
@@ -74,19 +74,19 @@ class DepthFolderClip:
 
     @classmethod
     def recognise(cls, path: Path) -> Sequence[Recognised]:
-        """Folders or names of colour and of depth, TUM RGB-D, a scene of GFIE; refuses Azure Kinect's .mkv."""
+        """Recognise folders or names of colour and of depth, TUM RGB-D, a scene of GFIE; refuse Azure Kinect's .mkv."""
         from harness.sources.depth_recognition import recognise_depth
 
         return recognise_depth(path)
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """The numbers in the files' names, or from 1 for lists."""
+        """The numbers in the files' names, or numbers from 1 for lists."""
         return tuple(self._frames)
 
     @cached_property
     def rate_hz(self) -> float | None:
-        """As the manifest says, else from the median distance of the times, to 0.001 Hz."""
+        """The manifest's rate, else from the median step of the times, to 0.001 Hz."""
         if self._settings.rate_hz is not None:
             return self._settings.rate_hz
         steps = np.diff([frame.time_ns for frame in self._frames.values() if frame.time_ns is not None])
@@ -94,11 +94,11 @@ class DepthFolderClip:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Which images are in no frame."""
+        """Notes on images that belong to no frame."""
         return self._notes
 
     def time_ns(self, number: int) -> int:
-        """As the lists say, else (or if the manifest says a rate) the number over the rate."""
+        """Time from the lists, or the number over the rate (without lists, or if the manifest gives a rate)."""
         time_ns = None if self._settings.rate_hz else self._files(number).time_ns
         return round(number * 1e9 / (self._settings.rate_hz or 1.0)) if time_ns is None else time_ns
 
@@ -120,11 +120,11 @@ class DepthFolderClip:
         return StereoFrame(index=number, time_ns=self.time_ns(number), left=image, depth_m=depth, rig=optics.rig)
 
     def truth(self, number: int) -> Truth:
-        """Nothing is known."""
+        """The source has no ground truth."""
         return Truth()
 
     def digest(self) -> str:
-        """Of the files' bytes, the frames' numbers and the settings, not of the files' names."""
+        """Digest of the files' bytes, the frames' numbers and the settings, but not of the files' names."""
         paths = [
             (f"{kind} {number}", path)
             for number, files in self._frames.items()

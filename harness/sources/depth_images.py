@@ -1,4 +1,4 @@
-"""Which colour and depth files are one frame: joined by number, or by time where lists give times."""
+"""Join colour and depth files to frames: by number, or by time if lists give times."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from vfoa.errors import VfoaError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthFrame:
-    """The files of one frame; ``time_ns`` is None where numbers are all there is."""
+    """The files of one frame; ``time_ns`` is None if there are only numbers."""
 
     colour: Path
     depth: Path
@@ -23,14 +23,14 @@ class DepthFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthFrames:
-    """Frames by number, ascending, and one sentence for each kind of file that is in none."""
+    """Frames by number, ascending, and a note for each kind of file that belongs to no frame."""
 
     by_number: dict[int, DepthFrame]
     notes: tuple[str, ...]
 
 
 def find_depth_frames(folder: Path, colour: str, depth: str, tolerance_ms: float) -> DepthFrames:
-    """The frames of two patterns of files (``rgb/*.png``), or of two lists of files with their times (``rgb.txt``).
+    """Return the frames of two patterns of files (``rgb/*.png``), or of two lists of files with times (``rgb.txt``).
 
     Frames of lists are numbered from 1 by the colour images' times, at most ``tolerance_ms`` from the depth's.
 

@@ -1,4 +1,4 @@
-"""A single camera with a depth map in its own image: both without lens distortion, and the rig they have then."""
+"""A single camera and a depth map in its image: lens distortion is removed from both, which gives their rig."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Intrinsics(Settings):
     baseline_m: float | None = Field(default=None, gt=0)
 
     def pair(self, where: str) -> Calibration:
-        """The rectified pair; a :class:`VfoaError` that begins with ``where`` without a baseline."""
+        """Return the rectified pair; without a baseline raise a :class:`VfoaError` that begins with ``where``."""
         if self.baseline_m is None:
             raise VfoaError(f"{where}: source.camera.baseline_m: missing; expected the pair's baseline in metres")
         return Calibration(
@@ -39,26 +39,26 @@ class Intrinsics(Settings):
         )
 
     def camera(self, size_px: tuple[int, int]) -> RawCamera:
-        """The same as a camera for images of this (width, height)."""
+        """Return it as a camera for images of this (width, height)."""
         fy = self.fx_px if self.fy_px is None else self.fy_px
         return lens(np.array([[self.fx_px, 0, self.cx_px], [0, fy, self.cy_px], [0, 0, 1.0]]), size_px)
 
 
 def lens(k: Float, size_px: tuple[int, int]) -> RawCamera:
-    """A camera with this matrix (3, 3) and no distortion."""
+    """Return a camera with this matrix (3, 3) and no distortion."""
     return RawCamera(size_px=size_px, k=k, d=np.zeros(0), r=np.eye(3), p=np.column_stack([k, np.zeros(3)]))
 
 
 def without_distortion(camera: RawCamera) -> RawCamera:
-    """The camera of images that were rectified already: the left part of P, or K where P is empty."""
+    """Return the camera of images that were rectified already: the left part of P, or K if P is empty."""
     has_p = camera.p[0, 0] > 0 and camera.p[1, 1] > 0
     return lens(camera.p[:, :3] if has_p else camera.k, camera.size_px)
 
 
 class DepthOptics:
-    """Takes the distortion out of images of one camera, and of depth maps in these images.
+    """Removes the lens distortion from images of one camera, and from depth maps in these images.
 
-    A single camera is not turned: the new camera has the matrix K of the old one and no distortion, so that z stays z.
+    A single camera is not rotated: the new camera has the matrix K of the old one and no distortion, so that z stays z.
 
     Raises
     ------
@@ -78,21 +78,21 @@ class DepthOptics:
 
     @property
     def rig(self) -> StereoRig:
-        """The rig of what :meth:`image` and :meth:`depth` return."""
+        """The rig of the images and maps that :meth:`image` and :meth:`depth` return."""
         (width, height), k = self._camera.size_px, self._camera.k
         return StereoRig.of_depth_camera(
             width_px=width, height_px=height, fx_px=k[0, 0], fy_px=k[1, 1], cx_px=k[0, 2], cy_px=k[1, 2]
         )
 
     def image(self, image: Image) -> Image:
-        """An image (H, W, 3) without distortion; pixels that the camera did not see are black."""
+        """Return an image (H, W, 3) without distortion; pixels that the camera did not see are black."""
         self._check(image.shape, "colour image")
         if self._maps is None:
             return image
         return np.asarray(cv2.remap(image, *self._maps, cv2.INTER_LINEAR), dtype=np.uint8)
 
     def depth(self, depth_m: Map) -> Map:
-        """A depth map (H, W) without distortion, by nearest pixels: depths across an edge have no mean."""
+        """Return a depth map (H, W) without distortion, by nearest pixels: depths must not be averaged across edges."""
         self._check(depth_m.shape, "depth map")
         if self._maps is None:
             return depth_m

@@ -1,4 +1,4 @@
-"""Which layouts of ``depth_folder`` a path could have. For proposals: a manifest then says which one it is."""
+"""Find the layouts of ``depth_folder`` that fit a path, as proposals: a manifest then names one of them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
 from vfoa.errors import VfoaError
 
 _DEPTH_OF_FOLDERS = 3
-"""Folders below the path that are looked into."""
+"""Levels of folders below the path that are searched."""
 
 _COLOUR_WORDS = ("rgb", "color", "colour", "image", "img", "left")
 _CALIBRATIONS = (
@@ -34,7 +34,7 @@ _CALIBRATIONS = (
     "camera.txt",
     "calibration.txt",
 )
-"""What Open3D, ROS and data sets call the calibration of one camera."""
+"""File names of one camera's calibration in Open3D, ROS and data sets."""
 
 TUM_SCALE = 5000.0
 """Counts per metre in TUM RGB-D; Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012."""
@@ -53,12 +53,12 @@ _GFIE_CAMERA = "CameraKinect.npy"
 
 
 def recognise_depth(path: Path) -> tuple[Recognised, ...]:
-    """Every way to read a folder as colour with depth; none for anything else.
+    """Return every way to read a folder as colour with depth; none for anything else.
 
     Raises
     ------
     VfoaError
-        If the path is a recording of Azure Kinect, whose depth track is of a lens of its own: names what converts it.
+        If the path is a recording of Azure Kinect, whose depth is of another lens: the message names a converter.
     """
     if not path.is_dir():
         if _is_azure_kinect(path):
@@ -72,7 +72,7 @@ def recognise_depth(path: Path) -> tuple[Recognised, ...]:
 
 
 def _is_azure_kinect(path: Path) -> bool:
-    """Whether a file is a Matroska file with k4arecorder's tags, or its codec of 16-bit depth, near the beginning."""
+    """Whether a file is Matroska with k4arecorder's tags, or its codec of 16-bit depth, near the beginning."""
     try:
         if not path.is_file():
             return False
@@ -118,7 +118,7 @@ def _gfie(path: Path) -> list[Recognised]:
 
 
 def _folders(path: Path) -> Iterator[Recognised]:
-    """Files whose paths differ by a word for colour and the word depth, and share numbers."""
+    """Yield pairs of files whose paths differ by a word for colour and the word depth, and share numbers."""
     patterns = _patterns(path)
     depths = {pattern: first for pattern, first in patterns.items() if _is_depth(pattern)}
     for depth, first in depths.items():
@@ -129,7 +129,7 @@ def _folders(path: Path) -> Iterator[Recognised]:
             try:
                 frames = find_depth_frames(path, colour, depth, DEPTH_TOLERANCE_MS)
             except VfoaError:
-                continue  # no number in common
+                continue  # no common number
             source: dict[str, Any] = {"colour": colour, "depth": depth}
             calibration = _calibration_file(path, source)
             layout = f"colour {colour!r} and depth {depth!r}: {len(frames.by_number)} frames"
@@ -157,7 +157,7 @@ def _is_depth(pattern: str) -> bool:
 
 
 def _is_colour_of(colour: str, depth: str) -> bool:
-    """Whether two patterns differ where one has the word depth, and the other one a word for colour, or nothing."""
+    """Whether two patterns differ only by the word depth in one, and a word for colour or nothing in the other."""
     if Path(colour).suffix.lower() not in IMAGE_SUFFIXES:
         return False
     folders = [Path(each).parent.as_posix().lower() for each in (colour, depth)]
@@ -179,7 +179,7 @@ def _readable_depth(path: Path) -> bool:
 
 
 def _calibration_file(path: Path, source: dict[str, Any]) -> str | None:
-    """The only calibration of one camera in the folder, which is added to the source; None where there is none."""
+    """Add the only calibration of one camera in the folder to the source and name it; None if there is none."""
     names = {each.name.lower(): each.name for each in path.iterdir() if each.is_file()}
     for name in _CALIBRATIONS:
         if name.lower() in names and _fits(path / names[name.lower()], path, source):

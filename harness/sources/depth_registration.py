@@ -1,4 +1,4 @@
-"""Depth of one camera, seen by another: each pixel is moved in space and drawn where the other camera sees it."""
+"""Registration of depth to another camera: each pixel is moved in space and drawn where the other camera sees it."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ class Transform:
     translation_m: Float
 
     def then(self, following: Transform) -> Transform:
-        """The motion that is this one, followed by another."""
+        """Return this motion followed by another."""
         return Transform(
             rotation=following.rotation @ self.rotation,
             translation_m=following.rotation @ self.translation_m + following.translation_m,
         )
 
     def inverse(self) -> Transform:
-        """The motion back."""
+        """Return the inverse motion."""
         return Transform(rotation=self.rotation.T, translation_m=-self.rotation.T @ self.translation_m)
 
 
@@ -39,9 +39,9 @@ class DepthRegistration:
     Parameters
     ----------
     source
-        The depth camera as its maps are: with its lens distortion, or without coefficients where they are rectified.
+        The depth camera of the maps: with its lens distortion, or without coefficients if they are rectified.
     target
-        The rectified camera that is to see the depth.
+        The rectified camera that the depth is drawn for.
     target_from_source
         From the depth camera's frame to the target's.
     """
@@ -49,16 +49,16 @@ class DepthRegistration:
     def __init__(self, source: RawCamera, target: StereoRig, target_from_source: Transform) -> None:
         self._target, self._motion = target, target_from_source
         width, height = source.size_px
-        # A pixel is a square: its four corners say which pixels of the target it covers.
+        # A pixel is a square: its four corners tell which pixels of the target it covers.
         v, u = np.mgrid[: height + 1, : width + 1].astype(np.float64) - 0.5
         corners = _rays(np.column_stack([u.ravel(), v.ravel()]), source).reshape(height + 1, width + 1, 2)
         self._corners = corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]
 
     def register(self, depth_m: Map) -> Map:
-        """The depth (H, W) float32 that the target camera sees, NaN where none was measured; the nearer one wins.
+        """Return the depth (H, W) float32 in the target camera, NaN where none was measured; the nearer one wins.
 
-        A pixel is drawn as the rectangle around its corners, so that a target of a higher resolution has no holes
-        but those that are hidden from the depth camera.
+        A pixel is drawn as the rectangle around its corners, so that a target of a higher resolution has holes only
+        where the depth camera sees nothing.
         """
         known = np.isfinite(depth_m)
         z = depth_m[known].astype(np.float64)
@@ -91,7 +91,7 @@ class DepthRegistration:
 
 
 def _covered(corners: Float) -> tuple[Float, Float]:
-    """First and last integer (N,) within four corners (4, N); the nearest one where there is none within."""
+    """First and last integer (N,) within four corners (4, N); if there is none, the nearest one."""
     first, last = np.ceil(corners.min(axis=0)), np.ceil(corners.max(axis=0)) - 1
     nearest = np.round(corners.mean(axis=0))
     none = last < first
@@ -99,7 +99,7 @@ def _covered(corners: Float) -> tuple[Float, Float]:
 
 
 def _rays(pixels: Float, camera: RawCamera) -> Float:
-    """(x / z, y / z) (N, 2) of pixels (N, 2) as the camera has them."""
+    """(x / z, y / z) (N, 2) of pixels (N, 2) in the camera's own image, distortion included."""
     if camera.model == "equidistant":
         d = camera.d if camera.d.size else np.zeros(4)
         return np.asarray(cv2.fisheye.undistortPoints(pixels[:, None], camera.k, d)).reshape(-1, 2)

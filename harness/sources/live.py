@@ -15,9 +15,9 @@ from vfoa.types import StereoFrame
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arrival:
-    """A frame that has come, not decoded yet: its number, its time, and when it came (:func:`time.monotonic`).
+    """A frame that has arrived and is not decoded: its number, its time, and its arrival (:func:`time.monotonic`).
 
-    ``read`` decodes it, in whichever thread; it raises :class:`vfoa.errors.VfoaError` for one that is damaged.
+    ``read`` decodes it, in any thread; it raises :class:`vfoa.errors.VfoaError` for a damaged one.
     """
 
     number: int
@@ -27,17 +27,17 @@ class Arrival:
 
 
 class LiveSource(Protocol):
-    """Something that frames come from, whether anybody is ready for them or not."""
+    """A source that delivers frames whether or not anybody is ready for them."""
 
     @property
     def rate_hz(self) -> float | None:
-        """Frames per second, None where it is not known."""
+        """Frames per second; None if not known."""
         ...
 
     def arrivals(self, stopped: Event) -> Iterator[Arrival]:
-        """Every frame as it comes, with ascending numbers; ends with the source, or soon after ``stopped`` is set.
+        """Yield frames as they arrive, with ascending numbers; ends with the source, or soon after ``stopped`` is set.
 
-        The first one is for rehearsal: a source that can wait gives it at once, and again when it is told to begin.
+        The first one is for rehearsal: a source that can wait gives it at once, and again after :meth:`begin`.
 
         Raises
         ------
@@ -47,5 +47,5 @@ class LiveSource(Protocol):
         ...
 
     def begin(self) -> None:
-        """Hear that all is ready: what comes from now on counts."""
+        """Tell the source that everything is ready: frames from now on count."""
         ...

@@ -25,7 +25,7 @@ _POLL_S = 0.05
 
 
 class PlayedClip:
-    """A clip whose frames come when they were taken, counted from the first: videos and recordings as if live."""
+    """A clip whose frames arrive at the times at which they were taken, counted from the first one."""
 
     def __init__(self, clip: Clip, where: str) -> None:
         self._clip, self._begun = clip, Event()
@@ -35,11 +35,11 @@ class PlayedClip:
 
     @property
     def rate_hz(self) -> float | None:
-        """The clip's."""
+        """The clip's frame rate."""
         return self._clip.rate_hz
 
     def arrivals(self, stopped: Event) -> Iterator[Arrival]:
-        """As :class:`harness.sources.live.LiveSource`; frames have the clip's numbers."""
+        """As in :class:`harness.sources.live.LiveSource`; frames have the clip's numbers."""
         yield self._arrival(0, time.monotonic())
         while not self._begun.wait(_POLL_S):
             if stopped.is_set():
@@ -61,10 +61,10 @@ class PlayedClip:
 
 
 class Capture(Protocol):
-    """What is used of ``cv2.VideoCapture``."""
+    """The methods of ``cv2.VideoCapture`` that are used."""
 
     def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
-        """Whether there is a camera."""
+        """Whether a camera is open."""
         ...
 
     def grab(self) -> bool:
@@ -72,12 +72,12 @@ class Capture(Protocol):
         ...
 
     def retrieve(self) -> tuple[bool, Any]:
-        """Decode the frame that was grabbed last: whether that went well, and the image, BGR."""
+        """Decode the frame that was grabbed last; return whether that succeeded, and the image, BGR."""
         ...
 
 
 def open_capture(name: str) -> Capture:
-    """A camera by its number, or what else OpenCV opens (a stream's address).
+    """Open a camera by its number, or anything else that OpenCV opens (a stream's address).
 
     Raises
     ------
@@ -93,8 +93,8 @@ def open_capture(name: str) -> Capture:
 class CameraPair:
     """Two cameras that are grabbed one right after the other; a frame's time is that of the left one's grab.
 
-    Numbers begin at 1. Nothing synchronises the two: what moves fast is seen at two places, unless the cameras
-    trigger each other.
+    Numbers begin at 1. Nothing synchronises the two: a fast object is seen at two places, unless the cameras trigger
+    each other.
 
     Parameters
     ----------
@@ -114,11 +114,11 @@ class CameraPair:
         self._optics: Optics | None = None
 
     def arrivals(self, stopped: Event) -> Iterator[Arrival]:
-        """As :class:`harness.sources.live.LiveSource`; ends when a camera gives no more."""
+        """As in :class:`harness.sources.live.LiveSource`; ends when a camera delivers no more frames."""
         number, started_s = 0, time.monotonic()
         while not stopped.is_set():
             arrived_s = time.monotonic()
-            grabbed = [capture.grab() for capture in self._captures]  # both, whatever the first one says
+            grabbed = [capture.grab() for capture in self._captures]  # grab from both, even if the first one fails
             if not all(grabbed):
                 return
             images = [capture.retrieve() for capture in self._captures]
@@ -129,7 +129,7 @@ class CameraPair:
             yield self._arrival(number, arrived_s, round((arrived_s - started_s) * 1e9), left, right)
 
     def begin(self) -> None:
-        """Cameras do not wait."""
+        """Do nothing: cameras do not wait."""
 
     def _arrival(self, number: int, arrived_s: float, time_ns: int, left: Any, right: Any) -> Arrival:
         def read() -> StereoFrame:

@@ -1,4 +1,4 @@
-"""Rectification: two images as the cameras saw them, onto common rows. The maps are computed once."""
+"""Rectification of two camera images to common rows. The maps are computed once."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MODELS: dict[str, Model] = {
     "fisheye": "equidistant",
     "kannala_brandt": "equidistant",
 }
-"""ROS's and Foxglove's names of distortion models."""
+"""Names of distortion models in ROS and Foxglove."""
 
 _COEFFICIENTS: dict[Model, tuple[int, ...]] = {"plumb_bob": (0, 4, 5, 8, 12, 14), "equidistant": (0, 4)}
 
@@ -45,7 +45,7 @@ class RawCamera:
 
     @property
     def key(self) -> bytes:
-        """Equal for cameras that are equal."""
+        """Equal for equal cameras."""
         matrices = b"".join(matrix.tobytes() for matrix in (self.k, self.d, self.r, self.p))
         return f"{self.size_px} {self.model} {self.d.size} ".encode() + matrices
 
@@ -94,16 +94,16 @@ class Rectifier:
 
     @property
     def calibration(self) -> Calibration:
-        """Of the images that :meth:`rectify` returns."""
+        """Calibration of the images that :meth:`rectify` returns."""
         return self._calibration.rectified()
 
     @property
     def keeps_left(self) -> bool:
-        """Whether left images are rectified already, and stay as they are."""
+        """Whether left images are rectified already, and stay unchanged."""
         return self._maps[0] is None
 
     def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
-        """Rectify two images (H, W, 3) uint8; those that are rectified already are returned as they are.
+        """Rectify two images (H, W, 3) uint8; images that are rectified already are returned unchanged.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class Rectifier:
         return self._remap(left, "left", 0), self._remap(right, "right", 1)
 
     def rectify_left(self, left: Image) -> Image:
-        """The left image alone, as :meth:`rectify`."""
+        """Rectify only the left image, as :meth:`rectify` does."""
         return self._remap(left, "left", 0)
 
     def _remap(self, image: Image, side: str, index: int) -> Image:
@@ -129,7 +129,7 @@ class Rectifier:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Optics:
-    """How a pair is brought onto common rows (None: it is there already), and the calibration it has then."""
+    """The rectifier of a pair (None: it is rectified already), and the calibration of the rectified pair."""
 
     calibration: Calibration
     rectifier: Rectifier | None
@@ -139,7 +139,7 @@ class Optics:
         return (left, right) if self.rectifier is None else self.rectifier.rectify(left, right)
 
     def rectify_left(self, left: Image) -> Image:
-        """The left image alone."""
+        """The left image, rectified."""
         return left if self.rectifier is None else self.rectifier.rectify_left(left)
 
 
@@ -151,7 +151,7 @@ def optics(cameras: RawCalibration | Calibration) -> Optics:
 
 
 def check_lens(k: Float, d: Float, model: Model, where: str) -> None:
-    """Refuse what is no camera matrix, or another number of coefficients than the model has."""
+    """Reject an invalid camera matrix, or a wrong number of coefficients for the model."""
     _check_shape("K", k, (3, 3), where)
     if not (k[0, 0] > 0 and k[1, 1] > 0):
         raise VfoaError(f"{where}: K: found focal lengths {k[0, 0]:g}, {k[1, 1]:g}; expected positive")
@@ -160,7 +160,7 @@ def check_lens(k: Float, d: Float, model: Model, where: str) -> None:
 
 
 def check_rotation(r: Float, where: str) -> None:
-    """Refuse what is no rotation (3, 3)."""
+    """Reject a matrix that is no rotation (3, 3)."""
     _check_shape("R", r, (3, 3), where)
     is_bounded = bool((np.abs(r) < 2).all())  # or its square overflows
     if not is_bounded or not np.allclose(r @ r.T, np.eye(3), atol=1e-4) or np.linalg.det(r) < 0:
@@ -179,7 +179,7 @@ def _check_shape(name: str, matrix: Float, shape: tuple[int, int], where: str) -
 
 
 def _maps(camera: RawCamera) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike]:
-    """Where each rectified pixel lies in the camera's image: (H, W) float32 columns and rows."""
+    """Position of each rectified pixel in the camera's image: (H, W) float32 columns and rows."""
     new, d = camera.p[:, :3], camera.d if camera.d.size else np.zeros(4)
     if camera.model == "equidistant":
         return cv2.fisheye.initUndistortRectifyMap(camera.k, d, camera.r, new, camera.size_px, cv2.CV_32FC1)

@@ -1,4 +1,4 @@
-"""Names that differ in nothing but the side: left and right, l and r, aloeL and aloeR, cam0 and cam1, I1_ and I2_."""
+"""Names that differ only in the side: left and right, l and r, aloeL and aloeR, cam0 and cam1, I1_ and I2_."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ class Sides:
 
 
 def pair_names(names: Iterable[str], *, numbered: bool) -> tuple[Sides, ...]:
-    """Every way to see two sides in names (of files, or paths of folders), most pairs first.
+    """Return every way to find two sides in names (of files, or paths of folders), most pairs first.
 
     ``numbered``: runs of digits beside the side may differ within a side (frame numbers) and are ``*`` in the globs.
-    Cameras are paired as (0, 1), (2, 3), or as (1, 2) where there is no 0.
+    Cameras are paired as (0, 1), (2, 3), or as (1, 2) if there is no 0.
     """
     ways: defaultdict[tuple[str, str, str], defaultdict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
     for name in sorted(names):

@@ -1,4 +1,4 @@
-"""MPI Sintel: one scene and one pass of the stereo set, with what the depth and segmentation sets add."""
+"""MPI Sintel: one scene and one pass of the stereo set, with the data of the depth and segmentation sets."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from vfoa.settings import Settings
 from vfoa.types import Disparity, Instance, Instances, Map, Mask, StereoFrame, StereoRig
 
 BASELINE_M = 0.10
-"""Of the parallel stereo cameras (the stereo set's README)."""
+"""Baseline of the parallel stereo cameras (the stereo set's README)."""
 
 RATE_HZ = 24.0
-"""Of the film."""
+"""Frame rate of the film."""
 
 PASSES = ("clean", "final")
 
@@ -43,7 +43,7 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 class SintelSettings(Settings):
-    """Which scene and which render pass: ``clean`` (no fog, no blur) or ``final``."""
+    """The scene and the render pass: ``clean`` (no fog, no blur) or ``final``."""
 
     scene: str
     render_pass: Literal["clean", "final"] = Field(default="clean", alias="pass")
@@ -79,7 +79,7 @@ class SintelClip:
 
     @classmethod
     def recognise(cls, path: Path) -> tuple[Recognised, ...]:
-        """Each scene and pass at or below a path inside the set; a scene's folder is that scene and pass alone."""
+        """Recognise each scene and pass at or below a path inside the set; a scene's folder is that scene only."""
         training = next((each for each in (path / "training", path, *path.parents) if _is_training(each)), None)
         if training is None:
             return ()
@@ -100,7 +100,7 @@ class SintelClip:
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """The film's numbers, from 1."""
+        """The film's frame numbers, from 1."""
         return self._frames
 
     @property
@@ -110,11 +110,11 @@ class SintelClip:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """None: the official data has no peculiarity that a table must tell."""
+        """No notes: the official data has no peculiarities."""
         return ()
 
     def time_ns(self, number: int) -> int:
-        """In the film: its number over its rate."""
+        """Time in the film: number over rate."""
         self._check_number(number)
         return round(number * 1e9 / RATE_HZ)
 
@@ -137,7 +137,7 @@ class SintelClip:
         return StereoFrame(index=number, time_ns=self.time_ns(number), left=left, right=right, rig=rig)
 
     def truth(self, number: int) -> Truth:
-        """Disparity and instances, each where its file is there."""
+        """Disparity and instances, each if its file exists."""
         self._check_number(number)
         path = self._path("disparities", number)
         disparity = self._fitting(read_sintel_disparity(path), path, number) if path.is_file() else None
@@ -152,21 +152,21 @@ class SintelClip:
         )
 
     def depth_m(self, number: int) -> Map | None:
-        """True depth (H, W) in metres; None where the depth set is not there."""
+        """True depth (H, W) in metres; None without the depth set."""
         path = self._path("depth", number, "dpt")
         return self._fitting(read_depth(path), path, number) if path.is_file() else None
 
     def hidden(self, number: int) -> Mask | None:
         """Pixels (H, W) of the left view that the right one does not see: occluded or out of its frame.
 
-        None where neither mask is there.
+        None if neither mask exists.
         """
         paths = [path for kind in ("occlusions", "outofframe") if (path := self._path(kind, number)).is_file()]
         masks = [self._fitting(read_mask(path), path, number) for path in paths]
         return np.logical_or.reduce(masks) if masks else None
 
     def digest(self) -> str:
-        """Of the images' and cameras' bytes and the frames' numbers."""
+        """Digest of the images' and cameras' bytes and the frames' numbers."""
         kinds = ((f"{self._pass}_left", "png"), (f"{self._pass}_right", "png"), ("camdata_left", "cam"))
         return digest_files(
             (f"{number} {kind}", self._path(kind, number, suffix)) for number in self._frames for kind, suffix in kinds
@@ -197,7 +197,7 @@ class SintelClip:
             raise VfoaError(f"{self._scene}: no frame {number}; expected {self._frames[0]} to {self._frames[-1]}")
 
     def _fitting(self, found: NDArray[Scalar], path: Path, number: int) -> NDArray[Scalar]:
-        """The map, if it has the left image's size."""
+        """Return the map if it has the left image's size, else raise an error."""
         left = self._path(f"{self._pass}_left", number)
         width, height = png_size_px(left)
         if found.shape != (height, width):
@@ -219,7 +219,7 @@ class SintelClip:
 
     @cached_property
     def _small_ids(self) -> dict[int, int]:
-        """16-bit ids for the whole scene's segments, so that one thing has one id in every frame."""
+        """16-bit ids for the whole scene's segments, so that an object has the same id in every frame."""
         paths = [path for number in self._frames if (path := self._path("segmentation", number)).is_file()]
         every_id = (int(each) for path in paths for each in np.unique(read_segments(path)))
         return small_ids(every_id, f"{self._training / 'segmentation' / self._scene}")

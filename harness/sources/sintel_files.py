@@ -33,7 +33,7 @@ def read_camera(path: Path) -> Float:
 
 
 def read_segments(path: Path) -> NDArray[np.uint32]:
-    """Read the ids (H, W) of a segmentation PNG: id = (R 256 + G) 256 + B; VfoaError if it is none."""
+    """Read the ids (H, W) of a segmentation PNG: id = (R 256 + G) 256 + B; VfoaError for another file."""
     image = read_raw(path)
     if image.ndim != 3 or image.dtype != np.uint8:
         raise VfoaError(f"{path}: found shape {image.shape} of {image.dtype}; expected Sintel's 8-bit RGB segmentation")
@@ -41,6 +41,6 @@ def read_segments(path: Path) -> NDArray[np.uint32]:
 
 
 def read_mask(path: Path) -> Mask:
-    """Read a mask (H, W): what is not black; VfoaError if it is no image."""
+    """Read a mask (H, W): pixels that are not black; VfoaError if it is no image."""
     image = read_raw(path)
     return (image if image.ndim == 2 else image.max(axis=2)) > 0

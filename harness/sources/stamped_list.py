@@ -1,4 +1,4 @@
-"""Lists of images with their times, as TUM RGB-D has them: ``timestamp filename``, in seconds."""
+"""Lists of images with their times in TUM RGB-D's format: ``timestamp filename``, in seconds."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def read_stamped_list(path: Path) -> dict[int, Path]:
     Raises
     ------
     VfoaError
-        If a line is of another form, or a time is there twice.
+        If a line is of another form, or a time occurs twice.
     """
     found: dict[int, Path] = {}
     for number, line in enumerate(read_text(path).splitlines(), start=1):
@@ -30,7 +30,7 @@ def read_stamped_list(path: Path) -> dict[int, Path]:
         if not name.strip():
             raise VfoaError(f"{path}:{number}: found {text!r}; expected a time in seconds and a file")
         if stamp_ns in found:
-            raise VfoaError(f"{path}:{number}: the time {time} is there twice")
+            raise VfoaError(f"{path}:{number}: the time {time} occurs twice")
         found[stamp_ns] = path.parent / name.strip()
     if not found:
         raise VfoaError(f"{path}: no images; expected lines of a time in seconds and a file")

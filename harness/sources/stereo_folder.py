@@ -35,7 +35,7 @@ class CameraNumbers(Settings):
     cx_right_px: float | None = None
 
     def calibration(self) -> Calibration:
-        """The same as a :class:`Calibration`."""
+        """Return it as a :class:`Calibration`."""
         return Calibration(
             fx_px=self.fx_px,
             fy_px=self.fx_px if self.fy_px is None else self.fy_px,
@@ -47,13 +47,13 @@ class CameraNumbers(Settings):
 
 
 class StereoFolderSettings(ViewFiles):
-    """Where the views are, under the manifest's root, and how they were calibrated: a file or four numbers.
+    """Files of the views, under the manifest's root, and their calibration: a file or four numbers.
 
-    ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV). What such
-    files do not tell: which two of their ``calibration_cameras`` (KITTI (2, 3), Kalibr (0, 1) if unsaid), the
-    ``calibration_unit`` of their translation, the ``baseline_m`` (in place of the file's), that they are for
-    ``fisheye`` lenses, that the images are ``rectified`` already. Without ``rate_hz`` times are the video's, or those
-    in the names; images without either are a second apart.
+    ``calibration`` is a file, or two (left and right of ROS or EuRoC, intrinsics and extrinsics of OpenCV). Properties
+    that such files do not contain: the two ``calibration_cameras`` to use (by default KITTI (2, 3), Kalibr (0, 1)), the
+    ``calibration_unit`` of their translation, the ``baseline_m`` (replaces the file's), that they are for ``fisheye``
+    lenses, that the images are ``rectified`` already. Without ``rate_hz`` times are the video's, or those in the names;
+    images without either are a second apart.
     """
 
     calibration: str | tuple[str, str] | None = None
@@ -93,10 +93,10 @@ class StereoFolderClip:
     """A clip from numbered images (a frame's number is the digits in its name; gaps stay gaps) or from videos.
 
     root/
-      left/000007.png     any image OpenCV reads; left and right are joined by number
-      right/000007.png    the same size
-      stereo.yml          what vfoa calibrate writes, or another file of calibration_files: pairs as the cameras
-                          saw them are rectified by it
+        left/000007.png     any image OpenCV reads; left and right are joined by number
+        right/000007.png    the same size
+        stereo.yml          written by vfoa calibrate, or another file of calibration_files; it rectifies unrectified
+                            pairs
     """
 
     Settings = StereoFolderSettings
@@ -112,24 +112,24 @@ class StereoFolderClip:
 
     @classmethod
     def recognise(cls, path: Path) -> tuple[Recognised, ...]:
-        """Every layout of images or videos at a path, with the calibration files beside them."""
+        """Recognise every layout of images or videos at a path, with the calibration files beside them."""
         return cls.recognise_as(path, {})
 
     @classmethod
     def recognise_as(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
-        """The same, where the user has named files or said what a calibration does not tell."""
+        """Recognise layouts with files or calibration properties that the user has named."""
         from harness.sources.stereo_recognition import recognise_stereo
 
         return recognise_stereo(path, given)
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """The numbers in the files' names, or places in the video from 0; ascending."""
+        """The numbers in the files' names, or positions in the video from 0; ascending."""
         return self._views.frames
 
     @property
     def rate_hz(self) -> float | None:
-        """As the manifest says, else as the files do."""
+        """The manifest's rate, else that of the files."""
         return self._settings.rate_hz or self._views.rate_hz
 
     @property
@@ -137,11 +137,11 @@ class StereoFolderClip:
         """Notes: frames left out, and a calibration scaled to another resolution."""
         try:
             return (*self._views.notes, *scaling_note(self._cameras, self._size_px()))
-        except VfoaError:  # the first frame cannot be read, which whoever reads it is told
+        except VfoaError:  # the first frame cannot be read; reading it gives the error
             return self._views.notes
 
     def time_ns(self, number: int) -> int:
-        """As the files say, else (or if the manifest says a rate) its number over the rate."""
+        """Time from the files, or the number over the rate (without times, or if the manifest gives a rate)."""
         if number not in self._numbers:
             expected = f"{self.frames[0]} to {self.frames[-1]}"
             raise VfoaError(f"{self._folder}: no frame {number}; expected {expected}")
@@ -173,17 +173,17 @@ class StereoFolderClip:
 
     @property
     def sound_files(self) -> tuple[Path, ...]:
-        """The videos; none where the manifest's rate is not theirs, so that they would not be in step."""
+        """The videos; none if the manifest's rate differs from theirs, so that they would not be synchronous."""
         told, own = self._settings.rate_hz, self._views.rate_hz
         in_step = told is None or (own is not None and math.isclose(told, own, rel_tol=1e-4))
         return self._settings.videos(self._folder) if in_step else ()
 
     def truth(self, number: int) -> Truth:
-        """Nothing is known."""
+        """The source has no ground truth."""
         return Truth()
 
     def digest(self) -> str:
-        """Of the files' bytes, the frames' numbers, the calibration, the rate and the unit of stamps."""
+        """Digest of the files' bytes, the frames' numbers, the calibration, the rate and the unit of stamps."""
         digest = hashlib.sha256(f"{self._views.digest()} {self.rate_hz} {self._settings.stamps} ".encode())
         cameras = self._cameras
         digest.update(
@@ -196,7 +196,7 @@ class StereoFolderClip:
         return frozenset(self.frames)
 
     def _optics(self, size_px: tuple[int, int]) -> Optics:
-        """For images of this size, computed for the first one that is read: a clip has one size."""
+        """The optics for images of this size, computed when the first one is read: a clip has one size."""
         if self._fitted is None:
             self._fitted = optics(scaled_to(self._cameras, size_px))
         return self._fitted

@@ -1,4 +1,4 @@
-"""Which layouts of ``stereo_folder`` a path could have. For proposals: a manifest then says which one it is."""
+"""Find the layouts of ``stereo_folder`` that fit a path, as proposals: a manifest then names one of them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
 
 DEPTH = 3
-"""Folders below the path that are looked into: ``mav0/cam0/data``."""
+"""Levels of folders below the path that are searched: ``mav0/cam0/data``."""
 
 ALIKE = 0.25
 """Least correlation of two halves that are taken for two views of one scene.
@@ -63,16 +63,16 @@ class FoundLayout:
 
 
 def find_layouts(path: Path) -> tuple[FoundLayout, ...]:
-    """Every layout that the files at ``path`` (a folder, or one video or image) can be read by, most frames first.
+    """Return every layout that the files at ``path`` (a folder, or one video or image) fit, most frames first.
 
-    Sides are told by names (:func:`harness.sources.side_names.pair_names`), two views in one file by halves that
-    look alike. Empty where nothing is found: a folder of single images is no stereo clip.
+    Sides are recognised by names (:func:`harness.sources.side_names.pair_names`), two views in one file by halves that
+    look alike. Empty if nothing is found: a folder of single images is no stereo clip.
 
     Raises
     ------
     VfoaError
-        If there is nothing at the path, it is a file that cannot be read, or the first pair of a layout cannot; of
-        videos, only where no images are a pair.
+        If there is nothing at the path, it is a file that cannot be read, or the first pair of a layout cannot be read
+        (for videos only if no images form a pair).
     """
     if not path.exists():
         raise VfoaError(f"{path}: no such file or folder")
@@ -105,7 +105,7 @@ def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str
     for folder, subfolders, files in os.walk(root):
         relative = Path(folder).relative_to(root)
         subfolders[:] = sorted(n for n in subfolders if not n.startswith(".") and len(relative.parts) < DEPTH)
-        # What vfoa calibrate shows beside its stereo.yml is a picture of a rectified pair, but no frame.
+        # The preview that vfoa calibrate writes beside its stereo.yml shows a rectified pair, but is no frame.
         previews = {Path(name).stem + ".png" for name in files if Path(name).suffix == ".yml"}
         names = sorted(
             n for n in files if Path(n).suffix.lower() in suffixes and not n.startswith(".") and n not in previews
@@ -152,7 +152,7 @@ def images_below(root: Path) -> list[str]:
 
 
 def read_layout(root: Path, files: ViewFiles) -> FoundLayout:
-    """The layout of files that the user names; raises as their :meth:`ViewFiles.views` does."""
+    """Return the layout of files that the user names; raises the errors of their :meth:`ViewFiles.views`."""
     source = files.model_dump(mode="json", exclude_defaults=True, exclude={"stamps", "swap"})
     views = files.views(root)
     stamps = files.stamps
@@ -210,7 +210,7 @@ def _found(root: Path, source: dict[str, str], views: Views, alone: tuple[int, i
 
 
 def _likeness(left: Image, right: Image) -> float:
-    """Greatest correlation of the two over horizontal shifts up to a quarter of the width; 0 where nothing is seen."""
+    """Greatest correlation of the two over horizontal shifts up to a quarter of the width; 0 without contrast."""
     views = [_small(view) for view in (left, right)]
     width = views[0].shape[1]
     shifts = range(width // 4 + 1)
@@ -221,7 +221,7 @@ def _small(view: Image) -> Float:
     height = max(1, round(view.shape[0] * _WIDTH / view.shape[1]))
     gray = cv2.resize(cv2.cvtColor(view, cv2.COLOR_RGB2GRAY), (_WIDTH, height), interpolation=cv2.INTER_AREA)
     small = gray.astype(np.float64)
-    # A bright sky over dark ground makes any two halves alike: what is the same along rows and columns is no sign.
+    # A bright sky over dark ground makes any two halves alike: remove what is the same along rows and columns.
     return small - small.mean(axis=1, keepdims=True) - small.mean(axis=0, keepdims=True)
 
 

@@ -1,4 +1,4 @@
-"""What a path is to ``stereo_folder``: its layouts, each with the calibration files that fit."""
+"""Recognise a path for ``stereo_folder``: its layouts, each with the calibration files that fit."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ _SHOWN = 4
 
 
 def recognise_stereo(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
-    """Every layout at a path, once for each file there that calibrates it, or without a calibration.
+    """Return every layout at a path, once for each file there that calibrates it, or without a calibration.
 
-    Files that ``given`` names (``left`` and ``right``, or ``both`` and ``layout``) are the one layout.
+    Files that ``given`` names (``left`` and ``right``, or ``both`` and ``layout``) are the only layout.
 
     Raises
     ------
     VfoaError
-        If named files cannot be read, or images are there of which none is seen to be a pair.
+        If named files cannot be read, or images are there but no pair of them is recognised.
     """
     if path.is_file() and path.suffix.lower() not in IMAGE_SUFFIXES | VIDEO_SUFFIXES:
         return ()
@@ -42,7 +42,7 @@ def recognise_stereo(path: Path, given: Mapping[str, Any]) -> tuple[Recognised, 
 
 
 def _named_files(given: Mapping[str, Any]) -> ViewFiles | None:
-    """What the user says of the views, where that is all that is needed to read them."""
+    """The user's settings of the views, if they are sufficient to read them."""
     files = {key: given[key] for key in ("layout", "left", "right", "both", "stamps", "tolerance_ms") if key in given}
     if not ({"left", "right"} <= files.keys() or {"layout", "both"} <= files.keys()):
         return None
@@ -66,7 +66,7 @@ def _refuse_unpaired(path: Path) -> None:
 def _calibrated(layout: FoundLayout, path: Path, given: Mapping[str, Any]) -> list[Recognised]:
     options = _options(layout, given)
     calibrations = [] if any(key in given for key in _CALIBRATIONS) else _calibrations(layout, options)
-    # A file that cannot be used alone is told of only where no other can.
+    # A file that cannot be used alone is reported only if no other can.
     incomplete = () if calibrations else find_incomplete(layout.root, lambda: layout.size_px, options)
     return [
         Recognised(
@@ -82,7 +82,7 @@ def _calibrated(layout: FoundLayout, path: Path, given: Mapping[str, Any]) -> li
 
 
 def _options(layout: FoundLayout, given: Mapping[str, Any]) -> Options:
-    """What the user says of calibrations, which must be known to find those that fit."""
+    """The user's settings of calibrations, which are needed to find those that fit."""
     cameras = (0, 1) if _KITTI_GRAY.search(layout.source.get("left", "")) else None
     baseline = given.get("baseline_m")
     return Options(
@@ -100,7 +100,7 @@ def _calibrations(layout: FoundLayout, options: Options) -> list[dict[str, Any]]
         return layout.size_px
 
     found = find_calibrations(layout.root, size, options)
-    if not found:  # KITTI's raw recordings: one for all drives of a day
+    if not found:  # KITTI's raw recordings: one file for all drives of a day
         found = find_calibrations(layout.root, size, options, [("../calib_cam_to_cam.txt",)])
     gray = {} if options.cameras is None else {"calibration_cameras": list(options.cameras)}
     return [each.source | (gray if str(each.source["calibration"]).endswith(".txt") else {}) for each in found]

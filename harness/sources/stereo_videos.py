@@ -1,4 +1,4 @@
-"""Both views of a frame from videos, two or one, by the frames' places from 0."""
+"""Both views of a frame from two videos or one, by the frames' positions from 0."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from harness.sources.stereo_views import Packing, check_sizes, split
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
-_RATES_DIFFER = 5e-4  # half of what lies between 30 and 29.97 frames per second
+_RATES_DIFFER = 5e-4  # half of the difference between 30 and 29.97 frames per second
 
 
 class VideoPair:
-    """Two videos, joined by the frames' places from 0.
+    """Two videos, joined by the frames' positions from 0.
 
     Raises
     ------
@@ -44,7 +44,7 @@ class VideoPair:
         )
 
     def time_ns(self, number: int) -> int:
-        """As the left video says, from 0."""
+        """Time in the left video, from 0."""
         return self._left.time_ns(number)
 
     def where(self, number: int) -> str:
@@ -62,12 +62,12 @@ class VideoPair:
         return self._left.read(number)
 
     def digest(self) -> str:
-        """Of both files."""
+        """Digest of both files."""
         return digest_files((("left", self._left.path), ("right", self._right.path)))
 
 
 class PackedVideo:
-    """One video whose frames hold both views, by their places from 0."""
+    """One video whose frames hold both views, by their positions from 0."""
 
     def __init__(self, path: Path, packing: Packing) -> None:
         self._video, self._packing = Video(path), packing
@@ -76,7 +76,7 @@ class PackedVideo:
         self.notes = self._video.notes
 
     def time_ns(self, number: int) -> int:
-        """As the video says, from 0."""
+        """Time in the video, from 0."""
         return self._video.time_ns(number)
 
     def where(self, number: int) -> str:
@@ -88,12 +88,12 @@ class PackedVideo:
         return split(self._video.read(number), self._packing, self.where(number))
 
     def digest(self) -> str:
-        """Of the file and the packing."""
+        """Digest of the file and the packing."""
         return hashlib.sha256(f"{self._packing} {file_digest(self._video.path)}".encode()).hexdigest()
 
 
 def _asunder(left: Video, right: Video, count: int) -> list[str]:
-    """What to say of two videos whose frames at one place were not taken at one time: one of them has lost some."""
+    """A note if frames at one position were taken at different times: one video has lost some."""
     times_ns = [np.array([video.time_ns(place) for place in range(count)]) for video in (left, right)]
     apart_ns = np.abs(times_ns[0] - times_ns[1])
     if count < 2 or apart_ns.max() <= float(np.median(np.diff(times_ns[0]))) / 2:

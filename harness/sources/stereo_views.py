@@ -21,16 +21,16 @@ _SHOWN = 8
 
 
 class Views(Protocol):
-    """Pairs of images by number. Can be pickled, reads on demand and in any order."""
+    """Pairs of images by number. Can be pickled; reads on demand and in any order."""
 
     @property
     def frames(self) -> tuple[int, ...]:
-        """The numbers of which both views are there, ascending."""
+        """The numbers of frames with both views, ascending."""
         ...
 
     @property
     def rate_hz(self) -> float | None:
-        """Frames per second, where the files tell."""
+        """Frames per second, if the files give it."""
         ...
 
     @property
@@ -39,7 +39,7 @@ class Views(Protocol):
         ...
 
     def time_ns(self, number: int) -> int | None:
-        """When the frame was taken, where the files tell."""
+        """Time of a frame, if the files give it."""
         ...
 
     def where(self, number: int) -> str:
@@ -47,23 +47,23 @@ class Views(Protocol):
         ...
 
     def read(self, number: int) -> tuple[Image, Image]:
-        """Left and right (H, W, 3) uint8 RGB of the same size; VfoaError where that fails."""
+        """Read left and right (H, W, 3) uint8 RGB of the same size; raises VfoaError if that fails."""
         ...
 
     def digest(self) -> str:
-        """Hexadecimal sha256 of the files' contents and of how they are cut into views."""
+        """Hexadecimal sha256 of the files' contents and of how they are split into views."""
         ...
 
 
 class Swapped:
-    """Views whose left and right are exchanged: of cameras that were named the wrong way round."""
+    """Views with left and right exchanged: for cameras that were named the wrong way round."""
 
     def __init__(self, views: Views) -> None:
         self._views = views
         self.frames, self.rate_hz, self.notes = views.frames, views.rate_hz, views.notes
 
     def time_ns(self, number: int) -> int | None:
-        """As the files say."""
+        """Time from the files."""
         return self._views.time_ns(number)
 
     def where(self, number: int) -> str:
@@ -76,12 +76,12 @@ class Swapped:
         return left, right
 
     def digest(self) -> str:
-        """Of the files and the exchange."""
+        """Digest of the files and the exchange."""
         return hashlib.sha256(f"swapped {self._views.digest()}".encode()).hexdigest()
 
 
 class _NumberedImages:
-    """Frames that have their numbers from names; with ``tick_ns`` the numbers are times in this unit."""
+    """Frames numbered by their names; with ``tick_ns`` the numbers are times in this unit."""
 
     def __init__(self, frames: tuple[int, ...], tick_ns: int | None) -> None:
         self.frames = frames
@@ -89,7 +89,7 @@ class _NumberedImages:
 
     @property
     def rate_hz(self) -> float | None:
-        """From the median step of the times."""
+        """Rate from the median step of the times."""
         if self._tick_ns is None or len(self.frames) < 2:
             return None
         return round(1e9 / (float(np.median(np.diff(self.frames))) * self._tick_ns), 3)
@@ -100,7 +100,7 @@ class _NumberedImages:
 
 
 class ImagePairs(_NumberedImages):
-    """Two image files a frame, joined by number.
+    """Two image files per frame, joined by number.
 
     Raises
     ------
@@ -131,13 +131,13 @@ class ImagePairs(_NumberedImages):
         return read_pair(self._left[number], self._right[number])
 
     def digest(self) -> str:
-        """Of the paired files."""
+        """Digest of the paired files."""
         sides = (("left", self._left), ("right", self._right))
         return digest_files((f"{number} {side}", files[number]) for number in self.frames for side, files in sides)
 
 
 class PackedImages(_NumberedImages):
-    """One image file a frame, which holds both views."""
+    """One image file per frame, which holds both views."""
 
     notes: tuple[str, ...] = ()
 
@@ -154,12 +154,12 @@ class PackedImages(_NumberedImages):
         return split(read_rgb(self._files[number]), self._packing, self.where(number))
 
     def digest(self) -> str:
-        """Of the files and the packing."""
+        """Digest of the files and the packing."""
         return digest_files((f"{number} {self._packing}", path) for number, path in self._files.items())
 
 
 def joined_by_time(left: Iterable[int], right: Mapping[int, Path], tolerance: int) -> dict[int, Path]:
-    """The right files under the left numbers: each left stamp's nearest right one, at most ``tolerance`` ticks apart.
+    """The right files by left numbers: each left stamp's nearest right one, at most ``tolerance`` ticks apart.
 
     A right file that is nearer to another left stamp stays alone, under its own number.
     """
@@ -177,7 +177,7 @@ def joined_by_time(left: Iterable[int], right: Mapping[int, Path], tolerance: in
 
 
 def _nearest(numbers: NDArray[np.int64], among: NDArray[np.int64]) -> NDArray[np.intp]:
-    """The place of the nearest of ascending numbers, for each of some ascending numbers."""
+    """The index of the nearest of ascending numbers, for each of some ascending numbers."""
     after = np.clip(np.searchsorted(among, numbers), 1, len(among) - 1) if len(among) > 1 else np.zeros_like(numbers)
     before = np.maximum(after - 1, 0)
     return np.where(np.abs(numbers - among[before]) <= np.abs(among[after] - numbers), before, after)
@@ -205,7 +205,7 @@ def read_pair(left_path: Path, right_path: Path) -> tuple[Image, Image]:
 
 
 def split(image: Image, packing: Packing, where: str) -> tuple[Image, Image]:
-    """Left and right view of an image (H, W, 3) that holds both: left is the left, or the upper half.
+    """Split an image (H, W, 3) into left and right view: left is the left, or the upper half.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def split(image: Image, packing: Packing, where: str) -> tuple[Image, Image]:
 
 
 def check_sizes(left: Image, right: Image, left_name: str, right_path: Path) -> None:
-    """Refuse two images of different sizes."""
+    """Reject two images of different sizes."""
     if left.shape != right.shape:
         raise VfoaError(
             f"{right_path}: the right image is {right.shape[1]} x {right.shape[0]} pixels, "

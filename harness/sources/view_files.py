@@ -1,4 +1,4 @@
-"""Which files hold both views, as a manifest or the command line says it."""
+"""The files of both views, as given in a manifest or on the command line."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class ViewFiles(Settings):
         return self
 
     def views(self, folder: Path) -> Views:
-        """The views' files under a folder.
+        """Open the views' files under a folder.
 
         Raises
         ------
@@ -63,7 +63,7 @@ class ViewFiles(Settings):
         return Swapped(views) if self.swap else views
 
     def videos(self, folder: Path) -> tuple[Path, ...]:
-        """The videos under a folder, the left view's first; none where the views are images."""
+        """The videos under a folder, the left view's first; none if the views are images."""
         names = [self.left, self.right] if self.layout == "videos" else [self.both]
         return tuple(folder / str(name) for name in names) if "video" in self.layout else ()
 

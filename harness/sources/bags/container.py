@@ -17,15 +17,15 @@ from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
 
 _ALWAYS = frozenset({"calibration", "transforms", "extrinsics", "video"})
-"""Taken from outside of a window, too."""
+"""Kinds of messages that are also read from outside of a window."""
 
 _SCHEMAS = {MessageDefinitionFormat.IDL: "ros2idl", MessageDefinitionFormat.NONE: BY_NAME}
 
 
 class BagContainer:
-    """A bag, of one or several parts (see :class:`harness.sources.recordings.containers.Container`).
+    """A bag of one or several parts (see :class:`harness.sources.recordings.containers.Container`).
 
-    A message is found again by its log time and its place among its topic's messages of that time.
+    A message is found by its log time and its position among its topic's messages of that time.
     """
 
     def __init__(self, path: Path) -> None:
@@ -42,22 +42,22 @@ class BagContainer:
 
     def _begin(self) -> None:
         self._readers: dict[Path, Any] = {}
-        self._lock = Lock()  # a reader has one position, and frames are read by several threads
+        self._lock = Lock()  # a reader has one position, and several threads read frames
         weakref.finalize(self, _close, self._readers)
 
     def span_ns(self) -> tuple[int, int] | None:
-        """As the bags' own indexes say."""
+        """Log times from the bags' own indexes."""
         readers = [reader for part in self._parts if (reader := self._reader(part)).message_count]
         return (min(r.start_time for r in readers), max(r.end_time for r in readers) - 1) if readers else None
 
     def index(self, window: Window | None, *, by_log_time: bool) -> Index:
-        """Read the messages of cameras once; other topics are counted by the bag's index."""
+        """Read all messages of cameras; other topics are counted by the bag's index."""
         topics = TopicIndex(self._parts, window, by_log_time=by_log_time)
         losses = [loss for number in range(len(self._parts)) for loss in self._index_part(number, topics, window)]
         return Index(topics=topics.sorted(), losses=tuple(losses))
 
     def read(self, topic: Topic, place: Place) -> bytes:
-        """One message, by its log time."""
+        """Read one message by its log time."""
         part = self._parts[place.file]
         try:
             with self._lock:
@@ -66,9 +66,9 @@ class BagContainer:
                 return bytes([data for _, _, data in found][place.place])
         except VfoaError:
             raise
-        except Exception as error:  # of struct, SQLite, the decompressors, an index beyond the list
+        except Exception as error:  # errors of struct, SQLite, the decompressors, or an index outside of the list
             text = (str(error) or type(error).__name__).splitlines()[0]
-            raise VfoaError(f"{part}: {topic.name} at {place.offset} ns is not readable any more: {text}") from None
+            raise VfoaError(f"{part}: {topic.name} at {place.offset} ns can no longer be read: {text}") from None
 
     def _reader(self, part: Path) -> Any:
         if part not in self._readers:
@@ -76,7 +76,7 @@ class BagContainer:
         return self._readers[part]
 
     def _index_part(self, number: int, topics: TopicIndex, window: Window | None) -> Iterator[str]:
-        """Add what one part holds to the topics; what cannot be read is told."""
+        """Add the content of one part to the topics; yield a note for each unreadable part of it."""
         reader = self._reader(self._parts[number])
         kinds: dict[str, list[Connection]] = {"always": [], "images": []}
         for connection in reader.connections:
@@ -104,7 +104,7 @@ class BagContainer:
             except Exception as error:  # as above
                 text = (str(error) or type(error).__name__).splitlines()[0]
                 after = "at its start" if log_ns is None else f"after {log_ns} ns"
-                yield f"{self._parts[number].name}: damaged {after} ({text}): what follows is lost"
+                yield f"{self._parts[number].name}: damaged {after} ({text}): everything after it is lost"
                 return
             before_ns, before = last.get(connection.topic, (None, 0))
             place = before + 1 if before_ns == log_ns else 0

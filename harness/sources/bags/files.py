@@ -1,4 +1,4 @@
-"""Which paths are bags, of which parts they consist, and how a part is opened."""
+"""Recognise bags, list their parts, and open a part."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _SQLITE = b"SQLite format 3\0"
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is a bag of ROS 1, a SQLite file, or a folder of such that is no folder of plain MCAP."""
+    """Whether a path is a ROS 1 bag, a SQLite file, or a folder of these that is no folder of plain MCAP."""
     return bool(_parts(path))
 
 
 def bag_parts(path: Path) -> tuple[Path, ...]:
-    """What is opened one after the other: files, or a folder with ``metadata.yaml``.
+    """Return the parts to read one after the other: files, or a folder with ``metadata.yaml``.
 
     Raises
     ------
@@ -44,28 +44,28 @@ def data_files(part: Path) -> tuple[Path, ...]:
 
 
 def open_reader(part: Path) -> Any:
-    """An open reader of rosbags.
+    """Return an open reader of rosbags.
 
     Raises
     ------
     VfoaError
-        If the part cannot be read; the message says what to do where that is known.
+        If the part cannot be read; the message says what to do, if that is known.
     """
     reader: Any = None
     try:
         reader = Ros1Reader(part) if part.is_file() and _starts(part, _ROS1) else Ros2Reader(part)
         reader.open()
         _check_connections(reader)
-    except Exception as error:  # of rosbags, struct, SQLite, YAML, the decompressors
+    except Exception as error:  # errors of rosbags, struct, SQLite, YAML, or the decompressors
         text = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
         is_unindexed = "not indexed" in text or "index looks damaged" in text
-        hint = "; its recorder was killed: rosbag reindex writes the index" if is_unindexed else ""
+        hint = "; the recorder was killed; write the index with rosbag reindex" if is_unindexed else ""
         raise VfoaError(f"{part}: cannot be read as a bag: {text}{hint}") from None
     return reader
 
 
 def _check_connections(reader: Any) -> None:
-    """A bag's metadata is YAML, in which a topic or a type can be anything."""
+    """Check names and types: a bag's metadata is YAML, where they can be anything."""
     for connection in reader.connections:
         if not isinstance(connection.topic, str) or not isinstance(connection.msgtype, str):
             raise TypeError(f"found the topic {connection.topic!r} of type {connection.msgtype!r}; expected names")
@@ -79,7 +79,7 @@ def _parts(path: Path) -> tuple[Path, ...]:
     noted = _metadata(path)
     if noted.get("storage_identifier") == "sqlite3" or noted.get("compression_mode"):
         return (path,)
-    # A recorder that was killed leaves no metadata.yaml; ROS 1 never writes one.
+    # A killed recorder leaves no metadata.yaml; ROS 1 never writes one.
     for suffix in ("*.bag", "*.db3"):
         if found := tuple(sorted(file for file in path.glob(suffix) if not file.name.startswith("."))):
             return found

@@ -1,4 +1,4 @@
-"""Boards to calibrate with, and their corners in a picture."""
+"""Calibration boards, and their corners in a picture."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float, Image
 
 FEWEST_CORNERS = 3
-"""OpenCV finds no chessboard of fewer, either way."""
+"""Fewest corners in each direction of a chessboard that OpenCV finds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Seen:
-    """Corners that were found: places (N,) among the board's points, ascending, and pixels (N, 2)."""
+    """Corners found: indices (N,) among the board's points, ascending, and pixels (N, 2)."""
 
     ids: NDArray[np.int64]
     pixels: Float
@@ -37,18 +37,18 @@ class Board(Protocol):
         ...
 
     def find(self, image: Image) -> Seen | None:
-        """The corners in a picture (H, W, 3) RGB, to a fraction of a pixel; None where there are none."""
+        """Find the corners in a picture (H, W, 3) RGB, to a fraction of a pixel; None if there are none."""
         ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chessboard:
-    """Inner corners along and across, and the side of a square in metres. It must be seen whole.
+    """Columns and rows of inner corners, and the side of a square in metres. The whole board must be visible.
 
     Raises
     ------
     VfoaError
-        If there are fewer than three either way.
+        If there are fewer than three in either direction.
     """
 
     columns: int
@@ -59,25 +59,25 @@ class Chessboard:
         if min(self.columns, self.rows) < FEWEST_CORNERS:
             raise VfoaError(
                 f"chessboard: found {self.columns} x {self.rows} inner corners; expected at least {FEWEST_CORNERS} "
-                "either way"
+                "in each direction"
             )
 
     @property
     def corner_columns(self) -> int:
-        """As given."""
+        """The number of columns."""
         return self.columns
 
     def points_m(self) -> Float:
-        """Its inner corners."""
+        """The inner corners."""
         grid = np.mgrid[: self.columns, : self.rows].T.reshape(-1, 2) * self.square_m
         return np.hstack([grid, np.zeros((len(grid), 1))])
 
     def find(self, image: Image) -> Seen | None:
-        """All corners or none."""
+        """Find all corners or none."""
         gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         try:
             found, corners = cv2.findChessboardCorners(gray, (self.columns, self.rows))
-        except cv2.error:  # of a picture of a few pixels
+        except cv2.error:  # a picture of only a few pixels
             return None
         if not found:
             return None
@@ -88,9 +88,9 @@ class Chessboard:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CharucoBoard:
-    """Squares along and across, sides of a square and of a marker in metres, and OpenCV's dictionary of the markers.
+    """Columns and rows of squares, sides of a square and of a marker in metres, and OpenCV's dictionary of the markers.
 
-    It may be seen in part. ``is_legacy``: boards with an even number of rows as OpenCV printed them before 4.6.
+    It may be partly visible. ``is_legacy``: boards with an even number of rows as OpenCV printed them before 4.6.
 
     Raises
     ------
@@ -123,15 +123,15 @@ class CharucoBoard:
 
     @property
     def corner_columns(self) -> int:
-        """One less than the squares."""
+        """One less than the number of squares."""
         return self.columns - 1
 
     def points_m(self) -> Float:
-        """The corners where four squares meet."""
+        """The corners at which four squares meet."""
         return np.asarray(self._detector.getBoard().getChessboardCorners(), dtype=np.float64)
 
     def find(self, image: Image) -> Seen | None:
-        """The corners beside markers that were read."""
+        """Find the corners beside markers that were decoded."""
         corners, ids, _, _ = self._detector.detectBoard(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
         if ids is None or not len(ids):
             return None

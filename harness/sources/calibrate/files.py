@@ -19,7 +19,7 @@ _MATRICES = ("K1", "D1", "K2", "D2", "R", "T", "R1", "R2", "P1", "P2")
 
 
 def format_calibration(calibration: StereoCalibration, square_m: float) -> str:
-    """The text of a file: size, intrinsics, distortion, pose and rectification, and the side of a square, metres."""
+    """Return a file's text: size, intrinsics, distortion, pose, rectification, and the side of a square in metres."""
     storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     for name, value in zip(("image_width", "image_height"), calibration.size_px, strict=True):
         storage.write(name, value)
@@ -30,7 +30,7 @@ def format_calibration(calibration: StereoCalibration, square_m: float) -> str:
 
 
 def read_back(text: str, size_px: tuple[int, int]) -> Optics:
-    """The optics of a file's text before it is written.
+    """Parse a file's text before it is written, and return its optics.
 
     Raises
     ------

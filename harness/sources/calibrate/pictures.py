@@ -1,4 +1,4 @@
-"""The pictures that a calibration is made from, one pair at a time."""
+"""The pictures for a calibration, one pair at a time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vfoa.types import Image
 
 
 class Pictures:
-    """Pairs (number, left, right) of one size, in order; what cannot be used goes to :attr:`dropped` as it is met.
+    """Pairs (number, left, right) of one size, in order; unusable ones are added to :attr:`dropped` as they are met.
 
     ``every``: use every Nth frame of a video. ``size_px`` is the (width, height) of the first pair that can be read.
 

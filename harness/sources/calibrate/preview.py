@@ -1,4 +1,4 @@
-"""A picture of one rectified pair, for the eye: the same thing must lie on the same line on both sides."""
+"""A picture of one rectified pair for visual inspection: the same object must be on the same line on both sides."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A calibration whose board was measured wrongly: all lengths scale with the side of a square, nothing else changes."""
+"""Correct a calibration with a wrongly measured board: only lengths change, in proportion to the side of a square."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from harness.sources.calibration_files.documents import numbers, read_document
 from vfoa.errors import VfoaError
 
 SQUARE = "square_m"
-"""The name under which ``vfoa calibrate`` keeps the side of a square."""
+"""The name under which ``vfoa calibrate`` stores the side of a square."""
 
 
 def rescaled(path: Path, square_m: float) -> str:
-    """The text of a file of ``vfoa calibrate`` for squares of another side.
+    """Return the text of a file of ``vfoa calibrate`` for squares of another side in metres.
 
     Raises
     ------
     VfoaError
-        If the file cannot be read, or does not hold the side it was made with.
+        If the file cannot be read, or does not contain the side that it was made with.
     """
     document = read_document(path)
     if SQUARE not in document:
         raise VfoaError(
-            f"{path}: no {SQUARE}; expected a file of vfoa calibrate (of another: baseline_m = in [source], or "
+            f"{path}: no {SQUARE}; expected a file of vfoa calibrate (for any other: baseline_m = in [source], or "
             "vfoa clips add PATH --baseline)"
         )
     scale = square_m / float(numbers(document[SQUARE], f"{path}: {SQUARE}", 1)[0])

@@ -1,4 +1,4 @@
-"""How wide a board's edges are in a picture: motion and focus move corners that are found to a fraction of a pixel."""
+"""Width of a board's edges in a picture: motion blur and defocus displace corners measured to a fraction of a pixel."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from harness.sources.calibrate.boards import Seen
 from vfoa.types import Float, Image
 
 REACH = 0.4
-"""How far a profile goes to each side, in sides of a square: as far as black stays black and white is met.
+"""Length of a profile to each side, in sides of a square: long enough to reach plain black and plain white.
 
 A marker inside the white square adds edges that are as wide as the square's own.
 """
@@ -21,8 +21,8 @@ STEP_PX = 0.5
 def edge_width_px(image: Image, seen: Seen, corner_columns: int) -> float:
     """Width of the edges between neighbouring corners, pixels: the step's height over its greatest slope.
 
-    Of the medians along the two directions of the grid the greater: motion blurs only one. A sharp edge is 1 to 2
-    pixels wide, one under a Gaussian blur sqrt(2 pi) of its sigmas. NaN where no two corners are neighbours.
+    The result is the greater of the medians along the two directions of the grid, since motion blurs only one. A sharp
+    edge is 1 to 2 pixels wide; under a Gaussian blur, sqrt(2 pi) sigmas. NaN if no two corners are neighbours.
     """
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32)
     places = {int(id_): pixel for id_, pixel in zip(seen.ids, seen.pixels, strict=True)}
@@ -37,7 +37,7 @@ def edge_width_px(image: Image, seen: Seen, corner_columns: int) -> float:
 
 
 def _widths(gray: NDArray[np.float32], ends: Float) -> Float:
-    """Of the edges (N, 2, 2) between two corners each, at their middles."""
+    """Widths of the edges (N, 2, 2) between two corners each, at their middles."""
     direction = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(direction, axis=1)
     normal = np.stack([-direction[:, 1], direction[:, 0]], axis=1) / length[:, None]

@@ -1,4 +1,4 @@
-"""Both cameras and the pose between them from views of a board; views that do not fit are dropped."""
+"""Solve for both cameras and the pose between them from views of a board; views that do not fit are dropped."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ MIN_VIEWS = 3
 """Zhang's method needs three poses of the plane for all intrinsics."""
 
 OUTLIER_FACTOR, OUTLIER_FLOOR_PX = 4.0, 1.0
-"""A view is bad if one of its errors exceeds this many medians, and this many pixels."""
+"""A view is bad if one of its errors exceeds this multiple of the median, and this many pixels."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewErrors:
-    """Of one view, pixels: RMS of re-projection, the worse camera's; mean distance of corners from epipolar lines."""
+    """Errors of one view, pixels: re-projection RMS of the worse camera, mean distance from epipolar lines."""
 
     rms_px: float
     epipolar_px: float
@@ -29,7 +29,7 @@ class ViewErrors:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoCalibration:
-    """The pair as OpenCV has it: x_right = R x_left + T, metres; R1 R2 P1 P2 rectify it.
+    """The pair in OpenCV's terms: x_right = R x_left + T, metres; R1 R2 P1 P2 rectify it.
 
     ``rms_px`` is stereoCalibrate's re-projection error over all views; ``errors`` are those of each used frame.
     """
@@ -51,7 +51,7 @@ class StereoCalibration:
 
     @property
     def epipolar_px(self) -> float:
-        """Mean over the used frames."""
+        """Mean epipolar error over the used frames, pixels."""
         return float(np.mean([each.epipolar_px for each in self.errors.values()]))
 
 
@@ -61,7 +61,7 @@ def solve(views: Sequence[View], size_px: tuple[int, int]) -> StereoCalibration:
     Raises
     ------
     VfoaError
-        If fewer than three views are there or remain, or OpenCV finds no solution.
+        If there are fewer than three views, or fewer remain, or OpenCV finds no solution.
     """
     kept = list(views)
     dropped: list[Dropped] = []
@@ -79,7 +79,7 @@ def solve(views: Sequence[View], size_px: tuple[int, int]) -> StereoCalibration:
 
 
 def _worst(errors: dict[int, ViewErrors]) -> Dropped | None:
-    """The view that stands out most, relative to its limit; None where none does."""
+    """Return the view that exceeds its limit most, relative to the limit; None if none does."""
     worst, excess = None, 1.0
     for kind, name in (("rms_px", "re-projection"), ("epipolar_px", "epipolar")):
         values = {number: float(getattr(each, kind)) for number, each in errors.items()}

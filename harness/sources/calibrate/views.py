@@ -13,10 +13,10 @@ from harness.sources.calibrate.sharpness import edge_width_px
 from vfoa.types import Float, Image
 
 MIN_CORNERS = 8
-"""Twice what a homography takes, so that a wrong corner shows."""
+"""Twice as many as a homography needs, so that a wrong corner shows."""
 
 MAX_EDGE_PX = 4.0
-"""Wider edges are blurred: OpenCV's sample pictures have 2.1 to 3.0, under a Gaussian of 1.5 pixels 4.4 to 4.8."""
+"""Wider edges count as blurred: OpenCV's sample pictures have 2.1 to 3.0; under a Gaussian of 1.5 px, 4.4 to 4.8."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dropped:
-    """A frame that was not used, and why."""
+    """A frame that was not used, and the reason."""
 
     number: int
     reason: str
@@ -40,7 +40,7 @@ class Dropped:
 def find_views(
     pairs: Iterable[tuple[int, Image, Image]], board: Board, max_edge_px: float = MAX_EDGE_PX
 ) -> tuple[list[View], list[Dropped]]:
-    """The board in every pair (frame number, left, right: (H, W, 3) RGB), and the pairs that are of no use."""
+    """Find the board in every pair (frame number, left, right: (H, W, 3) RGB); also return the unusable pairs."""
     views, dropped = [], []
     for number, left, right in pairs:
         found = _view(number, left, right, board, max_edge_px)
@@ -52,7 +52,7 @@ def find_views(
 
 
 def _view(number: int, left: Image, right: Image, board: Board, max_edge_px: float) -> View | str:
-    """The view, or why there is none."""
+    """Return the view, or the reason why there is none."""
     seen_left, seen_right = board.find(left), board.find(right)
     if seen_left is None or seen_right is None:
         missing = [side for side, seen in (("left", seen_left), ("right", seen_right)) if seen is None]
@@ -75,6 +75,6 @@ def _view(number: int, left: Image, right: Image, board: Board, max_edge_px: flo
 
 
 def _are_in_line(ids: NDArray[np.int64], columns: int) -> bool:
-    """Whether the corners span no plane, so that they give no homography."""
+    """Whether the corners are collinear, so that they give no homography."""
     grid = np.stack([ids // columns, ids % columns], axis=1).astype(np.float64)
     return bool(np.linalg.matrix_rank(grid - grid.mean(axis=0)) < 2)

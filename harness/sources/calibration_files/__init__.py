@@ -1,1 +1,1 @@
-"""Calibrations as people have them: one module per program that writes them."""
+"""Readers of calibration files: one module per program that writes them."""

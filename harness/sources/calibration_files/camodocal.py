@@ -1,4 +1,4 @@
-"""Files of camodocal (also VINS-Fusion's cameras), which are refused with what can be done instead."""
+"""Files of camodocal (also VINS-Fusion's cameras): they are refused, and the error says what to do instead."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ def is_camodocal(document: Mapping[str, Any]) -> bool:
 
 
 def refuse(document: Mapping[str, Any], where: str) -> None:
-    """Raise the error that says which camera model this is and which formats are read."""
+    """Raise an error that names this camera model and the formats that are read."""
     model = document.get("model_type", "the pose of a pair")
     raise IncompleteCalibrationError(
-        f"{where}: a calibration of camodocal ({model}), which is not read; expected OpenCV's, ROS's or Kalibr's "
+        f"{where}: a camodocal calibration ({model}) cannot be read; expected OpenCV's, ROS's or Kalibr's "
         "(kalibr_calibrate_cameras or vfoa calibrate on the same pictures make one), or rectified images with "
         "--fx --cx --cy --baseline"
     )

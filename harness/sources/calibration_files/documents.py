@@ -1,4 +1,4 @@
-"""YAML and XML as plain values: OpenCV's FileStorage and everybody else's YAML.
+"""YAML and XML as plain values: OpenCV's FileStorage, and ordinary YAML.
 
 OpenCV's own reader is not used: a damaged file makes it end the whole process.
 """
@@ -23,11 +23,11 @@ from vfoa.types import Float
 SUFFIXES = frozenset({".yml", ".yaml", ".xml"})
 
 _OPENCV_HEAD = re.compile(rb"^%YAML:[^\n]*", re.MULTILINE)
-"""OpenCV writes "%YAML:1.0", which is none of YAML's own directives."""
+"""OpenCV writes "%YAML:1.0", which is not a valid YAML directive."""
 
 
 def read_document(path: Path) -> dict[str, Any]:
-    """The values of a file's top level by name; OpenCV's matrices as arrays.
+    """Return the values of a file's top level by name; OpenCV's matrices become arrays.
 
     Raises
     ------
@@ -41,16 +41,16 @@ def read_document(path: Path) -> dict[str, Any]:
 
 
 def numbers(value: Any, where: str, count: int | None = None) -> Float:
-    """The numbers (count,) in a matrix, a (nested) list or a table with ``data``, row by row.
+    """Return the numbers (count,) in a matrix, a (nested) list or a table with ``data``, row by row.
 
     Raises
     ------
     VfoaError
-        If there are others, or something is no finite number.
+        If their number differs, or a value is no finite number.
     """
     given = value["data"] if isinstance(value, Mapping) and "data" in value else value
     try:
-        found = np.asarray(given, dtype=np.float64).reshape(-1)  # also of "1e-05", which YAML 1.1 takes for a word
+        found = np.asarray(given, dtype=np.float64).reshape(-1)  # also converts "1e-05", which YAML 1.1 reads as text
     except (TypeError, ValueError, OverflowError):
         raise VfoaError(f"{where}: found {given!r}; expected numbers") from None
     if (count is not None and found.size != count) or not np.isfinite(found).all():
@@ -60,7 +60,7 @@ def numbers(value: Any, where: str, count: int | None = None) -> Float:
 
 
 class _Loader(yaml.SafeLoader):
-    """Also reads OpenCV's matrices."""
+    """Reads YAML and OpenCV's matrices."""
 
 
 def _matrix(loader: _Loader, node: yaml.Node) -> Float:
@@ -103,7 +103,7 @@ def _value(element: Element) -> Any:
 
 
 def _shaped(matrix: Mapping[Any, Any]) -> Float:
-    """The numbers of a matrix (rows, cols), or of one of any number of dimensions (sizes)."""
+    """The numbers of a matrix (rows, cols), or of one with any number of dimensions (sizes)."""
     shape = matrix["sizes"] if "sizes" in matrix else (matrix["rows"], matrix["cols"])
     # YAML does not know OpenCV's .Nan and .Inf
     numbers = [float(str(value).lower().replace(".nan", "nan").replace(".inf", "inf")) for value in matrix["data"]]

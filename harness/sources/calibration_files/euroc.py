@@ -1,4 +1,4 @@
-"""EuRoC's ``sensor.yaml``: one file per camera, with ``T_BS``, which takes points of the camera to the body, metres."""
+"""EuRoC's ``sensor.yaml``: one file per camera; ``T_BS`` transforms points from the camera to the body, metres."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def is_sensor(document: Mapping[str, Any]) -> bool:
 
 
 def pair(left: Mapping[str, Any], right: Mapping[str, Any], where: tuple[str, str]) -> RawCalibration:
-    """The two cameras of a recording; ``where`` are their files.
+    """Return the two cameras of a recording; ``where`` are their files.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which calibrations lie beside a clip's images. For proposals: a manifest then says which one it is."""
+"""Find the calibrations beside a clip's images, as proposals: a manifest then names one of them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LARGEST_BYTES = 1_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundCalibration:
-    """``source`` is what a manifest says, ``calibration`` the rectified pair's; ``rectifies``: images that are not."""
+    """``source``: settings of a manifest; ``calibration``: the rectified pair's; ``rectifies``: it rectifies images."""
 
     source: dict[str, Any]
     calibration: Calibration
@@ -38,17 +38,17 @@ class FoundCalibration:
 def find_calibrations(
     root: Path, size: ImageSize, options: Options = NO_OPTIONS, candidates: Iterable[tuple[str, ...]] | None = None
 ) -> tuple[FoundCalibration, ...]:
-    """Every file, or pair of files, that calibrates images of this (width, height), scaled where it must be.
+    """Return every file, or pair of files, that calibrates images of this (width, height), scaled if necessary.
 
-    ``options.cameras`` holds for KITTI's files. ``candidates`` are paths relative to ``root``; unsaid, all that
-    could be one in the folder and two levels of folders in it.
+    ``options.cameras`` applies to KITTI's files. ``candidates`` are paths relative to ``root``; by default all
+    candidates in the folder and in two levels of folders below it.
     """
     found = (_read(root, names, size, options) for names in candidates or _candidates(root))
     return tuple(each for each in found if isinstance(each, FoundCalibration))
 
 
 def find_incomplete(root: Path, size: ImageSize, options: Options = NO_OPTIONS) -> tuple[str, ...]:
-    """What to say of every file that is a calibration and cannot be used alone, each once."""
+    """Return a note for every file that is a calibration and cannot be used alone, each once."""
     found = (_read(root, names, size, options) for names in _candidates(root))
     return tuple(dict.fromkeys(str(each) for each in found if isinstance(each, IncompleteCalibrationError)))
 
@@ -68,7 +68,7 @@ def _candidates(root: Path) -> Iterator[tuple[str, ...]]:
 
 
 def _read(root: Path, names: tuple[str, ...], size: ImageSize, options: Options) -> FoundCalibration | VfoaError | None:
-    if not names[0].endswith(".txt"):  # numbers of KITTI's cameras mean nothing for another file
+    if not names[0].endswith(".txt"):  # camera numbers of KITTI mean nothing for another file
         options = replace(options, cameras=None)
     try:
         cameras = read_cameras([root / name for name in names], size, options)

@@ -1,4 +1,4 @@
-"""The error for a file that is a calibration and lacks something that the user can add."""
+"""The error for a calibration file that lacks something that the user can add."""
 
 from __future__ import annotations
 
@@ -8,5 +8,5 @@ from vfoa.errors import VfoaError
 class IncompleteCalibrationError(VfoaError):
     """The file is of a known kind and cannot be used alone; the message says what is missing and how to give it.
 
-    A search for calibrations passes over files that are none; these it reports.
+    A search for calibrations ignores files of other kinds; it reports these.
     """

@@ -1,4 +1,4 @@
-"""Kalibr's camera chain: ``T_cn_cnm1`` takes points of the camera before it into its own frame, metres."""
+"""Kalibr's camera chain: ``T_cn_cnm1`` transforms points of the preceding camera into this camera's frame, metres."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ def is_camchain(document: Mapping[str, Any]) -> bool:
 
 
 def pair(document: Mapping[str, Any], cameras: tuple[int, int], where: str) -> RawCalibration:
-    """Two cameras of the chain, left and right, by their numbers.
+    """Return two cameras of the chain, left and right, by their numbers.
 
     Raises
     ------
     VfoaError
-        If a camera or a key is missing, or a camera's model is none of pinhole with radtan, equidistant or none.
+        If a camera or a key is missing, or a camera's model is not pinhole with radtan, equidistant or none.
     """
     (left, left_size), (right, right_size) = (_lens(document, number, where) for number in cameras)
     if left_size != right_size:

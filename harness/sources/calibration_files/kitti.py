@@ -12,12 +12,12 @@ from vfoa.types import Float
 
 
 def read(path: Path, text: str, cameras: tuple[int, int]) -> Calibration:
-    """The rectified pair of two cameras in a file's text: (2, 3) is the colour pair, (0, 1) the gray one.
+    """Return the rectified pair of two cameras in a file's text: (2, 3) is the colour pair, (0, 1) the gray one.
 
     Raises
     ------
     VfoaError
-        If a line is missing or is not what it should be, or the two are no rectified pair.
+        If a line is missing or has a wrong form, or the two are no rectified pair.
     """
     lines = _lines(text)
     matrices = []

@@ -1,6 +1,6 @@
 """A bare camera matrix in a text (``K.txt``): nine numbers, and the baseline in metres on a line of its own.
 
-The matrix stands in one line (``700 0 639.5 0 700 359.5 0 0 1``) or in three, the baseline alone (``0.12``) or named
+The matrix is on one line (``700 0 639.5 0 700 359.5 0 0 1``) or on three, the baseline alone (``0.12``) or with a name
 (``baseline: 0.12``).
 """
 
@@ -28,17 +28,17 @@ def is_matrix(text: str) -> bool:
 
 
 def read(path: Path, text: str, baseline_m: float | None) -> Calibration:
-    """The rectified pair of two cameras that share this matrix.
+    """Return the rectified pair of two cameras that share this matrix.
 
     Parameters
     ----------
     baseline_m
-        Given in place of a baseline that the file does not hold.
+        Baseline in metres for a file that does not hold one.
 
     Raises
     ------
     VfoaError
-        If there are not nine numbers, and one at most after them, they are no camera matrix, or no baseline is known
+        If there are not nine numbers, and at most one after them, they are no camera matrix, or no baseline is known
         (:class:`IncompleteCalibrationError`).
     """
     found = [number for line in _lines(text) for number in _numbers(_BASELINE.sub("", line)) or [math.nan]]
@@ -64,7 +64,7 @@ def _lines(text: str) -> list[str]:
 
 
 def _numbers(line: str) -> list[float] | None:
-    """The numbers of a line, with or without brackets and commas; None where something else is in it."""
+    """The numbers of a line, with or without brackets and commas; None if it holds anything else."""
     try:
         return [float(word) for word in re.sub(r"[\[\],;]", " ", line).split()]
     except ValueError:

@@ -20,12 +20,12 @@ _LINE = re.compile(r"^[ \t]*(\w+)[ \t]*=[ \t]*(.*?)[ \t]*$", re.MULTILINE)
 
 
 def is_middlebury(text: str) -> bool:
-    """Whether a text holds a camera in Middlebury's words."""
+    """Whether a text holds a camera in Middlebury's format."""
     return any(match[1] == "cam0" for match in _LINE.finditer(text))
 
 
 def read(path: Path, text: str) -> Calibration:
-    """The rectified pair.
+    """Return the rectified pair.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The calibration of a single camera, as depth data sets and drivers store it."""
+"""The calibration of a single camera, in the formats of depth data sets and drivers."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FORMATS = "ROS camera_info YAML, Open3D's or RealSense's intrinsics JSON, K as 3
 
 
 def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = False) -> RawCamera:
-    """The camera of images of this (width, height).
+    """Return the camera of images of this (width, height).
 
     - YAML of ROS (``camera_matrix``, ``distortion_coefficients``)
     - JSON: ``intrinsic_matrix`` of Open3D (nine numbers by columns), or ``fx fy ppx ppy`` of RealSense
@@ -30,9 +30,9 @@ def read_one_camera(path: Path, size_px: tuple[int, int], *, rectified: bool = F
     Parameters
     ----------
     path, size_px
-        The file, and the size of the images it is for.
+        The file, and the size of the images that it is for.
     rectified
-        The images have no distortion any more, whatever the file says of the lens.
+        The images have no distortion, whatever the file says of the lens.
 
     Raises
     ------
@@ -107,5 +107,5 @@ def _npy(path: Path) -> Float:
 
     try:
         return np.lib.format.read_array(io.BytesIO(read_bytes(path)), allow_pickle=False).astype(np.float64).ravel()
-    except Exception as error:  # as of any damaged file: its header is Python
+    except Exception as error:  # for any damaged file: the header of npy is Python
         raise VfoaError(f"{path}: not an npy file of numbers: {error}") from None

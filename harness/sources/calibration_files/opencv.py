@@ -49,14 +49,14 @@ _ROLES = _spellings()
 
 
 def pair(document: Mapping[str, Any], size: ImageSize, options: Options, where: str) -> Cameras:
-    """The pair: rectified by the file's R1 R2 P1 P2 where it has them, else by its R and T.
+    """Return the pair: rectified by the file's R1 R2 P1 P2 if it has them, else by its R and T.
 
-    P1 and P2 without anything that they would undo are of images that are rectified already.
+    P1 and P2 without distortion, rotation or translation describe images that are rectified already.
 
     Raises
     ------
     VfoaError
-        If a matrix is missing, is there under two names, or has a wrong shape.
+        If a matrix is missing, occurs under two names, or has a wrong shape.
     """
     found = _matrices(document, where)
     if found.keys() >= {"P1", "P2"} and (options.rectified or not _undone(found)):
@@ -109,7 +109,7 @@ def _lens(found: Mapping[str, Float], number: str, options: Options, where: str)
 
 
 def _rotation(value: Float, where: str) -> Float:
-    """A matrix, or the rotation vector that OpenCV also has."""
+    """A matrix, or OpenCV's rotation vector."""
     if value.size == 3:
         return np.asarray(cv2.Rodrigues(value.reshape(3))[0], dtype=np.float64)
     return _shaped({"R": value}, "R", (3, 3), where)
@@ -134,7 +134,7 @@ def _size(document: Mapping[str, Any], where: str) -> tuple[int, int] | None:
 
 
 def _undone(found: Mapping[str, Float]) -> list[str]:
-    """Names of what is there to undo: a distortion, a rotation or a translation."""
+    """Names of the distortion, rotation and translation in the file that are not trivial."""
     return [name for name in ("R", "T", "D1", "D2", "R1", "R2") if name in found and not _is_trivial(found[name])]
 
 

@@ -13,7 +13,7 @@ Unit = Literal["m", "cm", "mm"]
 METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
 
 ImageSize = Callable[[], tuple[int, int]]
-"""(width, height) of the clip's images, asked for only where a file depends on it or does not hold it."""
+"""Returns (width, height) of the clip's images; called only if a file depends on the size or lacks it."""
 
 Cameras = RawCalibration | Calibration
 """A pair before rectification, or one that is rectified already."""
@@ -21,11 +21,11 @@ Cameras = RawCalibration | Calibration
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """``cameras``: which two of the file's, left and right; unsaid, KITTI's are 2 and 3, Kalibr's 0 and 1.
+    """``cameras``: the left and the right one of the file's cameras; by default (2, 3) for KITTI, (0, 1) for Kalibr.
 
     ``unit``: of the translation. ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``. ``rectified``: the images are
-    rectified already, although the file also tells how to do it. ``baseline_m``: the distance of the two cameras, in
-    place of the file's or for a file that holds none.
+    rectified already, although the file also says how to rectify. ``baseline_m``: the distance of the two cameras,
+    which replaces the file's or completes a file without one.
     """
 
     cameras: tuple[int, int] | None = None

@@ -1,4 +1,4 @@
-"""From two cameras and the pose between them to the rectification of the pair."""
+"""Rectify a pair from two cameras and the pose between them."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ class Lens:
 def rectify_pose(
     left: Lens, right: Lens, rotation: Float, translation: Float, size_px: tuple[int, int], where: str
 ) -> RawCalibration:
-    """The pair with Bouguet's rectification, cropped to pixels that both cameras see (OpenCV's alpha or balance 0).
+    """Return the pair with Bouguet's rectification, cropped to common pixels (OpenCV's alpha or balance 0).
 
-    x_right = rotation x_left + translation, in any unit, which the fourth column of P2 then has.
+    x_right = rotation x_left + translation, in any unit; the fourth column of P2 has the same unit.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Reads a calibration, whatever program wrote it."""
+"""Read a calibration of any supported program."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NO_OPTIONS = Options()
 
 
 def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_OPTIONS) -> Cameras:
-    """Read a pair's calibration; what kind of file it is, its content tells.
+    """Read a pair's calibration; its content tells the kind of file.
 
     Parameters
     ----------
@@ -29,12 +29,12 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     size
         Gives (width, height) of the images.
     options
-        What the file does not tell.
+        Settings that the file does not contain.
 
     Returns
     -------
     Cameras
-        A :class:`RawCalibration`, by which images are rectified, or a :class:`Calibration` of rectified ones.
+        A :class:`RawCalibration`, which rectifies images, or a :class:`Calibration` of rectified ones.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def _read(paths: Sequence[Path], size: ImageSize, options: Options) -> Cameras:
 
 
 def _read_text(path: Path, options: Options) -> Calibration:
-    """Of KITTI, of Middlebury, or a bare matrix."""
+    """Read the text of KITTI, of Middlebury, or a bare matrix."""
     text = read_text(path)
     if middlebury.is_middlebury(text):
         _refuse_unused(options, path, "Middlebury's")
@@ -104,7 +104,7 @@ def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) ->
 def _refuse_unused(
     options: Options, where: Path | str, whose: str, *, cameras: bool = False, fisheye: bool = False
 ) -> None:
-    """Refuse settings that have no meaning for the kind of the file."""
+    """Reject settings that have no meaning for the kind of the file."""
     if options.cameras is not None and not cameras:
         raise VfoaError(f"{where}: calibration_cameras: found {options.cameras}; expected none for {whose} calibration")
     if options.fisheye and not fisheye:

@@ -1,4 +1,4 @@
-"""ROS's camera_info YAML (camera_calibration_parsers): one file a camera, with R and P of the rectified pair."""
+"""ROS's camera_info YAML (camera_calibration_parsers): one file per camera, with R and P of the rectified pair."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def is_camera_info(document: Mapping[str, Any]) -> bool:
 
 
 def camera(document: Mapping[str, Any], where: str) -> RawCamera:
-    """One camera; P of a pair's right one holds -fx B, without which the two have no baseline.
+    """Return one camera. P of a pair's right one holds -fx B; without it the two have no baseline.
 
     Raises
     ------

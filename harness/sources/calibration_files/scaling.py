@@ -1,4 +1,4 @@
-"""A calibration for images of another resolution: scaled where the shape is the same, refused where it is not."""
+"""A calibration for images of another resolution: scaled if the aspect ratio is the same, refused otherwise."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ Size = tuple[int, int]
 
 
 def calibrated_size_px(cameras: Cameras) -> Size | None:
-    """The (width, height) a calibration was made for; None where it does not say."""
+    """The (width, height) that a calibration was made for; None if it is not given."""
     return cameras.size_px if isinstance(cameras, Calibration) else cameras.left.size_px
 
 
 def scaled_to(cameras: Cameras, size_px: Size) -> Cameras:
-    """The calibration of images that were scaled to (width, height); the same object where that is its own size.
+    """Return the calibration of images that were scaled to (width, height); the same object if that is its own size.
 
     Pixel centres have whole numbers: column c becomes s (c + 0.5) - 0.5.
 
     Raises
     ------
     VfoaError
-        If the images have another aspect: they were cropped, and nothing says where.
+        If the images have another aspect ratio: they were cropped, and it is not known where.
     """
     own = calibrated_size_px(cameras)
     if own is None or own == size_px:
@@ -54,7 +54,7 @@ def scaled_to(cameras: Cameras, size_px: Size) -> Cameras:
 
 
 def scaling_note(cameras: Cameras, size_px: Size) -> tuple[str, ...]:
-    """A sentence where :func:`scaled_to` changes a calibration."""
+    """A note if :func:`scaled_to` changes a calibration."""
     own = calibrated_size_px(cameras)
     if own is None or own == size_px:
         return ()

@@ -31,10 +31,10 @@ Section = Mapping[str, str]
 
 
 def read(path: Path, size: ImageSize) -> RawCalibration:
-    """The pair for the images' resolution.
+    """Return the pair for the images' resolution.
 
     ``[STEREO]`` holds the pose x_right = R x_left + T: T = (-Baseline, TY, TZ), R the rotation vector (RX, CV, RZ), as
-    Stereolabs' calibration program (zedx-one-capture) writes what OpenCV's stereoCalibrate finds.
+    Stereolabs' calibration program (zedx-one-capture) writes the result of OpenCV's stereoCalibrate.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def _lens(sections: Mapping[str, Section], side: str, name: str, path: Path) -> 
 
 
 def _model(distortion: Section) -> tuple[Model, list[str]]:
-    """A lens is a fisheye where it has four radial coefficients and no tangential ones; and its coefficients."""
+    """The lens model and its coefficients: fisheye if there are four radial coefficients and no tangential ones."""
     if "K4" in distortion and "P1" not in distortion and "P2" not in distortion:
         return "equidistant", ["K1", "K2", "K3", "K4"]
     return "plumb_bob", ["K1", "K2", "P1", "P2", "K3"] + (["K4", "K5", "K6"] if "K4" in distortion else [])

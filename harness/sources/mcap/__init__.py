@@ -1,1 +1,1 @@
-"""MCAP files: their records, their messages, and their growing end. What messages mean is in ``recordings``."""
+"""MCAP files: their records, their messages, and files that still grow. ``recordings`` interprets the messages."""

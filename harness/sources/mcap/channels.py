@@ -8,7 +8,7 @@ from harness.sources.recordings.message_types import MessageType, ros_name
 
 
 def message_type(channel: Channel, schema: Schema | None) -> MessageType:
-    """The type of a channel's messages; a channel may have no schema."""
+    """Return the type of a channel's messages; a channel may have no schema."""
     name = "no schema" if schema is None else schema.name
     return MessageType(
         message_encoding=channel.message_encoding,

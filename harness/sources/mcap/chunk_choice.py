@@ -1,4 +1,4 @@
-"""Which chunks of an MCAP file hold the messages of a window of time."""
+"""Select the chunks of an MCAP file that hold the messages of a window of time."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from harness.sources.recordings.index import Window
 
 
 def chunks_in(path: Path, window: Window, once: set[int]) -> list[int] | None:
-    """Offsets of the chunks to read for a window, by the file's index; None where the file has none.
+    """Return the offsets of the chunks to read for a window, by the file's index; None if the file has none.
 
-    Besides those of the window: for each channel of ``once`` the last chunk before the window that holds one of its
-    messages, since a camera may send its calibration once.
+    Beside those of the window: for each channel of ``once``, the last chunk before the window with one of its messages,
+    since a camera may send its calibration once.
     """
     chunks = sorted(
         (each for each in summary(path) if isinstance(each, ChunkIndex)), key=lambda each: each.chunk_start_offset

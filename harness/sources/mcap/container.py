@@ -17,19 +17,19 @@ from harness.sources.recordings.topics import Place, Topic
 class McapContainer:
     """The files of one MCAP recording (see :class:`harness.sources.recordings.containers.Container`).
 
-    What is not readable (a cut file, a wrong checksum) is left out, and told in the index.
+    Unreadable parts (a truncated file, a wrong checksum) are left out, and noted in the index.
     """
 
     def __init__(self, files: tuple[Path, ...]) -> None:
         self.files = files
 
     def span_ns(self) -> tuple[int, int] | None:
-        """From summaries, or where there is none from the heads of the records; reads no message."""
+        """Log times from summaries, or without these from the heads of the records; reads no message."""
         spans = [span for path in self.files if (span := log_span_ns(path)) is not None]
         return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
 
     def index(self, window: Window | None, *, by_log_time: bool) -> Index:
-        """Walk all files once, holding one chunk. Only a window's chunks are read where the files have indexes."""
+        """Read all files once, one chunk at a time. If the files have indexes, only a window's chunks are read."""
         topics = TopicIndex(self.files, window, by_log_time=by_log_time)
         walks = [_index_file(number, path, topics, window) for number, path in enumerate(self.files)]
         is_counted = window is not None or all(walk.message_counts is not None for walk in walks)
@@ -43,7 +43,7 @@ class McapContainer:
         )
 
     def read(self, topic: Topic, place: Place) -> bytes:
-        """One message of the record at this offset."""
+        """Read one message of the record at this offset."""
         return read_message(self.files[place.file], place.offset, place.place).data
 
 
@@ -53,12 +53,12 @@ def files_in(folder: Path) -> tuple[Path, ...]:
 
 
 def _index_file(number: int, path: Path, topics: TopicIndex, window: Window | None) -> Walk:
-    """Add what one file holds to the topics; the walk says what was lost."""
+    """Add the messages of one file to the topics; the returned walk says what was lost."""
     walk = Walk()
     read: Counter[int] = Counter()
     for offset, place, message in walk_messages(path, walk, None if window is None else _chunks(path, window)):
         channel = walk.channels.get(message.channel_id)
-        if channel is None:  # it stood in a chunk that is lost
+        if channel is None:  # the channel was in a chunk that is lost
             continue
         read[channel.id] += 1
         topic = topics.meet(channel.topic, message_type(channel, walk.schemas.get(channel.schema_id)))
@@ -69,7 +69,7 @@ def _index_file(number: int, path: Path, topics: TopicIndex, window: Window | No
 
 
 def _chunks(path: Path, window: Window) -> list[int] | None:
-    """The chunks to read for a window; None: all, as a video needs them, which is decoded from before the window."""
+    """Offsets of the chunks to read for a window. None: all, since decoding a video begins before the window."""
     walk = Walk()
     recall_channels(path, walk)
     types = {number: message_type(each, walk.schemas.get(each.schema_id)) for number, each in walk.channels.items()}
@@ -80,11 +80,11 @@ def _chunks(path: Path, window: Window) -> list[int] | None:
 
 
 def _counted(walk: Walk, read: Counter[int]) -> str:
-    """How much is lost, where the file's own statistics are still there."""
+    """The number of lost messages, if the file's own statistics are still there."""
     if walk.message_counts is None:
         return ""
     total, kept = sum(walk.message_counts.values()), sum(read.values())
-    return f"; {total - kept} of {total} messages of the file are lost in all"
+    return f"; {total - kept} of {total} messages of the file are lost in total"
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

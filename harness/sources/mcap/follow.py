@@ -1,4 +1,4 @@
-"""The records of an MCAP file that is being written, behind its writer."""
+"""Follow the records of an MCAP file while it is being written."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from harness.sources.mcap.records import HEAD, MAGIC, PARSED, parse_record, part
 from vfoa.errors import VfoaError
 
 _POLL_S = 0.005
-"""How often a file is looked at for more."""
+"""Seconds between two checks for more data."""
 
 
 def follow_records(path: Path, stopped: Event) -> Iterator[Schema | Channel | Message | None]:
-    """Every record, and None whenever there is no whole one more for now.
+    """Yield every record, and None whenever no further complete one is there yet.
 
-    Ends with the file's footer, or soon after ``stopped`` is set. What is damaged is stepped over.
+    Ends with the file's footer, or soon after ``stopped`` is set. Damaged records are skipped.
 
     Raises
     ------
     VfoaError
-        If the file cannot be opened, is not MCAP, or was cut or replaced by a shorter one meanwhile.
+        If the file cannot be opened, is not MCAP, or was truncated or replaced by a shorter one meanwhile.
     """
     at = 0
     while not stopped.is_set():
@@ -46,7 +46,7 @@ _START = -1
 
 
 def _read(path: Path, at: int) -> tuple[int | None, bytes]:
-    """The kind and the content of what is at this offset; no kind where it is not all there."""
+    """The kind and the content of the record at this offset; kind None if it is not complete."""
     try:
         with path.open("rb") as file:
             file.seek(at)
@@ -55,10 +55,10 @@ def _read(path: Path, at: int) -> tuple[int | None, bytes]:
             head = file.read(HEAD.size)
             if len(head) < HEAD.size:
                 if path.stat().st_size < at:
-                    raise VfoaError(f"{path}: is shorter than what was read of it; expected a recording that grows")
+                    raise VfoaError(f"{path}: is shorter than the part already read; expected a recording that grows")
                 return None, b""
             opcode, length = HEAD.unpack(head)
-            if opcode == 0 or path.stat().st_size < at + HEAD.size + length:  # 0: room that a file system has made
+            if opcode == 0 or path.stat().st_size < at + HEAD.size + length:  # 0: space allocated by a file system
                 return None, b""
             return opcode, file.read(length)
     except OSError as error:
@@ -72,8 +72,8 @@ def _start(path: Path, found: bytes) -> tuple[int | None, bytes]:
 
 
 def _told(opcode: int, data: bytes) -> Iterator[Schema | Channel | Message]:
-    """The contents of a record; nothing if it is damaged."""
-    with suppress(Exception):  # of struct, of text decoding, of the decompressors: all mean damage
+    """Yield the contents of a record; nothing if it is damaged."""
+    with suppress(Exception):  # errors of struct, text decoding or decompression: all mean damage
         for part in parts_of(parse_record(opcode, len(data), data)):
             if isinstance(part, Schema | Channel | Message):
                 yield part

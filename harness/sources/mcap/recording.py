@@ -1,4 +1,4 @@
-"""One MCAP file: its messages, walked once as far as they are readable, and read again by their records' offset."""
+"""One MCAP file: all readable messages in order, and single messages by their records' offset."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ _BLOCK_BYTES = 1 << 20
 
 @dataclass(slots=True)
 class Walk:
-    """Findings of one pass through a file, besides its messages.
+    """Findings of one pass through a file, beside its messages.
 
-    ``losses`` are what could not be read, in words; ``message_counts`` by channel id, what the file's own statistics
-    say was recorded (None: the file has none). ``is_cut``: the file ends too early; ``cut_span_ns`` are the first and
-    last log time of its last chunk, where it was cut inside one.
+    ``losses`` describe unreadable parts; ``message_counts`` by channel id are the recorded messages according to the
+    file's own statistics (None: the file has none). ``is_cut``: the file ends too early; ``cut_span_ns`` are the first
+    and last log time of its last chunk, if it was cut inside one.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
@@ -41,11 +41,11 @@ class Walk:
 
 
 def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) -> Iterator[tuple[int, int, Message]]:
-    """Every readable message as (record's offset in the file, place in that record, message); ``walk`` is filled.
+    """Yield every readable message as (record's offset in the file, place in that record, message); fills ``walk``.
 
-    Holds one chunk at a time. A chunk whose checksum is wrong is left out whole; messages outside chunks have one
-    checksum for all, if any, which only tells that something is wrong. Attachments and metadata are stepped over.
-    ``offsets``: only of the chunks that stand there.
+    Holds one chunk at a time. A chunk with a wrong checksum is left out completely; messages outside chunks have one
+    checksum for all, if any, which only says that something is wrong. Attachments and metadata are skipped.
+    ``offsets``: read only the chunks at these offsets.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) 
             continue
         if isinstance(record, DataEnd):
             if not is_chunked and record.data_section_crc not in (0, _checksum(path, offset)):
-                walk.losses.append("the checksum of all data is wrong: some messages are damaged, which is not known")
+                walk.losses.append("the checksum of all data is wrong: it is unknown which messages are damaged")
             continue
         is_chunked = is_chunked and not isinstance(record, Message)
         try:
@@ -80,18 +80,18 @@ def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) 
 
 
 def read_message(path: Path, offset: int, place: int) -> Message:
-    """Read one message again, of the record at this offset.
+    """Read one message again, from the record at this offset.
 
     Raises
     ------
     VfoaError
-        If the file changed since it was walked.
+        If the file has changed since it was indexed.
     """
     try:
         status = path.stat()
         return _messages_at(path, offset, (status.st_size, status.st_mtime_ns))[place]
     except Exception as error:
-        raise VfoaError(f"{path}: the record at byte {offset} is not readable any more: {first_line(error)}") from None
+        raise VfoaError(f"{path}: the record at byte {offset} can no longer be read: {first_line(error)}") from None
 
 
 @lru_cache(maxsize=2)
@@ -105,12 +105,12 @@ def _messages_at(path: Path, offset: int, _version: tuple[int, int]) -> tuple[Me
 
 
 def summary(path: Path) -> list[McapRecord]:
-    """The records at the end of a file: schemas, channels, statistics, indexes of chunks; none in one that was cut."""
+    """The records at the end of a file: schemas, channels, statistics, indexes of chunks; none in a truncated file."""
     return [record for _, record in _records(path, Walk(), from_summary=True)]
 
 
 def log_span_ns(path: Path) -> tuple[int, int] | None:
-    """First and last log time of a file: of its statistics, or else of its records' heads; None without messages."""
+    """First and last log time of a file: from its statistics, or else its records' heads; None without messages."""
     for record in summary(path):
         if isinstance(record, Statistics) and record.message_count:
             return record.message_start_time, record.message_end_time
@@ -119,7 +119,7 @@ def log_span_ns(path: Path) -> tuple[int, int] | None:
 
 
 def recall_channels(path: Path, walk: Walk) -> None:
-    """Schemas and channels from the summary at the end, if there is one: the chunk with the first ones may be lost."""
+    """Read schemas and channels from the summary, if there is one: the chunk with the first ones may be lost."""
     for record in summary(path):
         if isinstance(record, Schema):
             walk.schemas[record.id] = record
@@ -145,11 +145,11 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
             if opcode == Opcode.FOOTER:
                 return
             if file.tell() + length > size:
-                walk.losses.append(f"cut at byte {size}: the record at byte {offset} and all that followed are lost")
+                walk.losses.append(f"cut at byte {size}: the record at byte {offset} and everything after it are lost")
                 walk.is_cut, walk.cut_span_ns = True, chunk_span_ns(opcode, file)
                 return
-            if opcode == 0:  # no such record: a file system's zeros
-                walk.losses.append(f"damaged at byte {offset}: what follows is lost")
+            if opcode == 0:  # no such record: zeros of the file system
+                walk.losses.append(f"damaged at byte {offset}: everything after it is lost")
                 walk.is_cut = True
                 return
             if opcode not in PARSED:
@@ -157,11 +157,11 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
                 continue
             try:
                 record = parse_record(opcode, length, file.read(length))
-            except Exception as error:  # of struct, of text decoding, of the library: all mean damage
+            except Exception as error:  # errors of struct, text decoding or the library: all mean damage
                 walk.losses.append(f"the record at byte {offset} is damaged ({first_line(error)})")
                 continue
             yield offset, record
-        walk.losses.append(f"cut at byte {size}: all that followed is lost")
+        walk.losses.append(f"cut at byte {size}: everything after it is lost")
         walk.is_cut = True
 
 
@@ -172,7 +172,7 @@ def _records_at(path: Path, offsets: Sequence[int], walk: Walk) -> Iterator[tupl
             try:
                 opcode, length = HEAD.unpack(file.read(HEAD.size))
                 record = parse_record(opcode, length, file.read(length))
-            except Exception as error:  # as above; an index that leads nowhere, too
+            except Exception as error:  # as above; also an index that leads nowhere
                 walk.losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
                 continue
             yield offset, record
@@ -206,7 +206,7 @@ def _checksum(path: Path, end: int) -> int:
 
 
 def _summary_start(file: BinaryIO, size: int) -> int:
-    """The summary's offset as the footer has it; the end of the file where there is neither."""
+    """The summary's offset from the footer; the end of the file if there is neither."""
     file.seek(max(size - HEAD.size - _FOOTER.size - len(MAGIC), 0))
     opcode, _ = HEAD.unpack(file.read(HEAD.size).ljust(HEAD.size, b"\0"))
     tail = file.read()

@@ -1,4 +1,4 @@
-"""Records, of which every MCAP file consists: how they are framed, parsed, and taken out of chunks."""
+"""The records of MCAP files: framing, parsing, and extraction from chunks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _COMPRESSIONS = ("", "lz4", "zstd")
 
 
 def is_mcap(path: Path) -> bool:
-    """Whether a path is a file that starts as MCAP does; False for one that cannot be read."""
+    """Whether a path is a file that starts like MCAP; False for one that cannot be read."""
     try:
         if not path.is_file():
             return False
@@ -39,7 +39,7 @@ def is_mcap(path: Path) -> bool:
 
 
 def parse_record(opcode: int, length: int, data: bytes) -> McapRecord:
-    """A record of one of the :data:`PARSED` kinds; any exception means damage."""
+    """Parse a record of one of the :data:`PARSED` kinds; any exception means damage."""
     stream = ReadDataStream(BytesIO(data))
     match opcode:
         case Opcode.SCHEMA:
@@ -60,16 +60,16 @@ def parse_record(opcode: int, length: int, data: bytes) -> McapRecord:
 
 
 def parts_of(record: McapRecord) -> list[McapRecord]:
-    """The records of a chunk; any other record alone. Any exception means damage."""
+    """The records in a chunk; any other record alone. Any exception means damage."""
     if not isinstance(record, Chunk):
         return [record]
-    if record.compression not in _COMPRESSIONS:  # which the library would read as if it were none
+    if record.compression not in _COMPRESSIONS:  # the library would read it as uncompressed
         raise ValueError(f"compression {record.compression!r}; expected lz4, zstd or none")
     return breakup_chunk(record, validate_crc=True)
 
 
 def chunk_span_ns(opcode: int, file: BinaryIO) -> tuple[int, int] | None:
-    """First and last log time in the head of the chunk at which the file stands; None where there is too little."""
+    """First and last log time in the head of the chunk at the file's position; None if the file ends before."""
     head = file.read(_SPAN.size) if opcode == Opcode.CHUNK else b""
     if len(head) < _SPAN.size:
         return None
@@ -78,5 +78,5 @@ def chunk_span_ns(opcode: int, file: BinaryIO) -> tuple[int, int] | None:
 
 
 def first_line(error: Exception) -> str:
-    """What an error says, in one line; its kind where it says nothing."""
+    """An error's text in one line; its kind if it has no text."""
     return (str(error) or type(error).__name__).splitlines()[0]

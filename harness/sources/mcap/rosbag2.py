@@ -1,4 +1,4 @@
-"""Metadata that ``ros2 bag record`` writes beside its files (``metadata.yaml``): how much was recorded."""
+"""Metadata that ``ros2 bag record`` writes beside its files (``metadata.yaml``): numbers of recorded messages."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vfoa.errors import VfoaError
 def recorded_counts(files: tuple[Path, ...]) -> dict[str, int] | None:
     """Messages by topic that were written into these files together.
 
-    None where no ``metadata.yaml`` stands beside them, or it is not of exactly these files: its counts are of all.
+    None without a ``metadata.yaml`` beside them, or if it is not of exactly these files: its counts are of all.
     """
     path = files[0].with_name("metadata.yaml")
     try:

@@ -1,4 +1,4 @@
-"""The end of a recording that is being written: its newest frames, as the writer gets them to the file."""
+"""A recording that is being written: its newest frames, as the writer adds them to the file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from vfoa.types import StereoFrame
 
 _KEPT = 200
 _WAITING = 32
-"""Images of one side that wait for one of the other."""
+"""Most images of one side that wait for one of the other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class _Taken:
 
 @dataclass(slots=True)
 class _Heard:
-    """Messages by which cameras are calibrated, as far as they have come."""
+    """Messages by which cameras are calibrated, received so far."""
 
     data: dict[str, list[bytes]] = field(default_factory=dict)
 
@@ -55,21 +55,20 @@ class _Heard:
             kept.append(data)
 
     def keep_last(self, topic: Topic, data: bytes) -> None:
-        """Keep this message of the topic alone."""
+        """Keep only this message of the topic."""
         topic.places = [Place(0, 0, 0, 0)]
         self.data[topic.name] = [data]
 
     def read(self, topic: Topic, place: Place) -> bytes:
-        """A message that was kept."""
+        """Return a message that was kept."""
         return self.data[topic.name][place.place]
 
 
 class McapTail:
-    """A recording that grows, read behind its writer. Topics and calibration are found as in a finished one.
+    """A recording that grows, read while it is written. Topics and calibration are found as in a finished one.
 
-    A writer that gathers messages in chunks gets them to the file chunk by chunk: frames then come in bursts. What
-    stands in the file already is passed over, up to its newest frame. The source ends with the recording. A frame is a
-    pair, or colour with measured depth.
+    If the writer collects messages in chunks, frames arrive in bursts, chunk by chunk. Everything in the file before
+    the newest frame is skipped. The source ends with the recording. A frame is a pair, or colour with measured depth.
     """
 
     rate_hz = None
@@ -88,7 +87,7 @@ class McapTail:
         self._optics: tuple[bytes, Optics] | None = None
 
     def arrivals(self, stopped: Event) -> Iterator[Arrival]:
-        """As :class:`harness.sources.live.LiveSource`; numbers count the pairs, from 1, that come from now on."""
+        """As in :class:`harness.sources.live.LiveSource`; numbers count the pairs that arrive from now on, from 1."""
         number, newest, is_behind = 0, None, True
         for record in follow_records(self._path, stopped):
             if record is not None:
@@ -102,13 +101,13 @@ class McapTail:
         if newest is not None:
             yield self._arrival(number + 1, *newest)
         if self._pair is None and not stopped.is_set():
-            self._find_pair()  # says what is missing
+            self._find_pair()  # the error says what is missing
 
     def begin(self) -> None:
-        """The writer does not wait."""
+        """Do nothing: the writer does not wait."""
 
     def _take(self, record: Schema | Channel | Message) -> tuple[_Taken, _Taken] | None:
-        """Take note of a record; the pair that it completes."""
+        """Process a record; return the pair that it completes."""
         if isinstance(record, Schema):
             self._schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -125,7 +124,7 @@ class McapTail:
         Raises
         ------
         VfoaError
-            If they have not come yet, or are not images by themselves.
+            If they have not arrived yet, or are no still images.
         """
         streams = find_streams(self._topics.values(), self._settings, str(self._path))
         other = streams.right or streams.depth
@@ -156,16 +155,16 @@ class McapTail:
         return self._joined(side)
 
     def _note_first(self, topic: Topic, message: Message, where: str) -> None:
-        """Take note of what a topic's first message says; it may be the one that completes the frames' topics."""
+        """Read a topic's first message, which may complete the topics of the frames."""
         topic.sight = sight(topic.type, message.data, where)
         if topic.type.kind in IMAGES:
             topic.places = [Place(0, 0, 0, 0)]
         if self._pair is None:
-            with suppress(VfoaError):  # the other topics may still come
+            with suppress(VfoaError):  # the other topics may still arrive
                 self._pair = self._find_pair()
 
     def _joined(self, side: int) -> tuple[_Taken, _Taken] | None:
-        """The image that came last, on this side, with its partner; those that came before either wait no more."""
+        """The last image of this side with its partner; earlier images of both sides are dropped."""
         own, others = self._waiting[side], self._waiting[1 - side]
         nearest = min(others, key=lambda other: abs(other.stamp_ns - own[-1].stamp_ns), default=None)
         if nearest is None or abs(nearest.stamp_ns - own[-1].stamp_ns) > self._settings.tolerance_ns(
@@ -211,7 +210,7 @@ class McapTail:
         return StereoFrame(index=number, time_ns=colour.stamp_ns, left=left, depth_m=measured, rig=rig)
 
     def _optics_of(self, calibrations: dict[str, RawCamera], size: tuple[int, int]) -> Optics:
-        """Of the calibrations that had come with a pair; maps are computed only where they changed."""
+        """The optics from the calibrations that arrived with a pair; maps are computed only when these change."""
         assert self._pair is not None
         settings = self._settings
         rectified = are_rectified(self._pair) if settings.rectified is None else settings.rectified

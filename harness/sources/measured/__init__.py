@@ -1,1 +1,1 @@
-"""Clips without images: people and objects in metres, measured elsewhere."""
+"""Clips without images: people and objects in metres, measured by other programs."""

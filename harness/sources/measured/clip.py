@@ -1,7 +1,7 @@
-"""Base of all clips of measurements: numbered frames, and a scene made of each.
+"""Base class of all clips of measurements: numbered frames, each made into a scene.
 
 People and objects are numbered from 1 in the order in which they are first named, people first: these are the
-``instance`` ids of a manifest. Everyone is a target for the others, by a box about the head.
+``instance`` ids of a manifest. Everyone is a target for the others, by a box around the head.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from vfoa.settings import Settings
 from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Person, Scene, Target
 
 PERSON = "person"
-"""The category of everyone who looks."""
+"""The category of people."""
 
 Metres = tuple[float, float, float]
 
 
 class FixedObject(Settings):
-    """An object that stands still: its middle, its extent along the camera's axes, and its category.
+    """A static object: its middle, its extent along the camera's axes, and its category.
 
     Without ``size_m`` it is a point; without ``category`` its name is its category.
     """
@@ -40,8 +40,8 @@ class FixedObject(Settings):
 class MeasuredSettings(Settings):
     """Settings of every measured clip.
 
-    ``objects`` are those that stand still, by name. A point is looked at as a cube with sides of ``point_size_m``.
-    ``head_size_m`` is the extent of the box about a head, along the camera's axes; the default is that of an adult.
+    ``objects`` are the static ones, by name. A point is looked at as a cube with sides of ``point_size_m``.
+    ``head_size_m`` is the extent of the box around a head, along the camera's axes; the default is that of an adult.
     """
 
     objects: dict[str, FixedObject] = Field(default_factory=dict)
@@ -56,7 +56,7 @@ class MeasuredSettings(Settings):
         return size_m
 
     def fixed_objects(self) -> tuple[MeasuredObject, ...]:
-        """The objects that stand still."""
+        """The static objects."""
         return tuple(
             MeasuredObject(
                 name=name,
@@ -67,7 +67,7 @@ class MeasuredSettings(Settings):
         )
 
     def box(self, center_m: Float, size_m: Float | None, left_from_box: Float | None = None) -> Box3D:
-        """The box of an object with this middle (3,), extent (3,) and rotation (3, 3); without an extent, a point's.
+        """Return the box with this middle (3,), extent (3,) and rotation (3, 3); without an extent, a point's box.
 
         Raises
         ------
@@ -94,7 +94,7 @@ class MeasuredPerson:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredObject:
-    """One object in one frame. With a person's name, it is the box of that person."""
+    """One object in one frame. If it has a person's name, it is the box of that person."""
 
     name: str
     category: str
@@ -103,7 +103,7 @@ class MeasuredObject:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredFrame:
-    """All that was measured at one time."""
+    """All measurements at one time."""
 
     time_ns: int
     people: tuple[MeasuredPerson, ...]
@@ -111,10 +111,10 @@ class MeasuredFrame:
 
 
 class FramesOfMeasurements:
-    """A clip (:class:`harness.sources.MeasuredClip`) of measurements that are in memory; adapters fill it.
+    """A clip (:class:`harness.sources.MeasuredClip`) of measurements in memory; adapters fill it.
 
-    ``where`` opens messages: the file or folder that was read. ``fixed`` objects are in every frame that
-    has no object of that name itself.
+    ``where`` opens messages: the file or folder that was read. ``fixed`` objects are in every frame that has no object
+    of that name itself.
     """
 
     def __init__(
@@ -142,13 +142,13 @@ class FramesOfMeasurements:
 
     @cached_property
     def rate_hz(self) -> float | None:
-        """One over the median step in time; None for a single frame."""
+        """One over the median time step, Hz; None for a single frame."""
         steps = np.diff([frame.time_ns for frame in self._frames.values()])
         return float(1e9 / np.median(steps)) if len(steps) else None
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Nothing was left out."""
+        """No notes: nothing was left out."""
         return ()
 
     @cached_property
@@ -159,7 +159,7 @@ class FramesOfMeasurements:
 
     @cached_property
     def objects(self) -> dict[str, int]:
-        """Ids by name, after those of the people; the manifest's own come last, so that they renumber nothing."""
+        """Ids by name, after those of the people. The manifest's objects come last, so that other ids do not change."""
         found = [*self._fixed, *(each for frame in self._frames.values() for each in frame.objects)]
         names = [name for name in dict.fromkeys(each.name for each in found) if name not in self.people]
         names.sort(key=lambda name: name in self._settings.objects)
@@ -167,12 +167,12 @@ class FramesOfMeasurements:
 
     @cached_property
     def categories(self) -> dict[str, str]:
-        """The category of everyone and of every object by name.
+        """The category of every person and object, by name.
 
         Raises
         ------
         VfoaError
-            If an object has two.
+            If an object has two categories.
         """
         found = dict.fromkeys(self.people, PERSON)
         for each in [*self._fixed, *(each for frame in self._frames.values() for each in frame.objects)]:
@@ -186,11 +186,11 @@ class FramesOfMeasurements:
         return found
 
     def time_ns(self, number: int) -> int:
-        """When a frame was measured."""
+        """Time of a frame, nanoseconds."""
         return self._frame(number).time_ns
 
     def scene(self, number: int) -> Scene:
-        """What was measured in one frame."""
+        """Return the measurements of one frame as a scene."""
         frame = self._frame(number)
         boxes = {each.name: each for each in (*self._fixed, *frame.objects)}
         heads = [
@@ -218,12 +218,12 @@ class FramesOfMeasurements:
         )
 
     def truth(self, number: int) -> Truth:
-        """Nothing is known to be true."""
+        """The source has no ground truth."""
         self._frame(number)
         return Truth()
 
     def digest(self) -> str:
-        """Of the files' content and the settings."""
+        """Digest of the files' content and the settings."""
         return hashlib.sha256(f"{self._content} {self._settings.model_dump_json()}".encode()).hexdigest()
 
     def _frame(self, number: int) -> MeasuredFrame:
@@ -232,7 +232,7 @@ class FramesOfMeasurements:
         return self._frames[number]
 
     def _body(self, person: MeasuredPerson, own: MeasuredObject | None) -> Box3D | None:
-        """The box that others look at: the person's own where the source has one, else one about the head."""
+        """The box that others look at: the person's own if the source has one, else one around the head."""
         if own is not None:
             return own.box
         return (

@@ -42,7 +42,7 @@ class IdiapSettings(MeasuredSettings):
 
 
 class IdiapClip(FramesOfMeasurements):
-    """A clip of the tracker's output."""
+    """A clip from the tracker's output."""
 
     Settings = IdiapSettings
 
@@ -52,7 +52,7 @@ class IdiapClip(FramesOfMeasurements):
         for where, cells in _lines(path):
             time_ns, person = _person(where, cells)
             if person.name in people.setdefault(time_ns, {}):
-                raise VfoaError(f"{where}: person {person.name!r}: is there twice at this time")
+                raise VfoaError(f"{where}: person {person.name!r}: occurs twice at this time")
             people[time_ns][person.name] = person
         frames = {
             number: MeasuredFrame(time_ns=time_ns, people=tuple(people[time_ns].values()))
@@ -62,7 +62,7 @@ class IdiapClip(FramesOfMeasurements):
 
     @classmethod
     def recognise(cls, path: Path) -> tuple[Recognised, ...]:
-        """A file of the tracker's, or a folder that holds some."""
+        """Recognise a file of the tracker, or a folder that holds some."""
         files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
         robot = {"robot": {"center_m": [0.0, 0.0, 0.0], "size_m": [0.3, 0.3, 0.3]}}
         return tuple(
@@ -80,7 +80,7 @@ class IdiapClip(FramesOfMeasurements):
 
 
 _NEAREST_M, _FARTHEST_M = 1e-6, 1e6
-"""Between them a head has a direction from the camera."""
+"""Range of distances at which a head has a direction from the camera."""
 
 
 def _is_tracker_output(path: Path) -> bool:
@@ -109,7 +109,7 @@ def _person(where: str, cells: list[str]) -> tuple[int, MeasuredPerson]:
         eyes_m, (tilt, pan) = np.array(cells[_POSITION], float), np.radians(np.array(cells[_ANGLES], float))
     except ValueError as error:
         raise VfoaError(f"{where}: {error}; expected numbers in {','.join(COLUMNS)}") from None
-    beside_m = math.hypot(eyes_m[0], eyes_m[2])  # straight above the camera, nobody is to its left or right
+    beside_m = math.hypot(eyes_m[0], eyes_m[2])  # straight above the camera, "to the left" is not defined for a person
     if not (beside_m > _NEAREST_M and math.hypot(*eyes_m) < _FARTHEST_M and math.isfinite(tilt) and math.isfinite(pan)):
         raise VfoaError(f"{where}: expected a finite place beside the camera, and finite angles")
     pose = HeadPose(direction=head_direction(eyes_m, tilt, pan))
@@ -117,9 +117,9 @@ def _person(where: str, cells: list[str]) -> tuple[int, MeasuredPerson]:
 
 
 def head_direction(head_m: Float, tilt_rad: float, pan_rad: float) -> Float:
-    """Where a head at (3,) points, a unit vector (3,): tilt > 0 up, pan > 0 to the image's left, 0 into the camera.
+    """Direction of a head at (3,), a unit vector (3,): tilt > 0 up, pan > 0 to the image's left, 0 into the camera.
 
-    The signs are those that make people look at what upstream's ground truth says they look at.
+    The signs are those that make people look at the targets of upstream's ground truth.
     """
     forward = unit(head_m)  # from the camera to the head
     right = unit(np.cross(_DOWN, forward))

@@ -3,18 +3,18 @@
 ``people.csv``: a row for each frame and person; a frame in which nobody was seen has one row with a blank person::
 
     frame,time_ns,person,x_m,y_m,z_m
-        [,head_x,head_y,head_z][,head_sigma_deg]        where the head points, a unit vector, and its claimed error
-        [,gaze_x,gaze_y,gaze_z][,gaze_sigma_deg]        where the eyes look
+    [,head_x,head_y,head_z][,head_sigma_deg]        direction of the head, a unit vector, and its claimed error
+    [,gaze_x,gaze_y,gaze_z][,gaze_sigma_deg]        direction of the gaze, likewise
 
-``objects.csv``, optional: what can be looked at besides people; a blank frame means every frame::
+``objects.csv``, optional: the other targets; a blank frame means every frame::
 
     frame,object,x_m,y_m,z_m[,category][,size_x_m,size_y_m,size_z_m][,qx,qy,qz,qw]
 
-Camera frame: x right, y down, z forward, metres; any frame with these axes will do. ``x_m, y_m, z_m`` of a person is
-the point between the eyes, of an object its middle. ``size_*_m`` is the whole extent along the object's own axes, which
-the unit quaternion turns into the camera's; without a size the object is a point. An object with a person's name is
-the box of that person, who is otherwise a box about the head. ``sigma`` is the claimed error per tangent direction
-(``*_sigma_rad`` instead loses no bit). ``time_s`` may stand for ``time_ns``. A blank cell is an unknown value.
+Camera frame: x right, y down, z forward, metres; any frame with such axes will do. ``x_m, y_m, z_m`` of a person is the
+point between the eyes, of an object its middle. ``size_*_m`` is the whole extent along the object's own axes, which the
+unit quaternion rotates into the camera's; without a size the object is a point. An object with a person's name is the
+box of that person; a person without one gets a box around the head. ``sigma`` is the claimed error per tangent
+direction (``*_sigma_rad`` keeps the exact value). ``time_s`` may replace ``time_ns``. A blank cell is an unknown value.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ _UNIT_TOLERANCE = 0.01
 
 
 class MeasuredTablesSettings(MeasuredSettings):
-    """The tables under the manifest's root. Without ``objects_file``, the objects are those that stand still."""
+    """The tables under the manifest's root. Without ``objects_file``, only static objects are used."""
 
     people_file: str = Field(default="people.csv", min_length=1)
     objects_file: str | None = Field(default=None, min_length=1)
 
 
 class MeasuredTables(FramesOfMeasurements):
-    """A clip of two tables."""
+    """A clip from two tables."""
 
     Settings = MeasuredTablesSettings
 
@@ -86,7 +86,7 @@ class MeasuredTables(FramesOfMeasurements):
 
     @classmethod
     def recognise(cls, path: Path) -> tuple[Recognised, ...]:
-        """A folder with ``people`` (and ``objects``) tables, or the table of the people itself."""
+        """Recognise a folder with ``people`` (and ``objects``) tables, or the table of the people itself."""
         folder = path if path.is_dir() else path.parent
         files = [path] if path.is_file() else [folder / f"people{suffix}" for suffix in _SUFFIXES]
         people = [file for file in files if file.suffix in _SUFFIXES and file.is_file() and _is_of_people(file)]
@@ -139,7 +139,7 @@ def _people(rows: list[TableRow], times: Mapping[int, int]) -> list[tuple[Measur
         if name is None:
             continue
         if name in found[frame]:
-            raise VfoaError(f"{row.where}: frame {frame}, person {name!r}: is there twice")
+            raise VfoaError(f"{row.where}: frame {frame}, person {name!r}: occurs twice")
         head, gaze = (_direction(row, cue) for cue in CUES)
         found[frame][name] = MeasuredPerson(
             name=name,
@@ -179,7 +179,7 @@ def _objects(
         if frame is not None and frame not in times:
             raise VfoaError(f"{row.where}: frame {frame}: not in the table of people")
         if before := seen.get((frame, found.name)):
-            raise VfoaError(f"{row.where}: object {found.name!r}: is there twice, first at {before}")
+            raise VfoaError(f"{row.where}: object {found.name!r}: occurs twice, first at {before}")
         seen[frame, found.name] = row.where
         (fixed if frame is None else moving.setdefault(frame, [])).append(found)
     return fixed, moving
@@ -195,6 +195,6 @@ def _object(row: TableRow, settings: MeasuredTablesSettings) -> MeasuredObject:
     rotation = None if quaternion is None else np.asarray(Rotation.from_quat(quaternion).as_matrix())
     try:
         box = settings.box(center, size, rotation)
-    except ValueError as error:  # an extent of 0; the value's own words say so
+    except ValueError as error:  # an extent of 0; the error's text says so
         raise VfoaError(f"{row.where}: {error}") from None
     return MeasuredObject(name=name, category=row.cells.get("category", name), box=box)

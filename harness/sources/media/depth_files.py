@@ -21,16 +21,16 @@ from vfoa.types import Map
 DEPTH_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".pgm", ".npy", ".exr", ".pfm"})
 
 _CHANNELS = ("Z", "Depth.Z", "ViewLayer.Depth.Z", "V", "Depth.V", "ViewLayer.Depth.V", "Y", "R")
-"""Names of depth in EXR: of renderers, of Blender, and of programs that write one channel as gray or colour."""
+"""Channel names of depth in EXR: of renderers, of Blender, and of programs that write one channel as gray or colour."""
 
 _BACKGROUND = 1e9
-"""What renderers write where there is nothing, or more: Blender 1e10."""
+"""Renderers write at least this where there is no surface; Blender writes 1e10."""
 
 
 def read_depth_file(path: Path, counts_per_m: float | None) -> Map:
-    """The depth (H, W) float32 in metres, NaN where there is none.
+    """Read the depth (H, W) float32 in metres, NaN where there is none.
 
-    ``counts_per_m``: what the file counts in; None: integers are millimetres, floating point numbers metres.
+    ``counts_per_m`` is the file's unit; None: integers are millimetres, floating point numbers metres.
 
     Raises
     ------
@@ -70,11 +70,11 @@ def _read_npy(path: Path) -> NDArray[Any]:
 
 
 def _read_exr(path: Path) -> NDArray[Any]:
-    read_bytes(path)  # says what is wrong with the file before the library tries
+    read_bytes(path)  # gives a clear error for a damaged file before the library tries
     try:
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
-    except Exception as error:  # of the library, which has no common base
+    except Exception as error:  # errors of the library have no common base class
         raise VfoaError(f"{path}: not a readable EXR: {str(error).splitlines()[0]}") from None
     name = next((each for each in _CHANNELS if each in channels), None)
     if name is None:

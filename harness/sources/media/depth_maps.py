@@ -1,4 +1,4 @@
-"""Counts of a depth sensor become metres."""
+"""Convert counts of a depth sensor to metres."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ MILLIMETRES = 1000.0
 
 def depth_map(counts: NDArray[Any], counts_per_m: float) -> Map:
     """Depth (H, W) float32 in metres; NaN where the sensor has 0, NaN, infinity or a negative number."""
-    with np.errstate(all="ignore"):  # of numbers that are none, which a damaged file has
+    with np.errstate(all="ignore"):  # values that are no numbers, as in a damaged file
         values = counts.astype(np.float32) / np.float32(counts_per_m)
     return np.where((values > 0) & np.isfinite(values), values, np.float32(np.nan))
 
 
 def default_counts_per_m(counts: NDArray[Any]) -> float:
-    """By default integers are millimetres and floating point numbers metres."""
+    """The default unit: integers are millimetres and floating point numbers metres."""
     return MILLIMETRES if np.issubdtype(counts.dtype, np.integer) else 1.0

@@ -21,10 +21,10 @@ _DPT_TAG = np.float32(202021.25)
 
 
 def read_disparity(path: Path, *, counts_per_px: float = 256.0) -> Map:
-    """Read a disparity map (H, W) float32, pixels, positive; what the file marks as unknown is NaN.
+    """Read a disparity map (H, W) float32, pixels, positive; unknown values are NaN.
 
     ``.npy`` and ``.pfm`` hold pixels. A PNG with three 8-bit channels is Sintel's, one with a single 16-bit channel
-    holds ``counts_per_px`` counts a pixel (KITTI: 256), 0 = unknown.
+    holds ``counts_per_px`` counts per pixel (KITTI: 256), 0 = unknown.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def read_depth(path: Path) -> Map:
 
 
 def read_pfm(path: Path) -> Map:
-    """Read a one-channel PFM (H, W) float32: a scale below 0 means little-endian, rows go from the bottom up."""
+    """Read a one-channel PFM (H, W) float32: a negative scale means little-endian, rows are stored bottom up."""
     data = read_bytes(path)
     header = _PFM_HEADER.match(data)
     if header is None or header[1] != b"Pf" or not _is_scale(header[4]):
@@ -107,7 +107,7 @@ def _read_npy(path: Path) -> Map:
         raise VfoaError(f"{path}: not an npy file: {error}") from None
     if array.ndim != 2 or not np.issubdtype(array.dtype, np.floating):
         raise VfoaError(f"{path}: found {_kind(array)}; expected (H, W) of floating-point pixels")
-    with np.errstate(over="ignore"):  # what is too large for float32 is infinite, which is unknown
+    with np.errstate(over="ignore"):  # values too large for float32 become infinite, which means unknown
         return array.astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-"""Files numbered by frame: which file holds which frame, from the digits in its name."""
+"""Files numbered by frame: the digits in a name are the frame's number."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".
 
 
 def find_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
-    """Files under ``root`` by frame number, ascending.
+    """Return the files under ``root`` by frame number, ascending.
 
     ``pattern`` is a folder (all its images), a file, a glob (``left/*.png``), or has one printf field for the number
-    (``left/%06d.png``). Without a field, the number is the run of digits that differs between the names; a single
-    file without digits is frame 0. Hidden files are left out. ``where`` (file and key) starts the messages.
+    (``left/%06d.png``). Without a field, the number is the run of digits that differs between the names; a single file
+    without digits is frame 0. Hidden files are left out. ``where`` (file and key) starts the messages.
 
     Raises
     ------
     VfoaError
-        If nothing is found, or a name's number is missing, ambiguous, there twice or of more than 63 bits.
+        If nothing is found, or a name's number is missing, ambiguous, repeated or of more than 63 bits.
     """
     folder = root / pattern
     if folder.is_dir():
@@ -50,7 +50,7 @@ def find_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
 
 
 def number_names(names: Iterable[str], where: str) -> dict[int, str]:
-    """Frame numbers of file names, ascending: the one run of digits that differs between them."""
+    """File names by frame number, ascending: the number is the one run of digits that differs between them."""
     names = sorted(names)
     runs = {name: [int(digits) for digits in _DIGITS.findall(Path(name).stem)] for name in names}
     if len(names) == 1:
@@ -71,12 +71,12 @@ def number_names(names: Iterable[str], where: str) -> dict[int, str]:
 
 
 def printf_name(pattern: str, number: int) -> str:
-    """The name of one frame's file: the pattern's printf field filled in."""
+    """Return the name of one frame's file: the pattern with its printf field filled in."""
     return _PRINTF.sub(lambda match: str(number).zfill(int(match[1] or 0)), pattern, count=1)
 
 
 def check_printf(pattern: str, where: str) -> None:
-    """Refuse a pattern without exactly one field for the frame number."""
+    """Reject a pattern without exactly one field for the frame number."""
     if len(_PRINTF.findall(pattern)) != 1:
         raise VfoaError(f"{where}: {pattern!r}; expected one field for the frame number, such as frame_%04d.png")
 
@@ -101,7 +101,7 @@ def _glob(root: Path, pattern: str) -> list[Path]:
 
 
 def _is_hidden(path: Path) -> bool:
-    """As what macOS leaves beside each file on a foreign disk (``._left_01.png``) is: no image."""
+    """Whether a file is hidden, such as macOS's files beside each file on a foreign disk (``._left_01.png``)."""
     return path.name.startswith(".")
 
 
@@ -109,7 +109,7 @@ def _unique(pairs: Iterable[tuple[int, Value]], where: str) -> dict[int, Value]:
     found: dict[int, Value] = {}
     for number, value in pairs:
         if number in found:
-            raise VfoaError(f"{where}: frame {number} is there twice: {found[number]} and {value}")
+            raise VfoaError(f"{where}: frame {number} occurs twice: {found[number]} and {value}")
         if number > _LARGEST:
             raise VfoaError(f"{where}: {value}: the frame number {number} is too large; expected at most {_LARGEST}")
         found[number] = value

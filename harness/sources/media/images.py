@@ -1,4 +1,4 @@
-"""Images from files: decoded whole, or one clear error."""
+"""Images from files: decoded completely, or one clear error."""
 
 from __future__ import annotations
 
@@ -23,30 +23,30 @@ _JPEG = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
 
 MOST_PIXELS = 2**30
-"""More than that OpenCV does not decode; an 8K image has 2**25."""
+"""OpenCV does not decode larger images; an 8K image has 2**25 pixels."""
 
 
 def read_rgb(path: Path) -> Image:
     """Read an image (H, W, 3) uint8 RGB. Gray is repeated, alpha dropped, 16 bits are cut to 8.
 
-    The rotation a camera may have noted (EXIF) is ignored: calibrations speak of the sensor's own pixels.
+    A rotation noted by the camera (EXIF) is ignored: calibrations refer to the sensor's own pixels.
 
     Raises
     ------
     VfoaError
-        If the file is not there, not an image, or damaged.
+        If the file is missing, not an image, or damaged.
     """
     return decode_rgb(read_bytes(path), str(path))
 
 
 def decode_rgb(data: bytes, where: str) -> Image:
-    """As :func:`read_rgb`, from a file's bytes that stand at ``where``, which names them in messages."""
+    """As :func:`read_rgb`, from a file's bytes; ``where`` names the file in messages."""
     image = _decode(data, where, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
 def read_raw(path: Path) -> NDArray[Any]:
-    """Read an image with the values it holds: (H, W) or (H, W, 3) in RGB order, alpha dropped, uint8 or uint16.
+    """Read an image with its own values: (H, W) or (H, W, 3) in RGB order, alpha dropped, uint8 or uint16.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def read_raw(path: Path) -> NDArray[Any]:
 
 
 def png_size_px(path: Path) -> tuple[int, int]:
-    """(width, height) of a PNG, from its first bytes; a :class:`VfoaError` that names it where it is none."""
+    """(width, height) of a PNG, from its first bytes; raises a :class:`VfoaError` for another file."""
     check_readable(path)
     try:
         with path.open("rb") as file:
@@ -77,7 +77,7 @@ def png_size_px(path: Path) -> tuple[int, int]:
 
 
 def _decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
-    # OpenCV 4 fills the missing part of a cut file with black or gray and says nothing.
+    # OpenCV 4 silently fills the missing part of a truncated file with black or gray.
     if problem := _damage(data):
         raise VfoaError(f"{where}: {problem}")
     try:
@@ -90,7 +90,7 @@ def _decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
 
 
 def _damage(data: bytes) -> str | None:
-    """What is wrong with the bytes of an image file, None if nothing can be seen."""
+    """The damage in the bytes of an image file, in words; None if none is visible."""
     if not data:
         return "the file is empty; expected an image"
     if data.startswith(_PNG):
@@ -105,7 +105,7 @@ def _damage(data: bytes) -> str | None:
 
 
 def _png_damage(data: bytes) -> str | None:
-    """Walk the chunks of a PNG (length, type, data, CRC) up to IEND."""
+    """Check the chunks of a PNG (length, type, data, CRC) up to IEND."""
     at = len(_PNG)
     while at + 12 <= len(data):
         (length,) = struct.unpack_from(">I", data, at)

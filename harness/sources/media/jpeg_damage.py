@@ -1,17 +1,17 @@
-"""Zeros inside the compressed data of a JPEG: a file that was copied in part, which decoders fill with gray."""
+"""Detects zeros inside the compressed data of a JPEG: a partly copied file, which decoders fill with gray."""
 
 from __future__ import annotations
 
 _ZEROS = bytes(32)
-"""No encoder writes so many in a row, but for one whose shortest code means a block without detail."""
+"""No encoder writes so many zeros in a row, except one whose shortest code means a block without detail."""
 _SCAN, _TABLE = 0xDA, 0xC4
 _WITHOUT_LENGTH = {0x01, *range(0xD0, 0xDA)}
 
 
 def zeros_at(data: bytes) -> int | None:
-    """Where a run of zeros begins in the compressed data of a JPEG; None where there is none, or it may be right.
+    """Return where a run of zeros begins in the compressed data of a JPEG; None if there is none, or it may be valid.
 
-    It may be right in progressive files, and where every table's shortest code is that of a flat block.
+    It may be valid in progressive files, and if every table's shortest code is that of a flat block.
     """
     if data.find(_ZEROS) < 0:
         return None
@@ -32,7 +32,7 @@ def zeros_at(data: bytes) -> int | None:
 
 
 def _codes_of_flat_blocks(tables: bytes) -> list[bool]:
-    """Of each AC table: whether its code of zeros means "no detail in the rest of the block"."""
+    """For each AC table: whether its code of zeros means "no detail in the rest of the block"."""
     found, at = [], 0
     while at + 17 <= len(tables):
         kind, symbols = tables[at] >> 4, sum(tables[at + 1 : at + 17])

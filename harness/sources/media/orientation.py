@@ -1,7 +1,7 @@
-"""The rotation that a camera notes in an image's EXIF data, and a TIFF without it.
+"""Remove the rotation that a camera notes in the EXIF data of a TIFF.
 
-Calibrations speak of the sensor's own pixels, so that it is ignored. OpenCV ignores it of JPEG and PNG when asked, and
-not of TIFF.
+Calibrations refer to the sensor's own pixels, so rotations are ignored. On request OpenCV ignores them in JPEG and PNG,
+but not in TIFF.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ _HEADS = {b"II*\0": "<", b"MM\0*": ">"}
 
 
 def without_rotation(data: bytes) -> bytes:
-    """The bytes of an image file; those of a TIFF say that it is upright."""
+    """Return the bytes of an image file; a TIFF is changed to say that it is upright."""
     place = _place(data)
     if place is None:
         return data
@@ -23,7 +23,7 @@ def without_rotation(data: bytes) -> bytes:
 
 
 def _place(data: bytes) -> tuple[int, str] | None:
-    """Where the orientation of a TIFF's first image stands, and the byte order; None where there is none."""
+    """The offset of the orientation of a TIFF's first image, and the byte order; None if there is none."""
     order = _HEADS.get(data[:4])
     if order is None or len(data) < 8:
         return None

@@ -1,4 +1,4 @@
-"""Segment ids of other formats, fitted into the 16 bits of :attr:`vfoa.types.Instances.ids`."""
+"""Map segment ids of other formats to the 16 bits of :attr:`vfoa.types.Instances.ids`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _LARGEST = np.iinfo(np.uint16).max
 
 
 def small_ids(ids: Iterable[int], where: str) -> dict[int, int]:
-    """A 16-bit id above 0 for each id: its own where it fits, else the smallest that is free, in ascending order.
+    """Return a 16-bit id above 0 for each id: its own if it fits, else the smallest free one, in ascending order.
 
     Raises
     ------
@@ -30,13 +30,13 @@ def small_ids(ids: Iterable[int], where: str) -> dict[int, int]:
 
 def present_ids(ids: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """Every id that an id map (H, W) has, ascending."""
-    if ids.size and ids.max() <= _LARGEST:  # counting is ten times as quick as sorting, where there are few numbers
+    if ids.size and ids.max() <= _LARGEST:  # for few different numbers, counting is ten times as fast as sorting
         return np.flatnonzero(np.bincount(ids.ravel())).astype(np.uint32)
     return np.unique(ids)
 
 
 def relabel(ids: NDArray[np.uint32], small: Mapping[int, int]) -> NDArray[np.uint16]:
-    """An id map (H, W) in 16 bits; ids that ``small`` does not have become 0, no instance."""
+    """Convert an id map (H, W) to 16 bits; ids that are not in ``small`` become 0, no instance."""
     if ids.size and ids.max() <= _LARGEST:
         table = np.zeros(_LARGEST + 1, np.uint16)
         for number, other in small.items():

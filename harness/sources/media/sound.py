@@ -1,4 +1,4 @@
-"""The sound of a video file, in step with its frames."""
+"""The sound of a video file, synchronous with its frames."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from vfoa.errors import VfoaError
 
 SOUND_HZ = 24_000
 _LARGEST_SLIP = SOUND_HZ // 25
-"""Stamps that are rounded move samples by less; a larger step is a gap in the sound."""
+"""Rounding of time stamps moves samples by less; a larger step is a gap in the sound."""
 
 
 def sound_of(path: Path) -> NDArray[np.int16] | None:
-    """One channel of samples at :data:`SOUND_HZ`, from the time of the video's first frame on; None: no sound.
+    """Return one channel of samples at :data:`SOUND_HZ`, beginning at the video's first frame; None without sound.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def sound_of(path: Path) -> NDArray[np.int16] | None:
 
 
 def _joined(parts: list[tuple[int, NDArray[np.int16]]]) -> NDArray[np.int16]:
-    """Parts at their places; silence where there is none, and nothing from before the first frame."""
+    """Join parts at their positions, with silence in gaps; anything before the first frame is cut."""
     samples = np.zeros(max((at + len(part) for at, part in parts), default=0), np.int16)
     for at, part in parts:
         kept = part[max(-at, 0) :]

@@ -1,4 +1,4 @@
-"""Frames of a video file, exact in any order: a frame is known by its time stamp, never by a seek that is trusted."""
+"""Frames of a video file, exact in any order: frames are identified by their time stamps; seeking is verified."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ import numpy as np
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
-# FFmpeg writes to the terminal by itself; our own errors say what is wrong with a file. Read at the first video.
+# FFmpeg writes to the terminal; our own errors describe what is wrong with a file. Read when the first video is opened.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 import cv2
 
 VIDEO_SUFFIXES = frozenset({".mp4", ".avi", ".mkv", ".mov", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv", ".ts"})
 
 STEP = 32
-"""Frames ahead that are decoded one by one rather than sought."""
+"""Most frames ahead that are decoded one by one; beyond that, seek."""
 
 RATE_TOLERANCE = 0.01
-"""A stated rate is believed if it is this near to the mean of the times, which some containers round to ms."""
+"""A stated rate is used if it is this near to the mean of the times, which some containers round to ms."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VideoIndex:
-    """What a file really holds: the time of each frame in the order of display, as the file has it.
+    """The real content of a file: the time of each frame in display order, as stored.
 
-    ``claimed`` is the number of frames that the container states (what FFmpeg makes of a duration that the frames fill
-    is no such number), 0 where it states none. ``rate_hz`` is what it states where the times agree, else their mean
+    ``claimed`` is the number of frames that the container states, 0 if it states none (FFmpeg's estimate from a
+    duration that the frames fill does not count). ``rate_hz`` is the stated rate if the times agree, else their mean
     rate: phones film with varying steps.
     """
 
@@ -42,12 +42,12 @@ class VideoIndex:
 
 
 class Video:
-    """A video's frames by their place, from 0. Read in order they are decoded once; it can be pickled.
+    """A video's frames by their position, from 0. Reading in order decodes each once. It can be pickled.
 
     Raises
     ------
     VfoaError
-        If the file is not there, is no video, or holds no frame.
+        If the file is missing, is no video, or holds no frame.
     """
 
     def __init__(self, path: Path) -> None:
@@ -61,18 +61,18 @@ class Video:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the container says wrongly."""
+        """A note if the container's number of frames is wrong."""
         found, claimed = len(self.index.stamps_ns), self.index.claimed
         if found == claimed or claimed <= 0:
             return ()
         return (f"{self.path.name}: the container says {claimed} frames, {found} can be read",)
 
     def time_ns(self, place: int) -> int:
-        """Since the first frame."""
+        """Time since the first frame, nanoseconds."""
         return self.index.stamps_ns[place] - self.index.stamps_ns[0]
 
     def read(self, place: int) -> Image:
-        """The frame (H, W, 3) uint8 RGB at this place.
+        """Return the frame (H, W, 3) uint8 RGB at this position.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class Video:
             raise self._undecodable(place)
 
     def _jump(self, place: int) -> None:
-        """Go to a frame at or before ``place``: by seeking where the stamp proves where that led, else to the start."""
+        """Go to a frame at or before ``place``: by a seek if the time stamp proves where it led, else to the start."""
         if place > STEP:
             self._capture = self._capture or _open(self.path)
             self._capture.set(cv2.CAP_PROP_POS_FRAMES, place)
@@ -117,7 +117,7 @@ class Video:
 
 
 def index_video(path: Path) -> VideoIndex:
-    """Count a video's frames by its packets, or by decoding it where the packets do not tell.
+    """Count a video's frames by its packets, or by decoding it if the packets are not conclusive.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def _mean_rate_hz(stamps: tuple[int, ...]) -> float | None:
 
 
 def _are_frames(path: Path, stamps: tuple[int, ...]) -> bool:
-    """Whether decoding starts and ends with the first and the last packet: edit lists and cuts hide some of them."""
+    """Whether decoding starts and ends with the first and the last packet: edit lists and cuts hide some packets."""
     if not stamps or len(set(stamps)) != len(stamps):
         return False
     first, last = _open(path), _open(path)
@@ -166,12 +166,12 @@ def _grabbed(capture: Any) -> Iterator[int]:
 
 
 def _stamp(capture: Any) -> int:
-    """Nanoseconds, of the frame that was grabbed last."""
+    """Time stamp of the frame that was grabbed last, nanoseconds."""
     return round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
 
 
 def opencv_name(name: str) -> str:
-    """A name for ``cv2.VideoCapture``, which ends the process over one that is not Unicode.
+    """Check a name for ``cv2.VideoCapture``, which ends the process for a name that is not Unicode.
 
     Raises
     ------
@@ -181,12 +181,12 @@ def opencv_name(name: str) -> str:
     try:
         name.encode()
     except UnicodeEncodeError:
-        raise VfoaError(f"{name}: its name is not UTF-8, which FFmpeg cannot open; expected it renamed") from None
+        raise VfoaError(f"{name}: its name is not UTF-8, which FFmpeg cannot open; rename it") from None
     return name
 
 
 def _open(path: Path, packets: bool = False) -> Any:
-    """A capture; ``packets``: it passes the packets on undecoded. A rotation noted in the file is not applied."""
+    """Open a capture; ``packets``: it returns packets undecoded. A rotation noted in the file is not applied."""
     if not path.is_file():
         raise VfoaError(f"{path}: no such file")
     name = opencv_name(str(path))

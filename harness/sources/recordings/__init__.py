@@ -1,1 +1,1 @@
-"""Recordings of cameras (MCAP, ROS bags): containers apart, what their messages mean is the same. No ROS is needed."""
+"""Recordings of cameras (MCAP, ROS bags): message types are shared between the containers. ROS is not needed."""

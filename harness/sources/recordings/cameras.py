@@ -1,4 +1,4 @@
-"""The calibration of each pair: from the recording's own messages, which may change with time, or from a file."""
+"""The calibration of each pair: from the recording's own messages, which may change over time, or from a file."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from vfoa.errors import VfoaError
 
 
 class Cameras(Protocol):
-    """Knows the optics of every pair."""
+    """Gives the optics of every pair."""
 
     def at(self, left_ns: int, right_ns: int) -> Optics:
-        """The optics when the two images were taken."""
+        """Return the optics at the time of the two images."""
         ...
 
 
@@ -35,19 +35,19 @@ class ConstantCameras:
 
 
 def file_cameras(path: Path, size: ImageSize, rectified: bool) -> ConstantCameras:
-    """The calibration in any file that a stereo folder may have."""
+    """Read the calibration from any file that a stereo folder may have."""
     return ConstantCameras(optics(read_cameras([path], size, Options(rectified=rectified))))
 
 
 class RecordedCameras:
-    """For each image its camera's calibration at that time."""
+    """The cameras' calibrations at the time of each image."""
 
     def __init__(self, container: Messages, topics: tuple[Topic, Topic], rectified: bool, where: str) -> None:
         self._container, self._topics, self._rectified, self._where = container, topics, rectified, where
         self._latest: tuple[bytes, Optics] | None = None
 
     def at(self, left_ns: int, right_ns: int) -> Optics:
-        """Maps are computed only where the calibration changed since the last call."""
+        """Maps are computed only if the calibration has changed since the last call."""
         left, right = (
             camera_at(topic, stamp_ns, self._container, self._where)
             for topic, stamp_ns in zip(self._topics, (left_ns, right_ns), strict=True)
@@ -63,10 +63,10 @@ class RecordedCameras:
 
 
 def camera_at(topic: Topic, stamp_ns: int, container: Messages, where: str) -> RawCamera:
-    """A camera's last calibration at a time, or its first one where that came later."""
+    """A camera's last calibration before a time, or its first one if all came later."""
     after = bisect.bisect_right(topic.places, stamp_ns, key=_stamp)
     if not topic.places:
-        raise VfoaError(f"{where}: {topic.name}: no calibration in it can be read")
+        raise VfoaError(f"{where}: {topic.name}: none of its calibrations can be read")
     place = topic.places[max(after - 1, 0)]
     return camera(topic.type, container.read(topic, place), f"{where}: {topic.name}")
 

@@ -32,20 +32,20 @@ from vfoa.errors import VfoaError
 from vfoa.types import Image, Map, StereoFrame
 
 _SHOWN = 3
-"""Losses that an error lists."""
+"""Most losses that an error lists."""
 
 
 class RecordingClip:
     """A recorded camera; frames are numbered from 1 in the order of their stamps.
 
     root/recording.mcap      or a .bag, a .db3, or the folder of a recording that was split
-      /stereo/left/image_raw                     images, raw, compressed, or packets of a video
-      /stereo/left/camera_info                   their calibration; P_right[0, 3] = -fx B
-      /stereo/right/...                          likewise; or instead
-      /camera/color/image_raw                    a colour image, and
-      /camera/aligned_depth_to_color/image_raw   measured depth
+        /stereo/left/image_raw                     images, raw, compressed, or packets of a video
+        /stereo/left/camera_info                   their calibration; P_right[0, 3] = -fx B
+        /stereo/right/...                          likewise; or instead
+        /camera/color/image_raw                    a colour image, and
+        /camera/aligned_depth_to_color/image_raw   measured depth
 
-    What is not readable (a cut file, a wrong checksum) is left out and told in :attr:`notes`.
+    Unreadable parts (a truncated file, a wrong checksum) are left out and listed in :attr:`notes`.
     """
 
     Settings: ClassVar[type[RecordingSettings]] = RecordingSettings
@@ -85,12 +85,12 @@ class RecordingClip:
 
     @property
     def frames(self) -> range:
-        """From 1; a frame that was dropped has no number."""
+        """Frame numbers from 1; dropped frames have no number."""
         return range(1, len(self._frames) + 1)
 
     @cached_property
     def rate_hz(self) -> float | None:
-        """From the median distance of the stamps, to 0.001 Hz."""
+        """Rate from the median step of the stamps, to 0.001 Hz."""
         steps = np.diff([places.left.stamp_ns for places in self._frames])
         return round(1e9 / float(np.median(steps)), 3) if steps.size else None
 
@@ -101,7 +101,7 @@ class RecordingClip:
         return (*self._losses, *self._lost, *([by_log] if self._settings.stamps == "log" else []))
 
     def time_ns(self, number: int) -> int:
-        """The stamp of the left image."""
+        """Time stamp of the left image."""
         return self._places(number).left.stamp_ns
 
     def frame(self, number: int) -> StereoFrame:
@@ -114,11 +114,11 @@ class RecordingClip:
             raise VfoaError(f"{self._where}: frame {number}: {text}") from None
 
     def truth(self, number: int) -> Truth:
-        """Nothing is known."""
+        """The source has no ground truth."""
         return Truth()
 
     def digest(self) -> str:
-        """Of the files' bytes and the settings, not of the files' names."""
+        """Digest of the files' bytes and the settings, but not of the files' names."""
         paths = [(f"recording {number}", path) for number, path in enumerate(self._container.files)]
         if self._settings.calibration is not None:
             paths.append(("calibration", self._folder / self._settings.calibration))
@@ -146,7 +146,7 @@ class RecordingClip:
             depth = self._depth(streams.depth, places.depth, left.shape[:2])
             if found.rectifier is not None and not found.rectifier.keeps_left:
                 raise VfoaError(
-                    f"{streams.depth.name} is of {streams.left.name} as the camera saw it, which rectification turns; "
+                    f"{streams.depth.name} belongs to {streams.left.name} before rectification, which rotates it; "
                     "expected rectified images with depth"
                 )
         left, right = found.rectify(left, right)
@@ -167,7 +167,7 @@ class RecordingClip:
         return read_image(topic.type, self._container.read(topic, place), self._of_topic(topic, place))
 
     def _depth(self, topic: Topic, place: Place | None, shape: tuple[int, ...] | None = None) -> Map:
-        """The depth in a message; nowhere known, for a frame of a pair without one."""
+        """The depth in a message; unknown everywhere for a frame of a pair without one."""
         if place is None:
             assert shape is not None
             return np.full(shape, np.nan, np.float32)
@@ -213,7 +213,7 @@ class McapClip(RecordingClip):
 
     @classmethod
     def recognise(cls, path: Path) -> tuple[Recognised, ...]:
-        """A file in MCAP, whatever its name ends in, or a folder of ``.mcap``: one recording that was split."""
+        """Recognise an MCAP file, whatever its name, or a folder of ``.mcap``: one recording that was split."""
         if path.is_file():
             return _recognised(path, "an MCAP recording") if is_mcap(path) else ()
         files = () if is_bag(path) else files_in(path)
@@ -225,7 +225,7 @@ class BagClip(RecordingClip):
 
     @classmethod
     def recognise(cls, path: Path) -> tuple[Recognised, ...]:
-        """A ``.bag`` or ``.db3``, whatever its name ends in, or the folder that ``ros2 bag`` recorded."""
+        """Recognise a ``.bag`` or ``.db3``, whatever its name, or the folder that ``ros2 bag`` recorded."""
         return _recognised(path, "a ROS bag") if is_bag(path) else ()
 
 

@@ -11,21 +11,21 @@ from vfoa.errors import VfoaError
 
 
 class Messages(Protocol):
-    """Gives messages by their places."""
+    """Returns messages by their places."""
 
     def read(self, topic: Topic, place: Place) -> bytes:
-        """One message again.
+        """Read one message again.
 
         Raises
         ------
         VfoaError
-            If the file changed since it was indexed.
+            If the file has changed since it was indexed.
         """
         ...
 
 
 class Container(Messages, Protocol):
-    """One recording of one or several files. Holds no messages, and can be pickled to another process."""
+    """One recording of one or several files. It holds no messages, and can be pickled to another process."""
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -37,7 +37,7 @@ class Container(Messages, Protocol):
         ...
 
     def index(self, window: Window | None, *, by_log_time: bool) -> Index:
-        """Go through all messages once, as :class:`harness.sources.recordings.index.TopicIndex` takes them.
+        """Read all messages once and index them as :class:`harness.sources.recordings.index.TopicIndex` does.
 
         Raises
         ------
@@ -48,7 +48,7 @@ class Container(Messages, Protocol):
 
 
 def open_container(path: Path) -> Container:
-    """The recording at a path: a file, or a folder of files into which it was split. Told by content, not by name.
+    """Open the recording at a path: a file, or a folder of files into which it was split. Its content tells the format.
 
     Raises
     ------

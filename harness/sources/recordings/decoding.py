@@ -1,4 +1,4 @@
-"""Bytes become messages: ROS 1 and ROS 2 (rosbags), protobuf, JSON."""
+"""Decode messages: ROS 1 and ROS 2 (rosbags), protobuf, JSON."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from harness.sources.recordings.message_types import BY_NAME, MessageType
 from vfoa.errors import VfoaError
 
 _PLAIN_CDR = (b"\0\0", b"\0\1")
-"""How a message in XCDR1 begins: big-endian, little-endian (OMG DDS-XTypes 1.3, table 59)."""
+"""First bytes of a message in XCDR1: big-endian, little-endian (OMG DDS-XTypes 1.3, table 59)."""
 
 
 def fields_of(kind: MessageType, data: bytes, where: str) -> Callable[[str], Any]:
-    """Decode a message; the function returned gives its fields by name, in the spelling of ROS 2.
+    """Decode a message; the returned function gives its fields by name, in the spelling of ROS 2.
 
     ROS 1 and Foxglove write the matrices of a calibration in capitals; bytes in JSON are base64.
     """
@@ -54,7 +54,7 @@ def reading(kind: MessageType, where: str) -> Iterator[None]:
         yield
     except VfoaError:
         raise
-    except Exception as error:  # of the decoders, and of fields that are missing or of another kind
+    except Exception as error:  # errors of the decoders, and of fields that are missing or of another kind
         text = (str(error) or type(error).__name__).splitlines()[0]
         raise VfoaError(f"{where}: not a {kind.name} in {kind.message_encoding}: {text}") from None
 
@@ -66,7 +66,7 @@ def _names(message: Any) -> list[str]:
 
 
 def _decode(kind: MessageType, data: bytes) -> Any:
-    # rosbags knows XCDR1 alone; the other encapsulations, whose alignment differs, would be taken for it
+    # rosbags supports only XCDR1; it would misread the other encapsulations, whose alignment differs
     if kind.message_encoding == "cdr" and data[:2] not in _PLAIN_CDR:
         raise ValueError(f"encapsulation {data[:2].hex()}; expected 0000 or 0001 (plain CDR)")
     return _decoder(kind)(data)

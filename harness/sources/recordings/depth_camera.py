@@ -1,4 +1,4 @@
-"""Colour and depth of a recording, brought into one image without distortion."""
+"""Colour and depth of a recording, combined in one image without distortion."""
 
 from __future__ import annotations
 
@@ -21,21 +21,21 @@ from vfoa.types import Image, Map, StereoRig
 
 
 class DepthCamera:
-    """The calibration of a colour camera, and of its depth where that is of another camera.
+    """The calibration of a colour camera, and of its depth if that is of another camera.
 
     Parameters
     ----------
     topics
-        All of the recording.
+        All topics of the recording.
     streams
         The colour topic (left) and the depth topic.
     container, settings, where
-        The recording, what its topics do not tell, and its name for error messages.
+        The recording, settings that its topics do not contain, and its name for error messages.
 
     Raises
     ------
     VfoaError
-        If a calibration is missing, or depth is of another camera and the recording does not say where that stands.
+        If a calibration is missing, or depth is of another camera without a known pose.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class DepthCamera:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """How depth came into the colour image, where the recording has it in another one."""
+        """A note on how depth was registered to the colour image, if the recording has it in another one."""
         if self._is_aligned:
             return ()
         return (
@@ -71,7 +71,7 @@ class DepthCamera:
         )
 
     def view(self, colour: Image, depth_m: Map, stamp_ns: int) -> tuple[Image, Map, StereoRig]:
-        """The colour image and the depth (H, W) in it, both without distortion, and their rig."""
+        """Return the colour image and the depth (H, W) in it, both without distortion, and their rig."""
         optics = self._optics_of(self._camera(self._colour, stamp_ns, (colour.shape[1], colour.shape[0])))
         if self._colour_from_depth is not None:
             depth = self._registered(depth_m, stamp_ns, optics.rig)
@@ -86,14 +86,14 @@ class DepthCamera:
         return optics.image(colour), depth, optics.rig
 
     def _info(self, topics: Collection[Topic], image: Topic) -> Topic | None:
-        """The calibration topic of an image; None where the numbers are given, or the other image's will do."""
+        """The calibration topic of an image; None if numbers are given, or the other image's will do."""
         named = self._settings.left_info if image is self._colour else self._settings.depth_info
         if self._settings.camera is not None and named is None and is_aligned(self._depth, self._colour):
             return None
         try:
             return find_camera(topics, image, named, self._where)
         except VfoaError:
-            # An aligned depth's calibration is the colour camera's, and the other way round.
+            # Aligned depth shares the colour camera's calibration, and the other way round.
             others = (topic for topic in (self._colour, self._depth) if topic is not image)
             if named is not None or not is_aligned(self._depth, self._colour):
                 raise self._no_info(image) from None
@@ -112,7 +112,7 @@ class DepthCamera:
         )
 
     def _motion(self, topics: Collection[Topic]) -> Transform:
-        """colour_from_depth as the recording has it."""
+        """The pose colour_from_depth in the recording."""
         colour, depth = self._colour, self._depth
         found = find_extrinsics(topics, self._container, self._where)
         if found is None and colour.frame_id and depth.frame_id and not has_no_frames(depth):
@@ -137,11 +137,11 @@ class DepthCamera:
     def _is_rectified(self, topic: Topic) -> bool:
         if self._settings.rectified is not None:
             return self._settings.rectified
-        # depth_registered, of ZED and image_proc, is of rectified colour
+        # depth_registered, of ZED and image_proc, belongs to rectified colour
         return "image_rect" in topic.name or topic.name.endswith("depth_registered")
 
     def _optics_of(self, camera: RawCamera) -> DepthOptics:
-        """The maps of a camera; computed anew only where its calibration changed."""
+        """The maps of a camera; computed again only if its calibration has changed."""
         if camera.key not in self._optics:
             if len(self._optics) > 1:
                 self._optics.clear()
@@ -149,7 +149,7 @@ class DepthCamera:
         return self._optics[camera.key]
 
     def _aligned(self, depth_m: Map, stamp_ns: int, colour: StereoRig) -> Map:
-        """Aligned depth without the distortion that its own calibration says it has."""
+        """Return aligned depth without the distortion of its own calibration."""
         optics = self._optics_of(self._camera(self._depth, stamp_ns, (depth_m.shape[1], depth_m.shape[0])))
         if not np.allclose(optics.rig.camera_matrix, colour.camera_matrix, rtol=0.01, atol=1.0):
             raise VfoaError(

@@ -24,7 +24,7 @@ _NO_DEPTH = ("infra", "/ir", "confidence", "amplitude", "thermal", "disparity")
 
 
 def may_be_depth(name: str, said: Sight | None) -> bool:
-    """Whether a topic's name and what its first image says of itself are those of a depth image."""
+    """Whether a topic's name, and the description of its first image, fit a depth image."""
     lower = name.lower()
     if said is None or any(word in lower for word in _NO_DEPTH):
         return False
@@ -35,14 +35,14 @@ def may_be_depth(name: str, said: Sight | None) -> bool:
 
 
 def _is_compressed(form: str, is_named: bool) -> bool:
-    # An image in "png" whose topic is named after depth is depth; in "jpeg" it can only be a picture of depth.
+    # A "png" image whose topic is named after depth is depth; a "jpeg" can only be a picture of depth.
     return "compressedDepth" in form or (is_named and "png" in form.lower() and "8" not in form)
 
 
 def read_depth(kind: MessageType, data: bytes, counts_per_m: float | None, where: str) -> Map:
-    """The depth (H, W) in metres in a message.
+    """Read the depth (H, W) in metres from a message.
 
-    ``counts_per_m``: what the sensor counts in; None: integers are millimetres, floating point numbers metres.
+    ``counts_per_m`` is the sensor's unit; None: integers are millimetres, floating point numbers metres.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Which topics are the colour image and its depth, as RealSense, Azure Kinect, OAK-D, ZED and others name them."""
+"""Find the topics of the colour image and its depth, as named by RealSense, Azure Kinect, OAK-D, ZED and others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _TRANSPORTS = ("/compressedDepth", "/compressed", "/ffmpeg", "/theora", "/h264",
 
 
 def depth_topics(topics: Iterable[Topic]) -> list[Topic]:
-    """All topics that may be depth, by name."""
+    """Return all topics that may be depth, by name."""
     images = [topic for topic in topics if topic.is_image and topic.places]
     return sorted((each for each in images if may_be_depth(each.name, each.sight)), key=lambda each: each.name)
 
@@ -26,7 +26,7 @@ def depth_topics(topics: Iterable[Topic]) -> list[Topic]:
 def is_aligned(depth: Topic, colour: Topic) -> bool:
     """Whether depth is in the colour camera's image: by its topic's name, or in the same coordinate frame.
 
-    A size that both images say decides against it.
+    If both images give a size and the sizes differ, it is not.
     """
     if has_no_frames(depth):
         return False
@@ -46,12 +46,12 @@ def has_no_frames(topic: Topic) -> bool:
 def find_colour_and_depth(
     topics: Iterable[Topic], colour: str | None, depth: str | None, where: str
 ) -> tuple[Topic, Topic]:
-    """The colour topic and its depth topic: as named, else the only aligned depth, else the only depth there is.
+    """Return the colour and the depth topic: as named, else the only aligned depth, else the only depth.
 
     Raises
     ------
     VfoaError
-        If one is not there, or several could be meant: the message lists them and how to say which.
+        If one is missing, or there are several candidates: the message lists them and says how to choose.
     """
     everything = list(topics)
     images = sorted((topic for topic in everything if topic.is_image), key=lambda topic: topic.name)
@@ -77,7 +77,7 @@ def find_colour_and_depth(
 
 
 def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
-    """Images in colour by name; images of any other name where none has such a name."""
+    """Images in colour by name; if none has such a name, images of any other name."""
     others = [each for each in images if each.places and each not in depths and not may_be_depth(each.name, each.sight)]
     others = [each for each in others if not any(word in each.name.lower() for word in _NO_COLOUR)]
     by_name = [each for each in others if any(word in each.name.lower() for word in _COLOUR)]
@@ -85,7 +85,7 @@ def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
 
 
 def _of_streams(topics: list[Topic]) -> list[Topic]:
-    """One topic per stream: the one with the most messages, the raw one of equals."""
+    """One topic per stream: the one with the most messages; of equal ones, the raw one."""
     streams: dict[str, list[Topic]] = {}
     for topic in topics:
         streams.setdefault(_stream(topic.name), []).append(topic)
@@ -99,13 +99,13 @@ def _stream(name: str) -> str:
 
 
 def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
-    """The pairs that fit best: of one frame, nearest in their names, rectified alike, in colour, of no side."""
+    """The pairs that fit best: same frame, similar names, both rectified or not, in colour, no left or right side."""
 
     def rank(pair: tuple[Topic, Topic]) -> tuple[bool, int, bool, bool, bool]:
         colour, depth = pair
         parts = zip(colour.name.split("/"), depth.name.split("/"), strict=False)
         common = next((place for place, (one, other) in enumerate(parts) if one != other), 0)
-        is_rectified = "rect" in depth.name or depth.name.endswith("depth_registered")  # which is ZED's
+        is_rectified = "rect" in depth.name or depth.name.endswith("depth_registered")  # ZED's name
         is_gray = "gray" in colour.name or (colour.sight is not None and colour.sight.form in ("mono8", "8UC1"))
         is_of_side = any(side in colour.name for side in ("left", "right"))
         same_frame = bool(depth.frame_id) and colour.frame_id == depth.frame_id

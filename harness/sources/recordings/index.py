@@ -1,4 +1,4 @@
-"""The index of a recording: where each message of a camera stands, and what was lost."""
+"""The index of a recording: the place of each camera message, and the losses."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Window:
 
 
 def window_of(span_ns: tuple[int, int] | None, start_s: float | None, end_s: float | None, where: str) -> Window | None:
-    """The window between two times in seconds after the recording's first message; None where neither is given.
+    """Return the window between two times in seconds after the recording's first message; None if neither is given.
 
     ``span_ns`` are the log times of the first and the last message.
 
@@ -51,11 +51,11 @@ def window_of(span_ns: tuple[int, int] | None, start_s: float | None, end_s: flo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Index:
-    """All topics by name, and one sentence for each loss.
+    """All topics by name, and a note for each loss.
 
-    ``cut_spans_ns`` has, for each file that was cut, the log times of the chunk that it ends in (None: in no chunk).
-    ``recorded`` are the messages by topic that were recorded, where the files do not say it themselves but what
-    stands beside them does.
+    ``cut_spans_ns`` has, for each truncated file, the log times of the chunk in which it ends (None: in no chunk).
+    ``recorded`` are the numbers of recorded messages by topic, if metadata beside the files give them and the files do
+    not.
     """
 
     topics: dict[str, Topic]
@@ -65,17 +65,17 @@ class Index:
 
 
 class TopicIndex:
-    """Gathers the topics of a recording, message by message; keeps one small entry per message of a camera.
+    """Collects the topics of a recording, message by message; keeps one small entry per message of a camera.
 
     Parameters
     ----------
     files
         For error messages.
     window
-        Only images of these log times are taken; all calibrations, transforms and packets of videos are, because
-        those within the window may need them.
+        Only images of these log times are indexed. All calibrations, transforms and video packets are, because
+        images within the window may need them.
     by_log_time
-        Stamps are the times at which messages were recorded, not those in their headers.
+        Use the times at which messages were recorded, not those in their headers.
     """
 
     def __init__(self, files: Sequence[Path], window: Window | None, *, by_log_time: bool) -> None:
@@ -83,13 +83,13 @@ class TopicIndex:
         self.topics: dict[str, Topic] = {}
 
     def meet(self, name: str, kind: MessageType) -> Topic:
-        """The topic of this name; a new one if it was not met yet."""
+        """Return the topic of this name; a new one if it is not known yet."""
         if name not in self.topics:
             self.topics[name] = Topic(name, kind)
         return self.topics[name]
 
     def add(self, topic: Topic, log_time_ns: int, data: bytes, address: tuple[int, int, int]) -> None:
-        """Take note of one message; ``address`` is its file's index and what its container finds it by.
+        """Index one message; ``address`` is its file's index and the two numbers by which its container finds it.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Messages of several cameras become frames: joined by their stamps, and what is in no frame is counted."""
+"""Join messages of several cameras to frames by their stamps, and count those that belong to no frame."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from harness.sources.recordings.topics import Place, Topic
 from vfoa.errors import VfoaError
 
 _TOLD_NS = 1e6
-"""Offset of colour and depth from which on it is told."""
+"""Offset of colour and depth above which a note reports it."""
 
 
 class FramePlaces(NamedTuple):
@@ -27,7 +27,7 @@ class FramePlaces(NamedTuple):
 def join_streams(
     streams: Streams, settings: RecordingSettings, where: str
 ) -> tuple[tuple[FramePlaces, ...], tuple[str, ...]]:
-    """The frames in the order of their stamps, and one sentence per kind of image that is in none.
+    """Return the frames in the order of their stamps, and a note per kind of image that belongs to no frame.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def _offset(pairs: list[tuple[Place, Place]]) -> list[str]:
 
 
 def _nearest(left: Topic, other: Topic) -> str:
-    """How far apart the two are, and what allows it, where both have images."""
+    """How far apart the two are, and the setting that allows it, if both have images."""
     if not left.places or not other.places:
         return ""
     stamps = np.array([place.stamp_ns for place in other.places])

@@ -1,4 +1,4 @@
-"""How many images of a recording are lost, as far as that can be known."""
+"""Number of lost images of a recording, as far as it is known."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from harness.sources.recordings.streams import Streams
 
 
 def lost_by_metadata(index: Index, streams: Streams) -> list[str]:
-    """One sentence per topic of which fewer images are there than were noted beside the files."""
+    """A note for each topic with fewer images than the metadata beside the files says."""
     recorded = index.recorded or {}
     return [
         f"{topic.name}: {recorded[topic.name] - topic.count} of {recorded[topic.name]} images are lost "
@@ -18,7 +18,7 @@ def lost_by_metadata(index: Index, streams: Streams) -> list[str]:
 
 
 def lost_by_cuts(index: Index, rate_hz: float | None) -> list[str]:
-    """One sentence per cut file, which does not say how long it was; its last chunk's head says what that one held."""
+    """A note for each truncated file. Its length is unknown; the head of its last chunk says what that chunk held."""
     if index.recorded is not None:
         return []
     return [

@@ -1,4 +1,4 @@
-"""Which types of messages are read, and what each is for."""
+"""The message types that are read, and the purpose of each."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ _FOXGLOVE: dict[str, Kind] = {
 _FAMILIES: dict[str, dict[str, Kind]] = {"cdr": _ROS, "ros1": _ROS, "protobuf": _FOXGLOVE, "json": _FOXGLOVE}
 
 BY_NAME = "by name"
-"""Schema encoding of a ROS 2 message whose definition the recording does not hold: the standard one is taken."""
+"""Schema encoding of a ROS 2 message without a definition in the recording: the standard definition is used."""
 
 _SCHEMAS = {"cdr": ("ros2msg", "ros2idl", BY_NAME), "ros1": ("ros1msg",)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MessageType:
-    """How a topic's messages are written, enough to decode them in another process.
+    """The encoding of a topic's messages, sufficient to decode them in another process.
 
     ROS's types have their ROS 2 names (``sensor_msgs/msg/Image``) in ROS 1, too.
     """
@@ -47,7 +47,7 @@ class MessageType:
 
     @property
     def kind(self) -> Kind | None:
-        """What a camera sends by it; None: something else, or a schema in a language that is not read."""
+        """The camera data that it carries; None: other data, or a schema in a language that is not supported."""
         if self.schema_encoding not in _SCHEMAS.get(self.message_encoding, (self.schema_encoding,)):
             return None
         return _FAMILIES.get(self.message_encoding, {}).get(self.name)

@@ -16,7 +16,7 @@ from vfoa.errors import VfoaError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawPicture:
-    """Pixels as a driver sent them: ``step`` bytes a row, ``encoding`` as ROS and Foxglove name it."""
+    """Pixels as a driver sent them: ``step`` bytes per row, ``encoding`` as ROS and Foxglove name it."""
 
     width_px: int
     height_px: int
@@ -28,9 +28,9 @@ class RawPicture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CompressedPicture:
-    """A compressed image, or a packet of a video; ``form`` is what the message says about its compression.
+    """A compressed image, or a packet of a video; ``form`` is the message's description of its compression.
 
-    ``is_key`` is what a packet says of itself: whether a decoder can begin with it; None where it does not say.
+    ``is_key`` is the packet's own flag for a key frame; None if it has none.
     """
 
     form: str
@@ -40,7 +40,7 @@ class CompressedPicture:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sight:
-    """What an image says besides its pixels: encoding or format, (width, height) where it says so, its frame's name."""
+    """An image's description: encoding or format, (width, height) if given, and the name of its coordinate frame."""
 
     form: str
     size_px: tuple[int, int] | None
@@ -48,7 +48,7 @@ class Sight:
 
 
 def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
-    """When the picture was taken: the header's stamp, nanoseconds.
+    """Time at which the picture was taken: the header's stamp, nanoseconds.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
     """
     with reading(kind, where):
         stamp = _stamp_ns(kind, fields_of(kind, data, where))
-    if stamp == 0 and kind.kind in IMAGES:  # a calibration sent once may hold for all times
+    if stamp == 0 and kind.kind in IMAGES:  # a calibration that is sent once may be valid for all times
         raise VfoaError(
             f"{where}: a {kind.name} without time stamp; expected one, images are joined by it "
             '(stamps = "log" in [source] joins them by the time of recording)'
@@ -66,7 +66,7 @@ def stamp_ns(kind: MessageType, data: bytes, where: str) -> int:
 
 
 def sight(kind: MessageType, data: bytes, where: str) -> Sight:
-    """What an image, or a calibration, says besides its content."""
+    """The description in an image's or a calibration's message, without its content."""
     with reading(kind, where):
         field = fields_of(kind, data, where)
         frame_id = _frame_id(kind, field)
@@ -77,7 +77,7 @@ def sight(kind: MessageType, data: bytes, where: str) -> Sight:
 
 
 def picture(kind: MessageType, data: bytes, where: str) -> RawPicture | CompressedPicture:
-    """The pixels of a raw image, or the bytes of a compressed one or of a packet of a video.
+    """Return the pixels of a raw image, or the bytes of a compressed one or of a packet of a video.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def picture(kind: MessageType, data: bytes, where: str) -> RawPicture | Compress
 
 
 def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
-    """The calibration of one camera.
+    """Return the calibration of one camera.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def camera(kind: MessageType, data: bytes, where: str) -> RawCamera:
 
 
 def _check_full_size(field: Callable[[str], Any], where: str) -> None:
-    """ROS's calibration is of the whole sensor; what binning or a region of interest makes of it is not done here."""
+    """Check that a calibration is of the whole sensor: binning and regions of interest are not supported."""
     roi, binning = field("roi"), (int(field("binning_x")), int(field("binning_y")))
     if max(binning) > 1 or int(roi.x_offset) or int(roi.y_offset):
         raise VfoaError(
@@ -145,12 +145,12 @@ def _check_full_size(field: Callable[[str], Any], where: str) -> None:
 
 
 def _is_flat(kind: MessageType) -> bool:
-    """Whether stamp and frame are fields of the message itself, as Foxglove has them, and not of a header."""
+    """Whether stamp and frame are fields of the message itself, as in Foxglove's types, and not of a header."""
     return not kind.is_ros or kind.name.startswith("foxglove_msgs/")
 
 
 def _frame_id(kind: MessageType, field: Callable[[str], Any]) -> str:
-    """The name of the coordinate frame; empty where a message in JSON has none."""
+    """The name of the coordinate frame; empty for a message in JSON without one."""
     if not _is_flat(kind):
         return str(field("header").frame_id)
     try:
@@ -165,7 +165,7 @@ def _form(kind: MessageType) -> str:
 
 
 def _stamp_ns(kind: MessageType, field: Callable[[str], Any]) -> int:
-    """0 where a message in JSON has none, as one that was not set in the others."""
+    """The stamp in nanoseconds; 0 if it was not set, or is missing in JSON."""
     if kind.message_encoding == "json":
         try:
             time = field("timestamp")

@@ -8,9 +8,9 @@ from harness.sources.recordings.topics import Place
 
 
 def join(left: Sequence[Place], right: Sequence[Place], tolerance_ns: int) -> list[tuple[Place, Place]]:
-    """Pairs of the two ascending sequences, each place used once, at most ``tolerance_ns`` apart.
+    """Pair places of the two ascending sequences, each used once, at most ``tolerance_ns`` apart.
 
-    A place goes without a pair where its neighbour fits the other side better.
+    A place stays without a pair if its neighbour fits the other side better.
     """
     pairs: list[tuple[Place, Place]] = []
     i = j = 0
@@ -28,5 +28,5 @@ def join(left: Sequence[Place], right: Sequence[Place], tolerance_ns: int) -> li
 
 
 def of_distinct_stamps(pairs: Sequence[tuple[Place, Place]]) -> list[tuple[Place, Place]]:
-    """The first pair of each left stamp: a camera takes one image at a time, but a file may have been copied."""
+    """The first pair of each left stamp: a camera takes one image at a time, but a file may contain copies."""
     return [pair for place, pair in enumerate(pairs) if not place or pair[0].stamp_ns != pairs[place - 1][0].stamp_ns]

@@ -1,4 +1,4 @@
-"""Images of cameras, compressed or raw in the encodings of ROS and Foxglove, as RGB."""
+"""Convert camera images, compressed or raw in the encodings of ROS and Foxglove, to RGB."""
 
 from __future__ import annotations
 
@@ -37,19 +37,19 @@ _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
 
 
 def read_image(kind: MessageType, data: bytes, where: str) -> Image:
-    """The picture (H, W, 3) uint8 RGB in a message.
+    """Return the picture (H, W, 3) uint8 RGB in a message.
 
     Raises
     ------
     VfoaError
-        If the message is not of its type, or its picture damaged or as in :func:`rgb`.
+        If the message is not of its type, its picture is damaged, or for the reasons of :func:`rgb`.
     """
     content = picture(kind, data, where)
     return decode_rgb(content.data, where) if isinstance(content, CompressedPicture) else rgb(content, where)
 
 
 def rgb(raw: RawPicture, where: str) -> Image:
-    """The picture (H, W, 3) uint8 RGB. Gray is repeated, alpha dropped, 16 bits are cut to 8; YUV is BT.601.
+    """Return the picture (H, W, 3) uint8 RGB. Gray is repeated, alpha dropped, 16 bits are cut to 8; YUV is BT.601.
 
     Raises
     ------

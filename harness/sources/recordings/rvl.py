@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 _LONGEST = 11
-"""Nibbles of a number of 32 bits."""
+"""Most nibbles of a number of 32 bits."""
 
 
 def decode_rvl(data: bytes, width_px: int, height_px: int) -> NDArray[np.uint16]:
-    """The image (H, W) in a stream of RVL.
+    """Decode the image (H, W) in a stream of RVL.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def decode_rvl(data: bytes, width_px: int, height_px: int) -> NDArray[np.uint16]
 
 
 def _numbers(data: bytes) -> NDArray[np.int64]:
-    """All numbers of the stream; nibbles at its end that complete none are left out."""
+    """All numbers of the stream; incomplete nibbles at its end are ignored."""
     words = np.frombuffer(data, "<u4", len(data) // 4)
     nibbles = (words[:, None] >> np.arange(28, -4, -4, dtype=np.uint32) & 15).astype(np.int64).ravel()
     ends = np.flatnonzero(nibbles < 8)

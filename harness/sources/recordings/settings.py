@@ -1,4 +1,4 @@
-"""Settings of recordings: which of them, which part, and what topics and types do not tell."""
+"""Settings of recordings: the files, the part to read, and properties that topics and types do not contain."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from harness.sources.depth_optics import Intrinsics
 from vfoa.settings import Settings
 
 PAIR_TOLERANCE_MS = 2.0
-"""Two cameras of a pair are triggered together."""
+"""The two cameras of a pair are triggered together."""
 
 DEPTH_TOLERANCE_MS = 20.0
-"""Colour and depth are often taken by two sensors that run freely, at 30 Hz up to 17 ms apart."""
+"""Colour and depth are often taken by two unsynchronised sensors, at 30 Hz up to 17 ms apart."""
 
 
 class RecordingSettings(Settings):
-    """Which recording under the manifest's root, and what its topics and types do not tell.
+    """The recording under the manifest's root, and properties that its topics and types do not contain.
 
-    ``left`` and ``right`` are image topics, ``depth`` is a topic of measured depth, ``left_info``, ``right_info``
-    and ``depth_info`` those of their calibrations. With depth and without ``right``, ``left`` is the colour camera.
-    Instead of calibration topics, ``calibration`` is a file of a pair under the root, ``camera`` the numbers of a
-    camera without distortion, with a baseline for a pair. ``depth_scale`` is how many of the sensor's counts are a
-    metre (if not given, integers are millimetres). Stamps of a frame are at most ``tolerance_ms`` apart (2 for a
-    pair, 20 for depth). ``rectified`` says whether the images are rectified already; if not given, those whose
-    topics are called ``image_rect`` are. ``start_s`` and ``end_s`` cut out a part, in seconds after the recording's
-    first message. ``stamps`` are those of the headers (when an image was taken), or of the log (when it was
-    recorded), for headers that were not set.
+    ``left`` and ``right`` are image topics, ``depth`` is a topic of measured depth, ``left_info``, ``right_info`` and
+    ``depth_info`` those of their calibrations. With depth and without ``right``, ``left`` is the colour camera. Instead
+    of calibration topics, ``calibration`` is a file of a pair under the root, ``camera`` the numbers of a camera
+    without distortion, with a baseline for a pair. ``depth_scale`` is the number of the sensor's counts per metre (if
+    not given, integers are millimetres). Stamps of a frame are at most ``tolerance_ms`` apart (2 for a pair, 20 for
+    depth). ``rectified`` says whether the images are rectified already; if not given, those whose topics are called
+    ``image_rect`` are. ``start_s`` and ``end_s`` select a part, in seconds after the recording's first message.
+    ``stamps`` are those of the headers (when an image was taken), or of the log (when it was recorded), for headers
+    that were not set.
     """
 
     recording: str = "."
@@ -55,6 +55,6 @@ class RecordingSettings(Settings):
         return self
 
     def tolerance_ns(self, *, of_depth: bool) -> int:
-        """How far apart stamps of one frame may be."""
+        """Greatest difference of stamps of one frame, nanoseconds."""
         default = DEPTH_TOLERANCE_MS if of_depth else PAIR_TOLERANCE_MS
         return round((default if self.tolerance_ms is None else self.tolerance_ms) * 1e6)

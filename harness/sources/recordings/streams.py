@@ -1,4 +1,4 @@
-"""Which topics make the frames of a recording: a pair, a colour image and its depth, or a pair with depth."""
+"""Find the topics of a recording's frames: a pair, a colour image and its depth, or a pair with depth."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ class Streams:
 
     @property
     def topics(self) -> tuple[Topic, ...]:
-        """Those that there are."""
+        """The topics in use."""
         return tuple(topic for topic in (self.left, self.right, self.depth) if topic is not None)
 
 
 def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: str) -> Streams:
-    """The topics that are named; else the only pair, with the depth of its left camera; else colour and depth.
+    """Return the named topics; else the only pair, with the depth of its left camera; else colour and depth.
 
     Raises
     ------
     VfoaError
-        If none or several could be meant.
+        If there are none, or several candidates.
     """
     if settings.depth is not None and settings.right is None:
         left, depth = find_colour_and_depth(topics, settings.left, settings.depth, where)
@@ -52,7 +52,7 @@ def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: 
 
 
 def unused_depth(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
-    """One sentence where depth was recorded and is in no frame."""
+    """A note if depth was recorded and is in no frame."""
     if streams.depth is not None or not (others := depth_topics(topics)):
         return ()
     names = ", ".join(topic.name for topic in others)

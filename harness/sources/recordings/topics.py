@@ -1,4 +1,4 @@
-"""Topics over all files of a recording, and which of them are the left and the right camera."""
+"""Topics over all files of a recording, and the choice of the left and the right camera."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Place(NamedTuple):
 class Topic:
     """One topic over all files.
 
-    ``places`` only of what cameras send. ``packets`` are all packets of a video in the order in which they were
-    written, each with whether a decoder can begin there. ``sight`` is what the first message says besides its content.
+    ``places`` are kept only for camera data. ``packets`` are all packets of a video in the order of writing, each with
+    whether a decoder can begin there. ``sight`` describes the first message.
     """
 
     name: str
@@ -40,16 +40,16 @@ class Topic:
 
     @property
     def is_image(self) -> bool:
-        """Whether images, raw, compressed or as packets of a video, are sent by it."""
+        """Whether it carries images: raw, compressed or as packets of a video."""
         return self.type.kind in IMAGES
 
     @property
     def frame_id(self) -> str:
-        """The coordinate frame of its messages; empty where they do not say."""
+        """The coordinate frame of its messages; empty if they do not say."""
         return "" if self.sight is None else self.sight.frame_id
 
     def count_message(self, log_time_ns: int) -> None:
-        """Take note of one message."""
+        """Count one message."""
         self.first_ns = log_time_ns if self.count == 0 else min(self.first_ns, log_time_ns)
         self.last_ns = max(self.last_ns, log_time_ns)
         self.count += 1
@@ -62,14 +62,14 @@ class Topic:
 
 
 def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, where: str) -> tuple[Topic, Topic]:
-    """The image topics: the two that are named, or the only two whose names differ in the side.
+    """Return the image topics: the two that are named, or the only two whose names differ only in the side.
 
     The sides are left and right, else cam0 and cam1, infra1 and infra2 ... (:mod:`harness.sources.side_names`).
 
     Raises
     ------
     VfoaError
-        If there are none, a named one is not there, or several pairs could be meant.
+        If there are none, a named one is missing, or there are several candidates.
     """
     everything = sorted(topics, key=lambda topic: topic.name)
     images = [topic for topic in everything if topic.is_image]
@@ -99,7 +99,7 @@ def _numbered_pairs(images: list[Topic], left: str | None, right: str | None) ->
 
 
 def find_camera(topics: Iterable[Topic], image: Topic, named_topic: str | None, where: str) -> Topic:
-    """The calibration of an image topic: the one that is named, or the only one in the nearest common namespace.
+    """Return the calibration topic of an image topic: the named one, or the only one in the nearest common namespace.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def find_camera(topics: Iterable[Topic], image: Topic, named_topic: str | None, 
     namespace = image.name
     while "/" in namespace.strip("/"):
         namespace = namespace.rpartition("/")[0]
-        places = (namespace, f"{namespace}/info")  # the second is where RealSense's SDK writes them
+        places = (namespace, f"{namespace}/info")  # RealSense's SDK writes them to the second
         beside = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
         if len(beside) == 1:
             return beside[0]
@@ -123,17 +123,17 @@ def find_camera(topics: Iterable[Topic], image: Topic, named_topic: str | None, 
 
 
 def are_rectified(pair: tuple[Topic, Topic]) -> bool:
-    """Whether both image topics are called as ROS's ``image_proc`` calls rectified ones."""
+    """Whether both image topics have the names of ROS's ``image_proc`` for rectified images."""
     return all("image_rect" in topic.name for topic in pair)
 
 
 def named(topics: Iterable[Topic], name: str, role: str, where: str) -> Topic:
-    """The topic of this name.
+    """Return the topic of this name.
 
     Raises
     ------
     VfoaError
-        If it is not among them; ``role`` says what it was to be.
+        If it is not among them; ``role`` names its purpose.
     """
     found = list(topics)
     for topic in found:

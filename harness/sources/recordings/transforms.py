@@ -16,7 +16,7 @@ from harness.sources.recordings.message_types import MessageType
 from harness.sources.recordings.topics import Topic
 
 _MOST_MESSAGES = 200
-"""Messages that are read per topic: static transforms are sent at the beginning."""
+"""Most messages read per topic: static transforms are sent at the beginning."""
 
 Edges = dict[tuple[str, str], Transform]
 """(parent, child) -> parent_from_child."""
@@ -25,7 +25,7 @@ Edges = dict[tuple[str, str], Transform]
 def find_transform(
     topics: Iterable[Topic], container: Messages, target: str, source: str, where: str
 ) -> Transform | None:
-    """From frame ``source`` to frame ``target`` by the recording's transforms; None where no chain leads there."""
+    """From frame ``source`` to frame ``target`` by the recording's transforms; None if no chain connects them."""
     edges: Edges = {}
     for topic in topics:
         if topic.type.kind == "transforms":
@@ -35,7 +35,7 @@ def find_transform(
 
 
 def find_extrinsics(topics: Iterable[Topic], container: Messages, where: str) -> Transform | None:
-    """colour_from_depth as RealSense's driver sends it (``.../extrinsics/depth_to_color``); None where it did not.
+    """The pose colour_from_depth sent by RealSense's driver (``.../extrinsics/depth_to_color``); None if there is none.
 
     ``realsense2_camera_msgs/Extrinsics``: the rotation is by columns, as in librealsense's rs2_extrinsics.
     """

@@ -1,4 +1,4 @@
-"""Frames of a video whose packets are messages, in any order, decoded from the key frame before them."""
+"""Decode frames of a video whose packets are messages, in any order, each from the preceding key frame."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from vfoa.errors import VfoaError
 from vfoa.types import Image
 
 _WAITING = 16
-"""Decoded frames that are kept until they are asked for: more than any codec holds back to reorder."""
+"""Most decoded frames that wait until they are requested: more than any codec holds back to reorder."""
 
 
 _LATEST = 64
-"""Packets after its own by which a frame has come, if it comes at all."""
+"""Most packets between a frame's own packet and the frame's appearance."""
 
 
 class VideoDecoder:
-    """Decodes the packets of one topic. What it holds does not grow with the video.
+    """Decodes the packets of one topic. Its memory does not grow with the video.
 
-    A packet's place in the order of writing is its time stamp for the codec, which hands it on to the frame that it
-    makes of the packet: so frames are told apart even where they come out in another order than their packets.
+    The codec gets a packet's place in the order of writing as its time stamp, and returns it with the frame made from
+    the packet. This identifies frames even if they come out in another order than their packets.
 
     Parameters
     ----------
@@ -63,10 +63,10 @@ class VideoDecoder:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """One sentence where packets may be missing: codecs but H.265 decode on without them, and say nothing.
+        """A note if packets may be missing: all codecs but H.265 silently decode on without them.
 
-        A step of more than 1.5 times the median may be a lost packet, or an image that the camera dropped before it
-        was coded, which costs nothing: the stream alone does not tell.
+        A step of more than 1.5 times the median may be a lost packet, or an image that the camera dropped before it was
+        coded, which does no harm: the stream alone cannot tell.
         """
         order = sorted((place.stamp_ns, number) for number, (place, _) in enumerate(self._topic.packets))
         steps = np.diff([stamp for stamp, _ in order])
@@ -84,12 +84,12 @@ class VideoDecoder:
         )
 
     def image(self, place: Place) -> Image:
-        """The frame (H, W, 3) uint8 RGB of the packet at this place.
+        """Return the frame (H, W, 3) uint8 RGB of the packet at this place.
 
         Raises
         ------
         VfoaError
-            If no key frame comes before it, or a packet between that and this one is damaged.
+            If no key frame precedes it, or a packet between that and this one is damaged.
         """
         with self._lock:
             number = self._number[place]
@@ -111,7 +111,7 @@ class VideoDecoder:
         self._frames: dict[int, Image] = {}
 
     def _move_to(self, number: int) -> None:
-        """Make the decoder one that will come to this frame: go on, or begin anew at the last key frame before it."""
+        """Prepare the decoder to reach this frame: continue, or restart at the preceding key frame."""
         at = bisect.bisect_right(self._keys, number) - 1
         if at < 0:
             raise VfoaError(
@@ -125,18 +125,18 @@ class VideoDecoder:
             self._fed = key - 1
 
     def _next_key(self, number: int) -> int:
-        """The first packet after this one with which a decoder can begin; the end where there is none."""
+        """The first packet after this one at which a decoder can begin; the end if there is none."""
         at = bisect.bisect_right(self._keys, number)
         return self._keys[at] if at < len(self._keys) else len(self._topic.packets)
 
     def _is_lost(self, number: int) -> bool:
-        """Whether the decoder has this packet behind it and will not give its frame any more."""
+        """Whether the decoder is past this packet and will not return its frame any more."""
         return (
             self._codec is None or (number <= self._fed and number not in self._pending) or self._fed > number + _LATEST
         )
 
     def _step(self) -> None:
-        """Feed one packet, or after the last one ask for what the codec still holds back."""
+        """Feed one packet or, after the last one, flush the codec."""
         number = self._fed + 1
         is_end = number >= len(self._topic.packets)
         try:
@@ -154,7 +154,7 @@ class VideoDecoder:
         place, _ = self._topic.packets[number]
         content = picture(self._topic.type, self._read(self._topic, place), self._where)
         assert isinstance(content, CompressedPicture)
-        if not content.data:  # which the codec would take for the end
+        if not content.data:  # the codec would take an empty packet for the end
             self._reset()
             raise VfoaError(f"{self._where}: packet {number + 1} is empty")
         if self._codec is None:

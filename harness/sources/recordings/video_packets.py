@@ -42,7 +42,7 @@ def begins_video(kind: MessageType, data: bytes, where: str) -> bool:
     Raises
     ------
     VfoaError
-        If the message is no packet, or its codec is not read.
+        If the message is no packet, or its codec is not supported.
     """
     packet = picture(kind, data, where)
     if not isinstance(packet, CompressedPicture):

@@ -227,7 +227,7 @@ def test_a_file_that_changed_since_it_was_opened_is_one_line(tmp_path: Path) -> 
     path = write_pairs(tmp_path / "a.mcap", pairs())
     clip = open_clip(path)
     path.write_bytes(path.read_bytes()[:100])
-    with pytest.raises(VfoaError, match=r"a\.mcap: frame 5: the record at byte \d+ is not readable any more"):
+    with pytest.raises(VfoaError, match=r"a\.mcap: frame 5: the record at byte \d+ can no longer be read"):
         clip.frame(5)
 
 

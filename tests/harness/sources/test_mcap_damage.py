@@ -93,9 +93,11 @@ def test_zeros_after_a_crash_are_a_cut(tmp_path: Path) -> None:
     path.write_bytes(whole[: len(whole) // 2] + bytes(len(whole)))
     clip = open_clip(path)
     assert 1 <= len(clip.frames) < 10
-    assert [word for note in clip.notes for word in ("chunk at byte", "what follows is lost") if word in note] == [
+    assert [
+        word for note in clip.notes for word in ("chunk at byte", "everything after it is lost") if word in note
+    ] == [
         "chunk at byte",
-        "what follows is lost",
+        "everything after it is lost",
     ]
 
 
@@ -120,7 +122,7 @@ def test_a_flipped_bit_is_found_by_checksum_and_costs_its_chunk_alone(tmp_path: 
     assert stamp(4) not in kept
     assert {stamp(1), stamp(10)} < kept
     assert "damaged (crc validation failed" in clip.notes[0]
-    assert f"; {lost} of 40 messages of the file are lost in all" in clip.notes[0]
+    assert f"; {lost} of 40 messages of the file are lost in total" in clip.notes[0]
 
 
 def test_a_damaged_compressed_chunk_is_told(tmp_path: Path) -> None:

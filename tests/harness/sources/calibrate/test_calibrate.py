@@ -78,7 +78,7 @@ def test_pictures_without_a_board_are_named_and_too_few_are_one_line() -> None:
 
 
 def test_a_board_that_opencv_cannot_find_is_refused() -> None:
-    with pytest.raises(VfoaError, match="chessboard: found 2 x 6 inner corners; expected at least 3 either way"):
+    with pytest.raises(VfoaError, match="chessboard: found 2 x 6 inner corners; expected at least 3 in each direction"):
         Chessboard(columns=2, rows=6, square_m=0.03)
 
 

@@ -48,7 +48,7 @@ def test_both_of_one_time_are_in_one_frame(tmp_path: Path) -> None:
         ("1700000000000000000,1,0,0,0", r"tracker.csv:3: found"),
         ("1700000000000000000,1,0,0,0,0,0,0.1,0.1,1,0,0,up", r"tracker.csv:3: could not convert"),
         ("1700000000000000000,1,0,0,0,0,0,0,0,0,0,0,0", r"tracker.csv:3: expected a finite place"),
-        ("1700000000000000000,1,0,0,0,0,0,0.1,0.1,1,0,0,0", r"tracker.csv:3: person '1': is there twice"),
+        ("1700000000000000000,1,0,0,0,0,0,0.1,0.1,1,0,0,0", r"tracker.csv:3: person '1': occurs twice"),
     ],
 )
 def test_a_mistake_is_named_with_its_line(tmp_path: Path, line: str, place: str) -> None:

@@ -50,7 +50,7 @@ def test_names_without_a_shared_numbering_are_refused(names: list[str]) -> None:
 @pytest.mark.parametrize("names", [["f1.png", "f01.png"], ["f1.png", "f1.jpg"]])
 def test_one_frame_in_two_files_is_refused(tmp_path: Path, names: list[str]) -> None:
     _touch(tmp_path, *names, "f2.png")
-    with pytest.raises(VfoaError, match="frame 1 is there twice"):
+    with pytest.raises(VfoaError, match="frame 1 occurs twice"):
         find_frames(tmp_path, "f*", "left")
 
 

@@ -66,5 +66,5 @@ def test_files_that_are_no_video_are_one_line(tmp_path: Path, capfd: pytest.Capt
 def test_a_name_that_is_not_utf_8_does_not_end_the_process(tmp_path: Path) -> None:
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9.mkv"))
     write_video(tmp_path / "a.mkv", [moving_picture(0)]).rename(path)
-    with pytest.raises(VfoaError, match=r"its name is not UTF-8, which FFmpeg cannot open; expected it renamed"):
+    with pytest.raises(VfoaError, match=r"its name is not UTF-8, which FFmpeg cannot open; rename it"):
         Video(path)
