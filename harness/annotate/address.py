@@ -1,4 +1,4 @@
-"""The page's port and token, remembered for a day: a page that is open finds the server again after a restart."""
+"""The page's port and token, stored for a day: an open page finds the server again after a restart."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ _LONGEST_S = 24 * 3600
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Address:
-    """Port 0 is any that is free."""
+    """Port and token of a page; port 0 is any free port."""
 
     port: int
     token: str
 
 
 def new_address(port: int = 0) -> Address:
-    """An address with a token of its own."""
+    """Return an address with a new token."""
     return Address(port=port, token=secrets.token_urlsafe(24))
 
 
 def last_address(labels: Path) -> Address | None:
-    """That of the last page of an annotation file; None where there was none within a day."""
+    """Return the last page's address for an annotation file; None if there was none within a day."""
     file = _file(labels)
     try:
         if time.time() - file.stat().st_mtime < _LONGEST_S:
             return Address(**json.loads(file.read_text()))
     except (OSError, ValueError, TypeError):
-        pass  # nothing is lost but the address
+        pass  # only the address is lost
     return None
 
 
 def remember(labels: Path, address: Address) -> None:
-    """Note the address where this user alone can read it. Where that fails, the next one is another."""
+    """Store the address so that only this user can read it. If that fails, the next address is a new one."""
     file = _file(labels)
     try:
         file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)

@@ -1,4 +1,4 @@
-"""The addresses of the labelling page: the page's own files, pictures by position, and the labels as JSON."""
+"""The routes of the labelling page: the page's own files, pictures by position, and the labels as JSON."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg"
 
 
 class Change(Settings):
-    """What a person did, on which revision; which of the other values are needed depends on ``kind``.
+    """A person's action on a revision; ``kind`` decides which of the other values are needed.
 
-    A change that is sent again under the same ``id``, because its answer was lost, is not made twice.
+    A change that is sent again under the same ``id``, because its answer was lost, is not applied twice.
     """
 
     kind: Literal["look", "range", "accept", "confirm", "note", "undo", "redo"]
@@ -43,7 +43,7 @@ class Change(Settings):
     note: str = ""
 
     def make(self, session: Session) -> None:
-        """Do it."""
+        """Apply the change."""
         match self.kind:
             case "look":
                 session.look(self.revision, self.subject, self.at, self.target or "", self.point_px)
@@ -62,7 +62,7 @@ class Change(Settings):
 
 
 class Shown(Settings):
-    """Whose head, or which part of a view (``u0,v0,u1,v1``), at most how wide."""
+    """Query of a picture: the subject of a head, or a part of a view (``u0,v0,u1,v1``), and the greatest width."""
 
     subject: str | None = None
     region: str | None = Field(default=None, pattern=r"^[0-9]{1,6}(,[0-9]{1,6}){3}$")
@@ -78,7 +78,7 @@ class Shown(Settings):
 
 
 class Turn(Settings):
-    """A subject speaks, or is silent, from one position to another; ``undo``: the last such change is taken back."""
+    """A subject speaks, or is silent, from one position to another; ``undo``: take the last such change back."""
 
     id: str = Field(default="", max_length=64)
     undo: bool = False
@@ -89,14 +89,14 @@ class Turn(Settings):
 
 
 class Seen(Settings):
-    """How far a subject's frames were seen."""
+    """The last position up to which a subject's frames were seen."""
 
     subject: str
     at: int
 
 
 class NewTarget(Settings):
-    """A target that the manifest does not have yet, and how to find it."""
+    """A target that the manifest does not have yet, with its rule."""
 
     name: str
     rule: NameRule
@@ -112,14 +112,14 @@ class ChangedTarget(Settings):
 
 
 class DeletedTarget(Settings):
-    """A target that is not needed any more, and what the labels become that have it."""
+    """A target to delete, and the target that replaces it in the labels."""
 
     name: str
     to: str | None = None
 
 
 def create_app(session: Session) -> Starlette:
-    """The application for one clip, to be served by a :class:`harness.local_server.LocalServer`."""
+    """Return the application for one clip, to be served by a :class:`harness.local_server.LocalServer`."""
     files = {path.name: path.read_bytes() for path in (resources.files(__package__) / "page").iterdir()}
 
     def page_file(request: Request) -> Response:
@@ -239,7 +239,7 @@ def create_app(session: Session) -> Starlette:
 
 
 def _posted(answer: Callable[[bytes], Response]) -> Callable[[Request], Any]:
-    """An endpoint that takes JSON and works in a thread, so that pictures are served meanwhile."""
+    """A route that takes JSON and works in a thread, so that pictures are served meanwhile."""
 
     async def endpoint(request: Request) -> Response:
         if request.headers.get("content-type", "").partition(";")[0] != "application/json":
@@ -254,7 +254,7 @@ def _refused(request: Request, error: Exception) -> Response:
 
 
 def _unwritable(request: Request, error: Exception) -> Response:
-    """Of a disk that is full or may not be written."""
+    """Answer an error of a full or read-only disk."""
     place = getattr(error, "filename", None) or "the disk"
     return JSONResponse({"error": f"{place}: {getattr(error, 'strerror', None) or error}"}, 507)
 

@@ -1,4 +1,4 @@
-"""Where heads and targets are in the image, from a run's results or from the clip's ground truth."""
+"""Positions of heads and targets in the image, from a run's results or from the clip's ground truth."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from harness.sources import AnyClip, Truth
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunBodies:
-    """From the results of one configuration: its head boxes, and the boxes of what it named."""
+    """Positions from the results of one configuration: its head boxes, and the boxes of named targets."""
 
     records: Mapping[int, FrameRecord]
 
     def head_box(self, frame: int, subject: str) -> Box | None:
-        """The head box that bears the subject's name."""
+        """The head box with the subject's name."""
         people = self.records[frame].subjects if frame in self.records else ()
         return next((each.head_box_px for each in people if each.name == subject), None)
 
     def target_at(self, frame: int, point_px: Point, but: str) -> str | None:
-        """The smallest box that holds the point: what is in front is mostly smaller than what is behind it."""
+        """The name of the smallest box that holds the point: nearer objects usually have smaller boxes."""
         targets = self.records[frame].targets if frame in self.records else ()
         boxes = [(each.box_px, each) for each in targets if each.name != but and each.box_px is not None]
         holding = [(_area(box), each.instance_id, each.name) for box, each in boxes if _holds(box, point_px)]
@@ -40,7 +40,7 @@ class RunBodies:
 
 @dataclass(slots=True, kw_only=True)
 class TrueBodies:
-    """From the clip's truth: its people, and its instances as the manifest's rules name them by id or category."""
+    """Positions from the ground truth: people, and instances named by the manifest's rules on ids and categories."""
 
     clip: AnyClip
     rules: Mapping[str, NameRule]
@@ -64,7 +64,7 @@ class TrueBodies:
         return None if found == but else found
 
     def point_of(self, frame: int, target: str) -> Point | None:
-        """The pixel of the target's mask that is nearest to the mask's middle."""
+        """The pixel of the target's mask nearest to the mask's middle."""
         instances = self._truth(frame).instances
         ids = [key for key, name in self._names(frame).items() if name == target]
         if instances is None or not ids:

@@ -1,4 +1,4 @@
-"""The labels of a clip by every annotator, and what is drawn on it, each with its journal."""
+"""The labels of a clip by every annotator, and the shapes drawn on it, each with its journal."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from harness.labels.timeline import Timeline
 
 
 def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline) -> LabelStore:
-    """An annotator's labels. Those of a clip that came with the program are copied when they are changed.
+    """Open an annotator's labels. Those of a clip that came with the program are copied at the first change.
 
-    Labels of targets that were taken out of the manifest stay as they are, so that they can be changed.
+    Labels of targets that were removed from the manifest are kept, so that they can be changed.
 
     Raises
     ------
@@ -40,7 +40,7 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
 
 
 def open_speech(manifest: ClipManifest, timeline: Timeline) -> LabelStore:
-    """Who speaks in a clip, the same for all annotators. Raises as :func:`open_store`."""
+    """Open a clip's speaking turns, the same for all annotators. Raises as :func:`open_store`."""
     files = manifest.annotations
     path, found = files.place_speech(), files.find_speech()
     return LabelStore(
@@ -82,7 +82,7 @@ def open_stores(manifest: ClipManifest, timeline: Timeline, but: Path | None = N
 
 @contextmanager
 def with_others(store: LabelStore, manifest: ClipManifest, timeline: Timeline) -> Iterator[list[LabelStore]]:
-    """A store and those of the other annotators of its clip, until the block ends. Raises as :func:`open_store`."""
+    """Yield a store and those of the clip's other annotators, until the block ends. Raises as :func:`open_store`."""
     with ExitStack() as stack:
         others = open_stores(manifest, timeline, but=store.path)
         yield [store, *(stack.enter_context(closing(each)) for each in others)]

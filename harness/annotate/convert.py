@@ -1,4 +1,4 @@
-"""Between a clip's annotation files and those of other programs."""
+"""Import and export of a clip's annotation files in formats of other programs."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def open_exchange(
     Parameters
     ----------
     run, configuration
-        The run (and which of its configurations) that says where heads and targets are; without one, the
-        clip's truth does.
+        The run (and its configuration) that gives the positions of heads and targets; by default the clip's ground
+        truth gives them.
 
     Raises
     ------
@@ -74,12 +74,12 @@ def import_labels(
 ) -> Imported:
     """Read another program's file in the format called ``name`` and write it as ``place``.
 
-    ``confirm`` takes suggestions (what a run predicted) for labels that a person has looked at.
+    ``confirm`` turns suggestions (a run's predictions) into confirmed labels.
 
     Raises
     ------
     VfoaError
-        If the file cannot be read as labels of this clip, or ``place`` is there and not to be replaced.
+        If the file cannot be read as labels of this clip, or ``place`` exists and may not be replaced.
     """
     check_new(place, replace=replace, hint=", or another --annotator")
     chosen: AnnotationFormat = FORMATS.load(name)()
@@ -90,7 +90,7 @@ def import_labels(
     if suggested and confirm:
         imported = replace_fields(imported, labels=_confirmed(imported.labels))
     elif suggested:
-        note = f"{source}: {suggested} labels are suggestions, which are not scored; --confirm takes them as checked."
+        note = f"{source}: {suggested} labels are suggestions, which are not scored; --confirm confirms them."
         imported = replace_fields(imported, notes=(*imported.notes, note))
     write_annotations(place, imported.labels)
     return imported
@@ -99,12 +99,12 @@ def import_labels(
 def import_drawn(
     source: Path, name: str, exchange: Exchange, manifest: ClipManifest, *, replace: bool
 ) -> tuple[Path, Drawn, tuple[str, ...]]:
-    """Read what was drawn in another program and write it as the clip's: the file, what is in it, what was left out.
+    """Import drawn shapes of another program; return the file, its content, and notes on what was left out.
 
     Raises
     ------
     VfoaError
-        If the format has no boxes, the file cannot be read as this clip's, or there is one that is not to be replaced.
+        If the format has no boxes, the file cannot be read as this clip's, or an existing file may not be replaced.
     """
     _check_draws(name)
     place = manifest.annotations.place_drawn()
@@ -132,7 +132,7 @@ def _check_draws(name: str) -> None:
 def import_speech(
     source: Path, name: str, exchange: Exchange, manifest: ClipManifest, *, replace: bool
 ) -> tuple[Path, Imported]:
-    """Read who speaks when from another program's file: every annotation with words is a turn of its tier's subject.
+    """Import speaking turns of another program: every annotation with words is a turn of its tier's subject.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def import_speech(
 
 
 def export_speech(manifest: ClipManifest, name: str, exchange: Exchange, to: Path, *, replace: bool) -> list[str]:
-    """Write who speaks when, in the format called ``name``. Returns and raises as :func:`export_labels`."""
+    """Write the speaking turns in the format called ``name``. Returns and raises as :func:`export_labels`."""
     check_new(to, replace=replace)
     turns = manifest.speech(timeline_of(exchange.clip))
     if turns is None:
@@ -162,12 +162,12 @@ def export_speech(manifest: ClipManifest, name: str, exchange: Exchange, to: Pat
 def export_labels(
     manifest: ClipManifest, annotator: str | None, name: str, exchange: Exchange, to: Path, *, replace: bool
 ) -> list[str]:
-    """Write a clip's labels in the format called ``name``; the answer says what it cannot hold.
+    """Write a clip's labels in the format called ``name``; return notes on what it cannot hold.
 
     Raises
     ------
     VfoaError
-        If the clip has no such labels, the format needs what is not known, or ``to`` is there and not to be replaced.
+        If the clip has no such labels, the format needs unknown data, or ``to`` exists and may not be replaced.
     """
     (check_new_folder if to.is_dir() else check_new)(to, replace=replace)  # some formats write a folder
     path = manifest.annotations.find() if annotator is None else manifest.annotations.expect(annotator)

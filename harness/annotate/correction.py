@@ -1,4 +1,4 @@
-"""From a wrong frame to a better label: one label set right through the store, and the run scored again."""
+"""Correct one label through the store, and score the run again."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vfoa.errors import VfoaError, did_you_mean
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Correction:
-    """What a subject looks at in truth, from ``first`` to ``last``, in the source's own frame numbers."""
+    """The true target of a subject from ``first`` to ``last``, in the source's own frame numbers."""
 
     clip: str
     subject: str
@@ -31,7 +31,7 @@ class Correction:
 
 
 def choices(directory: RunDirectory, clip: str, subject: str) -> tuple[str, ...]:
-    """What a subject of a run's clip can look at, ``none`` and ``ignore`` last.
+    """Possible targets of a subject of a run's clip, ``none`` and ``ignore`` last.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def choices(directory: RunDirectory, clip: str, subject: str) -> tuple[str, ...]
 def correct(directory: RunDirectory, correction: Correction) -> Path:
     """Write a correction into the labels that a run is scored against, and score the run again.
 
-    It goes through the journal of the labelling page, where it can be undone. Tables, page and recordings follow.
+    It is written to the journal of the labelling page, where it can be undone. Tables, page and recordings are updated.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
 
 
 def _place(directory: RunDirectory, clip: str) -> str:
-    """The manifest of a run's clip where the run found it, or, if it has moved since, its name."""
+    """The manifest of a run's clip where the run found it or, if it has moved since, its name."""
     places = {each["name"]: each["manifest"] for each in directory.read_manifest()["clips"]}
     if clip not in places:
         raise VfoaError(f"{directory.path}: no clip {clip!r}; {did_you_mean(clip, places)}")

@@ -1,4 +1,4 @@
-"""The page on which the label of one frame of a served report is set right: a form, without scripts."""
+"""The page that corrects the label of one frame of a served report: a form, without scripts."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _STYLE = (
 
 
 def correction_routes(directory: RunDirectory) -> list[Route]:
-    """The form for any label of a run's clips, and what takes it: labels are written and the run is scored again."""
+    """Routes of the form for any label of a run's clips: it writes the labels and scores the run again."""
     one_at_a_time = threading.Lock()
 
     def show(request: Request) -> Response:
@@ -47,7 +47,7 @@ def correction_routes(directory: RunDirectory) -> list[Route]:
         )
         with one_at_a_time:
             path = correct(directory, correction)
-        done = f"{correction}. Written to {path.name}; tables, page and recordings follow."
+        done = f"{correction}. Written to {path.name}; tables, page and recordings are updated."
         return _page(f'<p>{escape(done)}</p><p><a href="/">Back to the report</a></p>')
 
     async def answer(request: Request) -> Response:

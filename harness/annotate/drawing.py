@@ -1,14 +1,14 @@
-"""What is drawn on a clip while it is being drawn: journaled, undoable, and written to ``CLIP.drawn.csv`` at once.
+"""The shapes drawn on a clip while they are edited: journaled, undoable, and written to ``CLIP.drawn.csv`` at once.
 
 Every change goes to the journal first, as one of
 
-    {"base": tracks, "revision": r}                               begin anew, from the file
-    {"draw": {"name", "kind", "before": keys, "after": keys}}     key frames of a track, [frame, place, outside] each
-    {"undo": true}    {"redo": true}
+{"base": tracks, "revision": r}                               begin anew, from the file
+{"draw": {"name", "kind", "before": keys, "after": keys}}     key frames of a track, [frame, place, outside] each
+{"undo": true}    {"redo": true}
 
-A change names the revision it was made on; one that was made on an older state is refused. A file that was changed
-elsewhere wins. The labels have a journal and a file of their own (:mod:`harness.annotate.store`): what is drawn belongs
-to the clip, whoever labels it.
+A change names its revision; one on an older revision is refused. A file that was changed by another program wins. The
+labels have a journal and a file of their own (:mod:`harness.annotate.store`): drawn shapes belong to the clip, whoever
+labels it.
 """
 
 from __future__ import annotations
@@ -41,10 +41,11 @@ Entry = dict[str, Any]
 
 
 class Draw(Settings):
-    """What a person did on the image, on which revision.
+    """A person's action on the image, on a revision.
 
-    ``key``: it is at ``place`` in the frame at position ``at``. ``outside``: it leaves the image there, or is back if
-    it had left. ``delete``: no key frame there. ``remove``: it is not drawn at all. The others take changes back.
+    ``key``: the shape is at ``place`` in the frame at position ``at``. ``outside``: it leaves the image there, or is
+    back if it had left. ``delete``: no key frame there. ``remove``: it is not drawn at all. The others take changes
+    back.
     """
 
     do: Literal["key", "outside", "delete", "remove", "undo", "redo"]
@@ -57,12 +58,12 @@ class Draw(Settings):
 
 
 class DrawingStore:
-    """What is drawn on one clip. Not for several threads at once.
+    """The shapes drawn on one clip. Not for several threads at once.
 
     Parameters
     ----------
     path, journal
-        The file and its journal; neither needs to exist. ``origin`` is read where there is no file yet.
+        The file and its journal; neither needs to exist. ``origin`` is read if there is no file yet.
     frames, subjects, targets
         The clip's frame numbers and the manifest's names.
 
@@ -103,11 +104,11 @@ class DrawingStore:
 
     @property
     def drawn(self) -> Drawn:
-        """What is drawn now."""
+        """The present shapes."""
         return drawn_of(self._tracks)
 
     def state(self) -> dict[str, Any]:
-        """All that the page shows, as JSON; key frames are [position, place, outside]."""
+        """Everything that the page shows, as JSON; key frames are [position, place, outside]."""
         return {
             "revision": self.revision,
             "tracks": [
@@ -124,12 +125,12 @@ class DrawingStore:
         }
 
     def refresh(self) -> None:
-        """Begin anew from the file if it was changed by something else."""
+        """Read the file again if another program has changed it."""
         if self._file_digest() != self._digest:
             self._take_over(self._read())
 
     def make(self, draw: Draw) -> None:
-        """Do what a person did; what comes again under the same id, because its answer was lost, is not done twice.
+        """Apply a person's action; if it comes again under the same id (its answer was lost), it is not repeated.
 
         Raises
         ------
@@ -156,7 +157,7 @@ class DrawingStore:
             self._commit({"draw": _change(draw.name, draw.kind, before, after)}, draw.id)
 
     def set_names(self, targets: Iterable[str], renamed: tuple[str, str | None] | None = None) -> None:
-        """The manifest has other targets now. What is drawn of a renamed one stays; of a deleted one (None) it goes."""
+        """Set the manifest's targets. Shapes of a renamed one are kept; those of a deleted one (None) are removed."""
         self._targets = list(targets)
         if renamed is None or all(name != renamed[0] for name, _ in self._tracks):
             return
@@ -173,7 +174,7 @@ class DrawingStore:
             raise VfoaError(self.read_only)
 
     def close(self) -> None:
-        """Let go of the journal."""
+        """Close the journal."""
         if self._journal is not None:
             self._journal.close()
 
@@ -220,7 +221,7 @@ class DrawingStore:
             self._tracks[key] = keys
 
     def _start(self, stored: Drawn, entries: list[Entry]) -> None:
-        """Believe the journal if the file is what it led to, or one entry behind, as a kill leaves it."""
+        """Use the journal if the file is its result, or one entry behind, as after a kill."""
         bases = [number for number, entry in enumerate(entries) if "base" in entry]
         if not bases:
             self._take_over(stored)
@@ -233,7 +234,7 @@ class DrawingStore:
             except (LookupError, TypeError, ValueError, AttributeError) as error:
                 assert self._journal is not None
                 raise VfoaError(
-                    f"{self._journal.path}:{number}: nothing that was drawn: {error!r}; move the journal away to go on"
+                    f"{self._journal.path}:{number}: not a drawing action: {error!r}; move the journal away to continue"
                 ) from None
             self._ids |= {entry.get("id", "")} - {""}
         if stored == self.drawn:
@@ -297,13 +298,13 @@ _CHANGES: dict[str, Callable[[Keys, int, Draw], Keys]] = {
 
 
 def _with(before: Keys, key: KeyFrame) -> Keys:
-    """Key frames with one more, or another one in its frame."""
+    """The key frames with another one, which replaces one in the same frame."""
     rounded = replace(key, place=_rounded(key.place))
     return tuple(sorted([*(each for each in before if each.frame != key.frame), rounded], key=lambda each: each.frame))
 
 
 def _rounded(place: Place) -> Place:
-    """To a hundredth of a pixel."""
+    """Round to a hundredth of a pixel."""
     return tuple(round(each, 2) for each in place)
 
 

@@ -1,4 +1,4 @@
-"""Edits made on the page, as new marks: from here until the next change, a range, suggestions, notes."""
+"""Edits made on the page, as new marks: from a position until the next change, a range, suggestions, notes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PointPx = tuple[float, float]
 def look(track: Sequence[Mark | None], at: int, target: str, point_px: PointPx | None = None) -> list[Stretch]:
     """The subject looks at a target from a position on, until the mark changes.
 
-    Ahead of the position it is carried, except over frames that a person has labelled before.
+    After the position the mark is carried on, except over frames that a person has labelled before.
     """
     _, last = stretch_at(track, at, same_target=True)
     here = Mark(target=target, point_px=point_px)
@@ -23,14 +23,14 @@ def look(track: Sequence[Mark | None], at: int, target: str, point_px: PointPx |
 
 
 def mark_range(first: int, last: int, target: str | None) -> list[Stretch]:
-    """The subject looks at a target from one position to another; None takes the labels away."""
+    """The subject looks at a target from one position to another; None removes the labels."""
     return [Stretch(first=first, last=last, mark=None if target is None else Mark(target=target))]
 
 
 def accept(track: Sequence[Mark | None], suggested: Sequence[str | None], seen: int) -> list[Stretch]:
-    """Fill what is unlabelled with suggestions, one a frame or None; they stay suggestions.
+    """Fill unlabelled frames with suggestions, one per frame or None; they stay suggestions.
 
-    What is only carried past the last frame that was ``seen`` is unlabelled, too.
+    Frames after the last one that was ``seen``, to which a mark was only carried on, count as unlabelled, too.
     """
     filled: Track = [
         mark if target is None or counts(mark, at, seen) else Mark(target=target, suggested=True)
@@ -40,7 +40,7 @@ def accept(track: Sequence[Mark | None], suggested: Sequence[str | None], seen: 
 
 
 def confirm(track: Sequence[Mark | None], at: int) -> list[Stretch]:
-    """A person agrees with the suggestion at a position, for as long as it is the same."""
+    """Confirm the suggestion at a position, for as long as it is the same."""
     first, last = stretch_at(track, at, same_target=True)
     mark = track[at]
     return [] if mark is None or not mark.suggested else mark_range(first, last, mark.target)

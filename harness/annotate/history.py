@@ -1,15 +1,15 @@
-"""The state of a clip's labels as the sum of journal entries: a pure machine, the same after a restart.
+"""The state of a clip's labels as the sum of journal entries: deterministic, and the same after a restart.
 
 An entry is one of
 
-    {"base": {subject: stretches}, "frames": n, "revision": r}    begin anew, from a CSV
-    {"change": {subject, before, after}}                          marks between two positions
-    {"undo": true}    {"redo": true}
-    {"rename": [old, new]}                                        a target's name, in all that was and can be undone
-    {"forget": name}                                              a deleted target: nothing before can be undone
-    {"seen": [subject, position]}                                 alone, or beside a change
+{"base": {subject: stretches}, "frames": n, "revision": r}    begin anew, from a CSV
+{"change": {subject, before, after}}                          marks between two positions
+{"undo": true}    {"redo": true}
+{"rename": [old, new]}                                        a target's name, also in everything that can be undone
+{"forget": name}                                              a deleted target: earlier entries cannot be undone
+{"seen": [subject, position]}                                 alone, or beside a change
 
-Each but a lone ``seen`` is a revision.
+Each entry except a lone ``seen`` is a revision.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ class Change:
 
     @classmethod
     def parse(cls, plain: dict[str, Any]) -> Change:
-        """What :meth:`plain` gave."""
+        """Parse the output of :meth:`plain`."""
         before, after = (tuple(map(Stretch.parse, plain[name])) for name in ("before", "after"))
         return cls(subject=plain["subject"], before=before, after=after)
 
 
 class History:
-    """Tracks by subject, how far each was seen, what can be undone and redone, and the number of the revision."""
+    """Tracks by subject, the position up to which each was seen, the undo and redo lists, and the revision number."""
 
     def __init__(self, subjects: Sequence[str], frames: Sequence[int], *, fill_gaps: bool = True) -> None:
         self._frames, self._fill_gaps = tuple(frames), fill_gaps
@@ -65,7 +65,7 @@ class History:
         self.undone: list[Change] = []
 
     def copy(self) -> History:
-        """The same state, on its own."""
+        """Return an independent copy of the state."""
         copied = History(self.subjects, self._frames, fill_gaps=self._fill_gaps)
         copied.revision, copied.seen = self.revision, dict(self.seen)
         copied.tracks = {name: list(track) for name, track in self.tracks.items()}
@@ -73,7 +73,7 @@ class History:
         return copied
 
     def apply(self, entry: Entry) -> None:
-        """Go one entry on; ValueError, KeyError and such if it is none of this clip's."""
+        """Apply one entry; ValueError, KeyError and similar if it does not fit this clip."""
         if "base" in entry:
             self._begin(entry)
         if "seen" in entry:
@@ -100,7 +100,7 @@ class History:
         self.revision += 1
 
     def change_to(self, subject: str, new: Sequence[Stretch]) -> Change:
-        """The change that puts these stretches, which follow each other without a gap."""
+        """The change that sets these stretches, which follow each other without a gap."""
         before = stretches(self.tracks[subject], new[0].first, new[-1].last)
         return Change(subject=subject, before=before, after=tuple(new))
 
@@ -116,7 +116,7 @@ class History:
         return base.get("frames") == len(self._frames) and isinstance(tracks, dict) and {*tracks} == {*self.subjects}
 
     def labels(self) -> Labels:
-        """The contents of the CSV."""
+        """The labels for the CSV."""
         return to_labels(self.tracks, self.seen, self._frames, fill_gaps=self._fill_gaps)
 
     def parts(self) -> dict[str, tuple[Stretch, ...]]:
@@ -124,7 +124,7 @@ class History:
         return {name: stretches(track, 0, len(self._frames) - 1) for name, track in self.tracks.items()}
 
     def labelled(self, parts: dict[str, tuple[Stretch, ...]]) -> int:
-        """How many (frame, subject) pairs a person has labelled, of :meth:`parts`; what is to be decided is not."""
+        """Number of (frame, subject) pairs in :meth:`parts` that a person has labelled, without undecided ones."""
         return sum(labelled(part, self.seen[subject]) for subject, found in parts.items() for part in found)
 
     def _begin(self, entry: Entry) -> None:

@@ -1,4 +1,4 @@
-"""The journal of a clip's labelling: one JSON line a change, on disk before the change is answered."""
+"""The journal of a clip's labelling: one JSON line per change, on disk before the change is answered."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from vfoa.errors import VfoaError
 
 
 class Journal:
-    """An append-only file, held by one process at a time.
+    """An append-only file, locked by one process at a time.
 
-    A last line without its end is what a power cut left of a change that was never answered: it is cut off.
+    A last line without its end is left by a power cut during a change that was never answered: it is removed.
 
     Raises
     ------
     VfoaError
-        If it cannot be written, another process holds it, or a line is not JSON.
+        If it cannot be written, another process has locked it, or a line is not JSON.
     """
 
     def __init__(self, path: Path, *, of: Path) -> None:
@@ -47,12 +47,12 @@ class Journal:
             raise
 
     def append(self, entry: dict[str, Any]) -> int:
-        """Add an entry; it is on the disk when this returns. The place where it begins is returned.
+        """Append an entry; it is on the disk when this returns. Returns the offset at which it begins.
 
         Raises
         ------
         VfoaError
-            If the disk does not take it; the journal is then as it was.
+            If it cannot be written; the journal is then unchanged.
         """
         line = json.dumps(entry, ensure_ascii=False, separators=(",", ":")).encode() + b"\n"
         end = self._file.seek(0, os.SEEK_END)
@@ -66,11 +66,11 @@ class Journal:
         return end
 
     def take_back(self, place: int) -> None:
-        """Remove the entry that began there, and all behind it."""
+        """Remove the entry at this offset, and everything after it."""
         self._file.truncate(place)
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         self._file.close()
 
     def _read(self) -> list[dict[str, Any]]:
@@ -84,8 +84,8 @@ class Journal:
             try:
                 entry = parse_json(line, f"{self.path}:{number}")
             except VfoaError as error:
-                raise VfoaError(f"{error}; move the journal away to go on") from None
+                raise VfoaError(f"{error}; move the journal away to continue") from None
             if not isinstance(entry, dict):
-                raise VfoaError(f"{self.path}:{number}: no entry; move the journal away to go on")
+                raise VfoaError(f"{self.path}:{number}: no entry; move the journal away to continue")
             entries.append(entry)
         return entries

@@ -1,4 +1,4 @@
-"""What the frames of a clip are marked with while it is being labelled, and how that stands in the CSV.
+"""The marks of a clip's frames while it is being labelled, and their conversion to and from the CSV.
 
 Frames are counted by position here: 0 is the clip's first frame, whatever its number.
 """
@@ -17,8 +17,7 @@ from harness.labels.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels
 class Mark:
     """One frame's label. ``suggested``: no person has confirmed it.
 
-    ``carried``: it holds because an earlier frame's label holds until the next change; it counts only once the frame
-    was seen.
+    ``carried``: it is carried on from an earlier frame until the next change; it counts only after the frame was seen.
     """
 
     target: str
@@ -29,12 +28,12 @@ class Mark:
 
     @property
     def undecided(self) -> bool:
-        """Whether a person has to decide what it is."""
+        """Whether a person must decide between annotators."""
         return is_undecided(self.target, self.note)
 
 
 Track = list[Mark | None]
-"""One subject's marks, one a frame; None: unlabelled."""
+"""One subject's marks, one per frame; None: unlabelled."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +53,7 @@ class Stretch:
 
     @classmethod
     def parse(cls, plain: Sequence[Any]) -> Stretch:
-        """What :meth:`plain` gave."""
+        """Parse the output of :meth:`plain`."""
         first, last, *values = plain
         if not values:
             return cls(first=first, last=last, mark=None)
@@ -78,9 +77,9 @@ def stretches(track: Sequence[Mark | None], first: int, last: int) -> tuple[Stre
 
 
 def stretch_at(track: Sequence[Mark | None], at: int, *, same_target: bool = False) -> tuple[int, int]:
-    """First and last position around ``at`` with the same mark (or, if so asked, a mark with the same target).
+    """First and last position around ``at`` with the same mark or, if requested, with the same target.
 
-    What is to be decided goes as far as the annotators differ in the same way.
+    An undecided stretch reaches as far as the annotators differ in the same way.
     """
 
     def key(position: int) -> object:
@@ -98,12 +97,12 @@ def stretch_at(track: Sequence[Mark | None], at: int, *, same_target: bool = Fal
 
 
 def counts(mark: Mark | None, position: int, seen: int) -> bool:
-    """Whether a mark is a label by now: what is carried past the last frame that was ``seen`` is not."""
+    """Whether a mark is a label by now: a mark carried beyond the last frame that was ``seen`` is not."""
     return mark is not None and (not mark.carried or position <= seen)
 
 
 def labelled(part: Stretch, seen: int) -> int:
-    """In how many frames of a stretch a person has said what it is."""
+    """Number of frames of a stretch that a person has labelled."""
     mark = part.mark
     if mark is None or mark.suggested or mark.undecided:
         return 0
@@ -114,7 +113,7 @@ def labelled(part: Stretch, seen: int) -> int:
 def to_labels(
     tracks: dict[str, Track], seen: dict[str, int], frames: Sequence[int], *, fill_gaps: bool = True
 ) -> Labels:
-    """The labels of the file. Gaps between labels, which are not allowed there, are ``ignore`` with a note."""
+    """The labels for the file. Gaps between labels, which the file does not allow, become ``ignore`` with a note."""
     rows = (row for subject in tracks for row in _rows(subject, tracks[subject], seen[subject], frames))
     return Labels(row for row in rows if fill_gaps or row.label != _label(None))
 

@@ -1,4 +1,4 @@
-"""The views of a frame as JPEG: left, right, disparity, and the head of a subject, enlarged."""
+"""The views of a frame as JPEG: left, right, disparity, and a subject's head, enlarged."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ RegionPx = tuple[int, int, int, int]
 _QUALITY = 90
 _HEAD_HEIGHT_PX = 360
 _HEAD_MARGIN = 0.35
-"""What is shown around a head box, as a share of it on each side."""
+"""Margin around a head box, as a share of its side."""
 
 
 class DisparityView:
-    """A clip's disparity: as a run saved it, else as measured, else the true one, else semi-global matching."""
+    """A clip's disparity: saved by a run, else measured, else the true one, else by semi-global matching."""
 
     def __init__(self, clip: Clip, saved: Path | None) -> None:
         self._clip, self._saved = clip, saved
@@ -54,7 +54,7 @@ def jpeg(image: Image) -> bytes:
 
 
 def shrunk(image: Image, region: RegionPx | None, width: int | None) -> Image:
-    """A region of an image, (u0, v0, u1, v1) cut at its edges, no wider than ``width``; None: the image's own."""
+    """Cut a region (u0, v0, u1, v1) out of an image and shrink it to at most ``width``; None: no limit."""
     if region is not None:
         u0, v0, u1, v1 = region
         image = image[max(v0, 0) : max(v1, v0 + 1), max(u0, 0) : max(u1, u0 + 1)]
@@ -78,7 +78,7 @@ def colour(disparity: Disparity) -> Image:
 
 
 def head(image: Image, box_px: tuple[float, float, float, float]) -> Image:
-    """A head with what is around it, enlarged to one height; cut at the image's edges."""
+    """A head with its surroundings, enlarged to a constant height; cut at the image's edges."""
     u0, v0, u1, v1 = box_px
     margin_u, margin_v = _HEAD_MARGIN * (u1 - u0), _HEAD_MARGIN * (v1 - v0)
     rows = slice(max(round(v0 - margin_v), 0), max(round(v1 + margin_v), 1))

@@ -14,7 +14,7 @@ from harness.run.records import FrameRecord, SubjectRecord
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Predictions:
-    """A run's labels of one clip, all suggestions; ``notes`` are sentences on what is not in them."""
+    """A run's labels of one clip, all suggestions; ``notes`` list what they do not hold."""
 
     labels: Labels
     notes: tuple[str, ...]
@@ -23,15 +23,15 @@ class Predictions:
 def predicted_labels(
     records: Mapping[int, FrameRecord], names: Collection[str], *, with_probabilities: bool
 ) -> Predictions:
-    """One label per frame and person of whom the run predicted something; frames without a prediction have none.
+    """Make one label per frame and person with a prediction; frames without a prediction have none.
 
     Parameters
     ----------
     records
         The results of one clip and configuration, by frame number.
     names
-        The manifest's names of subjects and targets. A predicted object without one is ``ignore``, and the note says
-        which it was.
+        The manifest's names of subjects and targets. A predicted object without one is ``ignore``; the note names
+        the object.
     with_probabilities
         Attention values are probabilities: the note of a range holds their mean over its frames.
     """
@@ -43,7 +43,7 @@ def predicted_labels(
             of_person = found.setdefault(name, {})
             if person.missing is not None:
                 counts[f"frames of {name} have no prediction ({person.missing}) and no label"] += 1
-            elif frame not in of_person:  # where two tracks share a name, the first counts, as in the score
+            elif frame not in of_person:  # if two tracks share a name, the first counts, as in the score
                 of_person[frame] = _label(record, person, name, names)
                 counts["labels are 'ignore': the manifest has no name for what was predicted"] += (
                     of_person[frame][0].target == IGNORED
@@ -60,7 +60,7 @@ def predicted_labels(
 
 
 def _label(record: FrameRecord, person: SubjectRecord, name: str, names: Collection[str]) -> tuple[Label, float]:
-    """The label, and the probability of what was predicted."""
+    """The label, and the probability of the prediction."""
     totals = {each.instance_id: each.total for each in person.attention}
     if person.focus is None:
         return Label(target=NOWHERE, is_suggested=True), max(0.0, 1 - sum(totals.values()))

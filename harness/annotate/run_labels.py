@@ -1,4 +1,4 @@
-"""A run's predictions, written for another program: one file for each clip."""
+"""Export of a run's predictions for another program: one file for each clip."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from vfoa.types import StereoFrame
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exported:
-    """A file that was written, and sentences on what it does not hold."""
+    """A written file, and notes on what it does not hold."""
 
     path: Path
     notes: tuple[str, ...]
@@ -43,23 +43,23 @@ def export_predictions(
     offset: float = 0.0,
     replace: bool = False,
 ) -> Iterator[Exported]:
-    """Write what a run predicted in the format called ``name``, one file for each clip.
+    """Write a run's predictions in the format called ``name``, one file for each clip.
 
     Parameters
     ----------
     clip, configuration
-        Which of the run's; a configuration must be chosen where there are several.
+        The clip and configuration to export; a configuration must be chosen if there are several.
     to
-        The file, where one clip is written; ``RUN/labels/CLIP__CONFIGURATION.SUFFIX`` if not given.
+        The file, if one clip is written; by default ``RUN/labels/CLIP__CONFIGURATION.SUFFIX``.
     fps, offset
         As in :class:`Exchange`.
     replace
-        Write over files that are there.
+        Overwrite existing files.
 
     Raises
     ------
     VfoaError
-        If the run has no such clip or configuration, the format needs what the run does not hold, or a file is there.
+        If the run has no such clip or configuration, the format needs data that the run lacks, or a file exists.
     """
     manifest = RunDirectory(run).read_manifest()
     clips = {each["name"]: each for each in manifest["clips"]}
@@ -92,7 +92,7 @@ def export_predictions(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _RunClip:
-    """The frames and times of a clip as a run's manifest has them, so that its data need not be here."""
+    """The frames and times of a clip from a run's manifest, so that the clip's data is not needed."""
 
     where: str
     frames: Sequence[int]

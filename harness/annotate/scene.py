@@ -1,6 +1,6 @@
 """The overlay of a frame's left image: outlines with names, and the subjects' heads.
 
-Outlines come from a run's saved masks, else from its boxes; without a run from the clip's own masks, where it has them.
+Outlines come from a run's saved masks, else from its boxes; without a run, from the clip's own masks, if it has any.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from harness.stages.slots import CLIP_VARIABLE
 from vfoa.types import FrameResult, Instance, Instances, Mask, Scene, StereoFrame, Target
 
 _SMOOTHING_PX = 0.8
-"""How far an outline may be from the mask's own edge."""
+"""Greatest distance of an outline from the mask's own edge."""
 
 Outline = list[list[list[int]]]
 """Polygons of points (u, v)."""
@@ -34,7 +34,7 @@ Outline = list[list[list[int]]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneObject:
-    """One instance: its name (``label#id`` where no rule of the manifest names it), its outline and its box."""
+    """One instance: its name (``label#id`` if no rule of the manifest names it), its outline and its box."""
 
     instance_id: int
     name: str
@@ -46,7 +46,7 @@ class SceneObject:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SceneView:
-    """The objects of a frame, the nearest to be clicked last, and the subjects' head boxes by name."""
+    """The objects of a frame, the smallest last so that they can be clicked, and the subjects' head boxes by name."""
 
     objects: tuple[SceneObject, ...]
     heads_px: dict[str, BoxPx]
@@ -57,7 +57,7 @@ class SceneView:
 
 
 class Scenes:
-    """The scene of each frame of a clip, from a run where there is one."""
+    """The scene of each frame of a clip, from a run if there is one."""
 
     def __init__(self, name: str, clip: Clip, predictions: Predictions | None, run: Path | None) -> None:
         self._clip, self._predictions = clip, predictions
@@ -66,7 +66,7 @@ class Scenes:
         self._saved = None if settings is None else CocoPanoptic(settings, clip)
 
     def at(self, number: int, read: Callable[[], StereoFrame], manifest: ClipManifest) -> SceneView:
-        """What is in a frame; ``read`` gives its images, ``manifest`` has the names of the moment."""
+        """Return a frame's scene; ``read`` gives its images, ``manifest`` has the current names."""
         if self._predictions is not None:
             record = self._predictions.records.get(number)
             return SceneView(objects=(), heads_px={}) if record is None else self._of_run(record, read, manifest)
@@ -101,7 +101,7 @@ class Scenes:
 
 
 def saved_folder(run: Path, clip: str, predictions: Predictions, slot: str = "segmentation") -> Path | None:
-    """Where ``--save-outputs`` put a stage's output for the configuration; None where nothing was saved."""
+    """The folder of a stage's output saved by ``--save-outputs`` for the configuration; None if there is none."""
     folder = RunDirectory(run).stage_outputs
     for file in sorted(folder.glob("*.toml")):
         for each in read_toml(file).get("configuration", ()):
@@ -118,7 +118,7 @@ def outline(mask: Mask) -> Outline:
 
 
 def _named(number: int, instances: Instances, manifest: ClipManifest) -> list[SceneObject]:
-    """Instances with their names by the manifest's rules, as a run would name them; stuff is left out."""
+    """Instances with their names by the manifest's rules, as in a run; stuff is left out."""
     things = [each for each in instances.instances if each.is_thing and (instances.ids == each.id).any()]
     boxes = {each.id: _extent(instances.mask(each.id)) for each in things}
     names = _by_rules(number, [(each, boxes[each.id]) for each in things], manifest)
@@ -136,7 +136,7 @@ def _named(number: int, instances: Instances, manifest: ClipManifest) -> list[Sc
 
 
 def _names_of_run(record: FrameRecord, manifest: ClipManifest) -> dict[int, str]:
-    """The names that the run gave, and those of targets that the manifest has learned since."""
+    """The run's names, and those of targets that the manifest has gained since."""
     found = [
         (Instance(id=each.instance_id, label=each.label, category_id=0, is_thing=True, score=each.score), each.box_px)
         for each in record.targets
@@ -163,7 +163,7 @@ def _by_rules(number: int, found: Sequence[tuple[Instance, BoxPx | None]], manif
 
 
 def _small_last(objects: list[SceneObject]) -> tuple[SceneObject, ...]:
-    """In the order of drawing: what is small lies on top, where it can be clicked."""
+    """Sort in drawing order: small objects last, on top, so that they can be clicked."""
     return tuple(sorted(objects, key=lambda each: (-_area(each.box_px), each.instance_id)))
 
 

@@ -9,18 +9,18 @@ from harness.local_server import LocalServer
 from vfoa.errors import VfoaError
 
 _PATIENCE_S = 20
-"""A frame that has to be rendered or decoded first takes this long at most."""
+"""Longest time for a frame that must first be rendered or decoded, seconds."""
 
 
 class PageServer(LocalServer):
-    """Serves one clip's page; the address is known, and taken, from the start.
+    """Serves one clip's page; the port is taken when the server is made.
 
     Parameters
     ----------
     port
         0: any that is free.
     before
-        Where the page was served before: the same token, and the same port if it is free and no other is asked for.
+        The page's last address: the same token, and the same port if it is free and no other is requested.
 
     Raises
     ------

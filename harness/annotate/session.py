@@ -1,4 +1,4 @@
-"""One clip on the labelling page: its frames, its labels, and what a run found in it."""
+"""One clip on the labelling page: its frames, its labels, and a run's predictions for it."""
 
 from __future__ import annotations
 
@@ -31,31 +31,31 @@ from vfoa.errors import VfoaError
 from vfoa.types import Image, StereoFrame
 
 _CACHED_FRAMES = 2
-"""A frame's picture and its scene are asked for one after the other. Large images take tens of MB."""
+"""A frame's picture and its scene are requested one after the other. Large images take tens of MB."""
 _CACHED_PICTURES = 256
 _CACHED_SCENES = 2048
 
 
 class Session:
-    """A clip that is being labelled by one annotator. Its methods may be called from several threads.
+    """A clip that one annotator is labelling. Its methods may be called from several threads.
 
     Parameters
     ----------
     clip
         The clip's name or its manifest.
     run, configuration
-        Whose predictions and masks are shown; without them the clip's own masks, where it has them.
+        The run whose predictions and masks are shown; without one, the clip's own masks, if it has any.
     annotator
-        Whose labels these are: ``annotations/<clip>@<annotator>.csv``. None: the clip's own file.
+        The annotator of these labels: ``annotations/<clip>@<annotator>.csv``. None: the clip's own file.
     blind
         Show no suggestions.
     uncertain_first
-        Order the frames by how unsure the run was.
+        Order the frames by the run's uncertainty.
 
     Raises
     ------
     VfoaError
-        If something of this is missing or wrong, or the clip names nobody who could be labelled.
+        If one of these is missing or wrong, or the clip names no subject.
     """
 
     def __init__(
@@ -72,7 +72,7 @@ class Session:
         _check_choices(run, configuration, blind, uncertain_first)
         self.manifest = load_manifest(clip)
         if not self.manifest.subjects:
-            raise VfoaError(f"{self.manifest.path}: subjects: none; expected whoever is to be labelled")
+            raise VfoaError(f"{self.manifest.path}: subjects: none; expected at least one person to label")
         self._clip = open_clip(self.manifest)
         self._frames = tuple(self._clip.frames)
         if not self._frames:
@@ -107,7 +107,7 @@ class Session:
 
     @property
     def notice(self) -> str | None:
-        """What is read-only, of a clip that came with the program, and which labels are of no target; None: neither."""
+        """Notes on a read-only clip that came with the program, and on labels of unknown targets; None: no notes."""
         said = []
         if came_with_program(self.manifest.path):
             said.append(f"{self.manifest.name} came with vfoa and is read-only: changed labels go to {self.path}.")
@@ -146,14 +146,14 @@ class Session:
         }
 
     def state(self) -> dict[str, Any]:
-        """The labels, as JSON; as they are in the file, if that was changed elsewhere."""
+        """The labels as JSON, read again if another program has changed the file."""
         with self._changing:
             self._store.refresh()
             return self._store.state()
 
     @contextmanager
     def once(self, request: str) -> Iterator[bool]:
-        """Whether a request was not carried out yet, by its id; what is changed in the block is noted under it."""
+        """Whether a request was not applied yet, by its id; changes of the block are recorded under it."""
         with self._changing, self._store.once(request) as is_new:
             yield is_new
 
@@ -162,17 +162,17 @@ class Session:
         self._edit(revision, subject, lambda track: edits.look(track, at, target, point_px), at, seen=at)
 
     def mark_range(self, revision: int, subject: str, first: int, last: int, target: str | None) -> None:
-        """The subject looks at a target from one position to another; None takes the labels away."""
+        """The subject looks at a target from one position to another; None removes the labels."""
         self._edit(revision, subject, lambda _: edits.mark_range(first, last, target), first)
 
     def accept(self, revision: int, subject: str, attention: float) -> None:
-        """Take over suggestions where the attention is at least this, as suggestions, where nothing is labelled."""
+        """Use suggestions with at least this attention for unlabelled frames; they stay suggestions."""
         wanted = [found[0] if found and found[1] >= attention else None for found in self._suggestions(subject) or ()]
         if wanted:
             self._edit(revision, subject, lambda track: edits.accept(track, wanted, self._store.seen(subject)), 0)
 
     def confirm(self, revision: int, subject: str, at: int) -> None:
-        """Agree with the suggestion at a position."""
+        """Confirm the suggestion at a position."""
         self._edit(revision, subject, lambda track: edits.confirm(track, at), at)
 
     def annotate(self, revision: int, subject: str, at: int, note: str) -> None:
@@ -185,18 +185,18 @@ class Session:
             self._store.undo(revision)
 
     def redo(self, revision: int) -> None:
-        """Make it again."""
+        """Apply the last undone change again."""
         with self._changing:
             self._store.redo(revision)
 
     def drawn(self) -> dict[str, Any]:
-        """What is drawn, as JSON; as it is in the file, if that was changed elsewhere."""
+        """The drawn shapes as JSON, read again if another program has changed the file."""
         with self._changing:
             self._drawing.refresh()
             return self._drawing.state()
 
     def draw(self, draw: Draw) -> None:
-        """Draw on the image, or take that back."""
+        """Apply a drawing action, or take one back."""
         with self._changing:
             self._drawing.make(draw)
 
@@ -214,11 +214,11 @@ class Session:
             self._drawing.set_names(self.manifest.targets)
 
     def change_target(self, name: str, *, new_name: str, key: str | None, colour: str) -> None:
-        """Give a target another name, in the labels of all annotators, too, or another key or colour."""
+        """Give a target another name, also in the labels of all annotators, or another key or colour."""
         self._change(TargetChange(name=name, new_name=new_name, labels_to=new_name, key=key, colour=colour))
 
     def delete_target(self, name: str, to: str | None) -> None:
-        """Take a target out of the manifest; the labels that have it, of all annotators, become ``to``."""
+        """Delete a target from the manifest; labels of all annotators that have it become ``to``."""
         self._change(TargetChange(name=name, labels_to=to))
 
     def _change(self, change: TargetChange) -> None:
@@ -246,17 +246,17 @@ class Session:
         region: pictures.RegionPx | None = None,
         width: int | None = None,
     ) -> bytes | None:
-        """A region of a view, or all of it, as JPEG of at most this width; None for a head where there is none."""
+        """A region of a view, or all of it, as JPEG of at most this width; None for an unknown head."""
         with self._reading:
             return self._picture(view, self._store.check_position(at), subject, region, width)
 
     def digest(self) -> str:
-        """The digest of the files of labels and names as they are now."""
+        """The digest of the present files of labels and names."""
         files = (("labels", self.path), ("manifest", self.manifest.path))
         return digest_files(each for each in files if each[1].is_file())
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         self._store.close()
         self._drawing.close()
         self.speech.close()
@@ -284,13 +284,13 @@ class Session:
 
     @property
     def _left_over(self) -> list[str]:
-        """Targets of labels that the manifest does not have (any more)."""
+        """Targets of labels that are not in the manifest (any more)."""
         known = {*self.manifest.targets, *self.manifest.subjects, *RESERVED}
         return [name for name in self._store.names() if name not in known]
 
     @cached_property
     def _times_s(self) -> list[float]:
-        """Of each frame, from the first on."""
+        """Time of each frame, seconds since the first one."""
         return [round((each - self._timeline.times_ns[0]) / 1e9, 4) for each in self._timeline.times_ns]
 
     @cached_property
@@ -304,7 +304,7 @@ class Session:
         self._scene.cache_clear()
 
     def _suggestions(self, subject: str) -> list[tuple[str, float] | None] | None:
-        """Name and attention for each frame; None where there is nothing to suggest, or nothing may be shown."""
+        """Name and attention for each frame; None if there are none, or they may not be shown."""
         if self._predictions is None or self._blind:
             return None
         known = {*self._store.names()} - {subject}
@@ -336,6 +336,6 @@ class Session:
 
 def _check_choices(run: Path | None, configuration: str | None, blind: bool, uncertain_first: bool) -> None:
     if run is None and (configuration is not None or uncertain_first):
-        raise VfoaError("--config and --uncertain-first need --run: they speak of a run's predictions")
+        raise VfoaError("--config and --uncertain-first need --run: they refer to a run's predictions")
     if blind and uncertain_first:
         raise VfoaError("--blind shows nothing of the run's predictions, and --uncertain-first orders by them")

@@ -19,7 +19,7 @@ _MOST_BINS = 20_000
 
 
 class Sound:
-    """The sound of a clip's first video that has some; decoded when it is first asked for."""
+    """The sound of a clip's first video that has any; decoded when it is first requested."""
 
     def __init__(self, clip: AnyClip) -> None:
         self._files = clip.sound_files if isinstance(clip, SoundClip) else ()
@@ -28,14 +28,14 @@ class Sound:
         self._about: dict[str, Any] | None = None
 
     def about(self) -> dict[str, Any] | None:
-        """Its length, and its loudness (0 to 100) per ``bin_s``, as JSON; None for a clip without sound."""
+        """Its duration, and its loudness (0 to 100) per ``bin_s``, as JSON; None for a clip without sound."""
         with self._lock:
             if not self._is_decoded:
                 self._decode()
             return self._about
 
     def wav(self) -> Path | None:
-        """The file; None for a clip without sound."""
+        """The WAV file; None for a clip without sound."""
         if self.about() is None or self._folder is None:
             return None
         return Path(self._folder.name) / "sound.wav"

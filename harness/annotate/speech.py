@@ -1,4 +1,4 @@
-"""Who speaks when, on the labelling page: shown from the file, and opened for changes at the first one."""
+"""Speaking turns on the labelling page: shown from the file, and opened for changes at the first change."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Speech:
             return self._state()
 
     def mark(self, request: str, subject: str, first: int, last: int, *, speaks: bool) -> dict[str, Any]:
-        """A subject speaks, or is silent, from one position to another; the state after that.
+        """A subject speaks, or is silent, from one position to another; returns the new state.
 
         Raises
         ------
@@ -44,7 +44,7 @@ class Speech:
             return self._state()
 
     def undo(self, request: str) -> dict[str, Any]:
-        """Take the last change of this page back; the state after that."""
+        """Undo the last change of this page; returns the new state."""
         with self._changing:
             store = self._open()
             with store.once(request) as is_new:
@@ -54,7 +54,7 @@ class Speech:
             return self._state()
 
     def close(self) -> None:
-        """Let go of the files."""
+        """Close the files."""
         if self._store is not None:
             self._store.close()
 

@@ -1,8 +1,8 @@
-"""The labels of one clip while they are being made: checked, never lost, never half-written, never overwritten unseen.
+"""The labels of one clip while they are edited: checked, never lost, never half-written, never overwritten unseen.
 
-Every change goes to the journal first, then the CSV is written anew. A change names the revision it was made on; one
-that was made on an older state is refused. The journal knows more than the CSV (what to undo, how far labels are
-carried), and is believed at the start if the CSV is what it led to; a CSV that was changed elsewhere wins.
+Every change goes to the journal first, then the CSV is rewritten. A change names its revision; one on an older revision
+is refused. The journal knows more than the CSV (the undo list, how far labels are carried on). It is used at the start
+if the CSV is its result; a CSV that was changed by another program wins.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from harness.labels.timeline import Timeline
 from vfoa.errors import VfoaError, did_you_mean
 
 LONGEST_PAUSE_S = 30.0
-"""A longer silence between two changes is a break, not work: the rest does not count for the time that is left."""
+"""A longer time between two changes is a break: the rest does not count as working time."""
 MEANINGFUL_S, MEANINGFUL_SHARE = 60.0, 0.05
-"""The time that is left is estimated after so much work, and this share of all labels."""
+"""Working time, and share of all labels, after which the remaining time is estimated."""
 
 
 class StaleRevisionError(Exception):
-    """The change was made on an older state than the present one."""
+    """The change was made on an older revision."""
 
 
 class OutsideClipError(VfoaError):
@@ -47,9 +47,9 @@ class LabelStore:
     timeline, subjects, targets
         The clip's frames and the manifest's names. A subject may be a target, too.
     origin
-        Where the labels are while there is no CSV: those that came with the program. The first change copies them.
+        The labels to read while there is no CSV: those that came with the program. The first change copies them.
     fill_gaps
-        Write what lies between two labels as ``ignore``. Of speaking turns it is silence.
+        Write gaps between labels as ``ignore``. For speaking turns, gaps are silence.
 
     Raises
     ------
@@ -85,20 +85,20 @@ class LabelStore:
 
     @property
     def revision(self) -> int:
-        """Counts the changes; goes on after a restart."""
+        """Number of changes; it continues after a restart."""
         return self._history.revision
 
     @property
     def subjects(self) -> tuple[str, ...]:
-        """Who is labelled."""
+        """The people to label."""
         return self._history.subjects
 
     def names(self) -> tuple[str, ...]:
-        """Every name that can be looked at, ``none`` and ``ignore`` last."""
+        """Every name that can be a target, ``none`` and ``ignore`` last."""
         return (*self._targets, *self.subjects, *RESERVED)
 
     def track(self, subject: str) -> Sequence[Mark | None]:
-        """A subject's marks, one a frame."""
+        """A subject's marks, one per frame."""
         self._check_subject(subject)
         return self._history.tracks[subject]
 
@@ -108,7 +108,7 @@ class LabelStore:
         return self._history.seen[subject]
 
     def state(self) -> dict[str, Any]:
-        """All that the page shows, as JSON."""
+        """Everything that the page shows, as JSON."""
         history, parts = self._history, self._history.parts()
         labelled, total = history.labelled(parts), len(self._frames) * len(self.subjects)
         gained = labelled - self._labelled_at_start
@@ -125,7 +125,7 @@ class LabelStore:
 
     @contextmanager
     def once(self, request: str) -> Iterator[bool]:
-        """Whether no change was made under this id; those of the block are noted under it. Empty: not asked."""
+        """Whether no change was made under this id; changes of the block are recorded under it. "": always true."""
         self._request = request
         try:
             yield request not in self._requests
@@ -133,12 +133,12 @@ class LabelStore:
             self._request = ""
 
     def put(self, revision: int, subject: str, new: Sequence[Stretch], *, seen: int | None = None) -> None:
-        """Mark stretches of a subject's frames, which must follow each other without a gap.
+        """Set stretches of a subject's marks, which must follow each other without a gap.
 
         Parameters
         ----------
         revision
-            The state on which the change was made.
+            The revision on which the change was made.
         seen
             The position of the last frame that the person has seen for this.
 
@@ -163,13 +163,13 @@ class LabelStore:
             self._commit({"undo": True})
 
     def redo(self, revision: int) -> None:
-        """Make the change that was taken back last again."""
+        """Apply the last undone change again."""
         self.check_revision(revision)
         if self._history.undone:
             self._commit({"redo": True})
 
     def see(self, subject: str, at: int) -> None:
-        """Note that the person has seen a subject's frames up to a position: no revision, so it disturbs no tab."""
+        """Note that the person has seen a subject's frames up to a position. It is no revision and disturbs no tab."""
         self._check_subject(subject)
         self.check_position(at)
         self.refresh()
@@ -177,36 +177,36 @@ class LabelStore:
             self._commit({"seen": [subject, at]})
 
     def check_revision(self, revision: int) -> None:
-        """Refuse what was made on an older state (:class:`StaleRevisionError`)."""
+        """Reject a change on an older revision (:class:`StaleRevisionError`)."""
         self.refresh()
         if revision != self.revision:
             raise StaleRevisionError
 
     def refresh(self) -> None:
-        """Begin anew from the CSV if it was changed by something else; write it again if it was deleted."""
+        """Read the CSV again if another program has changed it; write it again if it was deleted."""
         found = self._file_digest()
-        if found is None and self._digest is not None:  # deleted; the labels are those of whoever has the page open
+        if found is None and self._digest is not None:  # deleted; the labels of the open page are kept
             self._write(anew=True)
         elif found != self._digest:
             self._take_over(self._read())
 
     def check_position(self, at: int) -> int:
-        """The position, if the clip has it (:class:`OutsideClipError`)."""
+        """Return the position if the clip has it; else raise :class:`OutsideClipError`."""
         if not 0 <= at < len(self._frames):
             raise OutsideClipError(f"position {at} is outside the clip; expected 0 to {len(self._frames) - 1}")
         return at
 
     def add_target(self, name: str) -> None:
-        """Allow another name."""
+        """Allow another name as target."""
         if name not in self._targets:
             self._targets.append(name)
 
     def uses(self, target: str) -> int:
-        """How many (frame, subject) pairs have this target, suggestions and what is only carried included."""
+        """Number of (frame, subject) pairs with this target, including suggestions and marks carried on."""
         return sum(mark is not None and mark.target == target for name in self.subjects for mark in self.track(name))
 
     def check_reassignment(self, target: str, to: str) -> None:
-        """Refuse another name for all labels of a target where somebody would look at themselves."""
+        """Reject a new target for all labels of a target if somebody would look at themselves."""
         if to not in self.names() or to == target:
             raise VfoaError(
                 f"unknown target {to!r}; {did_you_mean(to, [each for each in self.names() if each != target])}"
@@ -215,18 +215,18 @@ class LabelStore:
             raise VfoaError(f"{to!r} looks at {target!r} and would look at {to!r}; expected another target, or none")
 
     def rename_target(self, old: str, new: str) -> None:
-        """Another name for a target, in every label and all that can be undone."""
+        """Rename a target in every label and in everything that can be undone."""
         renamed = [new if each == old else each for each in self._targets]
         self._commit({"rename": [old, new]})
         self._targets = [each for each in dict.fromkeys(renamed) if each not in {*self.subjects, *RESERVED}]
 
     def delete_target(self, name: str) -> None:
-        """Allow a name no longer, which no label has. What was done before cannot be undone any more."""
+        """Remove a name that no label has. Earlier changes cannot be undone any more."""
         self._commit({"forget": name})
         self._targets = [each for each in self._targets if each != name]
 
     def close(self) -> None:
-        """Let go of the journal."""
+        """Close the journal."""
         self._journal.close()
 
     def _check_subject(self, subject: str) -> None:
@@ -257,7 +257,7 @@ class LabelStore:
         self._history.apply(entry)
         try:
             self._write()
-        except VfoaError:  # what is not in the CSV is not shown, and not made by a restart
+        except VfoaError:  # a change that is not in the CSV is not shown, and not repeated by a restart
             self._history = before
             self._journal.take_back(place)
             raise
@@ -292,12 +292,12 @@ class LabelStore:
 
     @contextmanager
     def _as_stored(self, line: int) -> Iterator[None]:
-        """Whatever is wrong with a line of the journal is one line."""
+        """Report any error in a line of the journal in one line."""
         try:
             yield
         except (LookupError, TypeError, ValueError, AttributeError) as error:
             raise VfoaError(
-                f"{self._journal.path}:{line}: no change of labels: {error!r}; move the journal away to go on"
+                f"{self._journal.path}:{line}: not a change of labels: {error!r}; move the journal away to continue"
             ) from None
 
     def _take_over(self, labels: Labels) -> None:

@@ -13,9 +13,9 @@ from harness.run.records import FrameRecord, SubjectRecord
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Prediction:
-    """What a run says a subject looks at: a name, and the attention to it in [0, 1] (0 for ``none``).
+    """A run's prediction for a subject: a name, and the attention to it in [0, 1] (0 for ``none``).
 
-    ``margin`` is how far that is ahead of the next thing's attention: small where the run was unsure.
+    ``margin`` is the difference to the next target's attention: small if the run was uncertain.
     """
 
     target: str
@@ -24,9 +24,9 @@ class Prediction:
 
 
 class Predictions:
-    """A run's records of one clip under one configuration, as suggestions to whoever labels it.
+    """A run's records of one clip under one configuration, as suggestions for labelling.
 
-    Raises what :func:`~harness.run.clip_records.read_clip_records` raises.
+    Raises the errors of :func:`~harness.run.clip_records.read_clip_records`.
     """
 
     def __init__(self, run: Path, clip: str, configuration: str | None) -> None:
@@ -34,13 +34,13 @@ class Predictions:
         self.configuration, self.records = found.configuration, found.by_frame
 
     def predict(self, frame: int, subject: str) -> Prediction | None:
-        """What was predicted; None where the run has no such frame or subject, or could compute nothing."""
+        """The prediction; None if the run has no such frame or subject, or could compute nothing."""
         record = self.records.get(frame)
         found = next((each for each in record.subjects if each.name == subject), None) if record else None
         return None if record is None or found is None or found.missing else _prediction(record, found)
 
     def order(self, frames: Sequence[int], subject: str) -> list[int]:
-        """Positions of the frames, those in which the run was least sure first; no prediction is least sure of all."""
+        """Positions of the frames, the most uncertain first; frames without a prediction come before all others."""
         margins = [prediction.margin if (prediction := self.predict(n, subject)) else -1.0 for n in frames]
         return sorted(range(len(frames)), key=lambda position: (margins[position], position))
 

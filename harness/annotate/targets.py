@@ -1,6 +1,6 @@
-"""Targets in the clip's manifest: new, renamed, with another key or colour, deleted. Comments and order stay.
+"""Edit targets in the clip's manifest: add, rename, change key or colour, delete. Comments and order are kept.
 
-The first change writes down every name's key and colour, so that none moves from then on.
+The first change writes every name's key and colour, so that they stay the same from then on.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def add_target(path: Path, name: str, rule: NameRule) -> None:
     """
     document, manifest = _open(path)
     if name in manifest.targets:
-        raise VfoaError(f"{path}: targets.{name}: there already; expected a new name")
+        raise VfoaError(f"{path}: targets.{name}: exists already; expected a new name")
     if "targets" not in document:
         document["targets"] = tomlkit.table(is_super_table=True)
     targets: Any = document["targets"]
@@ -64,13 +64,13 @@ def change_target(path: Path, name: str, *, new_name: str, key: str | None, colo
         if is_subject:
             raise VfoaError(f"{path}: subjects.{name}: only targets are renamed here")
         if new_name in {*manifest.targets, *manifest.subjects}:
-            raise VfoaError(f"{path}: targets.{new_name}: there already; expected a new name")
+            raise VfoaError(f"{path}: targets.{new_name}: exists already; expected a new name")
         _rename(table, name, new_name)
     _save(path, document)
 
 
 def delete_target(path: Path, name: str) -> None:
-    """Take a target out of the manifest.
+    """Delete a target from the manifest.
 
     Raises
     ------
@@ -106,11 +106,11 @@ def _save(path: Path, document: tomlkit.TOMLDocument) -> None:
 
 
 def _parse(path: Path, document: tomlkit.TOMLDocument) -> None:
-    """Refuse what would be no manifest, and a text that does not say what was meant."""
+    """Reject a text that is no manifest, or that does not express the intended change."""
     plain = parse_toml(tomlkit.dumps(document), path)
     parse(ClipManifest, plain, str(path))
     if plain != document.unwrap():
-        raise VfoaError(f"{path}: the targets cannot be changed where they stand; edit the file by hand")
+        raise VfoaError(f"{path}: the targets cannot be changed automatically; edit the file by hand")
 
 
 def _targets(path: Path, document: tomlkit.TOMLDocument, name: str) -> Any:
@@ -127,9 +127,9 @@ def _table(rule: NameRule) -> Any:
 
 
 def _rename(targets: Any, name: str, new_name: str) -> None:
-    """Another name in the same place. Tables that are parted by others are several containers."""
+    """Rename a key in place. Tables that are separated by others are several containers."""
     for each in getattr(targets, "_tables", [targets]):
         if name in each:
             item = each.value.item(name)
-            item.display_name = None  # the header as it was written
+            item.display_name = None  # keep the header as it was written
             each.value._replace(name, new_name, item)

@@ -1,1 +1,1 @@
-"""Clips: manifests, the names in them, where they stand, and how one is added and checked."""
+"""Clips: manifests, the names in them, their locations, and how a clip is added and checked."""

@@ -1,4 +1,4 @@
-"""A path becomes a clip: what it is, its manifest, and an annotation file to start from."""
+"""Adding a clip: recognise a path, write its manifest, and an annotation file to start from."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ _WHO = """
 """
 
 Names = Mapping[str, str]
-"""What the annotations call somebody or something -> its category."""
+"""A name in the annotations -> its category."""
 
 Rules = Mapping[str, Mapping[str, Any]]
-"""What the annotations call somebody or something -> its rule in the manifest."""
+"""A name in the annotations -> its rule in the manifest."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Added:
-    """What was found at a path, and the two files written. ``rig`` is None for a clip without images."""
+    """The source found at a path, and the two files written. ``rig`` is None for a clip without images."""
 
     name: str
     adapter: str
@@ -74,21 +74,21 @@ def add_clip(
     path
         Any path that a registered adapter recognises.
     name
-        What to call the clip; a word made of the path if not given.
+        The clip's name; by default made from the path.
     adapter
-        The adapter that is to read it, where several can.
+        The adapter to use, if several can read the path.
     source
-        Settings of the adapter: they choose where the path can be read in several ways, and add to what was seen.
+        Settings of the adapter: they choose among several ways to read the path, and override what was found.
     subjects, targets
-        Who and what is in the clip; a clip of measurements names them itself. Each subject starts with one label,
+        The people and objects in the clip; a clip of measurements names them itself. Each subject gets one label,
         ``ignore``, for all frames.
 
     Raises
     ------
     VfoaError
-        If nothing or several readings fit (the message lists them and the option that decides), no calibration was
-        found or given, the first pair cannot be read, a clip of this name is there, or a file cannot be written.
-        Nothing is left behind then.
+        If no or several readings fit (the message lists them and the option that decides), no calibration was
+        found or given, the first pair cannot be read, a clip of this name exists, or a file cannot be written.
+        No file is left behind then.
     """
     path = Path(os.path.abspath(os.path.expanduser(path)))  # without .., but with links as they are named
     chosen, found = recognise(path, adapter, source or {})
@@ -99,7 +99,7 @@ def add_clip(
     clip, first = _open(path, manifest)
     if isinstance(clip, MeasuredClip):
         if subjects or targets:
-            raise VfoaError(f"{path}: --subject, --target: the measurements name everyone and everything themselves")
+            raise VfoaError(f"{path}: --subject, --target: expected none: the measurements name all people and objects")
         text = _manifest_text(name, chosen, found, *_of_source(clip))
         manifest = make_manifest(parse_toml(text, manifest_path), manifest_path)
     added = Added(
@@ -129,15 +129,15 @@ def add_clip(
 
 
 def _free_paths(name: str) -> tuple[Path, Path]:
-    """Where the two files go, after nothing of that name was found."""
+    """Return the paths of the two files, after checking that no clip of that name exists."""
     for taken in (find("datasets", name), find("annotations", name)):
         if taken is not None and not _is_left_over(taken):
-            raise VfoaError(f"{taken}: there is a clip of this name; expected another one: --name NAME")
+            raise VfoaError(f"{taken}: a clip of this name exists; expected another name: --name NAME")
     return Path.cwd() / "datasets" / f"{name}.toml", Path.cwd() / "annotations" / f"{name}.csv"
 
 
 def _is_left_over(path: Path) -> bool:
-    """Whether labels are what an adding wrote that was killed before the manifest: nobody has labelled anything."""
+    """Whether labels are left, unedited, from adding a clip that was killed before its manifest was written."""
     if path.suffix != ".csv":
         return False
     version, _, *rows = [*read_text(path).splitlines(), "", ""]
@@ -145,7 +145,7 @@ def _is_left_over(path: Path) -> bool:
 
 
 def _from_left(names: Names) -> Rules:
-    """A rule for each name; several of one category are told apart by their order from the left."""
+    """A rule for each name; several of one category are distinguished by their order from the left."""
     categories = list(names.values())
     rules: dict[str, dict[str, Any]] = {}
     for position, (name, category) in enumerate(names.items()):
@@ -156,7 +156,7 @@ def _from_left(names: Names) -> Rules:
 
 
 def _of_source(clip: MeasuredClip) -> tuple[Rules, Rules]:
-    """The rules of the people and of the objects whom a measured clip names itself."""
+    """The rules of the people and of the objects that a measured clip names itself."""
     subjects, targets = (
         {name: {"category": clip.categories[name], "instance": number} for name, number in ids.items()}
         for ids in (clip.people, clip.objects)
@@ -176,15 +176,15 @@ def _manifest_text(name: str, adapter: str, found: Recognised, subjects: Rules, 
 
 
 def _portable(root: Path) -> str:
-    """The root by ``${VFOA_DATA}`` where it stands below that, else absolute."""
+    """The root by ``${VFOA_DATA}`` if it is below that, else absolute."""
     base = Path(os.path.normpath(os.path.expanduser(os.environ.get("VFOA_DATA", ""))))
-    if not base.is_absolute() or not root.is_relative_to(base):  # a relative one counts from the manifest
+    if not base.is_absolute() or not root.is_relative_to(base):  # a relative root is relative to the manifest
         return str(root)
     return "/".join(["${VFOA_DATA}", *root.relative_to(base).parts])
 
 
 def _open(path: Path, manifest: ClipManifest) -> tuple[Clip | MeasuredClip, StereoFrame | Scene]:
-    """The clip, and its first frame, which shows that it can be read."""
+    """Open the clip and read its first frame, to check that it can be read."""
     try:
         clip = manifest.open()
         if not clip.frames:
@@ -199,7 +199,7 @@ def _open(path: Path, manifest: ClipManifest) -> tuple[Clip | MeasuredClip, Ster
 
 
 def _first_labels(manifest: ClipManifest, clip: Clip | MeasuredClip) -> Labels:
-    """Every subject unscored in all frames: a row to split, and nothing that looks like a judgement."""
+    """Label every subject as unscored in all frames: a row to split that cannot be taken for a judgement."""
     todo = Label(target=IGNORED, note=UNLABELLED)
     first, last = clip.frames[0], clip.frames[-1]
     return Labels(

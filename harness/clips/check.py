@@ -1,4 +1,4 @@
-"""Lists clips and checks whether each can be used: files, calibration, rectification, labels."""
+"""List clips and check whether each can be used: files, calibration, rectification, labels."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from vfoa.types import StereoFrame
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipRow:
-    """One clip of the list. ``frames`` is None where it cannot be opened; ``problem`` says why."""
+    """One clip of the list. ``frames`` is None if it cannot be opened; ``problem`` says why."""
 
     name: str
     adapter: str | None = None
@@ -40,9 +40,9 @@ class ClipCheck:
     """The result of checking one clip; it can be used if there are no ``problems``.
 
     ``labels`` counts (frame, subject) pairs whose label is scored, None without an annotation file.
-    ``vertical_error_px`` is the median row difference of matched points, None where too few were found. Without right
-    images there are no ``baseline_m`` and no ``matches``. ``notes`` are what a user must know: what the source lost,
-    what could not be measured, how much depth a sensor measured.
+    ``vertical_error_px`` is the median row difference of matched points, None with too few of them. Without right
+    images there are no ``baseline_m`` and no ``matches``. ``notes`` are further facts for the user: losses of the
+    source, checks that were not possible, how much depth a sensor measured.
     """
 
     name: str
@@ -58,16 +58,16 @@ class ClipCheck:
 
 
 def list_clips() -> list[ClipRow]:
-    """Every clip that can be found, by name."""
+    """Return every clip that can be found, by name."""
     return [_row(name, path) for name, path in names("datasets").items()]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AtHand:
-    """The clips of the working directory, or of the package where there are none, whose data can be looked for.
+    """The clips of the working directory, or of the package if there are none, whose data can be checked.
 
-    ``elsewhere``: by environment variable, those whose root needs one that is not set. ``packaged``: those that came
-    with the package and are left out, because the working directory has clips of its own.
+    ``elsewhere``: by environment variable, clips whose root needs one that is not set. ``packaged``: clips of the
+    package that are left out, because the working directory has clips of its own.
     """
 
     clips: tuple[str, ...]
@@ -76,7 +76,7 @@ class AtHand:
 
 
 def clips_at_hand() -> AtHand:
-    """What ``vfoa clips check`` is about where no clip is named; a manifest that cannot be read is at hand."""
+    """Return the clips that ``vfoa clips check`` checks by default; a manifest that cannot be read is included."""
     found = names("datasets")
     own = {name: path for name, path in found.items() if path.parent == folders("datasets")[0]}
     here: list[str] = []
@@ -97,7 +97,7 @@ def clips_at_hand() -> AtHand:
 def check_clip(name_or_path: str) -> ClipCheck:
     """Open a clip, decode its first, middle and last frame, and check calibration, rectification and labels.
 
-    Of a clip of measurements, every frame, that its names are there and that its places are in metres.
+    For a clip of measurements: check every frame, that its names exist and that its positions are in metres.
     """
     name = Path(name_or_path).stem if name_or_path.endswith(".toml") else name_or_path
     try:
@@ -152,7 +152,7 @@ def check_clip(name_or_path: str) -> ClipCheck:
 
 
 def _drawn_problems(manifest: ClipManifest, clip: Clip) -> tuple[str, ...]:
-    """The first mistake in what is drawn on the clip."""
+    """The first error in the shapes drawn on the clip."""
     try:
         manifest.drawn(clip.frames)
     except VfoaError as error:
@@ -189,7 +189,7 @@ def _open(manifest: ClipManifest) -> tuple[Clip | MeasuredClip | None, str | Non
 def _labels(manifest: ClipManifest, clip: Clip | MeasuredClip | None) -> tuple[int | None, tuple[str, ...]]:
     """Number of (frame, subject) pairs with a label that is scored, and problems.
 
-    Where the clip cannot be opened, the rows' own lengths count.
+    If the clip cannot be opened, the rows' own lengths count.
     """
     try:
         labels = manifest.labels(None if clip is None else timeline_of(clip))
@@ -204,7 +204,7 @@ def _labels(manifest: ClipManifest, clip: Clip | MeasuredClip | None) -> tuple[i
 
 
 def _sample(clip: Clip) -> list[StereoFrame]:
-    """The first, middle and last frame, each once; reading the truth shows that it can be read."""
+    """The first, middle and last frame, each once; reading the ground truth checks that it can be read."""
     if not clip.frames:
         raise VfoaError("the clip has no frames")
     numbers = first_middle_last(clip.frames)

@@ -9,23 +9,23 @@ import numpy as np
 from vfoa.types import Float, StereoFrame
 
 MAX_VERTICAL_ERROR_PX = 1.5
-"""Median row difference of matched points above which block matching along rows stops working."""
+"""Median row difference of matched points above which block matching along rows fails."""
 
 MIN_MATCHES = 30
-"""Fewer matches say nothing about rectification."""
+"""Fewer matches do not allow a check of rectification."""
 
 MIN_DEPTH_M, MAX_DEPTH_M = 0.05, 200.0
-"""A median measured depth outside of this is most likely in another unit."""
+"""A median measured depth outside of this range is probably in another unit."""
 
 MIN_BASELINE_M, MAX_BASELINE_M = 0.02, 1.0
-"""Cameras that watch people stand so far apart; other baselines mostly have another unit."""
+"""Usual baselines of cameras that watch people; others are probably in another unit."""
 
 DARK = 16
-"""The brightest value of 12 bits of which the upper 8 of 16 are read is 15."""
+"""Greatest brightness of 12-bit values in 16-bit files, of which only the upper 8 bits are read: 15."""
 
 
 def calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> list[str]:
-    """Each once, with the frames that have it. ``says_unit``: the manifest says the unit of the baseline itself."""
+    """Return each problem once, with its frames. ``says_unit``: the manifest gives the unit of the baseline itself."""
     problems: dict[str, list[int]] = {}
     for frame in frames:
         rig = frame.rig
@@ -41,7 +41,7 @@ def calibration_problems(frames: Sequence[StereoFrame], *, says_unit: bool) -> l
 
 
 def baseline_question(baseline_m: float) -> str:
-    """What to ask of a baseline that people's cameras do not have."""
+    """A question about a baseline that is unusual for cameras that watch people."""
     guess = "" if baseline_m < MIN_BASELINE_M else " (millimetres? squares of the calibration board?)"
     return (
         f"the baseline is {baseline_m:.4g} m; expected {MIN_BASELINE_M:g} to {MAX_BASELINE_M:g} m{guess}: say "
@@ -51,7 +51,7 @@ def baseline_question(baseline_m: float) -> str:
 
 
 def image_problems(frames: Sequence[StereoFrame]) -> list[str]:
-    """Images that decode and cannot be right: the same on both sides, or nearly black."""
+    """Images that decode but cannot be right: the same on both sides, or nearly black."""
     same = [str(frame.index) for frame in frames if frame.right is not None and np.array_equal(frame.left, frame.right)]
     problems = [f"frame {', '.join(same)}: left and right are the same image; expected two views"] if same else []
     brightest = max(int(image.max()) for frame in frames for image in (frame.left, frame.right) if image is not None)
@@ -64,7 +64,7 @@ def image_problems(frames: Sequence[StereoFrame]) -> list[str]:
 
 
 def rectification_problems(error_px: float | None) -> list[str]:
-    """Rows that do not fit; ``error_px`` is the median row difference of matched points."""
+    """Rows that do not match; ``error_px`` is the median row difference of matched points."""
     if error_px is None or error_px <= MAX_VERTICAL_ERROR_PX:
         return []
     return [
@@ -74,7 +74,7 @@ def rectification_problems(error_px: float | None) -> list[str]:
 
 
 def order_problems(frames: Sequence[StereoFrame], offsets: Sequence[Float]) -> list[str]:
-    """Points before the cameras lie further right in the left image, but for the principal points' own distance."""
+    """Negative disparities: points in front of the cameras must be further right in the left image."""
     shifts = [
         columns + frame.rig.cx_right_px - frame.rig.cx_px
         for frame, (columns, _) in zip(frames, (each.T for each in offsets), strict=True)
@@ -89,7 +89,7 @@ def order_problems(frames: Sequence[StereoFrame], offsets: Sequence[Float]) -> l
 
 
 def depth_notes(frames: Sequence[StereoFrame]) -> list[str]:
-    """How much of the image has measured depth, and how far it reaches."""
+    """Share of the image with measured depth, and its range."""
     depths = [frame.depth_m for frame in frames if frame.depth_m is not None]
     known = np.concatenate([depth[np.isfinite(depth)] for depth in depths]) if depths else np.zeros(0)
     if known.size == 0:
@@ -103,7 +103,7 @@ def depth_notes(frames: Sequence[StereoFrame]) -> list[str]:
 
 
 def depth_problems(frames: Sequence[StereoFrame]) -> list[str]:
-    """Measured maps without a value, or with values that mean another unit."""
+    """Measured maps without a value, or with values that suggest another unit."""
     measured = [(frame.index, frame.depth_m) for frame in frames if frame.depth_m is not None]
     empty = [str(index) for index, depth in measured if not np.isfinite(depth).any()]
     medians = [float(np.nanmedian(depth)) for _, depth in measured if np.isfinite(depth).any()]
@@ -111,13 +111,15 @@ def depth_problems(frames: Sequence[StereoFrame]) -> list[str]:
     if medians and not MIN_DEPTH_M <= np.median(medians) <= MAX_DEPTH_M:
         problems.append(
             f"the median measured depth is {np.median(medians):.3g} m; expected {MIN_DEPTH_M:g} to {MAX_DEPTH_M:g} m "
-            "(another unit? depth_scale in [source] says how many counts are a metre)"
+            "(another unit? depth_scale in [source] is the number of counts per metre)"
         )
     return problems
 
 
 def unmeasured(matches: int | None) -> list[str]:
-    """Where too few points were matched to measure rectification."""
+    """A note if too few points were matched to check rectification."""
     if matches is None or matches >= MIN_MATCHES:
         return []
-    return [f"{matches} points were matched between left and right; rectification is measured from {MIN_MATCHES} on"]
+    return [
+        f"{matches} points were matched between left and right; rectification is checked from {MIN_MATCHES} points on"
+    ]

@@ -1,4 +1,4 @@
-"""The one measured conversation of idiap/vfoa, fetched file by file from its repository at one commit."""
+"""The measured conversation of idiap/vfoa, downloaded file by file from its repository at one commit."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def fetch_idiap_file(
     home: str = HOME,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> Path:
-    """Download one file into ``root``; one that is there with the right checksum is not downloaded again.
+    """Download one file into ``root``; an existing one with the right checksum is not downloaded again.
 
     Raises
     ------

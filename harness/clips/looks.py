@@ -1,4 +1,4 @@
-"""The key and the colour of each name on the labelling page: they are the name's for good."""
+"""The key and the colour of each name on the labelling page. A name keeps them."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ COLOURS = tuple(f"{hue} {pattern}" for hue, pattern in product(HUES, PATTERNS))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Look:
-    """A key of :data:`KEYS`, None where all are taken, and a colour of :data:`COLOURS`."""
+    """A key of :data:`KEYS`, None if all are taken, and a colour of :data:`COLOURS`."""
 
     key: str | None
     colour: str
 
 
 def looks(rules: Mapping[str, NameRule]) -> dict[str, Look]:
-    """The key and colour of every name.
+    """Return the key and colour of every name.
 
-    Names without a key or colour in the manifest get those of their place, or the next ones that are free.
+    Names without a key or colour in the manifest get those of their place, or the next free ones.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def _fill(
     of_place: Callable[[int], str | None],
     choices: Iterable[str],
 ) -> dict[str, str | None]:
-    """What is given, else the place's own, else the first free choice; None where nothing is free."""
+    """The given value, else the place's own, else the first free choice; None if nothing is free."""
     found = dict(given)
     for place, name in places.items():
         own = of_place(place)
@@ -60,7 +60,7 @@ def _key_of_place(place: int) -> str | None:
 
 
 def _colour_of_place(place: int) -> str:
-    """Twenty names in a row look different, by colour and by pattern."""
+    """Colour of a place; twenty names in a row differ by colour and by pattern."""
     return f"{HUES[place % len(HUES)]} {PATTERNS[(place + place // 20) % len(PATTERNS)]}"
 
 

@@ -25,12 +25,12 @@ from vfoa.validation import parse
 
 
 class ClipManifest(Settings):
-    """One clip: where its frames come from, who and what is in it, and under which terms.
+    """One clip: the source of its frames, the people and objects in it, and its licence.
 
-    ``source`` holds the adapter's own settings, ``notes`` what a reader of the tables must know.
+    ``source`` holds the adapter's own settings, ``notes`` are for readers of the tables.
     """
 
-    # two underscores part a clip from a configuration in the names of a run's files
+    # two underscores separate clip and configuration in the names of a run's files
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9.-]*(_[A-Za-z0-9.-]+)*$")
     adapter: str
     root: str | None = None
@@ -74,11 +74,11 @@ class ClipManifest(Settings):
 
     @property
     def path(self) -> Path:
-        """The file it was read from."""
+        """The file that it was read from."""
         return self._path
 
     def naming(self) -> dict[str, Any]:
-        """The subjects and targets as JSON, with all that decides who and what bears a name."""
+        """The subjects and targets as JSON, with everything that decides which person or object gets a name."""
         kinds = ("subjects", "targets")
         return self.model_dump(
             mode="json", include={*kinds}, exclude={kind: {"__all__": {"key", "colour"}} for kind in kinds}
@@ -90,11 +90,11 @@ class ClipManifest(Settings):
         return AnnotationFiles(clip=self.name, manifest=self._path)
 
     def resolve_root(self) -> Path | None:
-        """The root with its variables filled in, relative to the manifest; it need not exist."""
+        """Return the root with its variables filled in, relative to the manifest; it need not exist."""
         return None if self.root is None else expand(self.root, self._path.parent, f"{self._path}: root")
 
     def with_root(self, root: Path) -> ClipManifest:
-        """The same clip, whose files lie elsewhere."""
+        """Return the same clip with its files in another folder."""
         moved = self.model_copy(update={"root": str(root.absolute())})
         moved._path = self._path
         return moved
@@ -133,15 +133,15 @@ class ClipManifest(Settings):
         return clip
 
     def labels(self, timeline: Timeline | None, annotator: str | None = None) -> Labels | None:
-        """The labels that count, checked against the clip's names and, where they are known, its frames.
+        """Read the labels to score, checked against the clip's names and, if they are known, its frames.
 
-        Those of ``<clip>.csv`` (None where there is none), or those of one annotator. What is only suggested is
+        They are those of ``<clip>.csv`` (None if there is none), or those of one annotator. Suggestions become
         ``ignore``.
 
         Raises
         ------
         VfoaError
-            If the file has a mistake, or the annotator has none.
+            If the file has an error, or the annotator has none.
         """
         path = self.annotations.find() if annotator is None else self.annotations.expect(annotator)
         if path is None:
@@ -149,12 +149,12 @@ class ClipManifest(Settings):
         return self.read(path, timeline).confirmed()
 
     def drawn(self, frames: Sequence[int] | None) -> Drawn | None:
-        """What is drawn on the clip, checked against its names and, where they are known, its frames; None: nothing.
+        """Read the shapes drawn on the clip, checked against its names and, if they are known, its frames; None: none.
 
         Raises
         ------
         VfoaError
-            If the file has a mistake.
+            If the file has an error.
         """
         path = self.annotations.find_drawn()
         if path is None:
@@ -162,12 +162,12 @@ class ClipManifest(Settings):
         return read_drawn(path, frames=frames, subjects=self.subjects, targets=self.targets)
 
     def speech(self, timeline: Timeline | None) -> Labels | None:
-        """Who speaks when: ranges of the target ``speaks``; None where there is no such file.
+        """Read the speaking turns: ranges of the target ``speaks``; None if there is no such file.
 
         Raises
         ------
         VfoaError
-            If the file has a mistake.
+            If the file has an error.
         """
         path = self.annotations.find_speech()
         if path is None:
@@ -175,14 +175,14 @@ class ClipManifest(Settings):
         return read_annotations(path, timeline=timeline, subjects=self.subjects, targets=(SPEAKS,), allow_gaps=True)
 
     def read(self, path: Path, timeline: Timeline | None, *, allow_gaps: bool = False) -> Labels:
-        """Everything in one of the clip's annotation files; parameters and errors are :func:`read_annotations`'s."""
+        """Read one of the clip's annotation files; parameters and errors are those of :func:`read_annotations`."""
         return read_annotations(
             path, timeline=timeline, subjects=self.subjects, targets=self.targets, allow_gaps=allow_gaps
         )
 
 
 def as_clip_name(text: str, *, default: str) -> str:
-    """A clip's name made of any text; the default where nothing of it is left."""
+    """Make a clip's name from any text; the default if nothing of it is left."""
     return re.sub(r"[^A-Za-z0-9.-]+", "_", text).strip("._-") or default
 
 
@@ -200,7 +200,7 @@ def load_manifest(name_or_path: str | os.PathLike[str]) -> ClipManifest:
 
 
 def make_manifest(data: dict[str, Any], path: Path) -> ClipManifest:
-    """The manifest in a file's content, which need not have been written yet.
+    """Return the manifest with a file's content; the file need not exist yet.
 
     Raises
     ------
@@ -209,7 +209,7 @@ def make_manifest(data: dict[str, Any], path: Path) -> ClipManifest:
     """
     manifest = parse(ClipManifest, data, str(path))
     if manifest.name != path.stem:
-        raise VfoaError(f"{path}: name: found {manifest.name!r}; expected {path.stem!r}, as the file is called")
+        raise VfoaError(f"{path}: name: found {manifest.name!r}; expected {path.stem!r}, the name of the file")
     manifest._path = path.absolute()
     return manifest
 

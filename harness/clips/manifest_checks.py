@@ -1,4 +1,4 @@
-"""Likely slips in a manifest: categories that no model has, names that the program gives to unnamed objects."""
+"""Probable errors in a manifest: categories that no model has, names reserved for unnamed objects."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ def manifest_problems(manifest: ClipManifest) -> list[str]:
     """Names that the program gives to unnamed objects."""
     automatic = [name for name in (*manifest.subjects, *manifest.targets) if _AUTOMATIC.fullmatch(name)]
     return [
-        f"{name!r} is what an object without a name is called (label#id); expected another name" for name in automatic
+        f"{name!r} is reserved for an object without a name (label#id); expected another name" for name in automatic
     ]
 
 
 def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:
-    """Categories that are near to a word of COCO and of nothing in the clip's ground truth."""
+    """Categories that are similar to a word of COCO and occur nowhere in the clip's ground truth."""
     known = known_categories(clip)
     notes = []
     for table, rules in (("subjects", manifest.subjects), ("targets", manifest.targets)):
@@ -36,7 +36,7 @@ def manifest_notes(manifest: ClipManifest, clip: Clip) -> list[str]:
 
 
 def unknown_categories(manifest: ClipManifest) -> list[str]:
-    """One sentence of advice about all targets whose category is not COCO's."""
+    """One note about all targets whose category is not in COCO."""
     unknown = [f"{name} ({rule.category})" for name, rule in manifest.targets.items() if rule.category not in _COCO]
     if not unknown:
         return []
@@ -45,6 +45,6 @@ def unknown_categories(manifest: ClipManifest) -> list[str]:
 
 
 def known_categories(clip: Clip) -> frozenset[str]:
-    """The words of the segmentation models, which are COCO's, and those of the clip's ground truth."""
+    """The categories of the segmentation models, which are COCO's, and those of the clip's ground truth."""
     instances = clip.truth(clip.frames[0]).instances
     return _COCO | frozenset(each.label for each in instances.instances) if instances else _COCO

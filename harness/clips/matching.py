@@ -1,4 +1,4 @@
-"""Points of the left image found in the right one."""
+"""Match points of the left image in the right one."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from vfoa.types import Float, Image
 
 MATCHED_SIDE_PX = 2048
-"""Larger images are shrunk before points are sought in them: an 8K pair would take 8 GB."""
+"""Larger images are reduced before matching: an 8K pair would need 8 GB."""
 
 
 def matched_offsets_px(left: Image, right: Image) -> Float:
-    """How far apart points found in both images are, (N, 2): columns (their disparity) and rows, left minus right.
+    """Offsets of points found in both images, (N, 2): columns (their disparity) and rows, left minus right.
 
     The rows are 0 in a perfectly rectified pair. SIFT features; a match must be mutual and clearly better than the
-    second best (Lowe's ratio). Both images have one size.
+    second best (Lowe's ratio). Both images have the same size.
     """
     factor = math.ceil(max(left.shape) / MATCHED_SIDE_PX)
     detector = cv2.SIFT.create(nfeatures=2000)

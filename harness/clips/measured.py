@@ -11,11 +11,11 @@ from harness.sources import MeasuredClip
 from vfoa.errors import did_you_mean
 
 MAX_DISTANCE_M = 100.0
-"""A place further from the origin than this is most likely in millimetres."""
+"""A position further from the origin than this is probably in millimetres."""
 
 
 def measurement_problems(manifest: ClipManifest, clip: MeasuredClip) -> Iterator[str]:
-    """Names of the manifest that nobody bears, and places that cannot be in metres."""
+    """Names of the manifest that do not occur, and positions that cannot be in metres."""
     ids = {**clip.people, **clip.objects}
     kinds = {number: clip.categories[name] for name, number in ids.items()}
     for table, rules in (("subjects", manifest.subjects), ("targets", manifest.targets)):
@@ -28,7 +28,7 @@ def measurement_problems(manifest: ClipManifest, clip: MeasuredClip) -> Iterator
                 yield f"{table}.{name}: without images, expected instance, or the category alone"
     farthest_m = max((distance for number in clip.frames for distance in _distances_m(clip, number)), default=0.0)
     if farthest_m > MAX_DISTANCE_M:
-        yield f"somebody or something is {farthest_m:g} m away; expected metres (millimetres?)"
+        yield f"a person or object is {farthest_m:g} m away; expected metres (millimetres?)"
 
 
 def _distances_m(clip: MeasuredClip, number: int) -> Iterator[float]:

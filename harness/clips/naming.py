@@ -1,7 +1,7 @@
-"""From instances and tracks to the names that a manifest and the annotations use.
+"""Give the names of a manifest to instances and tracks.
 
-A rule says how to find one thing or person by what the pipeline knows: its category, and where several share that,
-its own id in the source, its place from the left, or a place in the image.
+A rule identifies one object or person by what the pipeline knows: its category and, if several share it, its own id in
+the source, its place from the left, or a place in the image.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ _COLOUR = rf"^({'|'.join(HUES)}) ({'|'.join(PATTERNS)})$"
 
 
 class NameRule(Settings):
-    """The rule of a name: an instance of ``category`` (the segmenter's word), and which one where there are several.
+    """The rule of a name: an instance of ``category`` (the segmenter's word), and which one if there are several.
 
     At most one of: ``instance``, the id it has in the source; ``from_left``, 1 for the leftmost of its category;
-    ``at_px`` (u, v), the nearest to this point; ``box_px`` (u0, v0, u1, v1), the one that overlaps this box most.
-    With none of them, a target's name is shared by all of the category, a subject's goes to one person at a time.
+    ``at_px`` (u, v), the nearest to this point; ``box_px`` (u0, v0, u1, v1), the one that overlaps this box most. With
+    none of them, a target's name is shared by all of the category, a subject's goes to one person at a time.
 
     ``key`` and ``colour`` are the name's own on the labelling page, which assigns them (:mod:`harness.clips.looks`).
     """
@@ -51,13 +51,13 @@ class NameRule(Settings):
 
     @property
     def is_shared(self) -> bool:
-        """Whether the category is all it asks for."""
+        """Whether the rule has only a category."""
         return self.instance is None and self.from_left is None and self.at_px is None and self.box_px is None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SubjectNames:
-    """State carried from frame to frame: the name of each track, and where each name was last seen (a head, px)."""
+    """State carried from frame to frame: the name of each track, and the last position of each name (a head, px)."""
 
     by_track: Mapping[int, str] = field(default_factory=dict)
     last_seen_px: Mapping[str, PointPx] = field(default_factory=dict)
@@ -85,10 +85,10 @@ def name_frame(
 
 
 def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> SubjectNames:
-    """Give names to the tracks of one frame that have none yet; a track keeps its name, unless its source knows it.
+    """Name the tracks of one frame that have no name yet; a track keeps its name, unless its source knows it.
 
-    A name whose track has ended goes to the unnamed person nearest to where it was last seen; a name that was never
-    given goes by its rule. People whose instance is not known (or not of the category) get none.
+    The name of an ended track goes to the unnamed person nearest to its last position; a name that was never given goes
+    by its rule. People whose instance is not known (or not of the category) get none.
     """
     people = _people(result)
     told = {person.own_name: person.key for person in people if person.own_name in rules}
@@ -107,7 +107,7 @@ def name_subjects(result: FrameResult, rules: Rules, memory: SubjectNames) -> Su
 
 
 def name_targets(result: FrameResult, subjects: Rules, targets: Rules, memory: SubjectNames) -> dict[int, str]:
-    """Name every instance of a frame: by the subject it is, by its own name, by the rules, or as ``label#id``."""
+    """Name every instance of a frame: by the subject it belongs to, its own name, the rules, or as ``label#id``."""
     things = [
         _Candidate(key=each.instance.id, instance_id=each.instance.id, label=each.instance.label, box_px=each.box_px)
         for each in result.scene.targets
@@ -133,10 +133,10 @@ def name_targets(result: FrameResult, subjects: Rules, targets: Rules, memory: S
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Candidate:
-    """Something that may get a name: ``key`` is its track or instance id, ``label`` None where it is not known.
+    """A person or object that may get a name: ``key`` is its track or instance id, ``label`` None if not known.
 
-    ``box_px`` is None without an image: then only the category and the source's own id can tell candidates apart.
-    ``own_name`` is the name of its instance, where the source gave one.
+    ``box_px`` is None without an image: then only the category and the source's own id can distinguish candidates.
+    ``own_name`` is the name of its instance, if the source gave one.
     """
 
     key: int
@@ -176,7 +176,7 @@ def _without(candidates: Iterable[_Candidate], named: Mapping[int, str]) -> list
 
 
 def _returning(free: Rules, memory: SubjectNames) -> dict[str, NameRule]:
-    """Rules by which names that were seen before are found again: the source's own id, else the last place."""
+    """Rules that find names seen before: by the source's own id, else by the last position."""
     return {
         name: rule if rule.instance is not None else NameRule(category=rule.category, at_px=memory.last_seen_px[name])
         for name, rule in free.items()
@@ -185,9 +185,9 @@ def _returning(free: Rules, memory: SubjectNames) -> dict[str, NameRule]:
 
 
 def _assign(rules: Rules, candidates: Iterable[_Candidate], everyone: Iterable[_Candidate]) -> dict[int, str]:
-    """Names by candidates' keys, each name and each candidate at most once, the best match first.
+    """Assign names to candidates' keys, each name and each candidate at most once, the best match first.
 
-    ``everyone`` are those among whom places from the left are counted.
+    Places from the left are counted among ``everyone``.
     """
     places = _places_from_left(everyone)
     matches = sorted(
@@ -213,7 +213,7 @@ def _places_from_left(candidates: Iterable[_Candidate]) -> dict[int, int]:
 
 
 def _match(rule: NameRule, candidate: _Candidate, place: int) -> tuple[float, ...] | None:
-    """How well a candidate fits a rule (smaller is better, sure rules before loose ones); None: not at all."""
+    """How well a candidate fits a rule (smaller is better, certain rules before loose ones); None: not at all."""
     if candidate.label != rule.category:
         return None
     if rule.instance is not None:

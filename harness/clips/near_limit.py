@@ -1,6 +1,6 @@
-"""Whether things are nearer than stereo matching searches: such pixels have no depth, and nothing else shows why.
+"""Detects objects that are nearer than stereo matching searches: they have no depth, and nothing else shows why.
 
-A coarse match of both views over more than half of the image's width finds what a matcher with ``min_depth_m`` cannot.
+A coarse match of both views over more than half of the image's width finds the objects that ``min_depth_m`` excludes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 from vfoa.types import Float, Image, StereoFrame
 
 LEAST_SHARE = 0.02
-"""Fewer matches in front of a limit are noise: at most 0.012 in 22 rendered and real frames without anything there."""
+"""Least share of matches nearer than a limit: noise reaches 0.012 in 22 rendered and real frames without near objects.
+"""
 
 Gray = NDArray[np.uint8]
 
@@ -30,14 +31,14 @@ _DEFAULT_M: float = BlockMatchingSettings().min_depth_m
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NearLimit:
-    """The share of matches nearer than a limit, and a limit that all but one in a hundred are beyond, in metres."""
+    """The share of matches nearer than a limit, and a limit in metres that 99 % of the matches are beyond."""
 
     share: float
     proposed_m: float
 
 
 def near_limit(frames: Sequence[StereoFrame], min_depth_m: float) -> NearLimit | None:
-    """What a limit cuts off, over some frames; None where that is too little to tell, or there are no right images."""
+    """Measure the matches nearer than a limit over some frames; None if they are too few, or without right images."""
     depths = [matched_depths_m(frame) for frame in frames if frame.right is not None]
     depths_m = np.concatenate(depths) if depths else np.empty(0)
     if not depths_m.size or (share := float((depths_m < min_depth_m).mean())) < LEAST_SHARE:
@@ -48,7 +49,7 @@ def near_limit(frames: Sequence[StereoFrame], min_depth_m: float) -> NearLimit |
 
 
 def near_notes(frames: Sequence[StereoFrame], min_depth_m: float = _DEFAULT_M) -> list[str]:
-    """A sentence where a limit (unsaid, the matchers' own) cuts off what is in these frames."""
+    """A note if a limit (by default the matchers' own) excludes objects in these frames."""
     found = near_limit(frames, min_depth_m)
     if found is None:
         return []
@@ -59,7 +60,7 @@ def near_notes(frames: Sequence[StereoFrame], min_depth_m: float = _DEFAULT_M) -
 
 
 def first_middle_last(frames: Sequence[int]) -> list[int]:
-    """Up to three numbers of a clip's frames, each once, by which it is judged."""
+    """Up to three of a clip's frame numbers, each once, for checks."""
     return sorted({frames[0], frames[len(frames) // 2], frames[-1]}) if frames else []
 
 
@@ -70,7 +71,7 @@ def matched_depths_m(frame: StereoFrame) -> Float:
     factor = max(1, math.ceil(frame.rig.width_px / _WIDTH_PX))
     size = max(1, frame.rig.width_px // factor), max(1, frame.rig.height_px // factor)
     searched = 16 * max(1, math.ceil(_SEARCHED * size[0] / 16))
-    # OpenCV is blind in its first columns, as many as it searches
+    # OpenCV does not match the first columns, as many as it searches
     left, right = (
         cv2.copyMakeBorder(_small(image, size), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
         for image in (frame.left, frame.right)

@@ -1,4 +1,4 @@
-"""Which adapter reads a path, and how: the one way that fits, or one line that lists the ways and what decides."""
+"""Recognise the adapter and settings for a path; if several fit, one line lists them and the setting that decides."""
 
 from __future__ import annotations
 
@@ -37,21 +37,21 @@ CONVERTED_BY = {
 
 
 class Reading(NamedTuple):
-    """A way to read a path, and the adapter that does."""
+    """A way to read a path, and its adapter."""
 
     adapter: str
     found: Recognised
 
 
 def recognise(path: Path, adapter: str | None, given: Mapping[str, Any]) -> Reading:
-    """The one way to read a path that agrees with the given settings, filled in with them.
+    """Return the only way to read a path that agrees with the given settings, filled in with them.
 
-    Ways without a calibration count only where no other has one.
+    Ways without a calibration count only if no other has one.
 
     Raises
     ------
     VfoaError
-        If no way or several remain, or the calibration is missing.
+        If no or several ways remain, or the calibration is missing.
     """
     readings = _readings(path, adapter, given)
     complete = [each for each in readings if each.found.calibration] or readings
@@ -76,7 +76,7 @@ def _without_calibration(found: Recognised) -> str:
 
 
 def _readings(path: Path, adapter: str | None, given: Mapping[str, Any]) -> list[Reading]:
-    """Every way in which an adapter can read the path."""
+    """Return every way in which an adapter can read the path."""
     if not path.exists():
         raise VfoaError(f"{path}: no such file or folder")
     names = [adapter] if adapter else ADAPTERS.names()
@@ -111,7 +111,7 @@ def _filled(found: Recognised, given: Mapping[str, Any]) -> Recognised:
 
 
 def _below(root: Path, calibration: Any) -> Any:
-    """Files by their paths under the clip's root, if they stand there, so that all can be moved together."""
+    """Paths of files relative to the clip's root, if they are below it, so that all can be moved together."""
     if isinstance(calibration, list):
         return [_below(root, each) for each in calibration]
     if isinstance(calibration, str) and Path(calibration).is_relative_to(root):
@@ -126,7 +126,7 @@ def _alternatives(readings: Sequence[Reading]) -> str:
         return f"several adapters can read it; expected one of: {layouts}"
     keys = dict.fromkeys(key for each in readings for key in each.found.source)
     values = {key: [_worded(key, each.found.source.get(key)) for each in readings] for key in keys}
-    # One key that tells all of them apart is enough: the left folder says which is the right one.
+    # One key that distinguishes all of them is enough: the left folder implies the right one.
     deciding = [key for key in keys if len(set(values[key])) == len(readings)][:1]
     choices = [
         f"{_option(key)}({' | '.join(dict.fromkeys(values[key]))})"

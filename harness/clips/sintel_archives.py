@@ -1,4 +1,4 @@
-"""MPI Sintel's official archives: fetched, and unpacked into one place."""
+"""MPI Sintel's official archives: downloaded and unpacked into one place."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def fetch_sintel(
     home: str = HOME,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> None:
-    """Download archives and unpack them into ``root``; an archive is removed once it is unpacked.
+    """Download archives and unpack them into ``root``; an archive is removed after it is unpacked.
 
-    No checksum of them is published: a download that was cut goes on where it stopped, and the checksums inside the
+    No checksum of them is published. An interrupted download continues where it stopped, and the checksums inside the
     archive show whether its parts belong together.
 
     Raises
@@ -49,7 +49,7 @@ def fetch_sintel(
 
 
 def unpack(archive: Path, root: Path) -> None:
-    """Unpack an archive, after every name in it and the room on the disk were checked.
+    """Unpack an archive, after checking every name in it and the free space on the disk.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def unpack(archive: Path, root: Path) -> None:
             file.extractall(root, members)
     except (zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, RuntimeError) as error:  # RuntimeError: encrypted
         archive.unlink()
-        raise VfoaError(f"{archive}: damaged, thrown away: {error}; expected a whole zip (try again)") from None
+        raise VfoaError(f"{archive}: damaged and removed: {error}; expected a complete zip (try again)") from None
     except OSError as error:
         raise VfoaError(f"{archive}: cannot be unpacked: {error.strerror or error}") from None
 

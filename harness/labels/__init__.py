@@ -1,1 +1,1 @@
-"""Labels: the files, their strict reading and writing, time and frames, several annotators and their agreement."""
+"""Labels: their files, strict reading and writing, time and frames, several annotators, formats of other programs."""

@@ -1,4 +1,4 @@
-"""What a format of other programs asks about a frame: where heads are, and what is at a point of the image."""
+"""Positions in a frame that formats of other programs need: heads, and the object at a point of the image."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ Point = tuple[float, float]
 
 
 class Bodies(Protocol):
-    """What is known of one clip's frames; None: not known."""
+    """Positions in one clip's frames; None: not known."""
 
     def head_box(self, frame: int, subject: str) -> Box | None:
         """The box of a subject's head."""
         ...
 
     def target_at(self, frame: int, point_px: Point, but: str) -> str | None:
-        """The name of what is seen at a point, other than the subject ``but``; None: nothing that has a name."""
+        """The name of the object at a point, other than the subject ``but``; None: nothing with a name."""
         ...
 
     def point_of(self, frame: int, target: str) -> Point | None:

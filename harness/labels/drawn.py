@@ -1,17 +1,17 @@
-"""What a person drew on a clip's left images: boxes, points and heads at key frames, and where they are in between.
+"""Shapes that a person drew on a clip's left images: boxes, points and heads at key frames, and in between.
 
-    # vfoa drawn 1
-    frame,name,kind,u0_px,v0_px,u1_px,v1_px,outside
-    1,robot,box,412.5,200,498,301.5,
-    40,robot,box,430,196,520,300,
-    61,robot,box,560,190,640,280,1
-    1,lamp,point,611,88,,,
-    1,anna,head,120,64,171,130,
+# vfoa drawn 1
+frame,name,kind,u0_px,v0_px,u1_px,v1_px,outside
+1,robot,box,412.5,200,498,301.5,
+40,robot,box,430,196,520,300,
+61,robot,box,560,190,640,280,1
+1,lamp,point,611,88,,,
+1,anna,head,120,64,171,130,
 
-A track is what one name has of one kind. Between two key frames each coordinate changes linearly with the frame number;
-after the last one, it stays. From a key frame that is ``outside`` until the next one, and before the first, there is
-nothing: as in CVAT. Pixels of the left image, whole numbers at pixels' centres. ``annotations/README.md`` tells it to
-those who draw.
+A track holds the key frames of one name and one kind. Between two key frames each coordinate changes linearly with the
+frame number; after the last one it stays. From a key frame that is ``outside`` until the next one, and before the
+first, there is nothing, as in CVAT. Coordinates are pixels of the left image, whole numbers at pixels' centres.
+``annotations/README.md`` explains the file to people who draw.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ Place = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeyFrame:
-    """Where something was drawn in one frame; ``outside``: it is gone from this frame on."""
+    """The place of a shape in one frame; ``outside``: it is gone from this frame on."""
 
     frame: int
     place: Place
@@ -68,14 +68,14 @@ class Track:
         return [each.frame for each in self.keys]
 
     def at(self, frame: int) -> Place | None:
-        """Where it is in a frame; None where it is not to be seen."""
+        """The place in a frame; None if it is not visible."""
         position = bisect_right(self._frames, frame) - 1
         if position < 0 or self.keys[position].outside:
             return None
         return self.place_at(frame)
 
     def place_at(self, frame: int) -> Place:
-        """Where it is in a frame, or would be if it were not outside; before the first key frame, as in that."""
+        """The place in a frame, also while outside; before the first key frame, that key frame's place."""
         position = max(bisect_right(self._frames, frame) - 1, 0)
         here = self.keys[position]
         if frame <= here.frame or position + 1 == len(self.keys):
@@ -87,7 +87,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shape:
-    """What is drawn in one frame."""
+    """A shape in one frame."""
 
     name: str
     kind: Kind
@@ -96,7 +96,7 @@ class Shape:
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """Everything that is drawn on a clip: at most one track of each name and kind, in the order of the file."""
+    """All shapes drawn on a clip: at most one track of each name and kind, in the order of the file."""
 
     tracks: tuple[Track, ...] = ()
 
@@ -107,26 +107,26 @@ class Drawn:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Whatever is drawn, each name once."""
+        """The names of all drawn shapes, each once."""
         return tuple(dict.fromkeys(each.name for each in self.tracks))
 
     def at(self, frame: int) -> tuple[Shape, ...]:
-        """Everything that is to be seen in a frame."""
+        """Return all shapes that are visible in a frame."""
         places = ((each, each.at(frame)) for each in self.tracks)
         return tuple(Shape(name=each.name, kind=each.kind, place=place) for each, place in places if place is not None)
 
     def of(self, name: str, kind: Kind) -> Track | None:
-        """One track."""
+        """Return one track; None if there is none."""
         return next((each for each in self.tracks if (each.name, each.kind) == (name, kind)), None)
 
 
 def size_of(kind: Kind) -> int:
-    """How many numbers place one of this kind."""
+    """Number of coordinates of a shape of this kind."""
     return 2 if kind == "point" else 4
 
 
 def drawn_of(rows: Mapping[tuple[str, Kind], Iterable[KeyFrame]]) -> Drawn:
-    """Tracks by name, then kind, each sorted by frame; those without key frames are left out."""
+    """Make tracks by name, then kind, each sorted by frame; those without key frames are left out."""
     tracks = (
         Track(name=name, kind=kind, keys=tuple(sorted(keys, key=lambda each: each.frame)))
         for (name, kind), keys in sorted((key, list(found)) for key, found in rows.items())
@@ -138,20 +138,20 @@ def drawn_of(rows: Mapping[tuple[str, Kind], Iterable[KeyFrame]]) -> Drawn:
 def read_drawn(
     path: Path, *, frames: Sequence[int] | None, subjects: Collection[str], targets: Collection[str]
 ) -> Drawn:
-    """Read what is drawn on a clip.
+    """Read the shapes drawn on a clip.
 
     Parameters
     ----------
     frames
-        The clip's frame numbers, ascending; None where the clip cannot be opened: then they are not checked.
+        The clip's frame numbers, ascending; None if the clip cannot be opened: then they are not checked.
     subjects, targets
-        The manifest's names. A subject has a head, and a box where others look at the whole person.
+        The manifest's names. A subject has a head, and a box if others look at the whole person.
 
     Raises
     ------
     VfoaError
-        For the first mistake, with file and line: another version or column, a cell that is no number, an unknown name
-        or kind, a kind that the name cannot have, a frame that the clip does not have, a key frame that comes twice, or
+        For the first error, with file and line: another version or column, a cell that is no number, an unknown name
+        or kind, a kind that the name cannot have, a frame that the clip does not have, a repeated key frame, or
         a box without an inside.
     """
     known = None if frames is None else frozenset(frames)
@@ -168,12 +168,12 @@ def read_drawn(
 
 
 def write_drawn(path: Path, drawn: Drawn) -> None:
-    """Write what is drawn on a clip, whole or not at all, as :func:`format_drawn` has it."""
+    """Write the shapes drawn on a clip atomically, in the form of :func:`format_drawn`."""
     atomic_write(path, format_drawn(drawn))
 
 
 def format_drawn(drawn: Drawn) -> str:
-    """The text of a file: rows by name, kind and frame, LF. Reading and writing it again gives the same bytes."""
+    """Return a file's text: rows by name, kind and frame, LF. Reading and writing it again gives the same bytes."""
     for each in drawn.tracks:
         check_text((each.name,), "drawn")
     rows = [
@@ -185,7 +185,7 @@ def format_drawn(drawn: Drawn) -> str:
 
 
 def check_place(kind: Kind, place: Sequence[float], where: str) -> Place:
-    """The numbers of a place, if they are finite and a box has an inside (:class:`VfoaError`)."""
+    """Return the coordinates of a place; raise :class:`VfoaError` if they are not finite or a box has no inside."""
     if len(place) != size_of(kind) or not all(map(math.isfinite, place)):
         expected = "u, v" if kind == "point" else "u0, v0, u1, v1"
         raise VfoaError(f"{where}: found {list(place)}; expected {expected} for a {kind}")
@@ -195,11 +195,11 @@ def check_place(kind: Kind, place: Sequence[float], where: str) -> Place:
 
 
 def check_kind(name: str, kind: Kind, subjects: Collection[str], others: Collection[Kind], where: str) -> None:
-    """Refuse a head of what is no subject, and a name that is drawn both as a box and as a point."""
+    """Reject a head of a name that is no subject, and a name that is drawn both as a box and as a point."""
     if kind == "head" and name not in subjects:
         raise VfoaError(f"{where}: {name!r} is no subject; expected box or point for a target")
     if other := next((each for each in others if {each, kind} == {"box", "point"}), None):
-        raise VfoaError(f"{where}: {name!r} is drawn as a {other} already; expected one of box and point for a name")
+        raise VfoaError(f"{where}: {name!r} is already drawn as a {other}; expected either a box or a point for a name")
 
 
 def _name(row: TableRow, subjects: Collection[str], targets: Collection[str]) -> str:

@@ -52,19 +52,19 @@ def read_annotations(
     Parameters
     ----------
     path
-        The file. A byte-order mark and CRLF line ends are read rightly; blank lines are skipped.
+        The file. A byte-order mark and CRLF line ends are accepted; blank lines are skipped.
     timeline
-        The clip's frames and times; None where the clip cannot be opened: then frame numbers are not checked, and a
+        The clip's frames and times; None if the clip cannot be opened: then frame numbers are not checked, and a
         file whose ranges are times cannot be read.
     subjects, targets
-        The manifest's names. A subject may be looked at, too, but not by itself.
+        The manifest's names. Subjects can be targets of others.
     allow_gaps
-        Take a file whose labelling is not finished: frames without a label between two labels of a subject.
+        Accept unfinished labelling: frames without a label between two labels of a subject.
 
     Raises
     ------
     VfoaError
-        For the first mistake, with file and line: another version or header, a wrong number, an unknown name, a
+        For the first error, with file and line: another version or header, a wrong number, an unknown name, a
         frame outside the clip, a range that ends before it begins or holds no frame, an overlap, or a gap between
         the first and the last label of a subject.
     """
@@ -74,7 +74,7 @@ def read_annotations(
 
 
 def target_names(path: Path) -> tuple[str, ...]:
-    """Every name in the column of targets, whether the manifest has it or not; none of a file that is damaged."""
+    """Every name in the column of targets, whether or not the manifest has it; none for a damaged file."""
     try:
         _, header, *rows = [
             cells for cells in csv.reader(io.StringIO(read_text(path), newline=""), strict=True) if cells
@@ -86,16 +86,15 @@ def target_names(path: Path) -> tuple[str, ...]:
 
 
 def write_annotations(path: Path, labels: Labels) -> None:
-    """Write a clip's annotations, whole or not at all, as :func:`format_annotations` has them. Raises as it does."""
+    """Write a clip's annotations atomically, in the form of :func:`format_annotations`. Raises as it does."""
     atomic_write(path, format_annotations(labels, str(path)))
 
 
 def format_annotations(labels: Labels, where: str = "annotations") -> str:
-    """The text of an annotation file.
+    """Return the text of an annotation file.
 
-    The form is canonical: rows by first frame and subject, LF; times where every range was given by time; the
-    columns for points and for states only where a label has one. Reading and writing such a file again gives the same
-    bytes.
+    The form is canonical: rows by first frame and subject, LF; times if every range was given by time; the columns for
+    points and for states only if a label has one. Reading and writing such a file again gives the same bytes.
 
     Raises
     ------
@@ -124,7 +123,7 @@ def format_annotations(labels: Labels, where: str = "annotations") -> str:
 def _rows(
     path: Path, timeline: Timeline | None, subjects: set[str], targets: Iterable[str]
 ) -> Iterator[tuple[int, LabelRange]]:
-    """Line number and content of every row below the header, blank lines left out."""
+    """Yield line number and content of every row below the header, without blank lines."""
     version, _, rest = read_text(path).partition("\n")
     if version.rstrip("\r") != VERSION_LINE:
         raise VfoaError(f"{path}:1: found {version.rstrip()[:80]!r}; expected {VERSION_LINE!r}")
@@ -168,43 +167,43 @@ def _number(value: float) -> str:
 class AnnotationFiles:
     """The annotation files of one clip. An annotator of None means ``<clip>.csv``.
 
-    They are looked for in ``annotations`` beside the manifest's folder, then in that of the working directory. Labels
-    that came with the program are taken for clips that did: never for another clip of the same name.
+    They are searched in ``annotations`` beside the manifest's folder, then in that of the working directory. Labels
+    that came with the program belong only to clips that did, never to another clip of the same name.
     """
 
     clip: str
     manifest: Path
 
     def find(self, annotator: str | None = None) -> Path | None:
-        """An annotator's file; None where there is none."""
+        """Return an annotator's file; None if there is none."""
         return self._find(f"{self._stem(annotator)}.csv")
 
     def find_drawn(self) -> Path | None:
-        """What is drawn on the clip, the same for all annotators; None where there is nothing."""
+        """Return the file of drawn shapes, the same for all annotators; None if there is none."""
         return self._find(f"{self.clip}.drawn.csv")
 
     def place_drawn(self) -> Path:
-        """Where what is drawn is written: in the folder of :meth:`place`."""
+        """The path for writing drawn shapes: in the folder of :meth:`place`."""
         return self.place().with_name(f"{self.clip}.drawn.csv")
 
     def find_speech(self) -> Path | None:
-        """Who speaks in the clip, the same for all annotators; None where nobody has said."""
+        """Return the file of speaking turns, the same for all annotators; None if there is none."""
         return self._find(f"{self.clip}.speech.csv")
 
     def place_speech(self) -> Path:
-        """Where speaking turns are written: in the folder of :meth:`place`."""
+        """The path for writing speaking turns: in the folder of :meth:`place`."""
         return self.place().with_name(f"{self.clip}.speech.csv")
 
     def _find(self, name: str) -> Path | None:
         return next((folder / name for folder in self._folders if stands(folder / name)), None)
 
     def expect(self, annotator: str) -> Path:
-        """A named annotator's file.
+        """Return a named annotator's file.
 
         Raises
         ------
         VfoaError
-            If there is none; the message proposes the nearest name.
+            If there is none; the message suggests the nearest name.
         """
         if path := self.find(annotator):
             return path
@@ -213,10 +212,10 @@ class AnnotationFiles:
         raise VfoaError(f"{self.clip}: no annotations by {annotator!r} ({self._stem(annotator)}.csv); {hint}")
 
     def place(self, annotator: str | None = None) -> Path:
-        """Where an annotator's file is written.
+        """The path for writing an annotator's labels.
 
-        That is beside the manifest, or in the working directory for a clip that came with the program; never in the
-        file of another clip of this name.
+        It is beside the manifest, or in the working directory for a clip that came with the program; never the file of
+        another clip of this name.
         """
         return self._beside / f"{self._stem(annotator)}.csv"
 
@@ -233,7 +232,7 @@ class AnnotationFiles:
 
     @property
     def _folders(self) -> list[Path]:
-        """Where files are looked for, the first first."""
+        """The folders that are searched, in order."""
         own, *of_program = folders("annotations")
         return [self._beside, own, *(of_program if came_with_program(self.manifest) else ())]
 
@@ -241,5 +240,5 @@ class AnnotationFiles:
         if annotator is None:
             return self.clip
         if not _NAME.fullmatch(annotator):
-            raise VfoaError(f"annotator: found {annotator!r}; expected a name of letters, digits and . _ - alone")
+            raise VfoaError(f"annotator: found {annotator!r}; expected a name of letters, digits and . _ - only")
         return f"{self.clip}@{annotator}"

@@ -1,4 +1,4 @@
-"""Labels: what each subject looks at in each frame, as people judged it."""
+"""Labels: the target of each subject in each frame, as judged by people."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ IGNORED = "ignore"
 """The target of a frame that is not scored."""
 RESERVED = (NOWHERE, IGNORED)
 SPEAKS = "speaks"
-"""The target of a turn in ``<clip>.speech.csv``: who speaks, not who looks at what."""
+"""The target of a turn in ``<clip>.speech.csv``, which says who speaks."""
 UNLABELLED = "not labelled yet"
-"""The note of an ``ignore`` that stands where nobody has said anything yet."""
+"""The note of an ``ignore`` for frames that nobody has labelled yet."""
 BLOCKED = "blocked"
-"""How the note of a label begins where something stands between the eyes and the target."""
+"""Beginning of a label's note if something stands between the eyes and the target."""
 TO_DECIDE = "to decide: "
-"""How the note of an ``ignore`` begins on which annotators differ, for a person to decide; who said what follows."""
+"""Beginning of the note of an ``ignore`` on which annotators differ, for a person to decide; their answers follow."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Label:
-    """What a subject looks at: a name of the manifest, ``none`` or ``ignore``; ``point_px`` where, if it was noted.
+    """The target of a subject: a name of the manifest, ``none`` or ``ignore``; ``point_px``: its image point, if noted.
 
-    ``is_suggested`` marks what a program proposed and no person has confirmed: it is never scored.
+    ``is_suggested`` marks a program's proposal that no person has confirmed: it is never scored.
     """
 
     target: str
@@ -36,7 +36,7 @@ class Label:
 
     @property
     def is_blocked(self) -> bool:
-        """Whether the note says, by its first word, that something stands in the line of sight."""
+        """Whether the note's first word says that something stands in the line of sight."""
         return self.note.split(maxsplit=1)[:1] == [BLOCKED]
 
 
@@ -55,9 +55,9 @@ class LabelRange:
 
 
 class Labels:
-    """All labels of a clip. ``ranges`` are in the order in which they are written: by first frame, then subject.
+    """All labels of a clip. ``ranges`` are in the order of the file: by first frame, then subject.
 
-    A subject has at most one label in a frame; ``ValueError`` where ranges overlap or end before they begin.
+    A subject has at most one label in a frame; ``ValueError`` if ranges overlap or end before they begin.
     """
 
     def __init__(self, ranges: Iterable[LabelRange]) -> None:
@@ -86,7 +86,7 @@ class Labels:
         return tuple(self._by_subject.get(subject, ()))
 
     def at(self, frame: int, subject: str) -> Label | None:
-        """The label of a subject in a frame; None where there is none. Takes logarithmic time."""
+        """The label of a subject in a frame; None if there is none. Takes logarithmic time."""
         position = bisect_right(self._firsts.get(subject, []), frame) - 1
         if position < 0:
             return None
@@ -101,7 +101,7 @@ class Labels:
                     yield frame, subject, label
 
     def confirmed(self) -> Labels:
-        """The labels that count: what is only suggested becomes ``ignore``, so that no run is scored by a run."""
+        """Return the labels to score: suggestions become ``ignore``, so that no run is scored by a run."""
         return Labels(
             replace(each, label=Label(target=IGNORED, note=f"suggested: {each.label.target}"))
             if each.label.is_suggested
@@ -111,7 +111,7 @@ class Labels:
 
 
 def is_undecided(target: str, note: str) -> bool:
-    """Whether a label of this target and note marks a disagreement that is not adjudicated yet."""
+    """Whether this target and note mark a disagreement that is not decided yet."""
     return target == IGNORED and note.startswith(TO_DECIDE)
 
 
@@ -124,7 +124,7 @@ def gaps(labels: Labels, subject: str, frames: Sequence[int]) -> Iterator[tuple[
 
 
 def ranges_of(subject: str, labels: Iterable[tuple[int, Label | None]]) -> Iterator[LabelRange]:
-    """One subject's ranges from its (frame, label) in order: a range for each run of equal labels; None ends a run."""
+    """One subject's ranges from its (frame, label) in order: one for each run of equal labels; None ends a run."""
     first = last = 0
     current: Label | None = None
     for frame, label in labels:

@@ -1,4 +1,4 @@
-"""Several annotators' labels of one clip, made into one file by a rule."""
+"""Merge several annotators' labels of one clip by a rule."""
 
 from __future__ import annotations
 
@@ -30,12 +30,11 @@ def merge_labels(labels: Mapping[str, Labels], frames: Sequence[int], rule: Rule
     Parameters
     ----------
     rule
-        ``agree``: a label where all annotators name the same target, else ``ignore``. ``first``: the label of the
-        first annotator who has one. ``adjudicate``: as ``agree``, but the note says who named what, for a person
-        to decide. Note and image point are the first annotator's.
+        ``agree``: a label if all annotators name the same target, else ``ignore``. ``first``: the label of the
+        first annotator who has one. ``adjudicate``: as ``agree``, but the note lists the annotators' answers, for a
+        person to decide. Note and image point are the first annotator's.
 
-    Suggestions that nobody confirmed, and frames noted as not labelled yet, are no labels. Gaps between labels become
-    ``ignore``.
+    Unconfirmed suggestions, and frames noted as not labelled yet, are no labels. Gaps between labels become ``ignore``.
     """
     subjects = sorted({subject for each in labels.values() for subject in each.subjects})
     merged = Labels(
@@ -47,7 +46,7 @@ def merge_labels(labels: Mapping[str, Labels], frames: Sequence[int], rule: Rule
 
 
 def to_decide(labels: Labels) -> list[LabelRange]:
-    """The ranges that a person has to decide."""
+    """Return the ranges that a person must decide."""
     return [row for row in labels.ranges if is_undecided(row.label.target, row.label.note)]
 
 

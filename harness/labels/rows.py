@@ -1,4 +1,4 @@
-"""The rows of an annotation file: one row's cells, and what holds between rows."""
+"""The rows of an annotation file: the cells of a row, and conditions between rows."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class RowReader:
         self._labels: dict[tuple[str, ...], Label] = {}
 
     def read(self, cells: list[str], path: Path, line: int) -> LabelRange | None:
-        """One row; None for a range of time in which a clip that is known in part has no frame.
+        """Parse one row; None for a range of time in which a partly known clip has no frame.
 
         Raises
         ------
@@ -51,7 +51,7 @@ class RowReader:
         ends = self._times(cells, path, line) if self.in_time else self._frames(cells, path, line)
         words = tuple(cells[2:])
         label = self._labels.get(words)
-        if label is None:  # long files say the same few things again and again
+        if label is None:  # long files repeat the same few texts
             label = self._labels[words] = self._label(cells, f"{path}:{line}")
         if ends is None:
             return None
@@ -108,7 +108,7 @@ class RowReader:
 
 
 def check_text(cells: Iterable[str], where: str) -> None:
-    """Refuse line breaks and other control characters: a row is one line of text."""
+    """Reject line breaks and other control characters: a row is one line of text."""
     for cell in cells:
         if not cell.isprintable() and _CONTROL.search(cell):
             raise VfoaError(f"{where}: {cell!r} holds a control character; expected one line of text")
@@ -117,7 +117,7 @@ def check_text(cells: Iterable[str], where: str) -> None:
 def check_sequence(
     path: Path, rows: Iterable[tuple[int, LabelRange]], timeline: Timeline | None, *, allow_gaps: bool
 ) -> None:
-    """Refuse overlaps, and gaps where none are allowed; frames that the clip does not have need no label."""
+    """Reject overlaps, and gaps unless allowed; frames that the clip does not have need no label."""
     last: dict[str, tuple[int, LabelRange]] = {}
     for line, row in sorted(rows, key=lambda each: (each[1].first_frame, each[0])):
         before_line, before = last.get(row.subject, (0, None))
@@ -138,7 +138,7 @@ def check_sequence(
 
 
 def _missing_between(last: int, first: int, timeline: Timeline | None) -> tuple[int, int] | None:
-    """First and last frame strictly between two ranges, None where there is none."""
+    """First and last frame strictly between two ranges, None if there is none."""
     if timeline is None:
         return (last + 1, first - 1) if first > last + 1 else None
     frames = timeline.frames
@@ -147,7 +147,7 @@ def _missing_between(last: int, first: int, timeline: Timeline | None) -> tuple[
 
 
 def parse_point(cells: Sequence[str], where: str) -> tuple[float, float] | None:
-    """Two finite numbers; None where both cells are empty; :class:`VfoaError` for anything else."""
+    """Parse two finite numbers; None if both cells are empty; :class:`VfoaError` for anything else."""
     if not any(cells):
         return None
     try:

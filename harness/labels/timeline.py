@@ -1,4 +1,4 @@
-"""When a clip's frames were taken: from times to frames and back."""
+"""The times of a clip's frames: convert times to frames and back."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ _NS = 1_000_000_000
 class Timeline:
     """A clip's frame numbers and their times in ns, both ascending.
 
-    No times at all: they are not known. ``is_whole`` is False where only some of the clip's frames are known, such as
-    those of a run with a limit.
+    If there are no times, they are not known. ``is_whole`` is False if only some of the clip's frames are known, such
+    as those of a run with a limit.
     """
 
     frames: Sequence[int]
@@ -28,12 +28,12 @@ class Timeline:
     is_whole: bool = True
 
     def between(self, start_ns: int, end_ns: int) -> tuple[int, int] | None:
-        """First and last frame whose time lies in [start, end); None where there is none."""
+        """First and last frame whose time lies in [start, end); None if there is none."""
         first, stop = bisect_left(self.times_ns, start_ns), bisect_left(self.times_ns, end_ns)
         return (self.frames[first], self.frames[stop - 1]) if first < stop else None
 
     def span_ns(self, first_frame: int, last_frame: int) -> tuple[int, int]:
-        """The times [start, end) of a range of frames: it ends where the next frame begins.
+        """The times [start, end) of a range of frames: it ends when the next frame begins.
 
         The last frame of the clip lasts for the median step. :meth:`between` gives the range back.
         """
@@ -44,17 +44,17 @@ class Timeline:
 
     @property
     def step_ns(self) -> int:
-        """The median time between two frames; a second where there is one frame."""
+        """The median time between two frames, ns; one second if there is only one frame."""
         return max(1, round(float(np.median(np.diff(self.times_ns))))) if len(self.times_ns) > 1 else _NS
 
 
 def timeline_of(clip: AnyClip) -> Timeline:
-    """A clip's frames and their times; no image is read."""
+    """Return a clip's frames and their times; no image is read."""
     return Timeline(frames=clip.frames, times_ns=[clip.time_ns(number) for number in clip.frames])
 
 
 def parse_seconds(text: str) -> int | None:
-    """Decimal seconds as ns, exactly (a stamp of today in seconds is beyond a float's precision); None if it is not."""
+    """Parse decimal seconds as ns, exactly (today's time stamps exceed a float's precision); None for other text."""
     match = _SECONDS.fullmatch(text)
     if match is None:
         return None
@@ -63,6 +63,6 @@ def parse_seconds(text: str) -> int | None:
 
 
 def format_seconds(time_ns: int) -> str:
-    """Nanoseconds as decimal seconds, exactly, in as few digits as that takes."""
+    """Format nanoseconds as decimal seconds, exactly, with as few digits as possible."""
     whole, fraction = divmod(abs(time_ns), _NS)
     return f"{'-' * (time_ns < 0)}{whole}.{fraction:09d}".rstrip("0").rstrip(".")

@@ -1,4 +1,4 @@
-// Talking to the server. Changes wait for each other, so that each is made on the state the one before has left.
+// Requests to the server. Changes are sent one after the other, so that each is made on the result of the one before.
 
 const PAUSE_MS = 500; // between two tries while the server does not answer
 
@@ -10,7 +10,7 @@ export class Refused extends Error {
   }
 }
 
-// Nobody answers, or a server of another start.
+// No server answers, or one that was started anew.
 export class Lost extends Error {}
 
 async function ask(path, options) {
@@ -33,10 +33,10 @@ export const post = (path, body, keepalive = false) => ask(path, {
   method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(body), keepalive,
 });
 
-// One after the other. While the server does not answer, all are kept and tried again. When one is refused, those that
-// were already waiting were meant for a state that is gone.
+// A queue of changes. While the server does not answer, all are kept and retried. When one is refused, those waiting
+// behind it are dropped: they were meant for a state that no longer exists.
 export class Queue {
-  // refused(error): one was refused; lost(error or null): the server does not answer, or does again; moved(): one came or went.
+  // refused(error): one was refused; lost(error or null): the server stopped or resumed answering; moved(): the queue changed.
   constructor({ refused, lost, moved }) {
     Object.assign(this, { refused, lost, moved, isLost: false });
     this.last = Promise.resolve();
@@ -52,7 +52,7 @@ export class Queue {
     return this.last;
   }
 
-  // Drop what is waiting behind the work in hand; whether there was any.
+  // Drop the changes that wait behind the current one; return whether there were any.
   forget() {
     this.age += 1;
     return this.waiting > 1;

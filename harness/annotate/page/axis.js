@@ -1,9 +1,9 @@
-// The axis of a strip: frame numbers and clock times; a slider for the keyboard and for screen readers.
+// The axis of a timeline: frame numbers and clock times; a slider for the keyboard and for screen readers.
 
 const LABEL_PX = 110;
 const STEPS = [1, 2, 5];
 
-// 1:02:03.4 of seconds, with as many digits as tell two frames apart.
+// Format seconds as 1:02:03.4, with enough digits to distinguish two frames.
 export function clock(seconds, stepS = 1) {
   const digits = stepS < .1 ? 2 : stepS < 1 ? 1 : 0;
   const [minutes, rest] = [Math.floor(Math.abs(seconds) / 60), Math.abs(seconds) % 60];

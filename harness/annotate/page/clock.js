@@ -1,4 +1,4 @@
-// What time it is in the clip while it plays: by the browser's clock, or by the sound where it is heard.
+// The time in the clip while it plays: from the browser's clock, or from the sound if there is any.
 
 const [SLOWEST, FASTEST] = [.25, 4]; // at other speeds, and backwards, there is no sound
 
@@ -8,7 +8,7 @@ export class SystemClock {
   now() { return this.timeS + (performance.now() - this.since) / 1000 * this.speed; }
 }
 
-// The sound is the clock: pictures follow it, because a late picture is seen less than a torn sound is heard.
+// The sound is the clock, and pictures follow it: a late picture is less noticeable than interrupted sound.
 export class SoundClock {
   constructor(audio) {
     this.audio = audio;

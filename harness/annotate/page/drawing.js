@@ -8,7 +8,7 @@ import { Shapes } from "./shapes.js";
 
 const PAUSE_MS = 300; // presses that follow each other faster move a shape once
 const PART = { box: "", point: " (point)", head: " (head)" };
-// What else a key may do while something is drawn: go about, look closer, a new target.
+// Actions of other keys while drawing: moving through the clip, zooming, a new target.
 const PASSED = new Set([..."jklvVrdhsStwW+-=?", " ", "ArrowLeft", "ArrowRight", "Home", "End", "Tab"]);
 
 const rows = (drawing) => [
@@ -25,7 +25,7 @@ const rows = (drawing) => [
 const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 export class Drawing {
-  // press(run): do what a key or a button asks for, in its turn; look(name): what is drawn was clicked for a label.
+  // press(run): queue the action of a key or a button; look(name): a drawn shape was clicked to label it.
   constructor(page, { press, look }) {
     Object.assign(this, { page, press });
     this.on = false;
@@ -46,7 +46,7 @@ export class Drawing {
 
   load() { this.page.queue.add(async () => this.take(await get("/api/drawn"))); }
 
-  // The names may be others.
+  // Update the names.
   set about(about) {
     this.frames = about.frames.map(Number);
     this.all = about.names.filter((name) => name !== "none" && name !== "ignore");
@@ -55,14 +55,14 @@ export class Drawing {
     this.load();
   }
 
-  // sent: the place that was on the way; what was moved since stays where it is.
+  // sent: the place in the request; a shape that was moved since keeps its place.
   take(state, sent = undefined) {
     this.state = state;
     if (this.live === sent) this.live = null;
     this.draw();
   }
 
-  // What is chosen
+  // Selection
 
   kinds(name) {
     if (this.subjects.includes(name)) return ["head", "box"];
@@ -82,7 +82,7 @@ export class Drawing {
     this.draw();
   }
 
-  // Its key, again for its other kind.
+  // A target's key; pressed again, it switches to the other kind of shape.
   byKey(name) {
     const kinds = this.kinds(name);
     const now = this.what.name === name ? kinds.indexOf(this.what.kind) : 0;
@@ -90,7 +90,7 @@ export class Drawing {
     this.keyed = name;
   }
 
-  // What is done
+  // Actions
 
   toggle() {
     this.on = !this.on;
@@ -105,7 +105,7 @@ export class Drawing {
     if (place) this.send("key", place); else this.draw();
   }
 
-  // A key frame where it is shown; of what is not drawn yet, in the middle of the image.
+  // A key frame at the shown place; a shape that is not drawn yet begins in the middle of the image.
   set() {
     const { shown } = this.page;
     const [width, height] = this.shapes.size;
@@ -113,7 +113,7 @@ export class Drawing {
     this.drew(this.live || (this.track ? placeAt(this.track, shown, this.frames) : middle));
   }
 
-  // Move by pixels of the image, or with Shift the lower right corner; sent when the keys rest.
+  // Move the shape by pixels of the image, or with Shift its lower right corner; sent after the last key press.
   nudge([right, down], isResize) {
     const { track, page: { shown } } = this;
     const place = this.live || (track && placeAt(track, shown, this.frames));
@@ -143,7 +143,7 @@ export class Drawing {
     if (to !== undefined) this.page.go(to);
   }
 
-  // Sent again after a loss it has the same id, and is not done twice.
+  // A change that is sent again after a loss has the same id, so that it is not applied twice.
   send(action, place = [], what = this.what, at = this.page.shown) {
     this.rest();
     const sent = this.live;
@@ -179,7 +179,7 @@ export class Drawing {
     if (run) this.press(async () => { await this.page.showing; run(); });
   }
 
-  // What is shown
+  // Display
 
   makePanel() {
     this.panel = Object.assign(document.createElement("section"), { id: "drawing", hidden: true });

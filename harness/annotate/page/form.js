@@ -1,7 +1,7 @@
-// A form that opens below the names, takes the focus, and gives it back; Escape closes it, as its Cancel does.
+// A form that opens below the names, takes the focus, and returns it; Escape and Cancel close it.
 
 export class Form {
-  // submit(): it was sent; what happens then closes it.
+  // submit(): it was submitted; the caller closes it.
   constructor(id, submit) {
     this.root = document.getElementById(id);
     this.root.addEventListener("submit", (event) => { event.preventDefault(); submit(); });

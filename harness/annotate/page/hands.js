@@ -1,13 +1,13 @@
-// Presses one after the other: none is dropped, and none overtakes one that waits for the labels before it.
+// A queue of key presses: none is lost, and none overtakes one that waits for the labels before it.
 
 export class Hands {
-  // moved(): a press came or was done; failed(error).
+  // moved(): the queue changed; failed(error).
   constructor({ moved, failed }) {
     Object.assign(this, { moved, failed, waiting: 0 });
     this.last = new Promise((open) => { this.open = open; }); // nothing is done before the first frame is shown
   }
 
-  // What run() gives back is waited for.
+  // The promise that run() returns is awaited.
   press(run) {
     this.waiting += 1;
     this.moved();

@@ -1,8 +1,8 @@
-// Tracks as the server sends them: { name, kind, keys: [[position, place, outside]] }, and where they are in between.
+// Tracks as the server sends them: { name, kind, keys: [[position, place, outside]] }, and their interpolation.
 
 const before = (keys, position) => keys.findLastIndex(([at]) => at <= position);
 
-// Where it is, or would be if it were not outside; linear in the frames' own numbers, as the server has it.
+// The place, also while outside; linear in the frames' own numbers, as on the server.
 export function placeAt({ keys }, position, frames) {
   const index = Math.max(before(keys, position), 0);
   const [at, place] = keys[index];
@@ -23,7 +23,7 @@ export function stateAt({ keys }, position) {
 
 export const isKey = ({ keys }, position) => keys.some(([at]) => at === position);
 
-// The next key frame, or the one before; undefined where there is none.
+// The next or the previous key frame; undefined if there is none.
 export function nextKey({ keys }, position, direction) {
   const all = keys.map(([at]) => at);
   return direction > 0 ? all.find((at) => at > position) : all.findLast((at) => at < position);

@@ -1,4 +1,4 @@
-// Every action of the page with its keys: the keyboard, the tool bar and the table of keys are made of this list.
+// Every action of the page with its keys: the keyboard, the tool bar and the table of keys use this list.
 
 const rows = (page) => [
   ["play", ["Space"], "play or pause", "▶", () => page.player.toggle()],
@@ -60,16 +60,16 @@ function pressed(event) {
 
 const typing = (element) => element && ["INPUT", "SELECT", "TEXTAREA"].includes(element.tagName);
 
-// What has the focus by the Tab key answers to Enter and Space itself.
+// An element focused by the Tab key handles Enter and Space itself.
 const pressing = (event) => ["Enter", " "].includes(event.key) && document.activeElement.closest("button, summary");
 
-// A click of the mouse leaves no focus behind, so that the next Space plays.
+// A mouse click leaves no focus, so that the next Space plays.
 export const onPress = (button, run) => button.addEventListener("click", (event) => {
   if (event.detail) button.blur();
   run();
 });
 
-// The keyboard and the tool bar; gives back what takes a press of a key.
+// The keyboard and the tool bar; returns the handler of a key press.
 export function bind(page, names) {
   const possible = { run: page.hasRun, several: page.about.subjects.length > 1 };
   const actions = rows(page).filter((row) => possible[row[5]] ?? true);

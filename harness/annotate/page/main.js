@@ -1,4 +1,4 @@
-// The start: what the server knows of the clip, then the page. Keys that are pressed before that are not lost.
+// Start: load the clip's description, then build the page. Keys pressed before are not lost.
 
 import { get } from "./api.js";
 import { bind } from "./keys.js";

@@ -1,4 +1,4 @@
-// What can be looked at: a key, a colour and a pattern for each name, which are the name's for good.
+// The targets: a key, a colour and a pattern for each name, which the name keeps.
 
 import { onPress } from "./keys.js";
 import { TargetForms } from "./targets.js";
@@ -6,7 +6,7 @@ import { TargetForms } from "./targets.js";
 const RESERVED = ["none", "ignore"];
 
 export class Names {
-  // look(target): a name was chosen; changed(answer): the targets are others now; failed(error).
+  // look(target): a name was chosen; changed(answer): the targets have changed; failed(error).
   constructor({ look, changed, failed }) {
     this.look = look;
     this.root = document.getElementById("names");
@@ -55,13 +55,13 @@ export class Names {
     return (this.looks[name]?.key || "").replace("shift+", "⇧");
   }
 
-  // How an object is called and drawn on the picture.
+  // The name of an object, and its style on the picture.
   of({ name }) {
     const known = this.names.includes(name);
     return { text: `${known ? this.key(name) : "+"} ${name}`, className: known ? this.className(name) : "unnamed" };
   }
 
-  // The name of a pressed key: digits, with shift for the second ten, n and i.
+  // The target of a pressed key: digits, with shift for the second ten, n and i.
   ofKey(event) {
     const digit = /^(?:Digit|Numpad)(\d)$/.exec(event.code);
     if (digit && event.key.length === 1) return this.byKey.get(`${event.shiftKey ? "shift+" : ""}${digit[1]}`);

@@ -1,4 +1,4 @@
-// The labelling page: where it is in the clip, who is labelled, and what is shown.
+// The labelling page: the current frame and subject, and the display.
 
 import { Lost, Queue, get, post } from "./api.js";
 import { SoundClock } from "./clock.js";
@@ -59,7 +59,7 @@ export class Page {
   get suggestions() { return this.about.suggestions[this.subject]; }
   get order() { return this.about.order && this.about.order[this.subject]; }
 
-  // The frame that a key means: what is on the screen while it plays, else where the steps have led.
+  // The frame that a key refers to: the one on the screen while playing, else the one reached by the last step.
   get here() { return this.player.playing ? this.shown : this.wanted; }
 
   // The clip's sound is the clock while it plays, and is drawn on the timeline.
@@ -79,7 +79,7 @@ export class Page {
     this.drawing.about = about;
   }
 
-  // The targets are others now, and with another name the labels are, too.
+  // The targets have changed; after a renaming, so have the labels.
   renew({ about, state }) {
     this.take(about);
     this.stage.scenes.clear();
@@ -87,7 +87,7 @@ export class Page {
     this.go(this.shown);
   }
 
-  // Where it is
+  // Position
 
   // Go to a frame; ``near``: what lies between counts as seen if it is not far. While it plays, the player shows it.
   go(position, near = false) {
@@ -99,7 +99,7 @@ export class Page {
     return this.showing;
   }
 
-  // The newest frame that is wanted, one at a time: what was passed meanwhile is not loaded.
+  // Load the newest requested frame, one at a time: frames passed meanwhile are not loaded.
   async show() {
     let wanted;
     do {
@@ -133,13 +133,13 @@ export class Page {
     this.draw();
   }
 
-  // Whether all that was asked for is shown, and all that was said is saved.
+  // Whether everything requested is shown, and every change is saved.
   settle() {
     const waits = this.wanted !== this.shown || this.showing || this.queue.waiting > 0 || this.seen.waits || this.hands.waiting > 0 || this.drawing?.waits || this.player?.film.waits;
     document.body.setAttribute("aria-busy", Boolean(waits));
   }
 
-  // All that was said before is answered.
+  // Wait until all earlier changes are answered.
   saved() { return this.queue.last; }
 
   step(by) {
@@ -160,7 +160,7 @@ export class Page {
     else this.go(next ?? (direction > 0 ? this.total - 1 : 0), true);
   }
 
-  // To the next frames that are unlabelled, or undecided (a difference, a suggestion), and round again.
+  // Go to the next frames that are unlabelled, or undecided (a difference, a suggestion); after the last, to the first.
   async toOpen(kind) {
     this.player.stop();
     await this.saved();
@@ -170,7 +170,7 @@ export class Page {
     else panel.say(kind === "unlabelled" ? `Every frame of ${this.subject} has a label.` : `Nothing of ${this.subject} waits for a decision.`);
   }
 
-  // From the least sure suggestion to surer ones, and round again.
+  // Step through the suggestions, the most uncertain first; after the last, begin again.
   unsure(by) {
     this.player.stop();
     const order = this.about.uncertain_first ? this.order : this.order.filter((each) => this.suggestions[each]);
@@ -201,7 +201,7 @@ export class Page {
     if (this.player.playing) this.player.jump(this.wanted);
   }
 
-  // Where a subject's work goes on: the first frame that is not labelled, confirmed or decided.
+  // The frame at which labelling of a subject continues: the first that is not labelled, confirmed or decided.
   start() {
     if (this.about.uncertain_first) return this.order[this.rank = 0];
     const seen = this.state.seen[this.subject];
@@ -216,7 +216,7 @@ export class Page {
   faster(by) { this.player.faster(by); this.draw(); }
   shuttle(direction) { this.player.shuttle(direction); this.draw(); }
 
-  // Frames on the way from one to another were seen, if they go on from those that were.
+  // Frames between two positions count as seen if they adjoin the frames seen before.
   pass(from, to) {
     if (to > from && from <= this.state.seen[this.subject] + NEAR) this.see(to);
   }
@@ -256,7 +256,7 @@ export class Page {
     this.draw();
   }
 
-  // What is shown
+  // Display
 
   update(plain, expected = this.state.revision) {
     this.state = read(plain, this.about.to_decide, this.state);
@@ -265,7 +265,7 @@ export class Page {
     this.draw();
   }
 
-  // What was asked for before the newer state was seen was meant for the older one.
+  // Actions requested before the newer state was shown were meant for the older one.
   overtaken() {
     this.seen.forget();
     const lost = this.queue.forget() ? " What you did last was not done." : "";

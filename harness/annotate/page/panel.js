@@ -1,4 +1,4 @@
-// What is said in words around the picture.
+// Texts around the picture.
 
 import { clock } from "./axis.js";
 import { onPress } from "./keys.js";
@@ -10,7 +10,7 @@ export function say(text) {
   find("notice").hidden = !text;
 }
 
-// From which attention on suggestions are taken over.
+// The least attention of suggestions to accept.
 export const plenty = () => Number(find("plenty").firstElementChild.value);
 
 export function makePlenty(hasRun) {
@@ -35,7 +35,7 @@ export function drawPlace(number, position, total, { speed, times, stepS, loop }
 
 export function makeUnlabelled(go) { onPress(find("unlabelled"), go); }
 
-// How many frames wait for a label: hard to miss, and a press goes there.
+// The number of frames without a label, as a prominent button that goes to the next of them.
 export function drawUnlabelled(subject, open) {
   const count = (kind) => open.filter((each) => each.kind === kind).reduce((sum, each) => sum + each.last - each.first + 1, 0);
   const [unlabelled, undecided] = [count("unlabelled"), count("undecided")];

@@ -1,4 +1,4 @@
-// What was loaded last, by address; the oldest is let go. A picture is decoded before it is shown.
+// A cache of loaded pictures by address; the oldest is removed. A picture is decoded before it is shown.
 
 import { Lost, Refused } from "./api.js";
 
@@ -35,7 +35,7 @@ function reason(text) {
   try { return JSON.parse(text).error; } catch { return text; }
 }
 
-// Draw a picture where the one before was.
+// Draw a picture in place of the one before.
 export function place(element, bitmap, words) {
   let canvas = element.querySelector("canvas");
   if (!canvas) {

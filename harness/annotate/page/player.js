@@ -1,4 +1,4 @@
-// Playing by the clock: the frame of the time is shown, and what the computer is too slow for is left out.
+// Playing by the clock: shows the frame of the current time; frames that cannot be drawn in time are skipped.
 
 import { Lost } from "./api.js";
 import { SystemClock } from "./clock.js";
@@ -36,7 +36,7 @@ export class Player {
 
   toggle() { if (this.playing) this.stop(); else this.start(); }
 
-  // What is on the screen stays there.
+  // The picture on the screen stays.
   stop() {
     if (!this.playing) return;
     this.end();
@@ -54,7 +54,7 @@ export class Player {
     if (this.playing) this.anchor(this.clock.now());
   }
 
-  // J and L: play that way; once more, twice as fast.
+  // J and L: play in that direction; pressed again, twice as fast.
   shuttle(direction) {
     if (!this.playing || this.direction !== direction) {
       this.speed = Math.max(this.speed, 1);
@@ -133,7 +133,7 @@ export class Player {
     this.page.go(position);
   }
 
-  // The last frame that was taken by then.
+  // The last frame at or before this time.
   positionAt(timeS) {
     let [low, high] = [0, this.times.length - 1];
     while (low < high) {

@@ -1,4 +1,4 @@
-// What is said of the frames: every change of the labels that a key or a click asks for.
+// Changes of the labels by a key or a click.
 
 import { post } from "./api.js";
 import { Form } from "./form.js";
@@ -11,7 +11,7 @@ export class Said {
     this.noteForm = new Form("note", () => this.noted());
   }
 
-  // make(): the change, found when its turn comes, on the state that the one before has left; null for none.
+  // make(): returns the change when its turn comes, for the state after the one before; null for none.
   change(make) {
     const { page } = this;
     const { subject } = page;
@@ -44,7 +44,7 @@ export class Said {
     else this.change(() => ({ kind: "look", at: here, target, point_px }));
   }
 
-  // A click means the frame that is shown.
+  // A click refers to the frame that is shown.
   chosen(object, point) {
     const { page } = this;
     if (!page.names.names.includes(object.name)) page.names.forms.ask(object, page.stage.scene.objects);

@@ -1,4 +1,4 @@
-// How far a subject's frames were seen: told to the server a little later, so that playing does not tell every frame.
+// The last seen frame of each subject: sent to the server with a delay, so that playing does not send every frame.
 
 import { post } from "./api.js";
 
@@ -23,18 +23,18 @@ export class Seen {
     if (last) this.send(last);
   }
 
-  // The page is closed: there is no time to wait for an answer.
+  // The page is closing: there is no time to wait for an answer.
   leave() {
     const last = this.take();
     if (last) post("/api/seen", last, true).catch(() => {});
   }
 
-  // What the server does not know yet is not forgotten over its answer.
+  // Positions not sent yet are kept when an answer arrives.
   keep(seen) {
     for (const [subject, at] of Object.entries(this.known)) seen[subject] = Math.max(seen[subject], at);
   }
 
-  // The labels are others now: what was seen of those before counts no more.
+  // The labels were replaced: positions seen before no longer count.
   forget() { this.known = {}; }
 
   take() {

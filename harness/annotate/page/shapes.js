@@ -1,4 +1,4 @@
-// Boxes and points on the image, with handles: what the pointer does to them.
+// Boxes and points on the image, with handles for the pointer.
 
 import { shape } from "./stage.js";
 
@@ -11,8 +11,8 @@ const HALF = .5; // whole numbers are pixels' centres, and the picture begins ha
 const sorted = ([a, b, c, d]) => [Math.min(a, c), Math.min(b, d), Math.max(a, c), Math.max(b, d)];
 
 export class Shapes {
-  // chosen(): { name, kind } that is drawn; choose(name, kind): another was clicked; live(place): it is being drawn;
-  // done(place): it was drawn, null: given up; look(name): it was clicked while nothing is drawn.
+  // chosen(): the selected { name, kind }; choose(name, kind): another was clicked; live(place): it is being drawn;
+  // done(place): it was drawn, null: cancelled; look(name): it was clicked with the drawing tool closed.
   constructor(stage, handlers) {
     Object.assign(this, handlers, { stage });
     this.svg = shape("svg", { id: "drawn", "aria-hidden": "true" });
@@ -20,7 +20,7 @@ export class Shapes {
     this.svg.addEventListener("pointerdown", (event) => this.press(event));
   }
 
-  // Pixels of the image that one pixel of the screen shows.
+  // Pixels of the image per pixel of the screen.
   get unit() {
     const matrix = this.svg.getScreenCTM();
     return matrix ? 1 / matrix.a : 1;
@@ -60,7 +60,7 @@ export class Shapes {
     return group;
   }
 
-  // They lie outside the box, so that a small one can be moved, too, but within the picture.
+  // Handles are outside the box, so that small boxes can be moved, but within the picture.
   handles(box, unit) {
     const size = HANDLE_PX * unit;
     const { x: left, y: top, width, height } = this.svg.viewBox.baseVal;
@@ -126,7 +126,7 @@ export class Shapes {
     addEventListener("keydown", escape, true);
   }
 
-  // Where the pointer has come to -> the place that is drawn: a corner or all of the shape is moved, or a new one made.
+  // The pointer's position -> the place being drawn: a corner or the whole shape is moved, or a new one is made.
   changeOf({ kind, own, isOwn, corner, from }) {
     if (isOwn && corner !== undefined) {
       const [across, down] = CORNERS[corner];

@@ -1,4 +1,4 @@
-// Who speaks when: a second kind of label, with a lane of its own below each subject who speaks.
+// Speaking turns: a second kind of label, with a row of its own below each subject who speaks.
 
 import { get, post } from "./api.js";
 import * as panel from "./panel.js";
@@ -15,7 +15,7 @@ export class Speech {
     this.page.draw();
   }
 
-  // Once: the subject begins to speak here; once more: and ends here.
+  // First press: the subject begins to speak here; second press: the turn ends here.
   press() {
     const { page, begun } = this;
     const { subject, here } = page;
@@ -29,7 +29,7 @@ export class Speech {
     this.send({ subject, at: Math.min(begun.at, here), last: Math.max(begun.at, here) });
   }
 
-  // The range, or the turn here, is silence.
+  // Delete the turn here, or all speech in the range.
   silence() {
     const { page, begun } = this;
     this.begun = null;

@@ -18,7 +18,7 @@ export const shape = (tag, attributes) => {
 };
 
 export class Stage {
-  // name(object): how an object is called and drawn; choose(object, point): it was clicked; changed(): another part is shown.
+  // name(object): its name and style; choose(object, point): it was clicked; changed(): another part is shown.
   constructor({ name, choose, changed }) {
     Object.assign(this, { name, choose });
     this.pictures = new Kept(loadPicture, PICTURES, (bitmap) => bitmap.close());
@@ -44,7 +44,7 @@ export class Stage {
     }
   }
 
-  // Nothing is loaded ahead any more.
+  // Stop loading in advance.
   stay() { this.from = null; }
 
   show(bitmap, scene, at, subject) {
@@ -57,7 +57,7 @@ export class Stage {
     this.showBeside(at, subject, scene);
   }
 
-  // Outlines and names of the frame that is shown; nothing is done where these are drawn already.
+  // Draw outlines and names of the frame that is shown, unless they are drawn already.
   draw(subject, names) {
     const { scene } = this;
     this.letter = (narrow.matches ? 34 : 17) * this.unit; // its height in pixels
@@ -90,7 +90,7 @@ export class Stage {
     return u1 > left && u0 < right && v1 > top && v0 < bottom;
   }
 
-  // A name that is as long as there is room for, within the picture, and apart from names that have their place already.
+  // Place a name within the picture and apart from the names already placed, shortened to the available space.
   label(words, [u0, v0, u1, v1], isHigh) {
     const most = Math.max(LEAST_LETTERS, Math.floor((u1 - u0) / this.letter / LETTER));
     const text = words.length > most ? `${words.slice(0, most - 1).trimEnd()}…` : words;
@@ -105,7 +105,7 @@ export class Stage {
     return Object.assign(shape("text", { x, y }), { textContent: text });
   }
 
-  // A place on the screen in pixels of the whole image.
+  // Convert a place on the screen to pixels of the whole image.
   pointOf(event) {
     const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(this.overlay.getScreenCTM().inverse());
     return [Math.round(at.x * 10) / 10, Math.round(at.y * 10) / 10];

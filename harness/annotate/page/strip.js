@@ -1,5 +1,5 @@
-// A strip of frames: an axis, one row a subject, the run's suggestions below, a cursor, and ranges by dragging. It shows
-// the whole clip, or as many frames of it as there is room for, around the one in hand.
+// A timeline: an axis, one row per subject, the run's suggestions below, a cursor, and ranges by dragging. It shows
+// the whole clip, or as many frames around the current one as fit.
 
 import { Axis } from "./axis.js";
 import { coarse, pieces } from "./tracks.js";
@@ -42,7 +42,7 @@ export class Strip {
     this.wave = new Wave(this.times);
   }
 
-  // A row is made anew only when what it shows has changed: a long clip has hundreds of pieces.
+  // A row is rebuilt only when its content has changed: a long clip has hundreds of pieces.
   draw(position, { subjects, subject, tracks, seen, names, suggestions, loop, said, turns }) {
     if (!this.isHeld) this.first = Math.max(Math.min(position - Math.floor(this.count / 2), this.frames.length - this.count), 0);
     const window = `${this.first} ${this.count}`;
@@ -76,7 +76,7 @@ export class Strip {
 
   shows(first, last) { return first < this.first + this.count && last >= this.first; }
 
-  // Put an element where frames are.
+  // Place an element at a range of frames.
   place(element, first, last) {
     const [start, end] = [Math.max(first - this.first, 0), Math.min(last + 1 - this.first, this.count)];
     element.style.left = `${100 * start / this.count}%`;
@@ -142,7 +142,7 @@ export class Strip {
     return this.first + Math.min(Math.max(Math.floor(share * this.count), 0), this.count - 1);
   }
 
-  // On the axis a drag moves through the clip, on the rows it chooses a range.
+  // Dragging on the axis moves through the clip; dragging on the rows selects a range.
   press(event) {
     if (event.button) return;
     const isScrub = Boolean(event.target.closest(".axis"));

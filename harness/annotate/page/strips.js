@@ -1,4 +1,4 @@
-// The strip of the whole clip, and above it one that is nearer, for a long clip or when it is zoomed.
+// The timeline of the whole clip, and above it an enlarged one, for a long clip or when zoomed.
 
 import { Strip } from "./strip.js";
 
@@ -18,7 +18,7 @@ export class Strips {
     this.near.hear(sound);
   }
 
-  // Twice as near, or half.
+  // Zoom in or out by a factor of two.
   zoom(by) {
     this.near.count = Math.min(Math.max(Math.round(this.near.count / by), Math.min(NEAREST, this.total)), this.total);
   }

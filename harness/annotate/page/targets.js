@@ -21,7 +21,7 @@ export class TargetForms {
     find("categories").replaceChildren(...about.categories.map((each) => choice(each, "")));
   }
 
-  // Ask for the name of an instance that has none, or of anything.
+  // Ask for the name of an unnamed instance, or of a new target.
   ask(object, objects) {
     this.rule = object ? ruleOf(object, objects) : {};
     find("rule").textContent = this.rule.at_px ? `the one nearest to ${this.rule.at_px.join(", ")} px` : "";
@@ -69,7 +69,7 @@ export class TargetForms {
   }
 }
 
-// The category says enough where there is one of it; else the place does.
+// The category identifies the target if there is only one of it; otherwise the place does.
 function ruleOf(object, objects) {
   if (objects.filter((each) => each.label === object.label).length < 2) return {};
   const [u0, v0, u1, v1] = object.box_px;

@@ -1,12 +1,12 @@
 // Labels as the server sends them: stretches [first, last, target, note, point, suggested, carried] by position.
 
-// undecided: who said what, where annotators differ and a person has to decide.
+// undecided: the annotators' answers, where they differ and a person must decide.
 const parse = (toDecide) => ([first, last, target, note, , suggested, carried]) => ({
   first, last, target: target ?? null, note: note || "", suggested: !!suggested, carried: !!carried,
   undecided: target === "ignore" && note.startsWith(toDecide) ? note.slice(toDecide.length) : "",
 });
 
-// A track in which nothing has changed since the state before stays the same object.
+// A track that has not changed since the last state stays the same object.
 export function read(state, toDecide, before = { texts: {} }) {
   const [tracks, texts] = [{}, {}];
   for (const [name, track] of Object.entries(state.tracks)) {
@@ -16,7 +16,7 @@ export function read(state, toDecide, before = { texts: {} }) {
   return { ...state, tracks, texts };
 }
 
-// Stretches by what is looked at alone, or by what is to be decided.
+// Stretches by target only, or by the difference to decide.
 export function runs(track) {
   const found = [];
   for (const each of track) {
@@ -27,7 +27,7 @@ export function runs(track) {
   return found;
 }
 
-// What is drawn as one: the same target, whether a person said it, and whether it was seen.
+// Pieces drawn as one: same target, confirmed or not, seen or not.
 export function pieces(track, seen) {
   const found = [];
   for (const each of track) {
@@ -42,7 +42,7 @@ export function pieces(track, seen) {
   return found;
 }
 
-// Where something is still to be done: what is unlabelled (also what was not seen yet), undecided or only suggested.
+// Stretches that need work: unlabelled (or not seen yet), undecided or only suggested.
 export function open(track, seen) {
   const found = [];
   for (const each of pieces(track, seen)) {
@@ -52,10 +52,10 @@ export function open(track, seen) {
   return found;
 }
 
-// What annotators differ in.
+// The differences between annotators.
 export const undecided = (track) => runs(track).filter((each) => each.undecided);
 
-// At most so many pieces of a window of frames: of those that share a place the longest is drawn.
+// Limit the pieces of a window of frames: of pieces that share a place, the longest is drawn.
 export function coarse(found, first, count, most) {
   if (found.length <= most) return found;
   const kept = new Map();
@@ -72,7 +72,7 @@ const same = (a, b) =>
 
 export const at = (track, position) => track.find((each) => each.first <= position && position <= each.last);
 
-// First positions of what is looked at, in order: of the labels, and of the run's suggestions.
+// First positions of each target, in order: of the labels, and of the run's suggestions.
 export function changes(track, suggestions) {
   const firsts = new Set(runs(track).slice(1).map((each) => each.first));
   (suggestions || []).forEach((each, position) => {
@@ -81,7 +81,7 @@ export function changes(track, suggestions) {
   return [...firsts].sort((a, b) => a - b);
 }
 
-// The frame that changes when the change before a position is moved by one, and to what; null where none can be moved.
+// The frame that changes, and its new target, when the change before a position moves by one; null if none can move.
 export function nudged(all, position, by) {
   const place = all.findIndex((each) => each.first <= position && position <= each.last);
   if (place < 1 || all[place].suggested || all[place - 1].suggested) return null;

@@ -1,11 +1,11 @@
-// Which part of the image is shown, and how large it is sent: the wheel zooms, dragging moves.
+// The part of the image that is shown, and the size to request: the wheel zooms, dragging moves.
 
 const FARTHEST = 16;
 const STEP_PX = 160; // widths are rounded up to this, so that a resize asks for few new pictures
 const DRAG_PX = 5;
 
 export class View {
-  // changed(): another part is shown; the element is where the picture is.
+  // changed(): another part is shown; the element contains the picture.
   constructor(element, changed) {
     Object.assign(this, { element, changed, scale: 1, middle: [.5, .5], size: null });
     element.addEventListener("wheel", (event) => this.wheel(event), { passive: false });
@@ -23,7 +23,7 @@ export class View {
     return [low, top, high, bottom];
   }
 
-  // What to ask the server for: as many pixels as the screen shows.
+  // The request to the server: as many pixels as the screen shows.
   get query() {
     const { region, size } = this;
     const [width, height] = region ? [region[2] - region[0], region[3] - region[1]] : size || [];
@@ -33,7 +33,7 @@ export class View {
     return parts.length ? `?${parts.join("&")}` : "";
   }
 
-  // Zoom by a factor, so that what is at a place of the element (0 to 1 each way) stays there.
+  // Zoom by a factor around a place of the element (0 to 1 in each direction).
   zoom(by, [across, down] = [.5, .5]) {
     const before = this.scale;
     this.scale = Math.min(Math.max(before * by, 1), FARTHEST);

@@ -1,4 +1,4 @@
-// The loudness of the clip's sound, as a row of a strip.
+// The loudness of the clip's sound, as a row of a timeline.
 
 export class Wave {
   constructor(times) {

@@ -19,17 +19,17 @@ class AnnotationFormat(Protocol):
         Raises
         ------
         vfoa.errors.VfoaError
-            If the file is not of this format, or says what a label cannot say: the message names the place.
+            If the file is not of this format, or holds something that no label can express; the message says where.
         """
         ...
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
-        """Write labels, whole or not at all; the answer says, a sentence each, what the format cannot hold.
+        """Write labels atomically; return a note for each thing that the format cannot hold.
 
         Raises
         ------
         vfoa.errors.VfoaError
-            If what the format needs is not known.
+            If data that the format needs is not known.
         """
         ...
 
@@ -57,4 +57,4 @@ SUFFIXES = {
     "cvat": ".xml",
     "elan": ".eaf",
 }
-"""What a file of each format is called where its user gives no name; another format's has no suffix."""
+"""Default suffix of a file in each format; formats of other distributions have none."""

@@ -1,4 +1,4 @@
-"""The project's own annotation files as a format, for labels that come from a run or another place."""
+"""The project's own annotation files as a format, for labels that come from a run or from elsewhere."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from harness.labels.timeline import timeline_of
 
 
 class AnnotationCsv:
-    """Reads and writes ``annotations/README.md``'s CSV; nothing is lost."""
+    """Reads and writes the CSV of ``annotations/README.md``; nothing is lost."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read a file with the manifest's own names."""

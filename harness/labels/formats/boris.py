@@ -1,6 +1,6 @@
-"""BORIS: its project file, or its tables of events (CSV, TSV, XLSX), told apart by their content.
+"""BORIS: its project file, or its tables of events (CSV, TSV, XLSX), distinguished by their content.
 
-Written is a project where the file is called ``.boris``, else a table of tabular events.
+A file called ``.boris`` is written as a project, any other as a table of tabular events.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from harness.labels.labels import Labels
 
 
 class Boris:
-    """State events; point events have no length and are left out, and said."""
+    """State events. Point events have no length and are left out, with a note."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read one observation."""

@@ -1,7 +1,6 @@
 """BORIS, "aggregated events": a row for each behaviour from start to stop; the behaviour is the target. CSV or TSV.
 
-Columns are found by name, because the layouts of BORIS 7 to 9 have different other columns.
-That of 7 is written.
+Columns are found by name, because the other columns differ between BORIS 7 to 9. The layout of 7 is written.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ _COLUMNS = (
 
 
 class BorisAggregated:
-    """State events; point events have no length and are left out, and said."""
+    """State events. Point events have no length and are left out, with a note."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read the events of one observation."""

@@ -1,4 +1,4 @@
-"""What BORIS's tables of events have in common: one observation, its time offset, and what a label has no place for.
+"""Common parts of BORIS's tables of events: one observation, its time offset, and contents that labels cannot hold.
 
 The columns are those of BORIS's own export (github.com/olivierfriard/BORIS, ``boris/export_observation.py`` and
 ``boris/export_events.py``, GPL; read, not used) and of the files that its tests compare with.
@@ -16,15 +16,15 @@ from harness.labels.timeline import parse_seconds
 from vfoa.errors import VfoaError, did_you_mean
 
 NO_FOCAL_SUBJECT = "No focal subject"
-"""What BORIS calls the subject of events that were coded without one; the tabular export leaves the cell empty."""
+"""BORIS's name for the subject of events without one; the tabular export leaves the cell empty."""
 _ID, _OFFSET, _MODIFIER = "Observation id", "Time offset (s)", "Modifier"
 
 
 @dataclass(slots=True, kw_only=True)
 class Observation:
-    """The events of a table, and what is met on the way that labels cannot hold.
+    """The events of a table, and a record of contents that labels cannot hold.
 
-    ``wanted`` is the observation to read, where the table has several.
+    ``wanted`` is the observation to read, if the table has several.
     """
 
     path: Path
@@ -35,7 +35,7 @@ class Observation:
     _offset: str = ""
 
     def states(self) -> Iterator[tuple[int, str, dict[str, str]]]:
-        """Line, START, STOP or STATE, and cells by column of every row of an event that lasts.
+        """Yield line, START, STOP or STATE, and cells by column of every row of a state event.
 
         Raises
         ------
@@ -59,7 +59,7 @@ class Observation:
             yield line, kind, {**row, "Subject": row["Subject"] or NO_FOCAL_SUBJECT}
 
     def notes(self, exchange: Exchange) -> tuple[str, ...]:
-        """Sentences on what was left out, and on a time offset that the import was not told of."""
+        """Notes on contents that were left out, and on a time offset that the import does not use."""
         said = []
         if self._points:
             said.append(
@@ -75,7 +75,7 @@ class Observation:
         return tuple(f"{self.path}: {each}" for each in said)
 
     def _offset_above_the_header(self) -> str:
-        """As BORIS up to 7 has it: a line of its own."""
+        """The offset from a line of its own, as in BORIS up to 7."""
         for _, cells in rows_of(self.path):
             if set(self.required) <= set(cells):
                 break
@@ -85,12 +85,12 @@ class Observation:
 
 
 def choose_observation(names: Collection[str], wanted: str | None, path: Path) -> str:
-    """The observation that is wanted, or the only one.
+    """Return the wanted observation, or the only one.
 
     Raises
     ------
     VfoaError
-        If there are several and none is wanted, or the wanted one is not there.
+        If there are several and none is wanted, or the wanted one does not exist.
     """
     if wanted is not None:
         if wanted not in names:

@@ -1,7 +1,7 @@
-"""BORIS's project file (``.boris``, JSON, also gzipped): its observations, whose state events begin and end in turn.
+"""BORIS's project file (``.boris``, JSON, also gzipped): its observations, whose state events start and stop in turn.
 
-An event is ``[time, subject, behaviour, modifiers, comment]``, with a frame number behind it since BORIS 8. The fields
-are those of BORIS's own projects (github.com/olivierfriard/BORIS, ``tests/files``; read, not used).
+An event is ``[time, subject, behaviour, modifiers, comment]``, followed by a frame number since BORIS 8. The fields are
+those of BORIS's own projects (github.com/olivierfriard/BORIS, ``tests/files``; read, not used).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SUFFIXES = (".boris", ".boris.gz")
 _GZIP = b"\x1f\x8b"
 _LARGEST_BYTES = 2**28
 _DATE = "1970-01-01T00:00:00"
-"""The format wants dates; the same labels are to give the same bytes."""
+"""The format needs dates; a constant one gives the same bytes for the same labels."""
 
 
 def read_project(path: Path, exchange: Exchange) -> Imported:
@@ -53,12 +53,12 @@ def read_project(path: Path, exchange: Exchange) -> Imported:
 
 
 def write_project(path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
-    """Write a project with one observation, called as the file is; image points are left out."""
+    """Write a project with one observation, named like the file; image points are left out."""
     events: list[tuple[int, int, list[Any]]] = []
     last = 0
     for start, end, row in to_spans(labels, exchange):
         last = max(last, end)
-        for order, time, comment in ((1, start, row.label.note), (0, end, "")):  # at one time, what ends comes first
+        for order, time, comment in ((1, start, row.label.note), (0, end, "")):  # at equal times, ends come first
             events.append((time, order, [time / 1000, row.subject, row.label.target, "", comment, "NA"]))
     targets = dict.fromkeys(row.label.target for row in labels.ranges)
     observation = {
@@ -142,7 +142,7 @@ def _is_time(value: Any) -> bool:
 
 
 def _offset(observation: Mapping[str, Any], exchange: Exchange, path: Path) -> tuple[int, list[str]]:
-    """The offset of the first player's medium, ms, which BORIS takes from the time of the observation."""
+    """The offset of the first player's medium, ms; BORIS subtracts it from the time of the observation."""
     media = observation.get("media_info")
     offsets = media.get("offset") if isinstance(media, dict) else None
     offset = offsets.get("1", 0.0) if isinstance(offsets, dict) else 0.0
@@ -154,7 +154,7 @@ def _offset(observation: Mapping[str, Any], exchange: Exchange, path: Path) -> t
 
 
 def _pairs(events: list[tuple[int, str, str, str]], offset_ms: int, exchange: Exchange, where: str) -> Iterator[Span]:
-    """The spans between every first and second event of a subject and behaviour."""
+    """Yield the spans between every first and second event of a subject and behaviour."""
     begun: dict[tuple[str, str], tuple[int, str]] = {}
     for time, subject, behaviour, comment in events:
         if (subject, behaviour) not in begun:

@@ -1,7 +1,8 @@
 """BORIS, "tabular events": a row for the START and one for the STOP of each behaviour; the behaviour is the target.
 
-Both layouts are read: that of BORIS up to 7 (a block on the observation, then the header, START or STOP in ``Status``),
-which is the one written, and that of 8 and 9 (the header first, START or STOP in ``Behavior type``). CSV or TSV.
+Both layouts are read: that of BORIS up to 7 (a block about the observation, then the header, START or STOP in
+``Status``), which is also written, and that of 8 and 9 (the header first, START or STOP in ``Behavior type``). CSV or
+TSV.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _COLUMNS = (
 
 
 class BorisTabular:
-    """State events in pairs; point events have no length and are left out, and said."""
+    """State events in pairs. Point events have no length and are left out, with a note."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read the events of one observation."""
@@ -41,7 +42,7 @@ class BorisTabular:
         total = f"{max((end for _, end, _ in spans), default=0) / 1000:.3f}"
         rate = exchange.fps or exchange.clip.rate_hz or 0.0
         for start, end, row in spans:
-            for order, time, status in ((1, start, "START"), (0, end, "STOP")):  # at one time, what ends comes first
+            for order, time, status in ((1, start, "START"), (0, end, "STOP")):  # at equal times, ends come first
                 words = (row.subject, row.label.target, "", row.label.note if status == "START" else "", status)
                 events.append((time, order, (f"{time / 1000:.3f}", "", total, f"{rate:.3f}", *words)))
         text = io.StringIO()

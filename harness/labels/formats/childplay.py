@@ -1,10 +1,11 @@
 """ChildPlay (Tafasca et al., ICCV 2023): a CSV per clip, a row per person and frame, frames from 1.
 
-    clip,frame,person_id,bbox_x,bbox_y,bbox_width,bbox_height,gaze_class,gaze_x,gaze_y,is_child
+clip,frame,person_id,bbox_x,bbox_y,bbox_width,bbox_height,gaze_class,gaze_x,gaze_y,is_child
 
-Pixels. ``inside_visible`` has a point; ``outside_frame`` is ``none``; every other class is ``ignore``, and the note.
-These are gaze_shift, inside_occluded, inside_uncertain and eyes_closed in the data set's README, and in its files also
-inside_ambiguous, uncertain and not_annotated. A row of ``inside_visible`` without a point (-1, -1) is ignored, too.
+Pixels. ``inside_visible`` has a point; ``outside_frame`` is ``none``; every other class becomes ``ignore`` with the
+class as note. These are gaze_shift, inside_occluded, inside_uncertain and eyes_closed in the data set's README, and in
+its files also inside_ambiguous, uncertain and not_annotated. An ``inside_visible`` without a point (-1, -1) is ignored,
+too.
 """
 
 from __future__ import annotations
@@ -33,10 +34,10 @@ _CLASS = re.compile(r"[a-z]+(_[a-z]+)*")
 
 
 class ChildPlay:
-    """Reads and writes one clip's file. A person's name stands in ``person_id``."""
+    """Reads and writes one clip's file. A person's name is in ``person_id``."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
-        """Read points, and name what is seen there."""
+        """Read points and name the objects at them."""
         return from_points(_rows(path, exchange), exchange, path)
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:

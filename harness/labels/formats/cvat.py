@@ -37,10 +37,10 @@ _ATTRIBUTES = ("target", "note", "u_px", "v_px", "state")
 
 
 class CvatVideo:
-    """Reads any shape that has a frame; writes head boxes where they are known, else the whole image."""
+    """Reads any shape that has a frame; writes head boxes if they are known, else the whole image."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
-        """Read the tracks of subjects; those of other labels are left out, and counted."""
+        """Read the tracks of subjects; those of other labels are left out and counted."""
         root = read_tracks(path)
         by_subject: dict[str, dict[int, Label]] = {}
         outside, others = 0, Counter[str]()
@@ -66,14 +66,14 @@ class CvatVideo:
             )
         rows = [row for subject, labels in by_subject.items() for row in _rows(subject, labels, exchange)]
         found = exchange.labels(rows, path)
-        said = [f"{path}: {outside} labels lie outside the clip's frames and are left out."] if outside else []
+        said = [f"{path}: {outside} labels are outside of the clip's frames and are left out."] if outside else []
         if others:
             counts = ", ".join(f"{count} of {label!r}" for label, count in sorted(others.items()))
             said.append(f"{path}: tracks that are no subject's are left out: {counts}.")
         return Imported(labels=found.labels, notes=(*found.notes, *said))
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
-        """Write a shape for every frame; nothing is lost but where one of two equal ranges ends."""
+        """Write a shape for every frame; only the boundary between two equal ranges is lost."""
         root = ElementTree.Element("annotations")
         ElementTree.SubElement(root, "version").text = "1.1"
         _write_task(root, path.stem, labels, exchange)
@@ -89,7 +89,13 @@ class CvatVideo:
 
 
 def read_tracks(path: Path) -> ElementTree.Element:
-    """The root of a file "for video 1.1", or of the one in a ZIP; it has tracks, of one task (:class:`VfoaError`)."""
+    """Return the root of a file "for video 1.1", or of the one in a ZIP.
+
+    Raises
+    ------
+    VfoaError
+        If it has no tracks, or tracks of several tasks.
+    """
     root = parse_xml(_content(path), path)
     if root.tag != "annotations" or root.find("image") is not None or root.find("track") is None:
         raise VfoaError(f"{path}: found <{root.tag}> without tracks; expected CVAT for video 1.1")
@@ -119,7 +125,7 @@ def _attributes(shape: ElementTree.Element) -> dict[str, str]:
 def _labelled(
     track: ElementTree.Element, subject: str, exchange: Exchange, where: str
 ) -> Iterator[tuple[int, int, Label]]:
-    """CVAT's first and last frame of every label of a track; a shape that is ``outside`` ends one."""
+    """Yield CVAT's first and last frame of every label of a track; a shape that is ``outside`` ends one."""
     shapes: list[tuple[int, ElementTree.Element]] = []
     for shape in track:
         number = shape.get("frame", "")
@@ -166,7 +172,7 @@ def _write_task(root: ElementTree.Element, name: str, labels: Labels, exchange: 
 
 
 def _write_track(track: ElementTree.Element, subject: str, labels: Labels, exchange: Exchange) -> int:
-    """Write a subject's shapes; the answer is how many of them are the whole image."""
+    """Write a subject's shapes; return how many of them are the whole image."""
     whole = 0
     before: Label | None = None
     last_head: Box | None = None
@@ -176,7 +182,7 @@ def _write_track(track: ElementTree.Element, subject: str, labels: Labels, excha
             continue
         head = exchange.head_box(frame, subject)
         whole += head is None and label is not None
-        # A shape that ends a label stands where the head was last: CVAT does not show it.
+        # A shape that ends a label is at the head's last place: CVAT does not show it.
         box = head or (last_head if label is None else None) or exchange.image_box
         last_head = head or last_head
         shape = _write_box(track, position + exchange.first_number, box, is_key=label != before, is_out=label is None)

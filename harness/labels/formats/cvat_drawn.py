@@ -34,20 +34,20 @@ _FRAME = re.compile(r"[0-9]{1,18}")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ImportedDrawn:
-    """What was drawn in CVAT, and a sentence for all that was left out."""
+    """The shapes drawn in CVAT, and a note for everything that was left out."""
 
     drawn: Drawn
     notes: tuple[str, ...] = ()
 
 
 def read_cvat_drawn(path: Path, exchange: Exchange) -> ImportedDrawn:
-    """Read the tracks of a clip's targets and subjects; those of other labels are left out, and counted.
+    """Read the tracks of a clip's targets and subjects; those of other labels are left out and counted.
 
     Raises
     ------
     VfoaError
         If the file cannot be read, no track is of this clip, a shape is neither a box nor one point, or two tracks of
-        one name are there at the same time.
+        one name overlap in time.
     """
     keys: dict[tuple[str, Kind], list[KeyFrame]] = {}
     others = Counter[str]()
@@ -126,7 +126,7 @@ def _pixels(text: str, where: str) -> float:
 
 
 def _within(track: Track, exchange: Exchange) -> list[KeyFrame]:
-    """The key frames in the clip's own numbers; a track that begins before the clip, or ends after it, is cut there."""
+    """The key frames in the clip's own numbers; a track that extends beyond the clip is cut."""
     first, last = exchange.first_number, exchange.first_number + len(exchange.frames) - 1
     numbers = {each.frame: each.outside for each in track.keys if first <= each.frame <= last}
     frames = [each.frame for each in track.keys]
@@ -142,15 +142,14 @@ def _within(track: Track, exchange: Exchange) -> list[KeyFrame]:
 
 
 def _joined(one: list[KeyFrame], other: list[KeyFrame], name: str, where: str) -> list[KeyFrame]:
-    """The key frames of two tracks of one name, of which the earlier has to end where the later begins, or before."""
+    """Join the key frames of two tracks of one name; the earlier must end before the later begins."""
     if not one or not other:
         return one or other
     before, after = sorted((one, other), key=lambda each: (each[0].frame, each[-1].frame))
     end = before[-1]
     if end.frame > after[0].frame or not end.outside:
         raise VfoaError(
-            f"{where}: {name!r} has another track, which is there in frame {after[0].frame} of the clip, too; "
-            "expected one at a time"
+            f"{where}: {name!r} has two tracks in frame {after[0].frame} of the clip; expected one at a time"
         )
     return [*(before[:-1] if end.frame == after[0].frame else before), *after]
 

@@ -1,6 +1,6 @@
 """ELAN (.eaf): a tier per subject, an annotation per range, its value the target.
 
-Notes, image points and suggestions stand in tiers of their own beside a subject's (``girl:note``, ``girl:point_px``,
+Notes, image points and suggestions are in tiers of their own beside a subject's (``girl:note``, ``girl:point_px``,
 ``girl:state``), in annotations of the same times. Through pympi (Lubbers and Torreira, pympi-ling).
 """
 
@@ -21,7 +21,7 @@ from vfoa.errors import VfoaError
 
 _NOTE, _POINT, _STATE = ":note", ":point_px", ":state"
 _DATE = "1970-01-01T00:00:00+00:00"
-"""The format wants a date; the same labels are to give the same bytes."""
+"""The format needs a date; a constant one gives the same bytes for the same labels."""
 
 
 _FARTHEST_MS = 2**53
@@ -29,10 +29,10 @@ _FARTHEST_MS = 2**53
 
 
 class Elan:
-    """Reads tiers named after subjects; others are left out, and said. Writes format 2.8."""
+    """Reads tiers named after subjects; others are left out, with a note. Writes format 2.8."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
-        """Read a file's annotations; those that refer to others have the times of the ones they refer to."""
+        """Read a file's annotations; referring annotations have the times of the ones they refer to."""
         document = _parse(path)
         names = {each: exchange.names.translate(each) for each in document.tiers}
         tiers = {tier: name for tier, name in names.items() if name in exchange.subjects}
@@ -100,9 +100,9 @@ def _spans(document: Any, tier: str, subject: str, exchange: Exchange, path: Pat
 
 
 def _media_offset(document: Any, exchange: Exchange, path: Path) -> tuple[int, list[str]]:
-    """How far the first medium's own time is ahead of the document's, ms, and what to say of that.
+    """The first medium's offset to the document's time, ms, and notes about it.
 
-    ELAN keeps it as ``TIME_ORIGIN``. An ``--offset`` of the user says where the clip begins by itself.
+    ELAN stores it as ``TIME_ORIGIN``. With an ``--offset`` of the user, it is not used.
     """
     origins = {str(each.get("MEDIA_URL")): each.get("TIME_ORIGIN") for each in document.media_descriptors}
     try:
@@ -117,7 +117,7 @@ def _media_offset(document: Any, exchange: Exchange, path: Path) -> tuple[int, l
         return 0, [f"{path}: the media offsets ({listed}) are not used: --offset says where the clip begins."]
     origin_ms = next((origin for url, origin in found_ms if url == first), 0)
     if origin_ms == 0:
-        return 0, [f"{path}: media offsets: {listed}; the clip is taken for the first medium, which has none."]
+        return 0, [f"{path}: media offsets: {listed}; the first medium, which has none, is taken for the clip."]
     return origin_ms, [f"{path}: the media offset of {Path(str(first)).name}, {origin_ms / 1000:g} s, is added."]
 
 
@@ -152,7 +152,7 @@ def _annotations(document: Any, tier: str, path: Path) -> list[tuple[int, int, s
 
 
 def _referring(document: Any, tier: str, name: str) -> tuple[Any, Any, str]:
-    """An annotation that refers to another one: it has its times, or an equal share where several refer to it."""
+    """An annotation that refers to another one has its times, or an equal share if several refer to it."""
     parent, value, *_ = document.tiers[tier][1][name]
     start, end = _times_of(document, parent)
     if start is None or end is None:

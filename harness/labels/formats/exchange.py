@@ -1,4 +1,4 @@
-"""How labels of another program map to ours: names, frame numbers, times, gaps."""
+"""Mapping of another program's labels to ours: names, frame numbers, times, gaps."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 
 _LARGEST = 1e9
-"""Seconds, frames, or frames a second."""
+"""Largest offset and rate: seconds, frames, or frames per second."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Imported:
-    """Labels that were read, and a sentence for all that they do not hold of the file."""
+    """Labels that were read, and a note for everything in the file that they do not hold."""
 
     labels: Labels
     notes: tuple[str, ...] = ()
@@ -31,7 +31,7 @@ class Imported:
 
 @dataclass(frozen=True, kw_only=True)
 class Exchange:
-    """How the other program's names, frames and times are ours.
+    """The mapping between the other program's names, frames and times and ours.
 
     Parameters
     ----------
@@ -40,20 +40,20 @@ class Exchange:
     fps
         The rate at which the other program shows the clip's frames; None: at the clip's own times.
     offset
-        Where the clip's first frame is in the other program: seconds in formats of times, frames in formats of
+        Position of the clip's first frame in the other program: seconds in formats of times, frames in formats of
         frames.
     renamed
         The other program's name -> ours.
     gaps
-        What the frames mean that have no label between two labels of a subject.
+        Meaning of frames without a label between two labels of a subject.
     bodies
-        Where heads and targets are, for formats of boxes and points.
+        Positions of heads and targets, for formats of boxes and points.
     unnamed
-        The target of a point on nothing that has a name; None: ``ignore``.
+        The fallback target: that of a point on nothing with a name; None: ``ignore``.
     attribute
         In CVAT: the attribute that holds the target.
     observation
-        In BORIS: which observation of a file of several.
+        In BORIS: the observation to read, if a file has several.
     """
 
     clip: Clip | MeasuredClip
@@ -75,7 +75,7 @@ class Exchange:
 
     @cached_property
     def names(self) -> NameLog:
-        """The names that were met while a file is read."""
+        """The names found while a file is read."""
         return NameLog(renamed=self.renamed)
 
     @cached_property
@@ -85,12 +85,12 @@ class Exchange:
 
     @cached_property
     def times_ms(self) -> list[int]:
-        """When each frame is shown in the other program, to the millisecond that its formats have.
+        """Time of each frame in the other program, to the millisecond of its formats.
 
         Raises
         ------
         VfoaError
-            If neither the clip nor ``fps`` says how fast the frames follow each other.
+            If neither the clip nor ``fps`` gives the frame rate.
         """
         if self.fps is None and self.clip.rate_hz is None:
             raise VfoaError("--fps: the clip does not know its rate, and this format holds times; expected --fps RATE")
@@ -104,7 +104,7 @@ class Exchange:
 
     @property
     def step_ms(self) -> int:
-        """How long the last frame is shown."""
+        """Duration of the last frame, ms."""
         steps = np.diff(self.times_ms)
         return max(1, round(float(np.median(steps)))) if len(steps) else 1000
 
@@ -115,10 +115,10 @@ class Exchange:
         Raises
         ------
         VfoaError
-            If ``fps`` is given, which says nothing here, or the offset is no whole number.
+            If ``fps`` is given, which has no meaning here, or the offset is no whole number.
         """
         if self.fps is not None:
-            raise VfoaError("--fps: this format holds frame numbers, not times; expected --offset in frames alone")
+            raise VfoaError("--fps: this format holds frame numbers, not times; expected only --offset, in frames")
         if self.offset != int(self.offset):
             raise VfoaError(f"--offset: found {self.offset:g}; expected whole frames: this format holds frame numbers")
         return int(self.offset)
@@ -138,7 +138,7 @@ class Exchange:
         return 0.0, 0.0, float(rig.width_px), float(rig.height_px)
 
     def head_box(self, frame: int, subject: str) -> Box | None:
-        """The box of a subject's head, pixels; None where it is not known."""
+        """The box of a subject's head, pixels; None if it is not known."""
         return self.bodies.head_box(frame, subject) if self.bodies else None
 
     def positions(self, row: LabelRange) -> range:
@@ -146,25 +146,25 @@ class Exchange:
         return range(bisect_left(self.frames, row.first_frame), bisect_right(self.frames, row.last_frame))
 
     def subject(self, name: str, where: str) -> str:
-        """Our name of a subject; :meth:`labels` raises for all unknown names, and ``where`` each was first."""
+        """Our name of a subject; :meth:`labels` raises for all unknown names, each with its first ``where``."""
         return self.names.expect(name, self.subjects, "subject", where)
 
     def target(self, name: str, subject: str, where: str) -> str:
-        """Our name of what the subject looks at, as :meth:`subject`; :class:`VfoaError` if it is the subject itself."""
+        """Our name of a subject's target, as :meth:`subject`; :class:`VfoaError` if it is the subject itself."""
         found = self.names.expect(name, {*self.targets, *self.subjects, *RESERVED}, "target", where)
         if found == subject:
             raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target, or none")
         return found
 
     def labels(self, rows: Iterable[LabelRange], path: object) -> Imported:
-        """Labels of which the gaps are filled, and a note that says how many frames that were.
+        """Return labels with filled gaps, and a note with the number of filled frames.
 
         Raises
         ------
         VfoaError
-            For the names that are unknown, and for a rename that was of no use.
+            For unknown names, and for a rename that matched nothing.
         """
-        rows = list(rows)  # which may be read from the file only now
+        rows = list(rows)  # the rows may be read from the file only now
         self.names.check(path)
         labels, notes, filled = Labels(rows), [], []
         label = Label(target=self.gaps, note=UNLABELLED if self.gaps == IGNORED else "")
@@ -181,16 +181,16 @@ class Exchange:
 
 
 def one_line(text: str | None) -> str:
-    """Text as it can stand in a note: white space and line breaks become one space."""
+    """Text for a note: each run of white space and line breaks becomes one space."""
     return " ".join((text or "").split())
 
 
 def left_out(labels: Labels, what: str, *, notes: bool = False, points: bool = False) -> list[str]:
-    """A sentence for each kind of content that a format cannot hold and these labels have."""
+    """A note for each kind of content of these labels that a format cannot hold."""
     found = [row.label for row in labels.ranges]
     counts = {
         "suggested labels stand in it as if a person had confirmed them": sum(each.is_suggested for each in found),
         "notes are left out": 0 if notes else sum(bool(each.note) for each in found),
         "image points are left out": 0 if points else sum(each.point_px is not None for each in found),
     }
-    return [f"{what} has no place for it: {count} {words}." for words, count in counts.items() if count]
+    return [f"{what} cannot hold it: {count} {words}." for words, count in counts.items() if count]

@@ -1,4 +1,4 @@
-"""Formats of gaze points, which hold where in the image somebody looks but not at what: to names and back."""
+"""Formats of gaze points, which store where in the image somebody looks: conversion to names of targets and back."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class GazePoint:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shown:
-    """One label in one frame, with the head's box and, where the label is a target, a point on it."""
+    """One label in one frame, with the head's box and, if the label is a target, a point on it."""
 
     frame: int
     subject: str
@@ -43,9 +43,9 @@ class Shown:
 
 
 def from_points(points: Iterable[GazePoint], exchange: Exchange, path: object) -> Imported:
-    """Labels from points: the target is what is seen at the point; outside the image is ``none``.
+    """Return labels from points: the target is the object at the point; outside the image is ``none``.
 
-    A range keeps its image point where that is the same in all its frames.
+    A range keeps its image point if that is the same in all its frames.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def from_points(points: Iterable[GazePoint], exchange: Exchange, path: object) -
     for each in points:
         labels = by_subject.setdefault(each.subject, {})
         if each.frame is None or each.frame not in known:
-            counts["labels lie outside the clip's frames and are left out"] += 1
+            counts["labels are outside of the clip's frames and are left out"] += 1
             continue
         if each.frame in labels:
             raise VfoaError(f"{each.where}: {each.subject!r} has two labels in frame {each.frame}")
@@ -71,7 +71,7 @@ def from_points(points: Iterable[GazePoint], exchange: Exchange, path: object) -
 
 
 def point_of(cells: Sequence[str], where: str) -> Point:
-    """A gaze point from its two cells; :class:`VfoaError` if they hold none."""
+    """Parse a gaze point from its two cells; :class:`VfoaError` if they hold none."""
     point = parse_point(cells, where)
     if point is None:
         raise VfoaError(f"{where}: no gaze point; expected two numbers")
@@ -79,7 +79,7 @@ def point_of(cells: Sequence[str], where: str) -> Point:
 
 
 def to_points(labels: Labels, exchange: Exchange) -> tuple[list[Shown], list[str]]:
-    """Every label of every frame in which the head is known, by subject and frame, and what had to be left out.
+    """Return every label of every frame with a known head, by subject and frame, and notes on what was left out.
 
     Raises
     ------
@@ -95,9 +95,9 @@ def to_points(labels: Labels, exchange: Exchange) -> tuple[list[Shown], list[str
             head = exchange.head_box(frame, subject)
             point = _point(frame, label, exchange)
             if head is None:
-                counts["labels are left out: where the head is in the frame is not known"] += 1
+                counts["labels are left out: the head's place in the frame is not known"] += 1
             elif point is None and label.target not in (NOWHERE, IGNORED):
-                counts["labels are left out: where the target is in the frame is not known"] += 1
+                counts["labels are left out: the target's place in the frame is not known"] += 1
             else:
                 shown.append(Shown(frame=frame, subject=subject, label=label, head_px=head, point_px=point))
     if not shown:

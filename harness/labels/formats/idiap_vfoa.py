@@ -1,7 +1,7 @@
 """Ground truth of idiap/vfoa (github.com/idiap/vfoa, ``tests/test_runVfoaModule.py``; read, not used).
 
 ``*_gt.npz``: an array for each person (``Person 1``, ...), a code for each frame: 0 unfocused, 1 robot, 2 the other
-person. Or a CSV with the header ``time_ns,person,looks_at``, where ``looks_at`` is that in words.
+person. Or a CSV with the header ``time_ns,person,looks_at``, where ``looks_at`` is one of these in words.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ MEANINGS = ("unfocused", "robot", "other person")
 """Meaning of the codes, in their order."""
 
 _Found = tuple[int, str, str]
-"""A frame, the upstream name of a person, and what that person looks at."""
+"""A frame, the upstream name of a person, and the target of that person."""
 
 
 class IdiapGroundTruth:
     """Reads upstream's arrays, or the table; it cannot be written."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
-        """Read labels; the manifest has to know the people, and the robot by this name."""
+        """Read labels; the manifest must have the people, and the robot by this name."""
         found = _of_arrays(path, exchange) if path.suffix == ".npz" else _of_table(path, exchange)
         tracks: dict[str, list[tuple[int, Label]]] = {}
         for frame, person, meaning in found:
@@ -49,8 +49,8 @@ class IdiapGroundTruth:
         return exchange.labels(rows, path)
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
-        """Refuse."""
-        raise VfoaError(f"{path}: this format is only read; expected another --format")
+        """Raise an error: the format is read-only."""
+        raise VfoaError(f"{path}: this format cannot be written; expected another --format")
 
 
 def _target(meaning: str, subject: str, exchange: Exchange, path: Path) -> str:
@@ -81,7 +81,7 @@ def _arrays(path: Path) -> dict[str, Sequence[int]]:
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             found = {name: np.asarray(file[name]) for name in file.files}
-    except Exception as error:  # of the archive, and of each array's header, which is Python
+    except Exception as error:  # errors of the archive, and of each array's header, which is Python
         raise VfoaError(f"{path}: not a file of arrays: {error}") from None
     for name, array in found.items():
         if array.ndim != 1 or array.dtype.kind not in "iuf" or not np.array_equal(array, array.astype(int)):

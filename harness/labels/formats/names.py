@@ -1,4 +1,4 @@
-"""The other program's names in one import: which are ours, which are unknown, and which renames were of use."""
+"""The other program's names in one import: known, unknown, and renamed ones."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ _SHOWN = 8
 
 @dataclass(slots=True, kw_only=True)
 class NameLog:
-    """Translates names by ``renamed`` (theirs -> ours) and keeps what it could not translate."""
+    """Translates names by ``renamed`` (theirs -> ours) and records those that it could not translate."""
 
     renamed: Mapping[str, str]
     _seen: set[str] = field(default_factory=set)
     _unknown: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
 
     def translate(self, name: str) -> str:
-        """Our name of theirs; the same where no rename is given."""
+        """Our name for theirs; unchanged if no rename is given."""
         self._seen.add(name)
         return self.renamed.get(name, name)
 
     def expect(self, name: str, known: Collection[str], kind: str, where: str) -> str:
-        """Our name of theirs. An unknown one is kept, and told by :meth:`check`, with all others at once."""
+        """Our name for theirs. An unknown one is recorded; :meth:`check` reports all of them at once."""
         found = self.translate(name)
         if found not in known:
             self._unknown.setdefault((kind, name), (where, f"{found!r}; {did_you_mean(found, known)}"))
         return found
 
     def check(self, path: object) -> None:
-        """Refuse unknown names and renames that no name of the file needed.
+        """Reject unknown names, and renames of names that the file does not have.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Formats of times: spans in milliseconds, to ranges of frames and back."""
+"""Formats of times: convert spans in milliseconds to ranges of frames and back."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vfoa.errors import VfoaError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Span:
-    """A label from ``start_ms`` up to ``end_ms``, in the other program's time; ``where`` it stands in the file."""
+    """A label from ``start_ms`` up to ``end_ms``, in the other program's time; ``where`` is its place in the file."""
 
     start_ms: int
     end_ms: int
@@ -23,7 +23,7 @@ class Span:
 
 
 def from_spans(spans: Iterable[Span], exchange: Exchange, path: object) -> Imported:
-    """Labels from spans: a span holds for the frames that are shown from its start on and before its end.
+    """Return labels from spans: a span covers the frames shown from its start on and before its end.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def from_spans(spans: Iterable[Span], exchange: Exchange, path: object) -> Impor
 
 
 def to_spans(labels: Labels, exchange: Exchange) -> Iterator[tuple[int, int, LabelRange]]:
-    """Start, end (ms) and range of all labels: each ends where the next frame of the clip is shown.
+    """Yield start, end (ms) and range of all labels: each ends when the next frame of the clip is shown.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def to_spans(labels: Labels, exchange: Exchange) -> Iterator[tuple[int, int, Lab
     """
     times = exchange.times_ms
     if times and times[0] < 0:
-        raise VfoaError(f"--offset: the clip's first frame would stand at {times[0] / 1000:g} s; expected 0 or later")
+        raise VfoaError(f"--offset: the clip's first frame would be at {times[0] / 1000:g} s; expected 0 or later")
     for row in labels.ranges:
         positions = exchange.positions(row)
         if positions:

@@ -1,4 +1,4 @@
-"""Tables that other programs write as CSV, TSV or XLSX: rows by column name, with their line."""
+"""Tables of other programs in CSV, TSV or XLSX: rows by column name, with their line numbers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _ZIP = b"PK\x03\x04"
 
 
 def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line and cells of every row that is not empty: commas, or tabs where the first line has one.
+    """Yield line and cells of every row that is not empty; separated by tabs if the first line has one, else by commas.
 
     Raises
     ------
@@ -38,7 +38,7 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def rows_of(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line and cells of every row of a text table, or of the first sheet of a workbook (``.xlsx``); as `csv_rows`."""
+    """Yield line and cells of every row of a text table or of the first sheet of an ``.xlsx``; as `csv_rows`."""
     data = read_bytes(path)
     yield from _workbook_rows(data, path) if data.startswith(_ZIP) else csv_rows(path)
 
@@ -49,11 +49,11 @@ def _workbook_rows(data: bytes, path: Path) -> Iterator[tuple[int, list[str]]]:
     check_archive(data, path)
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # openpyxl's, of what it leaves out: styles, extensions
+            warnings.simplefilter("ignore")  # openpyxl warns about content that it ignores: styles, extensions
             book = load_workbook(io.BytesIO(data), read_only=True, data_only=True)
             rows = [[_cell(each) for each in row] for row in book.worksheets[0].iter_rows(values_only=True)]
             book.close()
-    except Exception as error:  # of openpyxl, and of the ZIP, XML and dates that it reads
+    except Exception as error:  # errors of openpyxl, and of the ZIP, XML and dates that it reads
         raise VfoaError(f"{path}: not a workbook that can be read: {error}") from None
     yield from ((line, cells) for line, cells in enumerate(rows, start=1) if any(cells))
 
@@ -66,7 +66,7 @@ def _cell(value: object) -> str:
 
 
 def read_table(path: Path, required: Sequence[str]) -> Iterator[tuple[int, dict[str, str]]]:
-    """Line and cells by column of every row below the header: the first row that holds all ``required`` columns.
+    """Yield line and cells by column of every row below the header, the first row with all ``required`` columns.
 
     Lines above the header are skipped. A short row has empty cells at its end.
 
@@ -86,12 +86,12 @@ def read_table(path: Path, required: Sequence[str]) -> Iterator[tuple[int, dict[
 
 
 def milliseconds(row: dict[str, str], column: str, where: str) -> int:
-    """A cell of decimal seconds in ms.
+    """Parse a cell of decimal seconds as ms.
 
     Raises
     ------
     VfoaError
-        If it is none.
+        If it holds anything else.
     """
     time_ns = parse_seconds(row.get(column, ""))
     if time_ns is None:

@@ -1,10 +1,10 @@
 """VideoAttentionTarget (Chong et al., CVPR 2020): a text file per person in a folder, a line per frame.
 
-    00000012.jpg,xmin,ymin,xmax,ymax,gazex,gazey        pixels; -1,-1: looks out of the image
+00000012.jpg,xmin,ymin,xmax,ymax,gazex,gazey        pixels; -1,-1: looks out of the image
 
-A file is named after its person (``s00.txt``), an image after its frame's number in the source. As the authors' loader
-(github.com/ejcgt/attention-target-detection, ``dataset.py``; read, not used) takes them: a point with one negative
-coordinate was set beside the image by a slip, and is moved back to its edge.
+A file is named after its person (``s00.txt``), an image after its frame's number in the source. As in the authors'
+loader (github.com/ejcgt/attention-target-detection, ``dataset.py``; read, not used), a point with one negative
+coordinate was placed beside the image by mistake, and is moved to its edge.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ class VideoAttentionTarget:
     """Reads one person's file, or all ``.txt`` of a folder; writes a folder. A frame without a line is not judged."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
-        """Read points, and name what is seen there."""
+        """Read points and name the objects at them."""
         files = sorted(path.glob("*.txt")) if path.is_dir() else [path]
         if not files:
             raise VfoaError(f"{path}: no .txt in this folder; expected one for each person")
         return from_points((each for file in files for each in _lines(file, exchange)), exchange, path)
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
-        """Write a folder; names are lost, as are ignored frames."""
+        """Write a folder; names and ignored frames are lost."""
         shown, said = to_points(labels, exchange)
         ignored = sum(each.label.target == IGNORED for each in shown)
         files: dict[Path, str | bytes] = {}

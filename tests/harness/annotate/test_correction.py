@@ -134,7 +134,7 @@ def test_the_label_is_set_right_in_a_form_of_the_served_report(run: RunResults) 
         foreign = client.post(address, data=wanted, headers={"Origin": "http://elsewhere.example"})
         assert foreign.status_code == 403
         _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
-        assert "tables, page and recordings follow" in client.post(address, data=wanted).text
+        assert "tables, page and recordings are updated" in client.post(address, data=wanted).text
     _agree(run, {1: "mug", 2: "vase", 3: "vase", 4: "mug"})
 
 
@@ -185,7 +185,7 @@ def test_the_run_follows_what_is_labelled_in_the_page(run: RunResults, monkeypat
     clip = run.path.parent / "datasets" / "desk.toml"
     words = ["annotate", str(clip), "--run", str(run.path), "--config", "one", "--no-open"]
     done = CliRunner().invoke(app, words, catch_exceptions=False)
-    assert "tables, page and recordings follow" in done.output
+    assert "tables, page and recordings are updated" in done.output
     _agree(run, {1: "book", 2: "mug", 3: "mug", 4: "mug"})
     monkeypatch.setattr("harness.annotate.server.PageServer.run", PageServer.close)
     assert "follow" not in CliRunner().invoke(app, words, catch_exceptions=False).output

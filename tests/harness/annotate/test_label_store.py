@@ -290,19 +290,19 @@ def _refuse(handle: int) -> None:
     [
         ("{", r":3: not JSON: .*; move the journal away"),
         ("5", r":3: no entry; move the journal away"),
-        ('{"redo":true}', r":3: no change of labels: IndexError.*; move the journal away"),
-        ('{"seen":["bob",1]}', r":3: no change of labels: KeyError\('bob'\); move the journal away"),
-        ('{"change":{"subject":"ann"}}', r":3: no change of labels: KeyError\('before'\); move the journal away"),
-        ('{"seen":["ann",1000000000000]}', r":3: no change of labels: ValueError.*; move the journal away"),
+        ('{"redo":true}', r":3: not a change of labels: IndexError.*; move the journal away"),
+        ('{"seen":["bob",1]}', r":3: not a change of labels: KeyError\('bob'\); move the journal away"),
+        ('{"change":{"subject":"ann"}}', r":3: not a change of labels: KeyError\('before'\); move the journal away"),
+        ('{"seen":["ann",1000000000000]}', r":3: not a change of labels: ValueError.*; move the journal away"),
         (
             '{"change":{"subject":"ann","before":[],"after":[[5,1000000000000,"cup","",null,false,false]]}}',
-            r":3: no change of labels: ValueError.*; move the journal away",
+            r":3: not a change of labels: ValueError.*; move the journal away",
         ),
         (
             '{"change":{"subject":"ann","before":[],"after":[[-3,-1]]}}',
-            r":3: no change of labels: ValueError.*; move the journal away",
+            r":3: not a change of labels: ValueError.*; move the journal away",
         ),
-        ('{"change":7}', r":3: no change of labels: TypeError.*; move the journal away"),
+        ('{"change":7}', r":3: not a change of labels: TypeError.*; move the journal away"),
     ],
 )
 def test_a_journal_that_was_changed_by_hand_is_one_line(tmp_path: Path, line: str, message: str) -> None:

@@ -103,7 +103,7 @@ def test_a_boris_project_is_whole(tmp_path: Path) -> None:
 def test_a_corrected_file_is_not_written_over(tmp_path: Path) -> None:
     run = write_run(tmp_path, ["bird", "cup"])
     list(export_predictions(run, "elan"))
-    with pytest.raises(VfoaError, match=r"clip__one\.eaf: is there already; expected --replace"):
+    with pytest.raises(VfoaError, match=r"clip__one\.eaf: exists already; expected --replace"):
         list(export_predictions(run, "elan"))
 
 
@@ -145,7 +145,7 @@ def test_predictions_are_corrected_and_imported(
     told = ("labels", "import", out.strip(), "--format", "elan", "--clip", "clip")
     code, _, said = vfoa(monkeypatch, capsys, *told)
     assert code == 0
-    assert "--confirm takes them as checked" in said
+    assert "--confirm confirms them" in said
     assert vfoa(monkeypatch, capsys, *told, "--confirm", "--replace")[0] == 0
     assert (tmp_path / "annotations" / "clip.csv").read_text().splitlines()[2:] == [
         "1,2,girl,bird,probability 0.75",

@@ -150,7 +150,7 @@ def test_a_first_target_opens_the_table_of_targets(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "rule", "found"),
     [
-        ("cup", NameRule(category="clock"), "targets.cup: there already"),
+        ("cup", NameRule(category="clock"), "targets.cup: exists already"),
         ("none", NameRule(category="clock"), "found the name 'none'"),
         ("ann", NameRule(category="clock"), "a subject has this name"),
         (" ", NameRule(category="clock"), "found the name ' '"),
@@ -203,7 +203,7 @@ def test_wrong_choices_are_one_line(opened: Any, work: Path, choices: dict[str, 
 def test_a_clip_in_which_nobody_looks_is_refused(work: Path) -> None:
     path = work / "datasets" / "noise.toml"
     path.write_text(MANIFEST.replace("subjects.ann", "targets.ann").replace("subjects.ben", "targets.ben"))
-    with pytest.raises(VfoaError, match="subjects: none; expected whoever is to be labelled"):
+    with pytest.raises(VfoaError, match="subjects: none; expected at least one person to label"):
         Session(str(path))
 
 

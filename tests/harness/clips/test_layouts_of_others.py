@@ -176,7 +176,7 @@ def test_camodocal_is_named(tmp_path: Path, document: dict[str, object]) -> None
         refused(tmp_path / "data"),
         refused(tmp_path / "data", "--calibration", tmp_path / "data/camera.yaml"),
     ):
-        assert "camera.yaml: a calibration of camodocal" in said
+        assert "camera.yaml: a camodocal calibration" in said
         assert "Kalibr" in said
 
 

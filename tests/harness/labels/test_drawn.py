@@ -92,7 +92,7 @@ def test_a_frame_has_all_that_is_there(tmp_path: Path) -> None:
         (HEAD + "1,brid,box,0,0,1,1,\n", ":3: name: no subject or target 'brid'; did you mean 'bird'"),
         (HEAD + "1,bird,cube,0,0,1,1,\n", ":3: kind: found 'cube'; expected box, point, head"),
         (HEAD + "1,bird,head,0,0,1,1,\n", ":3: 'bird' is no subject; expected box or point for a target"),
-        (HEAD + "1,bird,box,0,0,1,1,\n2,bird,point,0,0,,,\n", ":4: 'bird' is drawn as a box already"),
+        (HEAD + "1,bird,box,0,0,1,1,\n2,bird,point,0,0,,,\n", ":4: 'bird' is already drawn as a box"),
         (HEAD + "51,bird,box,0,0,1,1,\n", ":3: frame 51: not in the clip; its frames: 1 to 50"),
         (HEAD + ",bird,box,0,0,1,1,\n", ":3: frame: found nothing"),
         (HEAD + "1,bird,box,0,0,1,1,\n1,bird,box,0,0,2,2,\n", ":4: the box of 'bird' has a key frame 1 already"),
@@ -184,7 +184,7 @@ def test_two_tracks_of_cvat_are_one_where_they_follow_each_other(tmp_path: Path)
     first, second = _box(0, 0.5) + _box(5, 0.5, outside=1), _box(5, 9.5) + _box(7, 9.5, outside=1)
     drawn = read_cvat_drawn(_cvat(tmp_path / "a.xml", ("bird", second), ("bird", first)), exchange()).drawn
     assert [frame for frame in range(1, 51) if drawn.at(frame)] == [*range(1, 8)]
-    with pytest.raises(VfoaError, match="'bird' has another track, which is there in frame 6 of the clip, too"):
+    with pytest.raises(VfoaError, match="'bird' has two tracks in frame 6 of the clip"):
         read_cvat_drawn(_cvat(tmp_path / "b.xml", ("bird", _box(0, 0.5)), ("bird", second)), exchange())
     with pytest.raises(VfoaError, match="no track is labelled with a target or a subject of this clip; found 'car'"):
         read_cvat_drawn(_cvat(tmp_path / "c.xml", ("car", _box(0, 0.5))), exchange())

@@ -179,11 +179,11 @@ def test_a_mistake_is_one_line_with_its_place(tmp_path: Path, old: str, new: str
 def test_what_it_cannot_hold_is_said(tmp_path: Path, writer: type[BorisTabular]) -> None:
     labels = Labels([row(1, 2, "bird", point_px=(3.0, 4.0)), row(3, 4, "cup", is_suggested=True)])
     assert writer().write(tmp_path / "a.csv", labels, exchange()) == (
-        "BORIS has no place for it: 1 suggested labels stand in it as if a person had confirmed them.",
-        "BORIS has no place for it: 1 image points are left out.",
+        "BORIS cannot hold it: 1 suggested labels stand in it as if a person had confirmed them.",
+        "BORIS cannot hold it: 1 image points are left out.",
     )
 
 
 def test_an_offset_before_the_beginning_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(VfoaError, match=r"--offset: the clip's first frame would stand at -2 s; expected 0 or later"):
+    with pytest.raises(VfoaError, match=r"--offset: the clip's first frame would be at -2 s; expected 0 or later"):
         BorisTabular().write(tmp_path / "a.csv", Labels(ROWS), exchange(offset=-2.0))

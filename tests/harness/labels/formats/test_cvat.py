@@ -53,7 +53,7 @@ def test_the_offset_is_in_frames_and_what_lies_outside_is_said(tmp_path: Path) -
     path = _file(tmp_path / "a.xml", _track(_box(99, target="cup"), _box(100, target="bird"), _box(102, target="bird")))
     imported = CvatVideo().read(path, exchange(offset=100))
     assert imported.labels.ranges == (row(1, 3, "bird"),)
-    assert imported.notes == (f"{path}: 1 labels lie outside the clip's frames and are left out.",)
+    assert imported.notes == (f"{path}: 1 labels are outside of the clip's frames and are left out.",)
     with pytest.raises(VfoaError, match=r"--offset: found 0\.5; expected whole frames"):
         CvatVideo().read(path, exchange(offset=0.5))
     with pytest.raises(VfoaError, match="--fps: this format holds frame numbers"):
@@ -154,4 +154,4 @@ def test_frames_far_beyond_the_clip_are_counted_at_once(tmp_path: Path) -> None:
     path = _file(tmp_path / "a.xml", _track(_box(0, target="bird") + _box(10**15, target="cup")))
     imported = CvatVideo().read(path, exchange())
     assert imported.labels.ranges == (row(1, 50, "bird"),)
-    assert imported.notes == (f"{path}: {10**15 - 50 + 1} labels lie outside the clip's frames and are left out.",)
+    assert imported.notes == (f"{path}: {10**15 - 50 + 1} labels are outside of the clip's frames and are left out.",)

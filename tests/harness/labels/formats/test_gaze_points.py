@@ -75,7 +75,7 @@ def test_a_folder_of_people_as_the_data_set_has_it(tmp_path: Path) -> None:
         ]
     )
     assert found.notes == (
-        f"{tmp_path / 'c'}: 1 labels lie outside the clip's frames and are left out.",
+        f"{tmp_path / 'c'}: 1 labels are outside of the clip's frames and are left out.",
         f"{tmp_path / 'c'}: 1 points lie on nothing that has a name and are ignored (--target NAME names them).",
     )
 
