@@ -6,7 +6,7 @@
     print(run.frr[["clip", "configuration", "frr", "interval_low", "interval_high"]])
     print(run.failures)
 
-Nothing heavy is imported before a name is used.
+Modules are imported when a name of theirs is first used.
 """
 
 from __future__ import annotations

@@ -52,7 +52,7 @@ class RunResults:
         self.directory = RunDirectory(Path(path))
         self.manifest: dict[str, Any] = self.directory.read_manifest()
         if "finished" not in self.manifest:
-            raise VfoaError(f"{path}: this run is not finished; the same `vfoa run` again goes on with it")
+            raise VfoaError(f"{path}: this run is not finished; repeat the same `vfoa run` to continue it")
 
     def __repr__(self) -> str:
         return f"RunResults({str(self.path)!r})"
@@ -89,7 +89,7 @@ class RunResults:
 
     @cached_property
     def behaviour(self) -> pd.DataFrame:
-        """``behaviour.csv``: looks and who shares them. Columns: :data:`harness.columns.BEHAVIOUR_COLUMNS`."""
+        """``behaviour.csv``: looks, transitions, shared gaze. Columns: :data:`harness.columns.BEHAVIOUR_COLUMNS`."""
         return self._table("behaviour.csv")
 
     @property
@@ -101,7 +101,7 @@ class RunResults:
 
     @property
     def recordings(self) -> dict[tuple[str, str], tuple[Path, ...]]:
-        """The Rerun recordings that the run has, by clip and configuration: the files of their layers."""
+        """The Rerun recordings of the run by clip and configuration: the files of their layers."""
         return {pair: recording.files for pair, recording in self._recorded().items()}
 
     def recording(self, clip: str, configuration: str) -> tuple[Path, ...]:
@@ -115,12 +115,12 @@ class RunResults:
         return self._recording(clip, configuration).files
 
     def show(self, clip: str, configuration: str, frame: int | None = None) -> Viewer:
-        """The recording in the Rerun viewer of a notebook; with ``frame``, it opens there.
+        """Show the recording in the Rerun viewer of a notebook; with ``frame``, it opens there.
 
         Raises
         ------
         VfoaError
-            If there is no such recording, or the viewer of notebooks is not installed.
+            If there is no such recording, or the notebook viewer is not installed.
         """
         from harness.record.notebook import show_recording
 
@@ -139,7 +139,7 @@ class RunResults:
         return recordings[clip, configuration]
 
     def rescore(self) -> RunResults:
-        """Score the run again with the present annotations (as ``vfoa score``), and load the new tables."""
+        """Score the run again with the present labels (as ``vfoa score``), and load the new tables."""
         rescore(self.directory)
         return RunResults(self.path)
 
@@ -178,7 +178,7 @@ def run_experiment(
     Parameters
     ----------
     name_or_path
-        An experiment by name or as a ``.toml`` file. ``"default"`` with ``clips`` is what ``vfoa run CLIP`` runs.
+        An experiment by name or as a ``.toml`` file. ``"default"`` with ``clips`` does the same as ``vfoa run CLIP``.
     clips
         Run these clips instead of the experiment's own.
     settings
@@ -186,15 +186,15 @@ def run_experiment(
     preset
         A bundle of settings by name, such as ``"realtime"``.
     out
-        The run's directory; ``runs/<experiment>`` if not given.
+        The run's directory; by default ``runs/<experiment>``.
     limit
         Run only the first frames of each clip.
     workers
-        Processes; 0 means one per core. A script that asks for several needs ``if __name__ == "__main__":``.
+        Processes; 0 means one per core. A script that uses several needs ``if __name__ == "__main__":``.
     recordings
         Whether to write Rerun recordings.
     cache
-        Whether to reuse stage outputs of earlier runs, and to keep those of this one.
+        Whether to reuse stage outputs of earlier runs, and to store those of this one.
 
     Raises
     ------
@@ -228,7 +228,7 @@ def run_experiment(
 def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = None) -> pd.DataFrame:
     """Compare configurations on the same frames, as ``vfoa compare`` does.
 
-    Every two configurations of the runs; with ``baseline``, each with that run's of the same name. Columns:
+    Compares every two configurations of the runs; with ``baseline``, each with that run's of the same name. Columns:
     :data:`harness.columns.COMPARISON_COLUMNS`.
 
     Raises
@@ -242,7 +242,7 @@ def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = No
 
 
 def read_rig(*files: str | Path, size_px: tuple[int, int]) -> StereoRig:
-    """The rig of a rectified pair from calibration files: OpenCV, ROS, Kalibr, KITTI, ZED and others.
+    """Read the rig of a rectified pair from calibration files: OpenCV, ROS, Kalibr, KITTI, ZED and others.
 
     Parameters
     ----------
@@ -267,6 +267,6 @@ def read_rig(*files: str | Path, size_px: tuple[int, int]) -> StereoRig:
 
 
 def _read(source: Path | io.StringIO, *words: str) -> pd.DataFrame:
-    """A table of a run: names (``words`` too) stay text, an empty cell is a missing value, and nothing else is."""
+    """Read a table of a run: names (and the columns ``words``) stay text, and only empty cells are missing values."""
     kinds = dict.fromkeys((*_WORDS, *words), "str") | _INTEGERS
     return pd.read_csv(source, keep_default_na=False, na_values=[""], dtype=kinds, encoding="utf-8")

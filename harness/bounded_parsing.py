@@ -1,4 +1,4 @@
-"""TOML, YAML, XML, JSON and ZIP of unknown origin: read within bounds, with one line for what is wrong.
+"""TOML, YAML, XML, JSON and ZIP of unknown origin: parsed within bounds, with an error of one line.
 
 A small file can make a parser recurse, or fill the memory: brackets within brackets, aliases of aliases, an archive of
 zeros. Everything that the program reads in these formats goes through this file.
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 
 
 MOST_LEVELS = 100
-"""Tables within tables; real files have fewer than ten."""
+"""Most levels of nested tables; real files have fewer than ten."""
 MOST_VALUES = 1_000_000
-"""Values of a TOML or YAML document, with those that an alias repeats."""
+"""Most values of a TOML or YAML document, including those that an alias repeats."""
 MOST_TAGS = 20_000_000
-"""Tags of an XML document: an hour of ten people in CVAT has half of that."""
+"""Most tags of an XML document: an hour of ten people in CVAT has half of that."""
 MOST_UNPACKED_BYTES = 2**30
 MOST_COMPRESSION = 250
-"""Unpacked bytes for each packed one. Labels in XML compress to a fiftieth, zeros to a thousandth."""
+"""Most unpacked bytes per packed one. Labels in XML compress to a fiftieth, zeros to a thousandth."""
 LARGEST_INTEGER = 2**64 - 1
 _LONG_KEY = re.compile(rf"(?<![\w'\"-])(?:[\w'\"-]++[ \t]*+\.[ \t]*+){{{MOST_LEVELS},}}")
-"""A dotted key: tomllib takes time with the square of its parts."""
+"""A dotted key: tomllib takes time quadratic in its number of parts."""
 
 _ZIP_DAMAGE = (
     zipfile.BadZipFile,
@@ -49,9 +49,9 @@ _ZIP_DAMAGE = (
     RuntimeError,
     ValueError,
 )
-"""What :mod:`zipfile` raises for an archive that is cut, altered or encrypted."""
+"""Exceptions of :mod:`zipfile` for an archive that is truncated, altered or encrypted."""
 _YAML_DAMAGE = (ValueError, OverflowError, RecursionError, KeyError, IndexError, TypeError, AttributeError)
-"""What PyYAML raises beside its own errors for values that are not of their tag."""
+"""Exceptions of PyYAML, beside its own, for values that do not match their tag."""
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str, where: object) -> dict[str, Any]:
-    """A TOML document.
+    """Parse a TOML document.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def parse_toml(text: str, where: object) -> dict[str, Any]:
 
 
 def parse_json(data: str | bytes, where: object) -> Any:
-    """A JSON document.
+    """Parse a JSON document.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def parse_json(data: str | bytes, where: object) -> Any:
 
 
 def parse_yaml(data: str | bytes, where: object, kind: type[yaml.SafeLoader] | None = None) -> Any:
-    """A YAML document of plain values; ``kind`` is a loader that knows more types.
+    """Parse a YAML document of plain values; ``kind`` is a loader that knows more types.
 
     Raises
     ------
@@ -137,12 +137,12 @@ def parse_yaml(data: str | bytes, where: object, kind: type[yaml.SafeLoader] | N
 
 
 def parse_xml(data: bytes, path: Path) -> Element:
-    """The outermost element of a file's content. Expat itself refuses entities that grow without end.
+    """Return the outermost element of a file's content. Expat itself refuses entities that grow without end.
 
     Raises
     ------
     VfoaError
-        If it is no XML (with the line), too deep or too large, or names an encoding that there is none of.
+        If it is no XML (with the line), too deep or too large, or names an unknown encoding.
     """
     if data.count(b"<") > MOST_TAGS:
         raise VfoaError(f"{path}: has more than {MOST_TAGS} tags; expected a smaller document")
@@ -157,7 +157,7 @@ def parse_xml(data: bytes, path: Path) -> Element:
 
 
 def read_member(data: bytes, name: str, where: object, of: str) -> bytes:
-    """The content of a file in a ZIP archive; ``of`` says whose archives have one, for messages.
+    """Return the content of a file in a ZIP archive; ``of`` says whose archives have one, for messages.
 
     Raises
     ------
@@ -173,14 +173,14 @@ def read_member(data: bytes, name: str, where: object, of: str) -> bytes:
 
 
 def check_archive(data: bytes, where: object) -> None:
-    """Refuse a ZIP archive that a library is to unpack, if it unpacks to more than a user's file can have.
+    """Reject a ZIP archive, to be unpacked by a library, that unpacks to more than a user's file can have.
 
-    Damage is the library's to find.
+    Damage is left to the library to find.
 
     Raises
     ------
     VfoaError
-        If it does.
+        If it unpacks to more.
     """
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -191,7 +191,7 @@ def check_archive(data: bytes, where: object) -> None:
 
 
 def check_unpacked(members: Iterable[zipfile.ZipInfo], where: object) -> None:
-    """Refuse what is packed too densely, or unpacks to too much; :mod:`zipfile` gives no more than a member claims.
+    """Reject archives that are packed too densely, or unpack to too much; :mod:`zipfile` enforces the stated sizes.
 
     Raises
     ------
@@ -207,7 +207,7 @@ def check_unpacked(members: Iterable[zipfile.ZipInfo], where: object) -> None:
 
 
 class _TooLargeError(Exception):
-    """An integer that no number of the program is as large as."""
+    """An integer that exceeds all numbers of the program."""
 
 
 def _integer(digits: str) -> int:
@@ -217,7 +217,7 @@ def _integer(digits: str) -> int:
 
 
 def _check(document: Any, where: object) -> None:
-    """Refuse what is too deep, too much, or an integer of more than 64 bits."""
+    """Reject a document that is too deep, too large, or has an integer of more than 64 bits."""
 
     def below(value: Any) -> Iterable[Any]:
         if isinstance(value, Mapping):
@@ -230,13 +230,13 @@ def _check(document: Any, where: object) -> None:
 
 
 def _nodes_below(node: yaml.Node) -> Iterable[yaml.Node]:
-    """Those of a list; keys and values of a table."""
+    """The nodes of a list; keys and values of a table."""
     below = node.value if isinstance(node.value, list) else ()
     return [each for item in below for each in (item if isinstance(item, tuple) else (item,))]
 
 
 def _check_levels(level: list[Any], below: Any, where: object, *, most: int = MOST_VALUES) -> None:
-    """Go through a document level by level, without recursion, and stop where it becomes too much."""
+    """Go through a document level by level, without recursion, and stop when it exceeds the limits."""
     count = 0
     for _ in range(MOST_LEVELS):
         next_level: list[Any] = []

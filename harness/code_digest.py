@@ -1,6 +1,6 @@
-"""The code that a result follows from, as a digest: a module and all that it imports, directly or not.
+"""Digests of the code that a result depends on: a module and everything that it imports, directly or not.
 
-Imports are read from the source, wherever in it they stand. No module is imported for that.
+Imports are read from the source, wherever they are in it. No module is imported for that.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from harness.files import file_digest
 
 @cache
 def code_of(module: str) -> tuple[str, dict[str, str]]:
-    """The digest of a module's source with all that it imports of its own package and of vfoa; and versions.
+    """The digest of a module's source with everything that it imports of its own package and of vfoa; and versions.
 
     The versions are those of the distributions that this code imports, of Python, and the kind of machine.
     """
@@ -35,7 +35,7 @@ def code_digest(modules: tuple[str, ...]) -> str:
 
 
 def import_closure(modules: Iterable[str]) -> tuple[dict[str, Path], set[str]]:
-    """The source files by module that these modules follow from, themselves included, and the other packages' names."""
+    """The source files by module that these modules depend on, themselves included, and the other packages' names."""
     pending = list(modules)
     own = {*(name.partition(".")[0] for name in pending), "vfoa"}
     sources: dict[str, Path] = {}
@@ -58,13 +58,13 @@ def _digest(sources: Mapping[str, Path]) -> str:
 
 
 def _source(module: str) -> Path | None:
-    """A module's file; None where the name is no module: then it is something in one."""
+    """A module's file; None if the name is no module but a name in one."""
     spec = _spec(module)
     return Path(spec.origin) if spec and spec.origin and spec.origin.endswith(".py") else None
 
 
 def _spec(module: str) -> ModuleSpec | None:
-    """Where a module is. Nothing is imported for that, as ``find_spec`` does with the packages that it is in."""
+    """Find a module without importing its parent packages, which ``find_spec`` would do."""
     package, _, name = module.rpartition(".")
     if not package:
         return find_spec(name)
@@ -75,7 +75,7 @@ def _spec(module: str) -> ModuleSpec | None:
 
 
 def _imports(module: str, path: Path) -> Iterator[str]:
-    """Every name that a module imports, wherever in its code; one that is imported from a package may be a module."""
+    """Every name that a module imports, anywhere in its code; a name imported from a package may be a module."""
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     for node in ast.walk(ast.parse(path.read_bytes())):
         if isinstance(node, ast.Import):

@@ -1,7 +1,7 @@
-"""Connections to a server of this program: so many, each for as long as its client says what it wants.
+"""Connections to a server of this program: limited in number, and in time until the request is complete.
 
-A client that connects and says nothing, or stops in the middle of a request, costs a server without limits its file
-descriptors, until it answers nobody.
+Without limits, clients that connect and send nothing, or stop in the middle of a request, would use up the server's
+file descriptors, until it could answer nobody.
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ from typing import cast
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MOST = 64
-"""Connections at once. A browser opens six to a host."""
+"""Most connections at a time. A browser opens six to a host."""
 
 REQUEST_S = 20.0
-"""Seconds that a client may take for a request, from its connection or from the answer before."""
+"""Seconds that a client may take for a request, from its connection or from the previous answer."""
 
 _LOOK_S = 1.0
 
 
 class BoundedConnection(H11Protocol):
-    """A connection that is closed when its client is too slow, or when others need its place.
+    """A connection that is closed if its client is too slow, or if others need its place.
 
-    What gives way is the connection whose client has owed the rest of a request for longest; one that is being
-    answered stays. Where all are being answered, the new one is closed.
+    The connection that has been incomplete for longest is closed first; one that is being answered stays. If all are
+    being answered, the new one is closed.
     """
 
     _owed_since = 0.0
     _look: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take the connection, and a place."""
+        """Accept the connection, and take a place."""
         super().connection_made(transport)
         self._owed_since = self.loop.time()
         self._keep_watch()
@@ -43,18 +43,18 @@ class BoundedConnection(H11Protocol):
             min(owing, key=lambda each: each._owed_since, default=self).transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Give the place back."""
+        """Release the place."""
         if self._look is not None:
             self._look.cancel()
         super().connection_lost(exc)
 
     def on_response_complete(self) -> None:
-        """From here on the client owes its next request."""
+        """Start waiting for the client's next request."""
         self._owed_since = self.loop.time()
         super().on_response_complete()
 
     def _owes(self) -> bool:
-        """Whether the rest of a request is still to come."""
+        """Whether the rest of a request is missing."""
         return self.cycle is None or self.cycle.response_complete or self.cycle.more_body
 
     def _keep_watch(self) -> None:

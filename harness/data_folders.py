@@ -19,11 +19,11 @@ _VARIABLE = re.compile(r"\$\{(\w+)\}")
 
 
 def folders(kind: Kind) -> list[Path]:
-    """Every folder that may hold files of this kind, the first to be searched first; some may not exist."""
+    """Every folder that may hold files of this kind, in search order; some may not exist."""
     if kind == "experiments":
         return [Path.cwd() / kind, _PACKAGE / kind]
     found = [Path.cwd() / kind, _PACKAGE / "_data" / kind]
-    # Beside an installed package, "datasets" would be somebody else's; beside a checkout it is ours.
+    # Beside an installed package, "datasets" would belong to something else; beside a checkout it is ours.
     if (_PACKAGE.parent / "pyproject.toml").is_file():
         found.append(_PACKAGE.parent / kind)
     return found
@@ -32,7 +32,7 @@ def folders(kind: Kind) -> list[Path]:
 def came_with_program(manifest: Path) -> bool:
     """Whether a manifest is the program's own, of an installed package or a checkout: nothing is written there.
 
-    Whoever works in the checkout itself changes its own data.
+    In the checkout itself, its data can be changed.
     """
     own, *of_program = (folder.resolve() for folder in folders("datasets"))
     folder = manifest.resolve().parent
@@ -46,7 +46,7 @@ def find(kind: Kind, name: str) -> Path | None:
 
 
 def names(kind: Kind) -> dict[str, Path]:
-    """All files of this kind by name, sorted; where two folders have the same name, the one :func:`find` takes."""
+    """All files of this kind by name, sorted; if two folders have the same name, the one that :func:`find` returns."""
     found: dict[str, Path] = {}
     for folder in reversed(folders(kind)):
         found.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}") if stands(path))
@@ -59,7 +59,7 @@ def unset_variables(text: str) -> list[str]:
 
 
 def expand(text: str, base: Path, where: str) -> Path:
-    """A path from a configuration file: ``${NAME}`` and ``~`` expanded, relative to ``base``; of an address, its copy.
+    """Resolve a configured path: ``${NAME}`` and ``~`` expanded, relative to ``base``; an address gives its local copy.
 
     Raises
     ------

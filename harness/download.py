@@ -1,4 +1,4 @@
-"""Files over HTTP: resumed where they were cut, checked, and in place whole or not at all."""
+"""Files over HTTP: resumed after interruptions, checked, and put in place atomically."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vfoa.errors import VfoaError
 from vfoa.weights import is_lfs_pointer
 
 _TIMEOUT_S = 30.0
-"""How long a server may be silent."""
+"""Seconds that a server may be silent."""
 
 _PAGES = ("text/html", "application/xhtml+xml")
 _PAGE = re.compile(rb"\s*<(!doctype|html|head|body|\?xml)", re.IGNORECASE)
@@ -30,12 +30,12 @@ def download(
     resume: bool = False,
     progress: Callable[[int, int | None], None] | None = None,
 ) -> None:
-    """Download a file to ``target``. What arrives is kept beside it as ``<name>.partial`` until it is whole.
+    """Download a file to ``target``. Received data is kept beside it as ``<name>.partial`` until it is complete.
 
-    A download that was cut goes on where it stopped, if the checksum is known: without one, nothing would show that
-    the two parts belong together. ``begins``: the first bytes of every file of its kind, where no checksum is known.
-    ``resume``: go on without one, as the caller checks the content. ``progress`` is told the bytes that are there, and
-    those of the whole file.
+    An interrupted download continues where it stopped if the checksum is known: otherwise nothing would show that the
+    two parts belong together. ``begins``: the first bytes of every file of its kind, if no checksum is known.
+    ``resume``: continue without a checksum, since the caller checks the content. ``progress`` is called with the bytes
+    received, and the bytes of the whole file.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def _receive(url: str, partial: Path, progress: Callable[[int, int | None], None
 
 
 def _first_byte(response: httpx.Response, url: str, start: int) -> int:
-    """Where the answer begins in the file."""
+    """The offset in the file at which the answer begins."""
     kind = response.headers.get("Content-Type", "").partition(";")[0].strip().lower()
     if response.is_success and kind in _PAGES:
         raise VfoaError(f"{url}: answered with a web page ({kind}), as one that asks to log in; expected the file")
@@ -100,17 +100,17 @@ def _append(response: httpx.Response, partial: Path, first: int, progress: Calla
 
 
 def _verify(url: str, partial: Path, sha256: str | None, begins: bytes) -> None:
-    """Throw away what is not the file, so that the next attempt begins anew."""
+    """Remove data that is not the file, so that the next attempt begins anew."""
     with partial.open("rb") as file:
         head = file.read(1000)
     if is_lfs_pointer(partial):
         partial.unlink()
-        raise VfoaError(f"{url}: answered with a Git LFS pointer; expected the file it stands for")
+        raise VfoaError(f"{url}: answered with a Git LFS pointer; expected the file itself")
     found = None if sha256 is None else file_digest(partial)
     if found != sha256 or not head.startswith(begins):
         partial.unlink()
         if _PAGE.match(head):
             raise VfoaError(f"{url}: answered with a web page, as one that asks to log in; expected the file")
         if found != sha256:
-            raise VfoaError(f"{url}: wrong checksum, thrown away: found sha256 {found}, expected {sha256}")
-        raise VfoaError(f"{url}: another kind of file, thrown away: begins with {head[:8]!r}, expected {begins!r}")
+            raise VfoaError(f"{url}: wrong checksum, removed: found sha256 {found}, expected {sha256}")
+        raise VfoaError(f"{url}: another kind of file, removed: begins with {head[:8]!r}, expected {begins!r}")

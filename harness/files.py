@@ -1,4 +1,4 @@
-"""Files: read with one line for what is wrong, written whole or not at all, and digested by content."""
+"""Files: read with errors of one line, written atomically, and digested by content."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from pathlib import Path
 
 from vfoa.errors import VfoaError
 
-_UMASK = os.umask(0)  # reading it changes it for all threads: read once
+_UMASK = os.umask(0)  # reading it changes it for all threads: read it only once
 os.umask(_UMASK)
 
 
 def read_bytes(path: Path) -> bytes:
-    """Read a file whole; a :class:`VfoaError` that names it where that fails."""
+    """Read a whole file; raises a :class:`VfoaError` that names it if that fails."""
     check_readable(path)
     try:
         return path.read_bytes()
@@ -26,7 +26,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """Read a UTF-8 text whole, line ends as they are, with or without a byte-order mark.
+    """Read a whole UTF-8 text, line ends unchanged, with or without a byte-order mark.
 
     Raises
     ------
@@ -41,7 +41,7 @@ def read_text(path: Path) -> str:
 
 
 def is_file(path: Path) -> bool:
-    """Whether a plain file is there; False also for what can be no file's name."""
+    """Whether a plain file exists; False also for an invalid file name."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -54,9 +54,9 @@ def stands(path: Path) -> bool:
 
 
 def unreadable(path: Path, error: OSError | ValueError) -> VfoaError:
-    """What to say of a file that cannot be read; a ValueError is of an invalid name."""
+    """The error for a file that cannot be read; a ValueError means an invalid name."""
     if isinstance(error, FileNotFoundError) and path.is_symlink():
-        return VfoaError(f"{path}: a link to {path.readlink()}, which is not there")
+        return VfoaError(f"{path}: a link to {path.readlink()}, which does not exist")
     if isinstance(error, FileNotFoundError):
         return VfoaError(f"{path}: no such file")
     if isinstance(error, ValueError):
@@ -65,9 +65,9 @@ def unreadable(path: Path, error: OSError | ValueError) -> VfoaError:
 
 
 def atomic_write(path: Path, content: str | bytes) -> None:
-    """Write a file (text as UTF-8, line ends as given) so that a reader sees the old content or all of the new.
+    """Write a file (text as UTF-8, line ends unchanged) so that a reader sees the old content or all of the new.
 
-    The folder is made where it is missing.
+    The folder is created if it is missing.
     """
     write_together({path: content})
 
@@ -89,29 +89,29 @@ def write_together(contents: Mapping[Path, str | bytes]) -> None:
 def _encoded(path: Path, content: str | bytes) -> bytes:
     try:
         return content.encode() if isinstance(content, str) else content
-    except UnicodeEncodeError as error:  # of a folder or a file whose name is not text
+    except UnicodeEncodeError as error:  # a folder or a file whose name is not text
         near = error.object[max(error.start - 40, 0) : error.end]
         raise VfoaError(f"{path}: cannot be written: {near!a} is not UTF-8; expected folders whose names are") from None
 
 
 def check_new(path: Path, *, replace: bool, hint: str = "") -> None:
-    """Refuse to write where something is: called by every verb that writes where its user says.
+    """Reject an existing output file, in every command that writes to a path given by its user.
 
     Parameters
     ----------
     replace
-        The user agrees that a file there is replaced.
+        The user agrees that an existing file is replaced.
     hint
-        What else can be done, behind "expected --replace".
+        An alternative, added after "expected --replace".
 
     Raises
     ------
     VfoaError
-        If a file is there and is not to be replaced, or something that is no plain file.
+        If a file exists and may not be replaced, or the path is no plain file.
     """
     _check_plain(path, "write", folders=False)
     if path.exists() and not replace:
-        raise VfoaError(f"{path}: is there already; expected --replace{hint}")
+        raise VfoaError(f"{path}: exists already; expected --replace{hint}")
 
 
 def check_new_folder(path: Path, *, replace: bool, hint: str = "") -> None:
@@ -133,7 +133,7 @@ def check_new_folder(path: Path, *, replace: bool, hint: str = "") -> None:
 
 
 def check_readable(path: Path) -> None:
-    """Refuse a pipe, a socket or a device, of which reading may never end; what else is wrong shows when it is read.
+    """Reject a pipe, a socket or a device, of which reading may never end; other errors show on reading.
 
     Raises
     ------
@@ -146,25 +146,25 @@ def check_readable(path: Path) -> None:
 def _check_plain(path: Path, use: str, *, folders: bool = True) -> None:
     try:
         if path.exists() and not path.is_file() and not (folders and path.is_dir()):
-            raise VfoaError(f"{path}: is no plain file; expected a file to {use}")
+            raise VfoaError(f"{path}: not a plain file; expected a file to {use}")
     except (OSError, ValueError) as error:
         raise unreadable(path, error) from None
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """An empty file beside ``path`` that takes its place when the ``with`` block ends, and is gone after an error.
+    """Yield an empty file beside ``path`` that replaces it when the ``with`` block ends, and is removed after an error.
 
-    It gets the mode of the file that it replaces. The folder is made where it is missing.
+    It gets the mode of the file that it replaces. The folder is created if it is missing.
 
     Raises
     ------
     VfoaError
-        If there is something at ``path`` that is no plain file (a device, a pipe, a folder): it would be lost.
+        If ``path`` exists and is no plain file (a device, a pipe, a folder): it would be lost.
     """
     _check_plain(path, "write", folders=False)
     path.parent.mkdir(parents=True, exist_ok=True)
-    # mkstemp makes private files; results are meant to be shared, but for what its owner made private
+    # mkstemp makes private files; results are meant to be shared, unless their owner made them private
     mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else 0o666 & ~_UMASK
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     os.close(handle)
@@ -179,7 +179,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def file_digest(path: Path) -> str:
-    """Hexadecimal sha256 of a file's content; a :class:`VfoaError` that names it where it cannot be read."""
+    """Hexadecimal sha256 of a file's content; raises a :class:`VfoaError` that names it if it cannot be read."""
     check_readable(path)
     try:
         with path.open("rb") as file:

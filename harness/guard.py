@@ -1,7 +1,7 @@
-"""Who may talk to a server of this program: a browser or program on this machine that knows the token, and nobody else.
+"""Access to a server of this program: only for a browser or program on this machine that knows the token.
 
 Another site that is open in the same browser can send requests to this machine, under any host name it owns. So the
-host must be a loopback name, the origin the server's own, and the token must be there, by cookie or header.
+host must be a loopback name, the origin the server's own, and the token must be sent, by cookie or header.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 TOKEN_HEADER = "x-vfoa-token"
 LARGEST_BODY = 100_000
-"""Bytes of a request's body at most."""
+"""Most bytes of a request's body."""
 
 BODY_S = 10.0
 """Seconds that a request's body may take."""
 
 ENTRANCES = ("/", "/open")
-"""Where an address may hold the token: what a person opens from the terminal."""
+"""Paths whose address may hold the token: those that a person opens from the terminal."""
 
 _LOOPBACK = re.compile(r"(127\.0\.0\.1|localhost|\[::1\])(:[0-9]{1,5})?")
 _HEADERS = {
@@ -43,8 +43,8 @@ _HEADERS = {
 class Guard:
     """Refuses requests before the application sees them, and sets the headers of every answer.
 
-    The application gets a request's body whole: never more than :data:`LARGEST_BODY` bytes, whatever the request says
-    of its length.
+    The application gets a request's complete body: never more than :data:`LARGEST_BODY` bytes, whatever the request
+    states as its length.
     """
 
     def __init__(self, app: ASGIApp, token: str) -> None:
@@ -81,14 +81,14 @@ class Guard:
         return None
 
     def _given(self, request: Request) -> list[str]:
-        """Every token the request shows; that in the address counts for what a person opens alone."""
+        """Every token in the request; one in the address counts only for paths that a person opens."""
         found = [request.headers.get(TOKEN_HEADER), request.cookies.get(_cookie(request))]
         if _is_entrance(request):
             found.append(request.query_params["token"])
         return [each for each in found if each]
 
     def _entrance(self, request: Request) -> Response | None:
-        """The first visit: the token moves from the address into a cookie, so that it stays in no history."""
+        """The first visit: the token moves from the address into a cookie, so that it is in no history."""
         if not _is_entrance(request):
             return None
         others = urlencode([(name, value) for name, value in request.query_params.multi_items() if name != "token"])
@@ -98,7 +98,7 @@ class Guard:
 
 
 async def _receive_body(request: Request) -> tuple[Response | None, Receive]:
-    """A refusal, or None and what gives the body to the application."""
+    """Return a refusal, or None and the function that gives the body to the application."""
     too_large = _refused(f"expected a body of at most {LARGEST_BODY} bytes", 413)
     if int(request.headers.get("content-length", 0)) > LARGEST_BODY:
         return too_large, request.receive
@@ -132,5 +132,5 @@ def _is_entrance(request: Request) -> bool:
 
 
 def _cookie(request: Request) -> str:
-    """Cookies know hosts, not ports: each server has its own name."""
+    """The cookie's name. Cookies know hosts, not ports: each server has its own name."""
     return f"vfoa_{request.url.port}"

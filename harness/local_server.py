@@ -21,9 +21,9 @@ HOST = "127.0.0.1"
 
 
 class LocalServer:
-    """Serves an application behind a :class:`harness.guard.Guard`, on a port that is taken from the start.
+    """Serves an application behind a :class:`harness.guard.Guard`, on a port that is taken when the server is made.
 
-    Its end waits ``patience_s`` for what it is answering. Without a ``token`` it has a new one.
+    When it ends, it waits ``patience_s`` seconds for running answers. Without a ``token`` it makes a new one.
 
     Raises
     ------
@@ -54,15 +54,15 @@ class LocalServer:
 
     @property
     def address(self) -> str:
-        """Where ``/`` is, with the token."""
+        """The address of ``/``, with the token."""
         return self.address_of("/")
 
     def address_of(self, path: str) -> str:
-        """Where a path is that a person opens, with the token."""
+        """The address of a path that a person opens, with the token."""
         return f"http://{HOST}:{self.port}{path}{'&' if '?' in path else '?'}token={self._token}"
 
     def run(self) -> None:
-        """Serve until Ctrl-C, SIGTERM where :func:`ended_by_sigterm` is on, or :meth:`stop`."""
+        """Serve until Ctrl-C, SIGTERM within :func:`ended_by_sigterm`, or :meth:`stop`."""
         try:
             self._server.run(sockets=[self._listener])
         finally:
@@ -73,12 +73,12 @@ class LocalServer:
         self._server.should_exit = True
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Release the port."""
         self._listener.close()
 
 
 def _listen(port: int) -> socket.socket:
-    """A socket that listens on 127.0.0.1; port 0 is any that is free."""
+    """Return a socket that listens on 127.0.0.1; port 0 is any free port."""
     listener = socket.socket()
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
@@ -92,14 +92,14 @@ def _listen(port: int) -> socket.socket:
 
 @contextmanager
 def ended_by_sigterm() -> Iterator[None]:
-    """Within the block SIGTERM is like Ctrl-C: what was started is stopped on the way out. Both end the block."""
+    """Treat SIGTERM like Ctrl-C within the block: child processes are stopped on the way out. Both end the block."""
     with suppress(KeyboardInterrupt), sigterm_as_ctrl_c():
         yield
 
 
 @contextmanager
 def sigterm_as_ctrl_c() -> Iterator[None]:
-    """Within the block SIGTERM raises :class:`KeyboardInterrupt`: it would leave a process that was started here."""
+    """Within the block SIGTERM raises :class:`KeyboardInterrupt`; otherwise it would leave child processes running."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
@@ -108,6 +108,6 @@ def sigterm_as_ctrl_c() -> Iterator[None]:
 
 
 def open_browser(address: str) -> None:
-    """Open the person's own browser, where there is a screen to show it on."""
+    """Open the person's own browser, if there is a display."""
     if sys.platform != "linux" or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(address)

@@ -1,4 +1,4 @@
-"""Processes that this program starts: they import nothing that happens to lie in the working directory."""
+"""Child processes of this program: they import nothing from the working directory."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ if TYPE_CHECKING:
 
 
 def keep_working_directory_out() -> None:
-    """Let every Python that is started from here on leave the working directory alone, unless the user said otherwise.
+    """Keep the working directory out of the import path of child processes, unless the user set ``PYTHONSAFEPATH``.
 
-    It would take a file called as a module of the standard library, such as ``signal.py``, for that module.
+    Otherwise a file named like a module of the standard library, such as ``signal.py``, would be imported in its place.
     """
     os.environ.setdefault("PYTHONSAFEPATH", "1")
 
 
 def spawning() -> SpawnContext:
-    """How processes are started: anew, and safely."""
+    """The context that starts processes: spawned, and without the working directory in their path."""
     import multiprocessing
 
     keep_working_directory_out()

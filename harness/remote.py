@@ -44,21 +44,21 @@ def cache_root() -> Path:
 
 
 def is_address(text: str) -> bool:
-    """Whether a path from a configuration is one of another storage."""
+    """Whether a path from a configuration is an address of remote storage."""
     return _ADDRESS.match(text) is not None
 
 
 @cache
 def local_copy(address: str, where: str) -> Path:
-    """Copy a remote file, or a folder with all that is in it, and return where it is now; once a process.
+    """Copy a remote file, or a folder with all of its content, and return the path of the copy; once per process.
 
-    What is on this machine is not copied.
+    Data on this machine is not copied.
 
     Raises
     ------
     VfoaError
         If the storage is not known or not installed, cannot be reached, has nothing there, or has a file whose name
-        leads out of the copy; ``where`` opens the line.
+        leads out of the copy; ``where`` opens the message.
     """
     try:
         if here := folder_of(address):

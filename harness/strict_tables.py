@@ -22,13 +22,13 @@ _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableRow:
-    """One row: its place for messages, and the cells that are not blank by column."""
+    """One row: its place for messages, and the non-blank cells by column."""
 
     where: str
     cells: Mapping[str, str]
 
     def integer(self, column: str) -> int | None:
-        """The whole number in a column; None where it is blank.
+        """The whole number in a column; None if it is blank.
 
         Raises
         ------
@@ -41,7 +41,7 @@ class TableRow:
         return None if cell is None else int(cell)
 
     def number(self, column: str) -> float | None:
-        """The number in a column; None where it is blank.
+        """The number in a column; None if it is blank.
 
         Raises
         ------
@@ -56,7 +56,7 @@ class TableRow:
         return float(cell)
 
     def numbers(self, columns: Sequence[str]) -> Float | None:
-        """The numbers (n,) of columns that belong together; None where all are blank.
+        """The numbers (n,) of columns that belong together; None if all are blank.
 
         Raises
         ------
@@ -82,14 +82,14 @@ def read_rows(
     columns
         Every column that the table may have, in any order.
     required
-        Those it must have.
+        Columns that it must have.
     version
         The first line of a CSV file whose format has a version, above the header.
 
     Raises
     ------
     VfoaError
-        For the first mistake, with file and line: a column that is unknown, missing or repeated, or a wrong number of
+        For the first error, with file and line: a column that is unknown, missing or repeated, or a wrong number of
         cells.
     """
     rows = _parquet_rows(path) if path.suffix == ".parquet" and not version else _csv_rows(path, version)
@@ -109,7 +109,7 @@ def read_rows(
 
 
 def read_header(path: Path) -> tuple[str, ...]:
-    """The first row of a table; empty where the file cannot be read as one."""
+    """The first row of a table; empty if the file cannot be read as one."""
     try:
         rows = _parquet_rows(path) if path.suffix == ".parquet" else _csv_rows(path)
         return tuple(next(rows)[1])
@@ -118,7 +118,7 @@ def read_header(path: Path) -> tuple[str, ...]:
 
 
 def write_rows(path: Path, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Write a CSV table, whole or not at all: floats exactly, None as a blank."""
+    """Write a CSV table atomically: floats are exact, None is a blank."""
     atomic_write(path, format_rows(columns, rows))
 
 
@@ -163,7 +163,7 @@ def _parquet_rows(path: Path) -> Iterator[tuple[str, list[str]]]:
 
 
 def _cell(value: object) -> str:
-    """A value of a Parquet column as a CSV file has it; null and NaN are blank."""
+    """Convert a value of a Parquet column to the text of a CSV cell; null and NaN are blank."""
     return "" if value is None or value != value else str(value)
 
 
@@ -171,7 +171,7 @@ def _checked_header(found: list[str], known: Sequence[str], required: Sequence[s
     if unknown := next((column for column in found if column not in known), None):
         raise VfoaError(f"{where}: no column {unknown!r} here; {did_you_mean(unknown, known)}")
     if twice := next((column for column in found if found.count(column) > 1), None):
-        raise VfoaError(f"{where}: the column {twice!r} is there twice")
+        raise VfoaError(f"{where}: the column {twice!r} occurs twice")
     if missing := next((column for column in required if column not in found), None):
         raise VfoaError(f"{where}: no column {missing!r}; expected {','.join(required)},...")
     return found

@@ -1,4 +1,4 @@
-"""Values as TOML text, and back from the command line."""
+"""Convert values to TOML text, and parse values from the command line."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def toml_key(key: str) -> str:
-    """One part of a key, in quotes where it needs them."""
+    """One part of a key, in quotes if it needs them."""
     return key if _BARE_KEY.fullmatch(key) else _text(key)
 
 
 def toml_value(value: Any) -> str:
-    """A JSON value as TOML; a null in a table is left out, which is how TOML says it.
+    """A JSON value as TOML text; a null in a table is left out, since TOML has no null.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def toml_value(value: Any) -> str:
 
 
 def _text(text: str) -> str:
-    """In JSON's quotes, which are TOML's but for one control character."""
+    """Text in JSON's quotes, which are valid TOML except for one control character."""
     if not text.isascii():
         try:
             text.encode()
@@ -49,7 +49,7 @@ def _text(text: str) -> str:
 
 
 def parse_assignment(text: str, example: str, option: str = "--set") -> tuple[str, Any]:
-    """``KEY=VALUE`` of an option: the value is TOML where it can be read so, else a string.
+    """Parse ``KEY=VALUE`` of an option: the value is TOML if it is valid TOML, else a string.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Debian's Chromium without a display, driven by its own driver: nothing is fetched, nothing outside is asked."""
+"""Debian's Chromium without a display, driven by its own driver: no downloads and no outside requests."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshad
 
 @contextmanager
 def chromium(profile: Path, graphics: Sequence[str] = NO_GPU) -> Iterator[Chrome]:
-    """A browser with a profile of its own; skips the test where Chromium or its driver is missing."""
+    """A browser with a profile of its own; skips the test if Chromium or its driver is missing."""
     program, driver = shutil.which("chromium"), shutil.which("chromedriver")
     if program is None or driver is None:
         pytest.skip("needs Debian's chromium and chromium-driver")
@@ -75,7 +75,7 @@ def point_at(browser: Chrome, configuration: str, frame: int) -> ActionChains:
 
 
 def requested(browser: Chrome) -> list[str]:
-    """What pages asked for since the last call, other than data in the page itself and the browser's own first page."""
+    """Requests of pages since the last call, except data in the page itself and the browser's own first page."""
     sent = [
         each["params"]["request"]["url"] for each in _messages(browser) if each["method"] == "Network.requestWillBeSent"
     ]
@@ -83,7 +83,7 @@ def requested(browser: Chrome) -> list[str]:
 
 
 def let_out(browser: Chrome) -> list[str]:
-    """As :func:`requested`, without what a page's own policy kept from being asked."""
+    """As :func:`requested`, without requests that a page's own policy blocked."""
     messages = _messages(browser)
     sent = [each["params"] for each in messages if each["method"] == "Network.requestWillBeSent"]
     failed = [each["params"] for each in messages if each["method"] == "Network.loadingFailed"]

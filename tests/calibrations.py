@@ -33,7 +33,7 @@ class Rig:
         return np.asarray(cv2.Rodrigues(self.rotation_vector)[0], dtype=np.float64)
 
     def project(self, points_left: Array) -> tuple[Array, Array]:
-        """Where both cameras see points (N, 3) of the left camera's frame: pixels (N, 2) before rectification."""
+        """Positions in both cameras of points (N, 3) of the left camera's frame: pixels (N, 2) before rectification."""
         poses = ((np.zeros(3), np.zeros(3)), (self.rotation_vector, self.translation_m))
         project = cv2.fisheye.projectPoints if self.model == "equidistant" else cv2.projectPoints
         points = points_left.reshape(-1, 1, 3)
@@ -68,7 +68,7 @@ def rectification(rig: Rig) -> dict[str, Array]:
 
 
 def write_opencv(path: Path, nodes: dict[str, Array], size: tuple[int, int] | None = None) -> Path:
-    """By OpenCV itself, YAML or XML."""
+    """Write by OpenCV itself, YAML or XML."""
     path.parent.mkdir(parents=True, exist_ok=True)
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     for name, value in zip(("image_width", "image_height"), size or (), strict=False):
@@ -128,7 +128,7 @@ def write_kalibr(path: Path, rig: Rig) -> Path:
 
 
 def write_zed(path: Path, rig: Rig) -> Path:
-    """For 1280 x 720, with another resolution's section that must not be taken; millimetres."""
+    """Write for 1280 x 720, with another resolution's section that must not be used; millimetres."""
     names, lines = (("k1", "k2", "p1", "p2", "k3") if rig.model == "plumb_bob" else ("k1", "k2", "k3", "k4")), []
     for side, k, d in zip(("LEFT", "RIGHT"), rig.k, rig.d, strict=True):
         for name, scale in (("FHD", 1.5), ("HD", 1.0)):

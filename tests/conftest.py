@@ -1,4 +1,4 @@
-"""How properties are tried, and where real clips and weights are: tests skip with a reason where they are not."""
+"""Examples of property tests, and the folders of real clips and weights: tests skip with a reason without them."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ settings.register_profile("explore", max_examples=1000, **PROPERTIES)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Take the suite's examples unless others are asked for. Not on import: tests may import this file once more."""
+    """Use the suite's number of examples unless another is requested. Not on import, which tests may repeat."""
     if not config.getoption("--hypothesis-profile"):
         settings.load_profile("suite")
 
@@ -44,7 +44,7 @@ def shared_models() -> Path:
 
 @pytest.fixture(scope="session", autouse=True)
 def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep results of stages apart from the user's; rendered frames stay where they are: they are slow to make."""
+    """Keep stage outputs apart from the user's; rendered frames stay in place, since rendering is slow."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("cache")
         patch.setattr("harness.remote.cache_root", lambda: folder)

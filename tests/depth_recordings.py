@@ -211,7 +211,7 @@ def write_depth(write: Messages, shot: Shot, form: DepthForm) -> None:
 
 
 def compressed_depth(depth_mm: NDArray[np.uint16], form: DepthForm) -> tuple[str, bytes]:
-    """What ROS's compressed_depth_image_transport writes: the message's format and data."""
+    """The message's format and data as ROS's compressed_depth_image_transport writes them."""
     if form == "rvl":
         head = struct.pack("<iff", 0, 0, 0) + struct.pack("<II", depth_mm.shape[1], depth_mm.shape[0])
         return "16UC1; compressedDepth rvl", head + encode_rvl(depth_mm)

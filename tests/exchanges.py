@@ -51,7 +51,7 @@ BOXES = {"bird": (2, 2, 12, 12), "cup": (2, 20, 12, 30), "girl": (30, 2, 40, 40)
 
 
 def staged(frames: Sequence[int] = range(1, 51), **more: Any) -> tuple[PlainClip, TrueBodies]:
-    """A clip whose truth knows all masks and the heads (the upper quarter of a person), and where they are."""
+    """A clip whose ground truth has all masks and heads (the upper quarter of a person), with their positions."""
     ids = np.zeros((48, 64), dtype=np.uint16)
     for number, (u0, v0, u1, v1) in enumerate(BOXES.values(), start=1):
         ids[v0:v1, u0:u1] = number
@@ -79,7 +79,7 @@ def row(first: int, last: int, target: str, subject: str = "girl", **more: Any) 
 NOTES = st.text("ab,;'\"#<&>é漢 ", max_size=8).map(lambda text: " ".join(text.split()))
 POINTS = st.none() | st.tuples(*[st.floats(0, 4096, allow_nan=False)] * 2)
 FRAMES = st.sets(st.integers(1, 99), min_size=1, max_size=40).map(sorted)
-"""Of a clip whose numbers have gaps."""
+"""Frame numbers of a clip with gaps."""
 
 
 @st.composite

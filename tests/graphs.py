@@ -15,7 +15,7 @@ Shape = tuple[int | str, ...]
 def constant(
     path: Path, inputs: Mapping[str, Shape], outputs: Mapping[str, ArrayLike], integers: Collection[str] = ()
 ) -> str:
-    """A graph that takes ``inputs``, looks at none of them and always gives ``outputs``; ``integers`` as int64."""
+    """A graph that takes ``inputs``, ignores them and always gives ``outputs``; ``integers`` as int64."""
     arrays = {
         name: np.asarray(value, dtype=np.int64 if name in integers else np.float32) for name, value in outputs.items()
     }

@@ -39,7 +39,7 @@ def logits(masks: list[Mask], size: float = 8.0) -> np.ndarray:
 
 
 def seen(found: Instances) -> list[tuple[str, int, bool, float]]:
-    """What a segmenter found, in its order: label, COCO's number, whether it is a thing, score to 4 digits."""
+    """Found instances in order: label, COCO's number, whether it is a thing, score to 4 digits."""
     return [(each.label, each.category_id, each.is_thing, round(each.score, 4)) for each in found.instances]
 
 

@@ -67,7 +67,7 @@ ROS2 = {"Image": IMAGE, "CompressedImage": COMPRESSED_IMAGE, "CameraInfo": CAMER
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """What one camera's calibration message says."""
+    """The content of one camera's calibration message."""
 
     width: int
     height: int
@@ -88,7 +88,7 @@ def rectified_camera(width: int, height: int, fx: float, cx: float, cy: float, b
 
 
 class Recorder:
-    """Writes camera messages of one family; the stamp is also the log time where none is given."""
+    """Writes camera messages of one family; by default the stamp is also the log time."""
 
     def __init__(self, family: Family, writer: Any) -> None:
         self._family, self.writer = family, writer

@@ -19,7 +19,7 @@ AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 def target_record(
     instance_id: int, name: str, *, box_px: BoxPx = (0.0, 0.0, 10.0, 10.0), center: Vector | None = (0.0, 0.0, 2.0)
 ) -> TargetRecord:
-    """A target with a 3D box about ``center``; without one where that is None."""
+    """A target with a 3D box about ``center``; without one if that is None."""
     box = None if center is None else BoxRecord(center_m=center, half_size_m=(0.1, 0.1, 0.1), axes=AXES)
     return TargetRecord(
         instance_id=instance_id, name=name, label="thing", score=0.9, box_px=box_px, points=100, box=box
@@ -105,7 +105,7 @@ def score_run(results: Path, reference: Reference) -> None:
 
 
 def collect_outcomes(records: Iterable[FrameRecord], reference: Reference) -> list[Outcomes]:
-    """Judge records, each of which is looked at once."""
+    """Judge records, reading each of them once."""
     log = OutcomeLog(reference)
     for record in records:
         log.judge(record)

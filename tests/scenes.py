@@ -34,7 +34,7 @@ from vfoa.types import (
 
 
 def make_box(center: ArrayLike, half_size: float | Sequence[float] = 0.2, rotation: ArrayLike | None = None) -> Box3D:
-    """A box, a cube where ``half_size`` is one number, axis-aligned where there is no rotation."""
+    """A box: a cube if ``half_size`` is one number, axis-aligned if there is no rotation."""
     return Box3D(
         center_m=np.array(center, dtype=np.float64),
         half_size_m=np.broadcast_to(np.asarray(half_size, dtype=np.float64), 3).copy(),
@@ -162,7 +162,7 @@ def stereo_planes(
 
 
 def rendered_boxes(rig: StereoRig, boxes: Sequence[Box3D], *, wall_m: float = 4.0, label: str = "thing") -> Percepts:
-    """What a perfect stereo camera and a perfect segmenter see of boxes before a wall: ids 1, 2, ... in their order."""
+    """The output of a perfect stereo camera and a perfect segmenter for boxes before a wall: ids 1, 2, ... in order."""
     v, u = np.mgrid[: rig.height_px, : rig.width_px]
     rays = back_project(u, v, np.ones(u.shape), rig).reshape(-1, 3)
     lengths = np.linalg.norm(rays, axis=-1)

@@ -152,7 +152,7 @@ def test_no_room_imports_a_later_one(imported: dict[str, set[str]]) -> None:
 
 
 def test_no_imports_run_in_a_circle(imported: dict[str, set[str]]) -> None:
-    """Modules that import nothing are taken away, again and again; what is left over runs in a circle."""
+    """Modules that import nothing are removed repeatedly; the modules that remain form a cycle."""
     left = dict(imported)
     while leaves := [module for module, targets in left.items() if not targets & left.keys()]:
         for module in leaves:

@@ -1,1 +1,1 @@
-"""What ``vfoa bench`` measures, each against a baseline of its own in the same run."""
+"""The measurements of ``vfoa bench``, each with a baseline of its own in the same run."""

@@ -1,4 +1,4 @@
-"""How long attention takes, and how long the plain loop of :mod:`harness.bench.plain` takes for the same."""
+"""Time of attention, compared with the plain loop of :mod:`harness.bench.plain`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vfoa.types import Box3D, Gaze, Head, HeadPose, HeadView, Instance, Person, 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AttentionTiming:
-    """One row: milliseconds a frame of both ways (the best of several rounds)."""
+    """One row: milliseconds per frame of both implementations (the best of several rounds)."""
 
     rays_per_subject: int
     boxes: int
@@ -25,12 +25,12 @@ class AttentionTiming:
 
     @property
     def times_faster(self) -> float:
-        """Plain over vectorised."""
+        """Time of the plain loop over that of the vectorised code."""
         return self.plain_ms / self.vectorised_ms
 
 
 def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, rounds: int = 15) -> AttentionTiming:
-    """Time both ways on one seeded frame, for cones of 40 surface rays a cue. A frame is all of its subjects."""
+    """Time both implementations on one seeded frame with all of its subjects, for cones of 40 surface rays per cue."""
     settings = AttentionSettings(cones_cm=cones_cm, n_rays=40, axis_ray=False)
     people, targets = seeded_frame(boxes=boxes, subjects=subjects)
 
@@ -48,14 +48,14 @@ def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, ro
 
 
 def seeded_frame(*, boxes: int, subjects: int) -> tuple[tuple[Subject, ...], tuple[Target, ...]]:
-    """The people and the things of a room, always the same."""
+    """The people and objects of a room, the same in every call."""
     rng = np.random.default_rng(0)
     targets = tuple(_target(number, rng) for number in range(1, boxes + 1))
     return tuple(_subject(number, rng) for number in range(1, subjects + 1)), targets
 
 
 def _target(number: int, rng: np.random.Generator) -> Target:
-    """A thing somewhere in a room of 4 x 2 x 3 m."""
+    """An object somewhere in a room of 4 x 2 x 3 m."""
     box = Box3D(
         center_m=rng.uniform((-2, -1, 1), (2, 1, 4)), half_size_m=rng.uniform(0.05, 0.4, 3), left_from_box=np.eye(3)
     )
@@ -64,7 +64,7 @@ def _target(number: int, rng: np.random.Generator) -> Target:
 
 
 def _subject(number: int, rng: np.random.Generator) -> Subject:
-    """A person behind the things, who faces them; gaze and head differ."""
+    """A person behind the objects, who faces them; gaze and head differ."""
     gaze = Gaze(direction=rng.normal((0, 0, 1), 0.3))
     head_pose = HeadPose(direction=rng.normal((0, 0, 1), 0.3))
     view = HeadView(head=Head(box_px=np.array([0.0, 0, 1, 1]), score=1.0), head_pose=head_pose, gaze=gaze)

@@ -1,4 +1,4 @@
-"""Reconstruction and recording against what a first version would do, on the same frames in the same run."""
+"""Reconstruction and recording compared with a naive first version, on the same frames in the same run."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from vfoa.reconstruction import place_targets
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """One row: milliseconds a frame (medians) of both ways, and the bytes a frame where they write any."""
+    """One row: milliseconds per frame (medians) of both versions, and the bytes per frame if they write any."""
 
     what: str
     ours_ms: float
@@ -37,7 +37,7 @@ class Comparison:
 
 
 def compare_with_naive(manifest: ClipManifest, configuration: Configuration, frames: Sequence[int]) -> list[Comparison]:
-    """Both ways on each frame, one right after the other, with one thread; the first frame is left out."""
+    """Run both versions on each frame, one right after the other, with one thread; the first frame is left out."""
     compute_with(1)
     configuration = configuration.for_clip(manifest.name)
     clouds: list[tuple[float, float]] = []

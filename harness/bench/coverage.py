@@ -1,6 +1,6 @@
 """Coverage of intervals and error rates of the test, by simulation: ``make coverage`` writes ``reports/coverage.md``.
 
-A nominal 95 % interval should hold the true rate in 95 % of experiments, and a test at 5 % should call two equal
+A nominal 95 % interval should contain the true rate in 95 % of experiments, and a test at 5 % should call two equal
 configurations different in 5 %.
 """
 
@@ -21,7 +21,7 @@ CLIPS, LOOKS_S, MARGINS = (4, 8, 20), (0.7, 1.5, 3.0), (1.9, 2.6)
 
 
 def coverage_table(experiments: int) -> Table:
-    """A row for each mean rate, number of clips and length of looks, of so many experiments each."""
+    """A row for each mean rate, number of clips and length of looks, with this number of experiments each."""
     return Table(
         title="What intervals and tests are worth, by simulation",
         columns=(

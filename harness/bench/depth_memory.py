@@ -1,4 +1,4 @@
-"""Peak memory while colour and measured depth are read from a recording, by its length and container."""
+"""Peak memory of reading colour and measured depth from a recording, by its length and container."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def measure_depth_memory(form: Form, short: int = SHORT, long: int = LONG) -> De
 
 
 def depth_memory_table(rows: list[DepthPeak]) -> Table:
-    """A row per container."""
+    """One row per container."""
     first = rows[0]
     return Table(
         title="Peak memory while colour and measured depth are read, MiB",
@@ -85,7 +85,7 @@ def _read_all(path: Path) -> float:
 
 
 def _write(path: Path, form: Form, frames: int) -> None:
-    """Colour, raw or as H.264, with its calibration and aligned depth, by rosbags."""
+    """Write colour, raw or as H.264, with its calibration and aligned depth, by rosbags."""
     is_ros1 = form == "bag"
     store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(_PACKET_TEXT, _PACKET))
@@ -150,7 +150,7 @@ def _image(header: Any, pixels: np.ndarray, encoding: str) -> dict[str, Any]:
 
 
 class _Coder:
-    """H.264, a packet per image at once."""
+    """H.264 that gives a packet for each image at once."""
 
     def __init__(self) -> None:
         context: Any = av.CodecContext.create("libx264", "w")

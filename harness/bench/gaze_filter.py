@@ -16,7 +16,7 @@ FRAMES = 1000
 SACCADE_DEG = 30.0
 NEAR_DEG = 5.0
 LOOK_AHEAD = 15
-"""Frames after a saccade in which the estimate is followed."""
+"""Number of frames after a saccade in which the estimate is measured."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +24,7 @@ class FilterQuality:
     """One row: at this noise per axis, the root mean square angle to the truth of the raw and the filtered signal.
 
     ``after_3_deg`` is the median error in the third frame of a new fixation after a saccade of 30 degrees, and
-    ``frames_to_near`` the frame in which the median error first comes to 5 degrees or less, None if in none of 15.
+    ``frames_to_near`` the first frame in which the median error is 5 degrees or less, None if in none of 15.
     """
 
     noise_deg: float
@@ -35,7 +35,7 @@ class FilterQuality:
 
     @property
     def ratio(self) -> float:
-        """Filtered over raw: under 1 the filter helps."""
+        """Filtered over raw error: below 1 the filter helps."""
         return self.filtered_rmse_deg / self.raw_rmse_deg
 
 
@@ -48,7 +48,7 @@ def measure_gaze_filter(
 
 
 def gaze_filter_table(rows: Sequence[FilterQuality]) -> Table:
-    """Errors with and without the filter, and how soon it follows a saccade."""
+    """Errors with and without the filter, and its delay after a saccade."""
     return Table(
         title="Gaze filter on fixations, pursuits and saccades",
         columns=("noise deg", "raw RMSE deg", "filtered", "ratio", "3 frames after", "frames to near"),

@@ -1,9 +1,9 @@
-"""What hours of video cost: ``python -m harness.bench.hours 1500 6000 18000``.
+"""The cost of hours of video: ``python -m harness.bench.hours 1500 6000 18000``.
 
-Each length is a generated clip of 160 x 120 pixels at 25 Hz, with one person, three things and labels, under four
+Each length is a generated clip of 160 x 120 pixels at 25 Hz, with one person, three objects and labels, under four
 configurations: block matching, masks and gazes from files, attention by cones, a filtered gaze and the nearest angle;
 with recordings, thumbnails, tables and page. A run, its first scoring, and a scoring after one label was edited are
-three fresh processes. Seconds of the processor are theirs alone; the others also tell what else the machine did.
+three fresh processes. CPU seconds are those of the process; wall-clock seconds also depend on the load of the machine.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ attention.method = "nearest"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cost:
-    """Seconds, those of the processor, and the peak of the memory of a fresh process."""
+    """Seconds, CPU seconds, and the peak memory of a fresh process."""
 
     seconds: float
     cpu_seconds: float
@@ -87,7 +87,7 @@ class Cost:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hours:
-    """A run of so many frames, its first scoring and the one after an edited label, and the bytes of its files."""
+    """A run of this many frames, its first scoring and the one after an edited label, and the bytes of its files."""
 
     frames: int
     run: Cost
@@ -100,7 +100,7 @@ class Hours:
 
 
 def measure_hours(frames: int, root: Path) -> Hours:
-    """Run and score a generated clip of so many frames under an empty folder."""
+    """Run and score a generated clip of this many frames in an empty folder."""
     experiment = write_clip(root, frames)
     out = root / "run"
     run = _fresh(run_experiment, experiment, out)
@@ -120,7 +120,7 @@ def measure_hours(frames: int, root: Path) -> Hours:
 
 
 def write_clip(root: Path, frames: int) -> Path:
-    """Write the clip, its labels and what its stages found; return the experiment."""
+    """Write the clip, its labels and the outputs of its stages; return the experiment."""
     outputs = root / "outputs"
     _write_views(root, frames)
     write_coco_panoptic(outputs, [(number, _masks()) for number in range(1, frames + 1)])
@@ -139,7 +139,7 @@ def write_clip(root: Path, frames: int) -> Path:
 
 
 def write_labels(root: Path, frames: int, *, edited: int | None = None) -> None:
-    """What the person looks at, look by look; that of the look with the frame ``edited`` is another one."""
+    """Write the person's targets, look by look; the look with the frame ``edited`` gets another target."""
     lines = ["# vfoa annotations 1", "first_frame,last_frame,subject,target,note"]
     for first in range(1, frames + 1, FIXATION):
         last = min(first + FIXATION - 1, frames)
@@ -151,14 +151,14 @@ def write_labels(root: Path, frames: int, *, edited: int | None = None) -> None:
 
 
 def run_experiment(experiment: Path, out: Path) -> None:
-    """Run it without a cache, with light recordings and thumbnails, in this process."""
+    """Run an experiment without a cache, with light recordings and thumbnails, in this process."""
     loaded = load_experiment(str(experiment))
     plan = prepare(loaded, sinks=composed_sinks(loaded.configurations, "light"))
     run_plan(plan, out, workers=1, progress=lambda clip: None)
 
 
 def score_run(out: Path) -> None:
-    """As ``vfoa score`` does."""
+    """Score a run as ``vfoa score`` does."""
     rescore(RunDirectory(out))
 
 
@@ -202,7 +202,7 @@ def _looked_at(number: int) -> int:
 
 
 def _gaze(number: int, rng: np.random.Generator) -> Gaze:
-    """From the head's middle to the thing's, all at one depth, a few degrees off."""
+    """The direction from the head's middle to the object's, all at one depth, with an error of a few degrees."""
     target_px = np.array([14.0 + 18 * _looked_at(number), 92.0])
     offset = np.append((target_px - [80.0, 24.0]) / 100.0, 0.0) + rng.normal(0, 0.06, 3)
     return Gaze(direction=offset / np.linalg.norm(offset), sigma_rad=0.06)
@@ -213,7 +213,7 @@ def _bytes(out: Path, pattern: str) -> int:
 
 
 def hours_table(rows: Sequence[Hours]) -> Table:
-    """A row a length; rates are per thousand frames, so that linear growth is the same number in each row."""
+    """One row per length; rates are per thousand frames, so that linear growth gives the same number in each row."""
     return Table(
         title="Runs of generated clips of 160 x 120 pixels under four configurations",
         columns=(
@@ -244,7 +244,7 @@ def hours_table(rows: Sequence[Hours]) -> Table:
 
 
 def main() -> None:
-    """Measure the lengths that are given."""
+    """Measure the given lengths."""
     rows = []
     for frames in map(int, sys.argv[1:]):
         with tempfile.TemporaryDirectory() as folder:

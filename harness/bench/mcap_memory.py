@@ -1,4 +1,4 @@
-"""Peak resident memory while a recording streams through: ``python -m harness.bench.mcap_memory``.
+"""Peak resident memory of streaming a recording: ``python -m harness.bench.mcap_memory``.
 
 Each recording is read in a fresh process, and its peak is compared with that for a recording of a tenth of the length.
 """
@@ -76,7 +76,7 @@ def _read_all(path: Path) -> float:
 def peak_mib() -> float:
     """Peak resident memory of this process, in MiB."""
     status = Path("/proc/self/status")
-    if status.is_file():  # ru_maxrss also holds the peak of the process that started this one
+    if status.is_file():  # ru_maxrss would also include the peak of the parent process
         line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
         return int(line.split()[1]) / 1024
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

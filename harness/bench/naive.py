@@ -1,4 +1,4 @@
-"""What a first version would do: every pixel of the frame in space, and every entity by its own call to Rerun."""
+"""A naive first version: every pixel of the frame becomes a point, and every entity is a separate call to Rerun."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from vfoa.types import Disparity, FrameResult, Instances, Map, Percepts, StereoF
 
 
 def naive_clouds(disparity: Disparity, instances: Instances, rig: StereoRig) -> dict[int, Map]:
-    """The cloud (N, 3) of each thing by its id: the whole frame by OpenCV's matrix Q, then one mask after the other."""
+    """The cloud (N, 3) of each object by its id: the whole frame by OpenCV's matrix Q, then mask by mask."""
     q = np.array(
         [
             [1, 0, 0, -rig.cx_px],
@@ -28,14 +28,14 @@ def naive_clouds(disparity: Disparity, instances: Instances, rig: StereoRig) -> 
 
 
 class NaiveRecording:
-    """Images as they are, clouds with a colour a point, and lists of one entity each."""
+    """Raw images, clouds with a colour per point, and lists of one entity each."""
 
     def __init__(self, path: Path) -> None:
         self._stream = rr.RecordingStream("vfoa_naive")
         self._stream.save(path)
 
     def log(self, frame: StereoFrame, percepts: Percepts, result: FrameResult) -> None:
-        """Write what the recordings of a run show of a frame."""
+        """Write the data of a frame that the recordings of a run show."""
         log: Any = self._stream.log
         self._stream.set_time("frame", sequence=frame.index)
         log("left", rr.Image(frame.left))
@@ -64,6 +64,6 @@ class NaiveRecording:
                     log(f"{name}/{value.instance_id}/{cue}", rr.Scalars(getattr(value, cue)))
 
     def close(self) -> None:
-        """Write the rest."""
+        """Flush the recording."""
         self._stream.flush()
         self._stream.disconnect()

@@ -1,7 +1,7 @@
-"""What a run costs beside stages and attention: records, thumbnails, recordings and scores, a frame and configuration.
+"""The overhead of a run: records, thumbnails, recordings and scores, per frame and configuration.
 
-The same frames are run with one sink after the other added, perception coming from the stage cache each time; what a
-sink adds is its cost, its threads included. Seconds are those of the processor, in one process.
+The same frames are run with one sink after the other added, with all stage outputs from the cache; the cost of a sink
+is the time that it adds, including its threads. Times are CPU seconds in one process.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from harness.stages.cache.store import Store
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overhead:
-    """Milliseconds of the processor a frame and configuration, by what they are spent on."""
+    """CPU milliseconds per frame and configuration, by purpose."""
 
     clip: str
     frames: int
@@ -41,7 +41,7 @@ class Overhead:
 def measure_overhead(experiment: Experiment, limit: int, rounds: int = 3) -> Overhead:
     """Run the first frames of an experiment's first clip under four configurations that differ in their cones.
 
-    The least of so many rounds counts.
+    The fastest of the rounds counts.
     """
     first = experiment.configurations[0]
     configurations = tuple(with_cones(first, cones) for cones in CONES_CM)
@@ -80,7 +80,7 @@ def measure_overhead(experiment: Experiment, limit: int, rounds: int = 3) -> Ove
 
 
 def _run(plan: Plan, sinks: tuple[SinkFactory, ...], cache: ClipCache, out: Path) -> float:
-    """Seconds of the processor of a run with these sinks."""
+    """CPU seconds of a run with these sinks."""
     (clip,) = plan.clips
     job = ClipJob(
         manifest=clip.manifest,
@@ -99,7 +99,7 @@ def _run(plan: Plan, sinks: tuple[SinkFactory, ...], cache: ClipCache, out: Path
 
 
 def overhead_table(found: Overhead) -> Table:
-    """A row for each thing, and their sum without the first."""
+    """One row per purpose, and their sum without the first."""
     total = sum(list(found.ms.values())[1:])
     return Table(
         title=f"CPU ms a frame of {found.clip} and configuration, {found.configurations} of them",

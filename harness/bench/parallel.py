@@ -1,8 +1,8 @@
-"""What workers, a cluster, configurations and the cache cost or save.
+"""Cost and savings of workers, a cluster, several configurations and the cache.
 
-Whole runs of one clip, one after the other, from the plan to the joined results, the start of workers included; that of
-a cluster is not, since it is there before. The ratios belong together; the seconds belong to the machine and to what
-else it did. Seconds of the processor belong to the run: their ratio is what an idle machine would show.
+Whole runs of one clip, one after the other, from the plan to the joined results, including the start of workers; a
+cluster is started before. Compare ratios, not seconds: seconds depend on the machine and its load. CPU seconds belong
+to the run: their ratio is what an idle machine would show.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ PLENTY = 10**12
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Timed:
-    """One run: what it was, its seconds, those of the processor in all its processes, and what it is compared with."""
+    """One run: its name, seconds, CPU seconds of all its processes, and the run that it is compared with."""
 
     what: str
     seconds: float
@@ -42,7 +42,7 @@ class Timed:
 
     @property
     def same(self) -> bool | None:
-        """Whether the results are those of the run it is compared with; None where they are of other configurations."""
+        """Whether the results equal those of the run it is compared with; None if the configurations differ."""
         base = self.compared_with
         if base is None or base.results.count(b"\n") != self.results.count(b"\n"):
             return None
@@ -66,7 +66,7 @@ class _Bench:
         workers: int = 1,
         scheduler: str | None = None,
     ) -> Timed:
-        """Time a run: in a directory and a cache of its own, unless they are named."""
+        """Time a run, in a directory and a cache of its own, unless they are given."""
         plan = prepare(experiment, limit=self.limit, sinks=recordings(experiment.configurations, recording))
         store = Store(self.folder / (cache or f"cache of {what}"), PLENTY)
         cpu_before, started = _cpu_seconds(scheduler), time.perf_counter()
@@ -89,7 +89,7 @@ class _Bench:
 
 
 def _cpu_seconds(scheduler: str | None) -> float:
-    """Of this process, of those of its children that have ended, and of a cluster's workers."""
+    """CPU seconds of this process, of its children that have ended, and of a cluster's workers."""
     uses = (resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(use.ru_utime + use.ru_stime for use in uses) + (cpu_seconds(scheduler) if scheduler else 0.0)
 
@@ -140,7 +140,7 @@ def with_cones(configuration: Configuration, cones_cm: tuple[float, ...]) -> Con
 
 
 def parallel_table(clip: str, matcher: str, frames: int, runs: Sequence[Timed]) -> Table:
-    """A run a row, each with its ratio to another."""
+    """One row per run, each with its ratio to another."""
     return Table(
         title=f"Whole runs of {frames} frames of {clip} with {matcher}",
         columns=("run", "to", "s", "ratio", "CPU s", "CPU ratio", "same results"),

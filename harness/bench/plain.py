@@ -1,6 +1,6 @@
-"""Attention ray by ray and box by box in plain Python: the baseline of the benchmark, and the truth of its test.
+"""Attention ray by ray and box by box in plain Python: the baseline of the benchmark, and the reference of its test.
 
-Written from the equations in :mod:`vfoa.attention` and from nothing of its code, one number at a time, without numpy.
+Written from the equations in :mod:`vfoa.attention`, without using its code, one number at a time, without numpy.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class _PlainBox:
 
 
 def _share(origin: Vector, rays: list[Vector], box: _PlainBox) -> float:
-    """Share of a cue's attention that falls on a box, in [0, 1]."""
+    """Share of a cue's attention to a box, in [0, 1]."""
     total = 0.0
     for ray in rays:
         t = _entry(origin, ray, box)
@@ -67,7 +67,7 @@ def _share(origin: Vector, rays: list[Vector], box: _PlainBox) -> float:
 
 
 def _rays(axis: Vector, settings: AttentionSettings) -> Iterator[Vector]:
-    """Every ray of a cue, cone by cone; the first of a cone lies towards the camera's right as the cue sees it."""
+    """Every ray of a cue, cone by cone; the first ray of a cone is to the camera's right, as seen along the cue."""
     right = _unit(_cross((0.0, 1.0, 0.0), axis))
     down = _cross(axis, right)
     for fov in settings.cones_rad:
@@ -81,7 +81,7 @@ def _rays(axis: Vector, settings: AttentionSettings) -> Iterator[Vector]:
 
 
 def _entry(origin: Vector, ray: Vector, box: _PlainBox) -> float | None:
-    """Distance along a ray to where it enters a box, None for a miss."""
+    """Distance along a ray to its entry into a box, None for a miss."""
     offset = (origin[0] - box.center[0], origin[1] - box.center[1], origin[2] - box.center[2])
     near, far = 0.0, math.inf
     for axis, half in zip(box.axes, box.half, strict=True):

@@ -1,9 +1,9 @@
-"""How right and how calibrated attention is on drawn scenes with errors of known size (``--only posterior``).
+"""Accuracy and calibration of attention on drawn scenes with errors of known size (``--only posterior``).
 
 The scenes are those of :mod:`vfoa.simulated_scenes`. Settings were chosen on ``room``; ``table`` shares no distribution
-with it and is what is reported. Every method is told that the gaze error is 11.1 degrees, whatever it is; "told" is
-told the true mean error of a frame, and takes it as true. "All known" is told the same of the same sequence drawn
-without bias and gain, and knows its later frames: what the model can get where it has nothing to learn.
+with it and is reported. Every method gets a claimed gaze error of 11.1 degrees, whatever the true one is; "told" gets
+the true mean error of a frame, and takes it as true. "All known" gets the same for the same sequence drawn without bias
+and gain, and uses its later frames: the best that the model can reach if it has nothing to learn.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ _BINS = 10
 
 @dataclass(slots=True)
 class Answers:
-    """What one method answered in all frames of a cell: confidences and whether each was right."""
+    """The answers of one method in all frames of a cell: confidences and whether each was right."""
 
     confidence: list[Float] = field(default_factory=list)
     right: list[np.ndarray] = field(default_factory=list)
 
     def add(self, confidence: Float, right: np.ndarray) -> None:
-        """Take a sequence's frames (N,)."""
+        """Add a sequence's frames (N,)."""
         self.confidence.append(confidence)
         self.right.append(right)
 
@@ -61,7 +61,7 @@ class Answers:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """One row: the errors of its sequences, and what each method answered; ``ms_per_frame`` of the forward pass."""
+    """One row: the errors of its sequences, and the answers of each method; ``ms_per_frame`` of the forward pass."""
 
     name: str
     answers: dict[str, Answers]
@@ -76,7 +76,7 @@ def measure_posterior(
     first_seed: int = 0,
     gains: tuple[float, float] = (0.6, 1.0),
 ) -> list[Cell]:
-    """Draw so many sequences for each error and bias, gains even between two limits, and measure every method."""
+    """Draw this many sequences for each error and bias, gains even between two limits, and measure every method."""
     cells = []
     for error_deg in ERRORS_DEG:
         for bias_deg in BIASES_DEG:
@@ -95,7 +95,7 @@ def measure_posterior(
 def measure_true_claims(
     generator: Generator = "table", sequences: int = 12, settings: PosteriorSettings = UNKNOWN_ERROR
 ) -> Cell:
-    """The claimed 11.1 degrees are true, without bias and gain: what not to know it costs."""
+    """Measure sequences whose claimed 11.1 degrees are true, without bias and gain: the cost of not knowing this."""
     drawn = [draw_sequence(generator, Errors(gaze_deg=11.1), np.random.default_rng([7, k])) for k in range(sequences)]
     return _measured_cell("11.1 deg, as claimed", [(each, each) for each in drawn], 11.1, settings)
 

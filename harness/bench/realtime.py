@@ -1,4 +1,4 @@
-"""Frames a second of matching alone, and of the pipeline without and with the models, from images in memory."""
+"""Frames per second of matching alone, and of the pipeline without and with the models, from images in memory."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from vfoa.types import Disparity, Instances, Percepts, StereoFrame
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """What a row is called and measures: a matcher under a preset, with the experiment's models or without any.
+    """The name of a row and its content: a matcher under a preset, with the experiment's models or without any.
 
     ``changes`` are settings over those of the preset, as of ``vfoa run --set``.
     """
@@ -37,7 +37,7 @@ class Row:
 
 
 BASELINE = "SGBM"
-"""The row that the others' frames per second are divided by."""
+"""The row whose frames per second divide those of the others."""
 
 _GUIDED = ("stereo.search=guided",)
 ROWS = (
@@ -54,10 +54,10 @@ ROWS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Speed:
-    """One row: milliseconds of a match (median, 95th percentile), and frames a second of the pipeline.
+    """One row: milliseconds of a match (median, 95th percentile), and frames per second of the pipeline.
 
-    ``cpu_ms`` is what a frame of the pipeline costs in computing time, over all threads: it depends less on what else
-    the machine does. ``stereo`` is how good the disparities are, None where the clip has no true ones.
+    ``cpu_ms`` is the CPU time of a frame of the pipeline, over all threads: it depends less on the load of the machine.
+    ``stereo`` is the quality of the disparities, None if the clip has no true ones.
     """
 
     what: str
@@ -69,19 +69,19 @@ class Speed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Held:
-    """Frames with their masks, and the true disparities where there are any, in memory."""
+    """Frames with their masks, and the true disparities if there are any, in memory."""
 
     frames: list[StereoFrame]
     instances: dict[int, Instances]
     truths: list[Disparity | None]
 
     def segment(self, frame: StereoFrame) -> Instances:
-        """As :class:`vfoa.segmentation.Segmenter`: the masks that were found before."""
+        """Return masks computed before, as a :class:`vfoa.segmentation.Segmenter`."""
         return self.instances[frame.index]
 
 
 class _TimedMatcher:
-    """Notes how long each match took, and what it found."""
+    """Records the time and the output of each match."""
 
     def __init__(self, matcher: object) -> None:
         self._matcher = matcher
@@ -113,10 +113,10 @@ def measure_speed(
     provider: Provider = "cpu",
     rounds: int = 3,
 ) -> list[Speed]:
-    """Lead the frames through matching, models, reconstruction and attention, with so many threads.
+    """Run the frames through matching, models, reconstruction and attention, with this many threads.
 
-    The configuration is the first one of the ``experiment``, by name, with what a row changes. Images and masks are
-    read before; the first frame is left out. Of several rounds through all rows, a row's quickest one counts.
+    The configuration is the first one of the ``experiment``, with the changes of each row. Images and masks are read
+    before; the first frame is left out. All rows are measured in several rounds; each row's fastest round counts.
     """
     compute_with(threads)
     configurations = [_configuration(experiment, manifest.name, row).on(provider) for row in ROWS]
@@ -177,7 +177,7 @@ def _measure(what: str, manifest: ClipManifest, configuration: Configuration, he
 
 
 def _follow(perceived: Generator[Percepts], configuration: Configuration) -> tuple[float, float]:
-    """Frames a second, and milliseconds of computing a frame, from the end of the first frame to that of the last."""
+    """Frames per second, and CPU milliseconds per frame, from the end of the first frame to that of the last."""
     memory, ends = Memory(), []
     for percepts in perceived:
         scene = reconstruct(percepts, configuration.reconstruction)

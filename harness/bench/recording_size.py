@@ -1,7 +1,7 @@
-"""What recordings cost: bytes and time of one long clip under four configurations, with and without them.
+"""The cost of recordings: bytes and time of one long clip under four configurations, with and without them.
 
 Whole runs of a longer rendering of ``studio_talk``, one after the other in one process without a cache. Its frames are
-rendered, and kept, before the first run. The ratios belong together; the seconds belong to the machine.
+rendered and stored before the first run. Compare ratios, not seconds, which depend on the machine.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def _run(experiment: Experiment, out: Path, kind: str, frames: int) -> RecordedR
 
 
 def recordings_table(runs: Sequence[RecordedRun]) -> Table:
-    """A row a kind of recordings: megabytes by layer, and times as ratios to the run without any."""
+    """One row per kind of recordings: megabytes by layer, and times as ratios to the run without any."""
     bare = runs[0]
     return Table(
         title=f"Recordings of studio_talk, {bare.frames} frames, BM and SGBM with one and two cones",

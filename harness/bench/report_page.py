@@ -1,4 +1,4 @@
-"""How large report pages are and how soon they are drawn: ten minutes of two people, and hundreds of clips."""
+"""Size and drawing time of report pages: ten minutes of two people, and hundreds of clips."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ LOOK = 45
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageSize:
-    """How much a synthetic run holds: its clips, and frames of each, configurations and subjects."""
+    """The size of a synthetic run: number of clips, frames of each, configurations and subjects."""
 
     name: str
     clips: int
@@ -49,7 +49,7 @@ SIZES = (
 class PageTiming:
     """A page's size in MB, and in Chromium the seconds to its first paint and to the last figure.
 
-    ``redraw_ms`` are the median and the longest while zooming. None without a browser.
+    ``redraw_ms`` are the median and the longest redraw while zooming. None without a browser.
     """
 
     size: PageSize
@@ -69,7 +69,7 @@ def time_page(size: PageSize) -> PageTiming:
 
 
 def synthetic_page(size: PageSize, folder: Path) -> str:
-    """The page of a run whose configurations are right in 60 to 90 % of the frames, wrong for a while at a time."""
+    """The page of a run whose configurations are right in 60 to 90 % of the frames, and wrong in runs of frames."""
     names = [f"m{k // 2}-{('one', 'two')[k % 2]}" for k in range(size.configurations)]
     clips = [f"clip_{k:03}" for k in range(size.clips)]
     rng = np.random.default_rng(0)
@@ -136,14 +136,14 @@ def _records(size: PageSize, clip: str, name: str, number: int, truth: np.ndarra
 
 
 def _lapses(rng: np.random.Generator, shape: tuple[int, int], share: float) -> np.ndarray:
-    """Where configurations are wrong: runs of some ten frames."""
+    """Frames in which configurations are wrong: runs of about ten frames."""
     noise = rng.normal(size=shape)
     smooth = np.apply_along_axis(lambda row: np.convolve(row, np.ones(10), mode="same"), 1, noise)
     return smooth < np.quantile(smooth, share)
 
 
 def _write_thumbnails(folder: Path, clips: Sequence[str], names: Sequence[str], frames: Sequence[int]) -> None:
-    """A picture of every 15th frame: more than a page has room for."""
+    """A picture of every 15th frame: more than fit on a page."""
     import cv2
 
     image = cv2.GaussianBlur(np.random.default_rng(1).integers(0, 255, (203, 360, 3), dtype=np.uint8), (0, 0), 2)
@@ -180,7 +180,7 @@ step();
 
 
 def _in_chromium(page: Path, profile: Path) -> dict[str, Any]:
-    """What a browser without a display takes, where Chromium, its driver and selenium are there."""
+    """Times in a browser without a display, if Chromium, its driver and selenium are installed."""
     program, driver = shutil.which("chromium"), shutil.which("chromedriver")
     try:
         from selenium.webdriver import Chrome, ChromeOptions, ChromeService

@@ -1,4 +1,4 @@
-"""Peak resident memory of a whole run, read, matched, attended to and recorded, by the length of its recording."""
+"""Peak resident memory of a whole run (reading, matching, attention, recording), by the length of its recording."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ gaze.model = "none"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Peak:
-    """The peak of a fresh process that ran so many frames."""
+    """The peak of a fresh process that ran this many frames."""
 
     frames: int
     peak_mib: float

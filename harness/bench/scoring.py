@@ -1,4 +1,4 @@
-"""How long ``vfoa score`` takes on a large run after a label was edited: tables and page, no images, no models."""
+"""Time of ``vfoa score`` on a large run after a label was edited: tables and page, no images, no models."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ScoringTiming:
 
 
 def time_scoring(*, frames: int = 1000, configurations: int = 12, subjects: int = 3, rounds: int = 2) -> ScoringTiming:
-    """Write a seeded run whose stages are measured against a truth, and score it after each edit of a label."""
+    """Write a seeded run with measures of its stages, and score it after each edit of a label."""
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         directory = _write_run(root, frames, configurations, subjects)
@@ -106,7 +106,7 @@ def _write_labels(root: Path, frames: int, subjects: int, edit: int) -> None:
 
 
 def _records(configuration: str, frames: int, subjects: int, rng: np.random.Generator) -> Iterator[FrameRecord]:
-    """Frames of six things, each subject attending to all of them, and to the right one mostly."""
+    """Frames of six objects; each subject attends to all of them, and mostly to the right one."""
     for frame in range(1, frames + 1):
         numbers = rng.uniform(0, 1, (subjects, len(_THINGS), 2))
         for k in range(subjects):

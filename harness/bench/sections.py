@@ -1,4 +1,4 @@
-"""What ``vfoa bench`` can measure, by name: a function from the clip and its experiment to tables."""
+"""The sections of ``vfoa bench`` by name: functions from the clip and its experiment to tables."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bench:
-    """An experiment by name, the clip that is measured, its frames, and what networks run on.
+    """An experiment by name, the clip to measure, its frames, and the provider of networks.
 
-    ``limit`` is how many frames were asked for, where a section makes a clip of that length.
+    ``limit`` is the requested number of frames, for a section that makes a clip of that length.
     """
 
     name: str

@@ -1,7 +1,7 @@
-"""Simulated experiments of which everything is known, to measure what intervals and tests are worth.
+"""Simulated experiments with known truth, to measure the coverage of intervals and the errors of tests.
 
 A look is right while the gaze's error is smaller than the look's margin. The error is that of the simulated models
-(:mod:`harness.stages.ground_truth.simulated`): half of its variance is a slow bias that is another one after a second.
+(:mod:`harness.stages.ground_truth.simulated`): half of its variance is a slow bias that is independent after a second.
 Margins differ between clips and between looks, so that some clips are easier than others.
 """
 
@@ -24,7 +24,7 @@ _MOST_SUBJECTS = 3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class World:
-    """How hard clips and looks are. ``margin`` is the median margin, in standard deviations of the error.
+    """Difficulty of clips and looks. ``margin`` is the median margin, in standard deviations of the error.
 
     ``clip_spread`` and ``look_spread`` are standard deviations of its logarithm; ``advantage`` multiplies the margins
     of the second configuration: 1 for two equal ones.
@@ -36,11 +36,11 @@ class World:
     advantage: float = 1.0
 
     def rate(self, advantage: float = 1.0) -> float:
-        """The rate over all clips there could be."""
+        """The rate over the population of clips."""
         return float(_mean_rate(np.array([self.margin * advantage]), np.hypot(self.clip_spread, self.look_spread))[0])
 
     def difference(self) -> float:
-        """How much better the second configuration is over all clips there could be."""
+        """The true difference of the two configurations over the population of clips."""
         return self.rate(self.advantage) - self.rate()
 
 
@@ -48,8 +48,8 @@ class World:
 class Simulated:
     """One experiment: two configurations with errors of their own on the same clips.
 
-    ``clips`` and ``looks`` (n,) are the clip and the look (numbered through) of every frame, ``right`` (2, n) what each
-    configuration gets right. ``rate_here`` is the rate that the first has on these clips in the long run.
+    ``clips`` and ``looks`` (n,) are the clip and the look (numbered consecutively) of every frame, ``right`` (2, n)
+    whether each configuration is right. ``rate_here`` is the expected rate of the first configuration on these clips.
     """
 
     clips: Codes
@@ -62,7 +62,7 @@ class Simulated:
         return self._units(self.right[0].astype(np.float64))
 
     def differences(self) -> Units:
-        """The looks with the second's right frames less the first's."""
+        """The looks with the second's right frames minus the first's."""
         return self._units(self.right[1].astype(np.float64) - self.right[0])
 
     def _units(self, values: Float) -> Units:
@@ -75,7 +75,7 @@ class Simulated:
 
 
 def simulate(world: World, clips: int, look_s: float, rng: np.random.Generator) -> Simulated:
-    """Draw one experiment with looks of ``look_s`` seconds on average, each between half and one and a half of that."""
+    """Draw one experiment with looks of ``look_s`` seconds on average, each between 0.5 and 1.5 times that."""
     hardness = world.margin * np.exp(world.clip_spread * rng.standard_normal(clips))
     of_clip: list[tuple[int, Codes, Flags]] = []
     frames_of = np.zeros(clips)

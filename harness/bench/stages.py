@@ -38,9 +38,9 @@ STAGES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageCosts:
-    """One configuration's milliseconds a frame, as if it ran alone: per stage (median, 95th percentile), and in all.
+    """One configuration's milliseconds per frame, as if it ran alone: by stage (median, 95th percentile) and in total.
 
-    ``frames_per_second`` is from the medians of whole frames. ``recording_bytes`` is the recording's size a frame.
+    ``frames_per_second`` is from the medians of whole frames. ``recording_bytes`` is the recording's size per frame.
     """
 
     configuration: str
@@ -51,7 +51,7 @@ class StageCosts:
 
     @property
     def frames_per_second(self) -> float:
-        """Frames a second at the median."""
+        """Frames per second at the median."""
         return 1e3 / self.frame_ms[0]
 
 

@@ -1,4 +1,4 @@
-"""How well a matcher finds the true disparity of a clip."""
+"""Accuracy of a matcher against the true disparity of a clip."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from harness.stages.slots import SLOTS
 from vfoa.types import Disparity
 
 OFF_PX = 2.0
-"""A disparity is off if it is wrong by more than this."""
+"""A disparity is off if its error is larger than this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StereoQuality:
-    """One configuration's disparities against the truth, over all pixels whose truth is known.
+    """One configuration's disparities against the truth, over all pixels with ground truth.
 
-    ``known_share`` is the share of those pixels that got a disparity; the errors are over the pixels that did, so that
-    a matcher which answers only where it is easy looks good by them. ``right_share`` counts the known pixels that are
-    not off, over all pixels: no matcher gains by saying nothing.
+    ``known_share`` is the share of those pixels with a disparity; the errors are over these, which favours a matcher
+    that answers only where it is easy. ``right_share`` counts the known pixels that are not off, over all pixels, so
+    that no matcher gains by leaving pixels out.
     """
 
     configuration: str
@@ -56,7 +56,7 @@ def measure_stereo(clip: Clip, configurations: Sequence[Configuration], frames: 
 
 
 def quality(name: str, pairs: Sequence[tuple[Disparity, Disparity]]) -> StereoQuality:
-    """Disparities against the true ones, as (found, truth)."""
+    """Quality of disparities given as pairs (found, truth)."""
     errors = np.concatenate(
         [np.abs(found.disparity_px - truth.disparity_px)[np.isfinite(truth.disparity_px)] for found, truth in pairs]
     )

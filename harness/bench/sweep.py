@@ -1,4 +1,4 @@
-"""How long attention under hundreds of cone settings takes, all at once and one by one."""
+"""Time of attention under hundreds of cone settings, all at once and one by one."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ SETTINGS = tuple(
         ["ignore", "first_hit"],
     )
 )
-"""As many as in a group of ``harness/experiments/sensitivity.toml``, or nearly."""
+"""About as many as in a group of ``harness/experiments/sensitivity.toml``."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepTiming:
-    """Milliseconds a frame of one subject under every setting (the best of several rounds)."""
+    """Milliseconds per frame of one subject under every setting (the best of several rounds)."""
 
     settings: int
     boxes: int
@@ -35,12 +35,12 @@ class SweepTiming:
 
     @property
     def times_faster(self) -> float:
-        """One by one over all at once."""
+        """Time of one by one over that of all at once."""
         return self.one_by_one_ms / self.at_once_ms
 
 
 def time_sweep(*, boxes: int = 20, rounds: int = 5) -> SweepTiming:
-    """Time both ways on one seeded frame."""
+    """Time both implementations on one seeded frame."""
     (subject,), targets = seeded_frame(boxes=boxes, subjects=1)
     sweep = ConeSweep(SETTINGS)
 

@@ -35,7 +35,7 @@ def stages_table(clip: str, rows: Sequence[StageCosts]) -> Table:
 
 
 def stereo_table(clip: str, rows: Sequence[StereoQuality]) -> Table:
-    """Disparity against the truth."""
+    """Disparity compared with the ground truth."""
     return Table(
         title=f"Disparity against the truth on {clip}",
         columns=("matcher of", "frames", "known", "median error px", f"off by > {OFF_PX:g} px", "known and right"),
@@ -59,7 +59,7 @@ def stereo_table(clip: str, rows: Sequence[StereoQuality]) -> Table:
 
 
 def attention_table(rows: Sequence[AttentionTiming]) -> Table:
-    """Vectorised attention against the plain loop."""
+    """Vectorised attention compared with the plain loop."""
     return Table(
         title="Attention, milliseconds a frame",
         columns=("rays per subject", "boxes", "subjects", "vectorised", "plain loop", "times faster"),
@@ -79,7 +79,7 @@ def attention_table(rows: Sequence[AttentionTiming]) -> Table:
 
 
 def sweep_table(row: SweepTiming) -> Table:
-    """Attention under many settings at once against one setting after the other."""
+    """Attention under many settings at once, compared with one setting after the other."""
     return Table(
         title="Sweep over cone settings, milliseconds a frame of one subject",
         columns=("settings", "boxes", "all at once", "one by one", "times faster"),
@@ -98,7 +98,7 @@ def sweep_table(row: SweepTiming) -> Table:
 
 
 def scoring_table(rows: Sequence[ScoringTiming]) -> Table:
-    """Scoring after a label was edited, against reading the results alone."""
+    """Scoring after a label was edited, compared with only reading the results."""
     return Table(
         title="Scoring a run after an edited label, seconds",
         columns=("frames", "configurations", "subjects", "tables and page", "reading alone", "times reading"),
@@ -153,7 +153,7 @@ def _quality(found: StereoQuality | None) -> tuple[str, str, str]:
 
 
 def comparison_table(rows: Sequence[Comparison]) -> Table:
-    """Against what a first version would do."""
+    """Our version compared with a naive first version."""
     return Table(
         title="Against naive ways, milliseconds a frame with one thread",
         columns=("what", "ours", "naive", "kB a frame", "naive kB"),
@@ -176,7 +176,7 @@ def comparison_table(rows: Sequence[Comparison]) -> Table:
 
 
 def memory_table(rows: Sequence[Peak]) -> Table:
-    """Peak memory by a run's length."""
+    """Peak memory by the length of a run."""
     first = rows[0]
     return Table(
         title="Peak memory of a run on a generated recording, MiB",

@@ -83,7 +83,7 @@ app.command(short_help="Check the paper's five synthetic cases.")(simulate)
 app.command(short_help="Make a working directory with the data folders.")(init)
 app.command(short_help="Print every setting: type, unit, default, meaning.")(settings)
 app.add_typer(labels.app, name="labels", short_help="Check, import, export, compare and merge labels.")
-app.add_typer(labels.app, name="annotations", hidden=True)  # as it was called before
+app.add_typer(labels.app, name="annotations", hidden=True)  # the earlier name of this command
 app.add_typer(cache.app, name="cache")
 app.add_typer(clips.app, name="clips")
 app.add_typer(models.app, name="models", short_help="List, fetch, check and export models.")
@@ -95,7 +95,7 @@ def main() -> None:
     _open_closed()
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # a file's name need not be text
+            stream.reconfigure(errors="backslashreplace")  # a file's name need not be valid text
     with one_line_errors():
         _check_working_directory()
         app(prog_name="vfoa")
@@ -103,20 +103,20 @@ def main() -> None:
 
 @contextmanager
 def one_line_errors() -> Iterator[None]:
-    """A block whose known errors are one line on stderr, and the end of the program."""
+    """Turn known errors in the block into one line on stderr, and end the program."""
     try:
         yield
-    except StageError as error:  # of a verb that has no run's directory to keep the traceback in
+    except StageError as error:  # a command without a run's directory, in which the traceback would be saved
         print(error.trace, end="", file=sys.stderr)  # noqa: T201
         _refuse(str(error))
     except VfoaError as error:
         _refuse(str(error))
     except BrokenPipeError:
-        # whoever read the output has enough of it; the interpreter would complain when it closes stdout
+        # the reader of the output has closed it; the interpreter would complain when it closes stdout
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         raise SystemExit(1) from None
     except OSError as error:
-        # a full disk, a folder that may not be written: nothing of the program's, and nothing half-written is left
+        # a full disk or a read-only folder is no fault of the program, and nothing half-written is left
         place = f"{error.filename}: " if error.filename else ""
         _refuse(f"{place}{error.strerror or error}")
     except KeyboardInterrupt:
@@ -137,7 +137,7 @@ def _check_working_directory() -> None:
 
 
 def _open_closed() -> None:
-    """Give a program that was started without stdout or stderr (``2>&-``) one that leads nowhere."""
+    """Give a program that was started without stdout or stderr (``2>&-``) one that discards everything."""
     for number, name in ((1, "stdout"), (2, "stderr")):
         if getattr(sys, name) is None:
             nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -19,13 +19,13 @@ def annotate(
         str | None, typer.Option(metavar="ANNOTATOR", help="Label CLIP@ANNOTATOR.csv, not CLIP.csv.")
     ] = None,
     uncertain_first: Annotated[
-        bool, typer.Option("--uncertain-first", help="Go through the frames from the least certain one on.")
+        bool, typer.Option("--uncertain-first", help="Show the least certain frames first.")
     ] = False,
     blind: Annotated[bool, typer.Option("--blind", help="Show no suggestions.")] = False,
     port: Port = 0,
     no_open: NoOpen = False,
 ) -> None:
-    """Serve the labelling page. Every change is saved at once; Ctrl-C ends it; RUN then follows the labels."""
+    """Serve the labelling page. Every change is saved at once; Ctrl-C ends it and scores RUN again."""
     from harness.annotate.address import last_address, remember
     from harness.annotate.server import PageServer
     from harness.annotate.session import Session
@@ -52,14 +52,14 @@ def annotate(
 
 
 def _score_again(run: Path, annotator: str | None) -> None:
-    """Let a run's tables, page and recordings follow the labels, if it is scored against them."""
+    """Score a run again with the changed labels, if it is scored against them."""
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
 
     directory = RunDirectory(run)
     if directory.read_manifest().get("annotator") == annotator:
         rescore(directory)
-        say(f"{run}: tables, page and recordings follow the changed labels")
+        say(f"{run}: tables, page and recordings are updated")
     else:
         chosen = f" --annotator {annotator}" if annotator else ""
         say(f"{run} is scored against other labels; `vfoa score {run}{chosen}` scores it against these")

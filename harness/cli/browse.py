@@ -1,4 +1,4 @@
-"""Recordings, and perhaps a page that leads to them, served until Ctrl-C."""
+"""Serve recordings, and optionally a page that links to them, until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def browse(
     port: int = 0,
     no_open: bool = False,
 ) -> None:
-    """Serve recordings by their names, and ``more``; print the addresses of ``paths``, and open the first of them."""
+    """Serve recordings by their names, and ``more``; print the addresses of ``paths``, and open the first one."""
     from harness.local_server import LocalServer, ended_by_sigterm, open_browser
     from harness.record.web_app import site
     from harness.record.web_viewer import web_viewer_files

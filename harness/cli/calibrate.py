@@ -14,9 +14,7 @@ if TYPE_CHECKING:
     from harness.sources.calibrate.solve import StereoCalibration
     from harness.sources.stereo_views import Views
 
-LAYOUT = (
-    "How the views lie in the files, as a manifest of stereo_folder says it: images, images_side_by_side, video ..."
-)
+LAYOUT = "Layout of the views in the files, as in a manifest of stereo_folder: images, images_side_by_side, video ..."
 
 
 def calibrate(
@@ -28,25 +26,25 @@ def calibrate(
     ],
     square_mm: Annotated[float, typer.Option(min=0.001, help="Side of a square, millimetres.")],
     columns: Annotated[
-        int | None, typer.Option(min=2, help="Chessboard: inner corners along it. ChArUco: squares.")
+        int | None, typer.Option(min=2, help="Columns: inner corners of a chessboard, squares of ChArUco.")
     ] = None,
-    rows: Annotated[int | None, typer.Option(min=2, help="The same across the board.")] = None,
+    rows: Annotated[int | None, typer.Option(min=2, help="Rows: inner corners or squares, likewise.")] = None,
     marker_mm: Annotated[float | None, typer.Option(min=0.001, help="ChArUco: side of a marker, millimetres.")] = None,
     dictionary: Annotated[str, typer.Option(help="ChArUco: OpenCV's name of the marker dictionary.")] = "DICT_5X5_100",
-    legacy: Annotated[bool, typer.Option("--legacy", help="ChArUco: the board was made by OpenCV before 4.6.")] = False,
+    legacy: Annotated[bool, typer.Option("--legacy", help="ChArUco: board made by OpenCV before 4.6.")] = False,
     left: Annotated[str | None, typer.Option(help="Left pictures: a folder, a glob or a pattern; or a video.")] = None,
     right: Annotated[str | None, typer.Option(help="Right pictures. Default: left* and right*.")] = None,
     both: Annotated[str | None, typer.Option(help="Pictures, or a video, that hold both views.")] = None,
     layout: Annotated[str, typer.Option(help=LAYOUT)] = "images",
     every: Annotated[int, typer.Option(min=1, help="Use every Nth frame of a video.")] = 1,
-    max_edge_px: Annotated[float, typer.Option(min=1, help="Drop pictures with wider edges: blurred.")] = 4.0,
+    max_edge_px: Annotated[float, typer.Option(min=1, help="Drop blurred pictures: those with wider edges.")] = 4.0,
     out: Annotated[Path, typer.Option(help="File to write, .yml or .yaml.")] = Path("stereo.yml"),
-    replace: Annotated[bool, typer.Option("--replace", help="Write over a calibration that is there.")] = False,
+    replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing calibration.")] = False,
 ) -> None:
     """Calibrate two cameras from pictures of a chessboard or a ChArUco board (--marker-mm).
 
-    Says which pairs were not used, and why. Writes the file that stereo_folder reads, and a rectified pair to look at.
-    Given a file it has written, it rescales its lengths to squares of another side.
+    Prints the pairs that were not used, with the reason. Writes the file that stereo_folder reads, and a rectified pair
+    to look at. Given a file that it has written, it rescales the lengths to another side of the squares.
     """
     from harness.files import atomic_write, check_new, write_together
     from harness.sources.calibrate.files import format_calibration, preview_png, read_back
@@ -95,15 +93,15 @@ def _print_result(out: Path, preview: Path, shown: int, found: StereoCalibration
     say(f"{out}: {len(found.errors)} pairs, {errors}, baseline {baseline_m:.4f} m")
     if not MIN_BASELINE_M <= baseline_m <= MAX_BASELINE_M:
         say(
-            f"next: measure a square of the board: {baseline_m:.4f} m is no usual distance of two cameras "
+            f"next: measure a square of the board: {baseline_m:.4f} m is an unusual distance of two cameras "
             f"({MIN_BASELINE_M:g} to {MAX_BASELINE_M:g} m); vfoa calibrate {out} --square-mm SIDE --replace rescales it"
         )
-    say(f"next: look at {preview}: the same thing must lie on the same row on both sides")
+    say(f"next: look at {preview}: the same object must be on the same row on both sides")
     say(f"next: vfoa clips add PATH --calibration {out}")
 
 
 def _check_name(out: Path) -> None:
-    """What is written is YAML, and a calibration is told by its suffix."""
+    """Check the suffix: the file is YAML, and calibrations are recognised by their suffix."""
     from vfoa.errors import VfoaError
 
     if out.suffix.lower() not in (".yml", ".yaml"):
@@ -124,7 +122,7 @@ def _board(
     from vfoa.errors import VfoaError
 
     if columns is None or rows is None:
-        raise VfoaError("--columns, --rows: missing; expected how many inner corners (ChArUco: squares) the board has")
+        raise VfoaError("--columns, --rows: missing; expected the board's number of inner corners (ChArUco: squares)")
     square_m = square_mm / 1000
     if marker_mm is None:
         return Chessboard(columns=columns, rows=rows, square_m=square_m)

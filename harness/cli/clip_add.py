@@ -47,7 +47,7 @@ def add_clip(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Recognise what is at a path; write a manifest and an empty annotation file."""
+    """Recognise the source at a path; write a manifest and an empty annotation file."""
     from harness.clips.add import add_clip as add
     from harness.toml_text import parse_assignment
 
@@ -68,7 +68,7 @@ def add_clip(
 
 
 def _calibration(given: list[Path] | None, numbers: dict[str, float | None]) -> dict[str, Any]:
-    """The settings of a calibration that was given on the command line."""
+    """The settings of a calibration given on the command line."""
     from vfoa.errors import VfoaError
 
     files = [os.path.abspath(os.path.expanduser(file)) for file in given or ()]
@@ -84,7 +84,7 @@ def _calibration(given: list[Path] | None, numbers: dict[str, float | None]) -> 
 
 
 def _names(given: list[str] | None, category: str | None) -> dict[str, str]:
-    """``NAME`` or ``NAME=CATEGORY`` as name -> category; a name without one is its own, or the one given here."""
+    """``NAME`` or ``NAME=CATEGORY`` as name -> category; by default the name itself, or ``category`` if given."""
     parts = [text.partition("=") for text in given or ()]
     return {name: found or category or name for name, _, found in parts}
 
@@ -100,7 +100,7 @@ def _print(added: Added) -> None:
     for note in added.notes:
         say(f"  note         {note}")
     say(f"wrote {added.manifest}\nwrote {added.annotations}")
-    # Who is in a clip of images is not seen in its files: without subjects there is nothing to label.
+    # Files of images do not say who is in a clip: without subjects there is nothing to label.
     for verb in ("clips check", "annotate", "run") if added.subjects else ("clips check", "run"):
         say(f"next: vfoa {verb} {added.name}")
     if not added.subjects:
@@ -111,7 +111,7 @@ def _print(added: Added) -> None:
 
 
 def _print_rig(added: Added) -> None:
-    """The camera, or, of a clip without images, who and what was measured."""
+    """Print the camera or, for a clip without images, the people and objects measured."""
     rig = added.rig
     if rig is None:
         say(f"  people       {', '.join(added.subjects)}")

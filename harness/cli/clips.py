@@ -1,4 +1,4 @@
-"""``vfoa clips``: what clips there are, and whether they can be used."""
+"""``vfoa clips``: add, list, check and fetch clips."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def fetch_clips(
     source: Annotated[str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel or idiap_vfoa.")],
     out: Annotated[Path | None, typer.Option(help="The folder; $VFOA_DATA/SOURCE if not given.")] = None,
 ) -> None:
-    """Download clips from their own homes. A fetch that was cut goes on where it stopped.
+    """Download clips from their original sites. An interrupted download resumes.
 
     ``sintel``: the official archives of MPI Sintel, unpacked. ``idiap_vfoa``: two files of idiap/vfoa, and its ground
     truth as labels of the clip ``idiap_vfoa``.
@@ -105,7 +105,7 @@ def _fetch_idiap(root: Path) -> None:
     manifest = load_manifest("idiap_vfoa")
     place = manifest.annotations.place()
     if place.exists():
-        say(f"{place}: is there already and is kept")
+        say(f"{place}: exists already and is kept")
         return
     manifest = manifest.with_root(root)
     imported = import_labels(root / LABELS.name, "idiap_vfoa", open_exchange(manifest), place, replace=False)

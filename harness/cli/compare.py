@@ -13,7 +13,7 @@ from harness.cli.terminal import print_json, print_reports
 
 
 class FailOn(StrEnum):
-    """What makes the command exit with 1."""
+    """Events for which the command exits with 1."""
 
     significant_drop = "significant-drop"
 

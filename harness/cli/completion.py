@@ -1,6 +1,6 @@
-"""What a shell completes: clips, experiments, configurations of a run, annotators' clips and settings.
+"""Shell completion: clips, experiments, configurations of a run, annotators' clips and settings.
 
-Completion never fails: where nothing can be read, nothing is proposed.
+Completion never fails: if nothing can be read, nothing is proposed.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def stage_names(incomplete: str) -> list[str]:
 
 
 def run_directories(incomplete: str) -> list[str]:
-    """Runs in ``runs/`` and in what is typed so far."""
+    """Runs in ``runs/`` and in the path typed so far."""
     places = {Path("runs"), Path(os.path.dirname(incomplete) or ".")}
     found = (manifest.parent.as_posix() for place in places for manifest in place.glob("*/manifest.json"))
     return _matching(found, incomplete)

@@ -1,4 +1,4 @@
-"""``vfoa export-failure``: a few frames of a recording, to send to a colleague."""
+"""``vfoa export-failure``: a few frames of a recording as a small file, for sharing."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def export_failure(
         Path | None,
         typer.Option(metavar="RRD", help="File to write. Default: named after clip, configuration and frame."),
     ] = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Write over the file of --out.")] = False,
+    replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --out.")] = False,
 ) -> None:
     """Write one frame and its neighbours as a small recording."""
     from harness.files import check_new

@@ -1,4 +1,4 @@
-"""The terminal's side of ``vfoa view --failures``: one key a step, one line a failure."""
+"""The terminal part of ``vfoa view --failures``: one key per step, one line per failure."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def step_through(run: Path, clip: str | None, configuration: str | None) -> None:
-    """Open the viewer at a run's first wrong frame, and go from one to the next as the keys say."""
+    """Open the viewer at a run's first wrong frame, and step to others by keys."""
     from harness.score.failures import KEYS
 
     if not sys.stdin.isatty():
@@ -33,9 +33,9 @@ def step_through(run: Path, clip: str | None, configuration: str | None) -> None
 
 
 def _steps(run: Path, clip: str | None, configuration: str | None, start: int) -> int | None:
-    """Go from one wrong frame to the next; the place at which a label was corrected, None at the end.
+    """Step through the wrong frames; return the position at which a label was corrected, None at the end.
 
-    The viewer is opened anew after a correction: it would keep what the recording said before.
+    The viewer is reopened after a correction: it would keep the old content of the recording.
     """
     from harness.record import viewer
     from harness.score.failures import describe, walk
@@ -65,7 +65,7 @@ def _steps(run: Path, clip: str | None, configuration: str | None, start: int) -
 
 
 def _correct(run: Path, wrong: Verdict) -> bool:
-    """Ask for the right target of a frame, and write it; False if nothing was written."""
+    """Ask for the right target of a frame, and write it; return False if nothing was written."""
     from harness.annotate.correction import Correction, choices, correct
     from harness.run.directory import RunDirectory
 
@@ -77,7 +77,7 @@ def _correct(run: Path, wrong: Verdict) -> bool:
             return False
         target, first, last = _told(said, wrong.frame)
         correction = Correction(clip=wrong.clip, subject=wrong.subject, target=target, first=first, last=last)
-        say(f"{correct(directory, correction)}: {correction}. Tables, page and recordings follow.")
+        say(f"{correct(directory, correction)}: {correction}. Tables, page and recordings are updated.")
     except (VfoaError, typer.Abort) as error:
         say(f"vfoa: {error or 'nothing was changed'}", err=True)
         return False
@@ -85,7 +85,7 @@ def _correct(run: Path, wrong: Verdict) -> bool:
 
 
 def _told(said: str, frame: int) -> tuple[str, int, int]:
-    """A target, and the frames: ``red cup`` for the frame alone, ``red cup 12-20`` for several."""
+    """Parse a target and the frames: ``red cup`` for the frame alone, ``red cup 12-20`` for several."""
     if found := re.fullmatch(r"(.+)\s+(\d+)-(\d+)", said):
         return found[1], int(found[2]), int(found[3])
     return said, frame, frame
@@ -113,7 +113,7 @@ def browse_failures(run: Path, clip: str | None, configuration: str | None) -> N
 def _wrong_frames(
     run: Path, clip: str | None, configuration: str | None
 ) -> tuple[list[Verdict], dict[str, RecordedClip]]:
-    """The wrong frames, and what was recorded of each clip."""
+    """The wrong frames, and the recordings of each clip."""
     from harness.record.composed import find_clips
     from harness.run.directory import RunDirectory
     from harness.score.failures import failures
@@ -124,7 +124,7 @@ def _wrong_frames(
 
 
 def _keys() -> Iterator[str]:
-    """What is pressed, a key at a time; Ctrl-C and Ctrl-D end it."""
+    """Yield pressed keys one at a time; Ctrl-C and Ctrl-D end it."""
     while True:
         try:
             key = typer.prompt("", default="n", show_default=False, prompt_suffix="> ")

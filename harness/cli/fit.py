@@ -54,7 +54,7 @@ def fit(
 
 
 def _directory(what: str) -> RunDirectory:
-    """The run of that name, or a run of the experiment without recordings."""
+    """Return the run of that name, or run the experiment without recordings."""
     from harness.cli.terminal import frames_bar
     from harness.run.directory import RunDirectory
     from harness.run.experiment import load_experiment

@@ -26,7 +26,7 @@ def init(
         try:
             (folder / name).mkdir(parents=True, exist_ok=True)
         except (FileExistsError, NotADirectoryError):
-            raise VfoaError(f"{folder / name}: a file is in the way; expected a folder") from None
+            raise VfoaError(f"{folder / name}: found a file; expected a folder") from None
         say(f"{folder / name}: {use}")
     inside = "" if folder.resolve() == Path.cwd() else f"cd {folder} && "
     say(f"next: {inside}vfoa clips add PATH")

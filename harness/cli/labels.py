@@ -1,4 +1,4 @@
-"""``vfoa labels``: labels in and out, predictions out, and annotators compared."""
+"""``vfoa labels``: check, import, export, compare and merge labels; export predictions."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ app = typer.Typer(
 
 
 class Gaps(StrEnum):
-    """What frames without a label mean."""
+    """Meaning of frames without a label."""
 
     ignore = "ignore"
     none = "none"
 
 
 class MergeRule(StrEnum):
-    """How labels are merged; :mod:`harness.labels.merge` says what each does."""
+    """Rules for merging labels: see :mod:`harness.labels.merge`."""
 
     agree = "agree"
     first = "first"
@@ -80,16 +80,16 @@ def import_(
     rename: Annotated[
         list[str] | None, typer.Option(metavar="THEIRS=OURS", help="Rename a label: their name to the manifest's.")
     ] = None,
-    gaps: Annotated[Gaps, typer.Option(help="What frames without a label, between two labels, mean.")] = Gaps.ignore,
+    gaps: Annotated[Gaps, typer.Option(help="Meaning of frames without a label between two labels.")] = Gaps.ignore,
     target: Annotated[
-        str | None, typer.Option(help="Formats of points: fallback target, where a point is on nothing with a name.")
+        str | None, typer.Option(help="Formats of points: fallback target for a point on nothing with a name.")
     ] = None,
     attribute: Annotated[str, typer.Option(help="CVAT: the attribute that holds the target.")] = "target",
     observation: Annotated[
-        str | None, typer.Option(metavar="NAME", help="BORIS: which observation of a file of several.")
+        str | None, typer.Option(metavar="NAME", help="BORIS: observation to read, if the file has several.")
     ] = None,
     confirm: Annotated[
-        bool, typer.Option("--confirm", help="Take suggestions (a run's predictions) as checked by a person.")
+        bool, typer.Option("--confirm", help="Confirm suggestions (a run's predictions), so that they are scored.")
     ] = False,
     drawn: Drawn = False,
     speech: Speech = False,
@@ -97,7 +97,7 @@ def import_(
     config: RunConfiguration = None,
     replace: Replace = False,
 ) -> None:
-    """Read the labels of another program; say what is left out."""
+    """Read the labels of another program; print what is left out."""
     from harness.annotate.convert import import_drawn, import_labels, import_speech, open_exchange
     from harness.clips.manifest import load_manifest
 
@@ -140,7 +140,7 @@ def export(
     ],
     to: Annotated[
         Path | None,
-        typer.Argument(metavar="[FILE]", help="The file to write; of a run RUN/labels/CLIP__CONFIG if not given."),
+        typer.Argument(metavar="[FILE]", help="File to write. Default for a run: RUN/labels/CLIP__CONFIG."),
     ] = None,
     *,
     format_: Format,
@@ -154,9 +154,9 @@ def export(
     config: RunConfiguration = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")] = False,
 ) -> None:
-    """Write a clip's labels, or what a run predicted, for another program; say what its format cannot hold.
+    """Write a clip's labels, or a run's predictions, for another program; print what its format cannot hold.
 
-    Predictions are marked as suggestions where the format can. Corrected and imported with --confirm they are labels.
+    Predictions are marked as suggestions if the format allows it. Correct them, then import them with --confirm.
     """
     from harness.annotate.run_labels import export_predictions, is_run
     from vfoa.errors import VfoaError
@@ -216,9 +216,9 @@ def _print_export(path: Path, notes: Iterable[str]) -> None:
     say(str(path))
 
 
-@app.command(name="check", short_help="Read a clip's label files; name the first mistake.")
+@app.command(name="check", short_help="Read a clip's label files; name the first error.")
 def check(clip: Clip, annotator: Annotator = None) -> None:
-    """Read a clip's labels (of each annotator unless one is named) and what is drawn; the first mistake ends it."""
+    """Read a clip's labels (of every annotator by default) and drawn shapes; stop at the first error."""
     from harness.clips.manifest import load_manifest
     from harness.labels.timeline import timeline_of
 
@@ -235,14 +235,14 @@ def check(clip: Clip, annotator: Annotator = None) -> None:
         say(f"{manifest.annotations.place_drawn()}: {counts}")
 
 
-@app.command(name="agreement", short_help="Compare annotators: kappa, confusion, where they differ.")
+@app.command(name="agreement", short_help="Compare annotators: kappa, confusion, differences.")
 def agreement(
     clip: Clip,
     annotators: Annotators = None,
     out: Annotated[Path | None, typer.Option(help="Also write the tables to this folder: CSV, and one .md.")] = None,
     replace: Replace = False,
 ) -> None:
-    """Compare annotators: kappa with its interval, per target, confusion, and a list of where they differ."""
+    """Compare annotators: kappa with its interval, agreement per target, confusion, and a list of differences."""
     from harness.cli.terminal import print_reports
     from harness.clips.manifest import load_manifest
     from harness.files import check_new, write_together
@@ -268,13 +268,11 @@ def agreement(
 def merge(
     clip: Clip,
     annotators: Annotators = None,
-    rule: Annotated[
-        MergeRule, typer.Option(help="What becomes of frames on which they differ.")
-    ] = MergeRule.adjudicate,
+    rule: Annotated[MergeRule, typer.Option(help="Rule for frames on which annotators differ.")] = MergeRule.adjudicate,
     to: Annotated[str | None, typer.Option(metavar="ANNOTATOR", help="Write CLIP@ANNOTATOR.csv, not CLIP.csv.")] = None,
     replace: Replace = False,
 ) -> None:
-    """Make one file of several annotators': agree (else ignore), first (in the order given), or adjudicate."""
+    """Merge the labels of several annotators by a rule: agree (else ignore), first (in the order given), adjudicate."""
     from harness.clips.manifest import load_manifest
     from harness.files import check_new
     from harness.labels.files import write_annotations
@@ -295,9 +293,9 @@ def merge(
 def _labels_by_annotator(
     manifest: ClipManifest, clip: AnyClip, annotators: list[str], *, but: str | None = None
 ) -> dict[str, Labels]:
-    """The labels of those named (the clip's own name means CLIP.csv), or of all annotators the clip has.
+    """The labels of the named annotators (the clip's own name means CLIP.csv), or of all annotators of the clip.
 
-    ``but`` is left out of all: whom an earlier merge has written.
+    ``but`` is left out of all: the annotator written by an earlier merge.
     """
     from harness.labels.timeline import timeline_of
     from vfoa.errors import VfoaError

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from harness.run.experiment import Experiment
     from harness.sources.live import LiveSource
 
-SOURCE_HELP = "An .mcap file that is being written, a clip to be played at its own pace, or the left camera."
-SOURCE_OPTION_HELP = "What an .mcap file's topics do not tell, as [source] of a clip: left=/front/left/image ..."
-OUT_HELP = "The run's directory; if not given, runs/live-<time>."
+SOURCE_HELP = "An .mcap file that is being written, a clip to play at its own pace, or the left camera."
+SOURCE_OPTION_HELP = "Settings of an .mcap file, as in [source] of a clip: left=/front/left/image ..."
+OUT_HELP = "The run's directory. Default: runs/live-<time>."
 
 
 def live(
@@ -36,11 +36,11 @@ def live(
         list[str] | None, typer.Option("--source", metavar="KEY=VALUE", help=SOURCE_OPTION_HELP)
     ] = None,
     experiment: Annotated[
-        str, typer.Option(metavar="EXPERIMENT", help="The experiment, by name or file, whose configuration is run.")
+        str, typer.Option(metavar="EXPERIMENT", help="Experiment, by name or file, whose configuration is run.")
     ] = "default",
     config: Annotated[
         str | None,
-        typer.Option(metavar="CONFIGURATION", help="Which of the experiment's configurations, if it has several."),
+        typer.Option(metavar="CONFIGURATION", help="Configuration of the experiment, if it has several."),
     ] = None,
     preset: Annotated[
         str, typer.Option(metavar="NAME", help="A bundle of settings over the defaults; none for none.")
@@ -55,7 +55,7 @@ def live(
     limit: Annotated[int | None, typer.Option(min=1, help="Stop after N frames.")] = None,
     threads: Annotated[int, typer.Option(min=0, help="Threads; 0: one per core.")] = 0,
 ) -> None:
-    """Run on the newest frame of a live source until it ends or Ctrl-C."""
+    """Run on the newest frame of a live source until it ends or Ctrl-C is pressed."""
     from harness.cli.terminal import frames_bar
     from harness.report.sinks import composed_sinks
     from harness.run.directory import RunDirectory
@@ -64,7 +64,7 @@ def live(
     from vfoa.errors import VfoaError
 
     if recording is Recording.failures:
-        raise VfoaError("live: --recording failures needs labels, which a live source has not; expected light or full")
+        raise VfoaError("live: --recording failures needs labels, and a live source has none; expected light or full")
     if recording.size is None and (viewer or connect):
         raise VfoaError("live: --recording none leaves nothing for a viewer: leave out --viewer and --connect")
     opened, manifest, frames = _open(source, right, calibration, tuple(settings or ()))
@@ -91,7 +91,7 @@ def live(
 
 
 def _viewer() -> AbstractContextManager[str]:
-    """The address of a new Rerun viewer, which is closed at the end of the run."""
+    """Yield the address of a new Rerun viewer, which is closed at the end of the run."""
     from harness.record.viewer import listening
 
     return listening()
@@ -132,12 +132,12 @@ def _tail(path: Path, settings: tuple[str, ...]) -> LiveSource:
 
     given = dict(parse_assignment(text, "left=/front/left/image", "--source") for text in settings)
     if unused := sorted(given.keys() & {"recording", "start_s", "end_s"}):
-        raise VfoaError(f"live: --source {unused[0]}: means nothing for a recording that grows; expected none")
+        raise VfoaError(f"live: --source {unused[0]}: has no meaning for a growing recording; expected none")
     return McapTail(path, parse(RecordingSettings, given, "live", "--source"))
 
 
 def _only(experiment: Experiment, config: str | None) -> Experiment:
-    """The experiment with one configuration alone."""
+    """Return the experiment with only one configuration."""
     from dataclasses import replace
 
     from vfoa.errors import VfoaError, did_you_mean
@@ -154,7 +154,7 @@ def _only(experiment: Experiment, config: str | None) -> Experiment:
 
 @contextmanager
 def _ended_by_signals(stopped: Event) -> Iterator[None]:
-    """Let the first Ctrl-C, or SIGTERM, end the run and keep all of it; the second one breaks it off."""
+    """Let the first Ctrl-C or SIGTERM end the run and keep everything; the second one aborts it."""
 
     def restore() -> None:
         for number, handler in before.items():

@@ -19,7 +19,7 @@ app = typer.Typer(help="List the models, fetch them, check that they work, expor
 
 
 class CheckpointName(StrEnum):
-    """What is published as a PyTorch checkpoint and can be made into an ONNX file."""
+    """Networks published as PyTorch checkpoints that can be exported to ONNX."""
 
     gaze360 = "gaze360"
 
@@ -52,7 +52,7 @@ def fetch(
 ) -> None:
     """Fetch models from their own sites into the cache directory; an interrupted download resumes.
 
-    One that cannot be fetched is named and does not stop the others; the exit code is 2 then.
+    A model that cannot be fetched is named and does not stop the others; the exit code is 2 then.
     """
     from harness.cli.terminal import bytes_bar
     from harness.stages.weights.catalogue import fetch_model, find_model
@@ -124,7 +124,7 @@ def export(
 def _line(found: ModelCheck) -> str:
     if found.verdict != "ok":
         return f"{found.name}: {found.verdict}: {found.message}"
-    checksum = "checksum right" if found.checksum_known else "checksum not known"
+    checksum = "checksum correct" if found.checksum_known else "checksum unknown"
     run = "" if found.inference_ms is None else f"{found.provider}, {found.inference_ms:.1f} ms, "
     return f"{found.name}: ok: {run}{checksum}" + (f"; {found.message}" if found.message else "")
 

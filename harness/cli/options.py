@@ -55,7 +55,7 @@ RunConfiguration = Annotated[
     typer.Option(
         "--config",
         metavar="CONFIGURATION",
-        help="Configuration of the run, where it has several.",
+        help="Configuration of the run, if it has several.",
         autocompletion=configuration_names,
     ),
 ]
@@ -83,7 +83,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 class ProviderName(StrEnum):
-    """What a network runs on."""
+    """Providers of ONNX Runtime that a network can run on."""
 
     cpu = "cpu"
     cuda = "cuda"

@@ -11,11 +11,11 @@ from harness.cli.options import Json, Run, run_folder
 
 def plan(
     run: Run,
-    points: Annotated[float, typer.Option(min=0.1, max=100, help="The difference to see, in points of FRR.")] = 5.0,
-    power: Annotated[float, typer.Option(min=0.5, max=0.99, help="The chance to see it.")] = 0.8,
+    points: Annotated[float, typer.Option(min=0.1, max=100, help="Difference to detect, in points of FRR.")] = 5.0,
+    power: Annotated[float, typer.Option(min=0.5, max=0.99, help="Probability of detecting it.")] = 0.8,
     as_json: Json = False,
 ) -> None:
-    """Say how many clips and looks it takes to see a difference, from the spread of this run."""
+    """Print how many clips and looks are needed to detect a difference, from the spread of this run."""
     from dataclasses import asdict
 
     from harness.cli.terminal import print_json, print_reports

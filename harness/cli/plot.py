@@ -13,7 +13,7 @@ from harness.cli.terminal import say
 
 
 class Kind(StrEnum):
-    """What is drawn."""
+    """Kinds of figures."""
 
     forest = "forest"
     errors = "errors"
@@ -33,9 +33,9 @@ def plot(
     subject: Annotated[
         str | None, typer.Option(metavar="SUBJECT", help="Subject of a timeline. Default: the first.")
     ] = None,
-    replace: Annotated[bool, typer.Option("--replace", help="Write over the file of --out.")] = False,
+    replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --out.")] = False,
 ) -> None:
-    """Draw a figure of a run, or of a sweep, in a style that prints in a paper."""
+    """Draw a figure of a run or of a sweep, in a style for print."""
     from harness.files import check_new
     from harness.report.figures import check_format, save_figure
     from harness.report.plots.draw import plot_run

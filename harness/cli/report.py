@@ -16,7 +16,7 @@ def report(
     serve: Annotated[
         bool,
         typer.Option(
-            "--serve", help="Serve it on this machine: a click on a frame opens its recording; Ctrl-C ends it."
+            "--serve", help="Serve the page on this machine: a click on a frame opens its recording; Ctrl-C ends it."
         ),
     ] = False,
     port: Port = 0,
@@ -52,6 +52,6 @@ def report(
 
     recordings = served_recordings(folder)
     page = partial(report_page, directory, {pair: each.name for pair, each in recordings.items()})
-    page()  # what is wrong with the run is said here, and not in the browser
+    page()  # so that an error in the run is reported here, and not in the browser
     more = correction_routes(directory)
     browse(recordings.values(), ["/"], page=page, more=more, port=port, no_open=no_open)

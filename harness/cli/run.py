@@ -27,7 +27,7 @@ AROUND = 5
 
 
 class Recording(StrEnum):
-    """How much a recording holds."""
+    """Sizes of recordings."""
 
     light = "light"
     full = "full"
@@ -36,7 +36,7 @@ class Recording(StrEnum):
 
     @property
     def size(self) -> Size | None:
-        """The size as the harness has it: None for no recording."""
+        """The size for the harness; None for no recording."""
         sizes: dict[Recording, Size] = {
             Recording.light: "light",
             Recording.full: "full",
@@ -87,17 +87,17 @@ def run(
     ] = 0,
     scheduler: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="Work on the cluster of this Dask scheduler, tcp://HOST:PORT, instead."),
+        typer.Option(metavar="ADDRESS", help="Run on the cluster of this Dask scheduler, tcp://HOST:PORT, instead."),
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
     recording: Annotated[
         Recording,
-        typer.Option(help="Size of the Rerun recordings; failures: whole around wrong frames, thin elsewhere."),
+        typer.Option(help="Size of the Rerun recordings; failures: complete around wrong frames, thinned elsewhere."),
     ] = Recording.light,
     around: Annotated[
         int | None,
         typer.Option(
-            min=0, help=f"Whole frames before and after a wrong one (--recording failures). Default: {AROUND}."
+            min=0, help=f"Complete frames before and after a wrong one (--recording failures). Default: {AROUND}."
         ),
     ] = None,
     oracle: Annotated[
@@ -113,7 +113,7 @@ def run(
         str | None, typer.Option(metavar="ANNOTATOR", help="Score against CLIP@ANNOTATOR.csv, not CLIP.csv.")
     ] = None,
     retry_failed: Annotated[
-        bool, typer.Option("--retry-failed", help="Run again what failed the last time; reuse finished results.")
+        bool, typer.Option("--retry-failed", help="Repeat what failed in the last run; reuse finished results.")
     ] = False,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
@@ -192,21 +192,21 @@ def run(
 
 
 def _around(recording: Recording, around: int | None) -> int | None:
-    """How many frames about a wrong one are recorded whole; None: all frames are."""
+    """Number of complete frames around a wrong one; None: all frames are complete."""
     from vfoa.errors import VfoaError
 
     if recording is Recording.failures:
         return AROUND if around is None else around
     if around is not None:
         raise VfoaError(
-            f"run: --around: means nothing with --recording {recording.value}; expected --recording failures"
+            f"run: --around: has no meaning with --recording {recording.value}; expected --recording failures"
         )
     return None
 
 
 @contextmanager
 def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
-    """End with exit code 130 on Ctrl-C, SIGTERM and SIGHUP, and say what is kept and how to go on."""
+    """End with exit code 130 on Ctrl-C, SIGTERM and SIGHUP, and print what is kept and how to continue."""
 
     def interrupt(number: int, frame: object) -> None:
         raise KeyboardInterrupt
@@ -225,17 +225,17 @@ def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
 
 
 def _report_failures(directory: RunDirectory) -> None:
-    """Say what could not be finished, and leave with exit code 1 if there is anything."""
+    """Print what could not be finished, and exit with code 1 if there is anything."""
     failed = directory.read_manifest()["failed"]
     for each in failed:
         say(f"vfoa: {directory.told(each)}", err=True)
     if failed:
-        say(f"vfoa: {len(failed)} failed; again with --retry-failed, when it is mended", err=True)
+        say(f"vfoa: {len(failed)} failed; run again with --retry-failed when the cause is fixed", err=True)
         raise typer.Exit(1)
 
 
 def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...], preset: str | None) -> Experiment:
-    """The experiment that is meant: one by name or file, or the default one on the clips that are named."""
+    """The experiment: one by name or file, or the default one on the named clips."""
     from harness.data_folders import find
     from harness.run.experiment import is_experiment, load_experiment
     from vfoa.errors import VfoaError

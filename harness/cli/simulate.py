@@ -18,7 +18,7 @@ def simulate(
     ] = None,
     replace: Replace = False,
 ) -> None:
-    """Check the paper's five synthetic cases over rays and field of view, and print which statements hold."""
+    """Check the paper's five synthetic cases over rays and field of view; print which statements hold."""
     from rich.console import Console
 
     from harness.cli.terminal import print_report

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
 
 
 _GAP = 2
-"""What rich puts beside each column: a blank, and its part of the frame."""
+"""Characters that rich adds to each column: a blank, and its part of the frame."""
 _WORDS = 20
-"""The least width in which sentences are readable."""
+"""Least width of a readable column of sentences."""
 
 
 def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
@@ -34,9 +34,9 @@ def print_table(
     wrapped: Collection[str] = (),
     shortened: Collection[str] = (),
 ) -> None:
-    """Print a table that loses no column and no digit: where it is too wide, in parts that repeat the first column.
+    """Print a table without losing a column or a digit: if it is too wide, in parts that repeat the first column.
 
-    Columns named in ``wrapped`` are broken into lines, and ``shortened`` cut, before that.
+    Before that, columns named in ``wrapped`` are broken into lines, and those in ``shortened`` are cut.
     """
     from rich.box import SIMPLE_HEAD
     from rich.console import Console
@@ -65,7 +65,7 @@ def print_table(
 
 
 def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Places of columns that fit beside each other, each part with the first one."""
+    """Indices of columns that fit beside each other, each part with the first one."""
     parts = [[0]]
     for place in range(1, len(widths)):
         if len(parts[-1]) > 1 and sum(widths[each] + _GAP for each in (*parts[-1], place)) > room:
@@ -75,7 +75,7 @@ def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
 
 
 def print_report(table: Table) -> None:
-    """Print one table of a report without its notes, in parts where it is wider than the terminal."""
+    """Print one table of a report without its notes, in parts if it is wider than the terminal."""
     from rich.console import Console
 
     from harness.report.formats import in_parts, to_rich
@@ -86,7 +86,7 @@ def print_report(table: Table) -> None:
 
 
 def print_reports(tables: Iterable[Table]) -> None:
-    """Print the tables of a report, each with what a reader must know of it, and a blank line."""
+    """Print the tables of a report, each with its notes and a blank line."""
     from rich.console import Console
     from rich.table import Table as RichTable
     from rich.text import Text
@@ -105,7 +105,7 @@ def print_reports(tables: Iterable[Table]) -> None:
 
 
 def print_json(value: object) -> None:
-    """Print JSON, indented; what JSON has no word for (a path) as text, numbers without a value as null."""
+    """Print JSON, indented; other types (a path) as text, numbers without a value as null."""
     import json
 
     say(json.dumps(_without_nan(value), indent=2, ensure_ascii=False, default=str))
@@ -120,7 +120,7 @@ def _without_nan(value: object) -> object:
 
 
 def print_scores(scores: Scores) -> None:
-    """Print the FRR table, and what else fits a terminal, each with what a reader must know of it."""
+    """Print the FRR table and the other tables that fit a terminal, each with its notes."""
     from harness.report.comparisons import terminal_ablation
     from harness.report.published import published_table
     from harness.report.stages import terminal_measures
@@ -161,7 +161,7 @@ def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def bytes_bar(what: str) -> Iterator[Callable[[int, int | None], None]]:
-    """Yield a function to call with the bytes that are there and those of the whole, None where it is not known."""
+    """Yield a function to call with the bytes received and the total bytes, None if unknown."""
     if not sys.stderr.isatty():
         yield lambda done, total: None
         return

@@ -45,7 +45,7 @@ def view(
     folder = run_folder(run)
     if failures:
         if frame is not None or screenshot is not None or compare is not None:
-            raise VfoaError("view: --failures chooses the frames itself: leave out --frame, --compare and --screenshot")
+            raise VfoaError("view: --failures selects the frames: leave out --frame, --compare and --screenshot")
         if web:
             browse_failures(folder, clip, config)
             return
@@ -53,7 +53,7 @@ def view(
             step_through(folder, clip, config)
         return
     if web and screenshot is not None:
-        raise VfoaError("view: --web draws no file: leave out --screenshot")
+        raise VfoaError("view: --web writes no file: leave out --screenshot")
     if screenshot is not None:
         check_new(screenshot, replace=replace, hint=", or another --screenshot")
     if compare is None:

@@ -1,7 +1,7 @@
-"""The studio: rendered stereo clips of people at a table, with exact truth. They need no download.
+"""The studio: rendered stereo clips of people at a table, with exact ground truth. They need no download.
 
-scenario      who sits where, what stands where, who looks at what: data
-gathering     scenarios drawn by chance
+scenario      seats, positions of objects, and looks: data
+gathering     randomly drawn scenarios
 choreography  fixations, saccades, heads that follow: poses at each frame
 mesh, material, things, people, room     shapes and paint
 stage         a scenario in metres: bodies, boxes, heads, eyes, gaze

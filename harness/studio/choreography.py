@@ -1,9 +1,9 @@
-"""Where everyone and everything is at each frame: fixations, saccades, and heads that follow.
+"""Poses of all people and objects at each frame: fixations, saccades, and heads that follow.
 
-A gaze shift begins with a saccade of three frames along a great circle; the head follows over nine, with the
-smooth bell-shaped speed of a minimum-jerk movement (Flash and Hogan 1985), while the eyes hold the target; where the
-eyes go on sooner, the head turns round on its way. Fixations last from 0.5 to 3 s, mostly under one, or longer or
-shorter in proportion to the scenario's mean.
+A gaze shift begins with a saccade of three frames along a great circle. The head follows over nine frames, with the
+smooth bell-shaped speed of a minimum-jerk movement (Flash and Hogan 1985), while the eyes hold the target; if the eyes
+move on sooner, the head turns round on its way. Fixations last from 0.5 to 3 s, mostly under one, scaled by the
+scenario's mean.
 """
 
 from __future__ import annotations
@@ -26,26 +26,26 @@ from vfoa.geometry import angle_between, unit
 from vfoa.types import Float
 
 FACE_RADII_M: Float = np.array([0.06, 0.02, 0.08])
-"""How far from the middle of a face a gaze rests on it, body frame: eyes, nose and mouth."""
+"""Distance from the middle of a face within which a gaze rests on it, body frame: eyes, nose and mouth."""
 
 POINT_RADIUS_M = 0.012
-"""How far from a point in the room, along each axis."""
+"""Distance from a point in the room within which a gaze rests on it, along each axis."""
 
 SACCADE_FRAMES = 3
 HEAD_TURN_FRAMES = 9
 SHORTEST_FIXATION_S, LONGEST_FIXATION_S, MEAN_EXCESS_S = 0.5, 3.0, 0.18
-"""At the usual mean."""
+"""Durations at the usual mean, seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """Where a body is: its rotation (3, 3) and origin (3,), metres, in the room or (from the stage) in the camera."""
+    """The pose of a body: rotation (3, 3) and origin (3,), metres, in the room or (from the stage) the camera frame."""
 
     frame_from_body: Float
     origin_m: Float
 
     def apply(self, points_body: Float) -> Float:
-        """Points (..., 3) of the body in the frame in which its pose is given."""
+        """Transform points (..., 3) of the body to the frame of the pose."""
         return points_body @ self.frame_from_body.T + self.origin_m
 
 
@@ -63,9 +63,9 @@ class ActorPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fixation:
-    """A fixation: its first frame, counted from 0 and saccade included, and what is looked at.
+    """A fixation: its first frame, counted from 0 and saccade included, and its target.
 
-    ``place`` are three numbers in [0, 1) that say where on it the gaze rests.
+    ``place`` are three numbers in [0, 1) that decide where on the target the gaze rests.
     """
 
     first: int
@@ -74,10 +74,10 @@ class Fixation:
 
 
 class Choreography:
-    """The movements of a scenario: every frame is computed by itself, from the seed alone."""
+    """The movements of a scenario: every frame is computed independently, from the seed alone."""
 
     def __init__(self, scenario: Scenario, frames: int, seed: int, surfaces: dict[str, Surface]) -> None:
-        """``surfaces`` are those of the things, each in its own frame."""
+        """Prepare the movements; ``surfaces`` are those of the things, each in its own frame."""
         self._rate_hz = scenario.rate_hz
         self._pace = scenario.mean_fixation_s / MEAN_FIXATION_S
         self._things = {thing.name: thing for thing in scenario.things}
@@ -98,7 +98,7 @@ class Choreography:
         return tuple(fixations)
 
     def thing(self, thing: Thing, frame: int) -> Pose:
-        """Where a thing is; a rolling ball turns as it goes."""
+        """Return the pose of a thing; a rolling ball turns as it moves."""
         heading = np.radians(thing.heading_deg)
         turn = np.array([[np.cos(heading), -np.sin(heading), 0], [np.sin(heading), np.cos(heading), 0], [0, 0, 1]])
         origin = np.array(thing.at)
@@ -111,7 +111,7 @@ class Choreography:
         return Pose(frame_from_body=_rotation(axis, angle) @ turn, origin_m=origin + shift)
 
     def actor(self, actor: Actor, frame: int) -> ActorPose:
-        """How a person sits, holds the head and looks."""
+        """Return the pose of a person: body, head and gaze."""
         fixations = self._fixations[actor.name]
         now = max(k for k, fixation in enumerate(fixations) if fixation.first <= frame)
         current, before = fixations[now], fixations[max(now - 1, 0)]
@@ -129,7 +129,7 @@ class Choreography:
         return ActorPose(body=body, head=head, eyes=(right, left), eye_origin=eye_origin, gaze=gaze, target=target)
 
     def _body(self, actor: Actor, frame: int) -> Pose:
-        """The body sways by a few millimetres, as everybody does."""
+        """Pose of the body, which sways by a few millimetres."""
         heading = np.radians(actor.heading_deg)
         facing = np.array([-np.sin(heading), np.cos(heading), 0.0])
         phase = 2 * np.pi * (frame / self._rate_hz / 3.7 + 0.37 * actor.id)
@@ -142,7 +142,7 @@ class Choreography:
         return Pose(frame_from_body=room_from_look(direction), origin_m=body.apply(NECK_BODY))
 
     def _head_direction(self, actor: Actor, body: Pose, now: int, since: int, frame: int) -> Float:
-        """Where the head points ``since`` frames into a fixation, were body and things where they are at ``frame``."""
+        """Direction of the head ``since`` frames into a fixation, with body and things as they are at ``frame``."""
         current, before = (self._fixations[actor.name][k] for k in (now, max(now - 1, 0)))
         lasted = current.first - before.first
         if 0 < lasted < HEAD_TURN_FRAMES:
@@ -153,7 +153,7 @@ class Choreography:
         return slerp(old, new, _minimum_jerk(min(1.0, (since + 1) / HEAD_TURN_FRAMES)))
 
     def _head_goal(self, actor: Actor, body: Pose, fixation: Fixation, frame: int) -> Float:
-        """Where the head comes to rest in a fixation: at ``head_at``, or a share of the way to the gaze's aim."""
+        """Final direction of the head in a fixation: towards ``head_at``, or a share of the way to the gaze's aim."""
         eyes = body.apply(NECK_BODY) + body.frame_from_body @ FACE_CENTER_HEAD
         if fixation.look.head_at is not None:
             return unit(self._point(fixation.look.head_at, fixation.place, frame) - eyes)
@@ -163,7 +163,7 @@ class Choreography:
         return self._point(fixation.look.at, fixation.place, frame)
 
     def _point(self, at: str | Point, place: Float, frame: int) -> Float:
-        """A place (3,) on the surface of a thing, on the face of a head at rest, or about a point, in the room."""
+        """A point (3,) in the room on the surface of a thing, on the face of a head at rest, or about a point."""
         if not isinstance(at, str):
             return np.array(at) + POINT_RADIUS_M * (2 * place - 1)
         if at in self._things:
@@ -173,7 +173,7 @@ class Choreography:
 
 
 def slerp(start: Float, end: Float, share: float) -> Float:
-    """The direction (3,) a share of the way along the great circle from one unit direction to another."""
+    """The direction (3,) at a share of the way along the great circle from one unit direction to another."""
     angle = float(angle_between(start, end))
     if angle < 1e-9:
         return end
@@ -181,7 +181,7 @@ def slerp(start: Float, end: Float, share: float) -> Float:
 
 
 def _in_ball(shares: Float) -> Float:
-    """A point (3,) in the unit ball, evenly over its volume, for three numbers in [0, 1)."""
+    """A point (3,) in the unit ball, uniform over its volume, for three numbers in [0, 1)."""
     up, turn = 2 * shares[0] - 1, 2 * np.pi * shares[1]
     aside = np.sqrt(1 - up**2)
     point: Float = np.cbrt(shares[2]) * np.array([aside * np.cos(turn), aside * np.sin(turn), up])

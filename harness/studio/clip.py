@@ -1,4 +1,4 @@
-"""The adapter of the studio: renders a scenario's frames, and knows the truth of each."""
+"""The adapter of the studio: renders a scenario's frames and returns their ground truth."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 
 class StudioSettings(Settings):
-    """Which scenario, how many frames, and the seed of durations, aims and sensor noise.
+    """The scenario, the number of frames, and the seed of durations, aims and sensor noise.
 
-    ``mean_fixation_s`` is how long people look at one thing: about 0.3 where somebody searches, seconds in a talk.
-    Of a ``gathering`` the seed also decides who sits where, what stands where, and who looks at what. A longer clip
-    begins with the same frames as a shorter one.
+    ``mean_fixation_s`` is the mean time of a look at one target: about 0.3 s in a search, seconds in a talk. For a
+    ``gathering`` the seed also decides seats, objects and looks. A longer clip begins with the same frames as a shorter
+    one.
     """
 
     scenario: ScenarioName | Literal["gathering"]
@@ -44,8 +44,8 @@ class StudioClip:
     """A rendered clip. It has no files: ``root`` must be None.
 
     Frame numbers begin at 1. A person's ``target`` is None during a saccade. Boxes are those of the whole bodies,
-    seen or not, and so reach further back than what stereo can measure; disparity and instances are those of the
-    visible surfaces. Table, walls, floor and curtain are stuff.
+    visible or not, so they reach further back than stereo can measure; disparity and instances are those of the visible
+    surfaces. Table, walls, floor and curtain are stuff.
     """
 
     Settings = StudioSettings
@@ -57,21 +57,21 @@ class StudioClip:
 
     @property
     def frames(self) -> range:
-        """1 to the number of frames."""
+        """Frame numbers, from 1."""
         return range(1, self._settings.frames + 1)
 
     @property
     def rate_hz(self) -> float:
-        """The scenario's rate."""
+        """The scenario's frame rate."""
         return _scenario(self._settings).rate_hz
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """That nobody was filmed."""
+        """A note that the clip is rendered."""
         return ("Rendered scene: geometry, heads and gaze are exact; labels say what a gaze is aimed at, seen or not.",)
 
     def time_ns(self, number: int) -> int:
-        """From the first frame on, at the scenario's rate."""
+        """Time since the first frame, at the scenario's rate."""
         return round(self._index(number) * 1_000_000_000 / self.rate_hz)
 
     def frame(self, number: int) -> StereoFrame:
@@ -80,7 +80,7 @@ class StudioClip:
         return StereoFrame(index=number, time_ns=self.time_ns(number), left=left, right=right, rig=RIG)
 
     def truth(self, number: int) -> Truth:
-        """Everything is known."""
+        """Return the ground truth, which is complete."""
         index, stage = self._index(number), _stage(self._settings)
         seen = _renderer(self._settings).left_geometry(index)
         disparity = disparity_from_depth(np.where(np.isfinite(seen.depth_m), seen.depth_m, np.nan), RIG)
@@ -93,11 +93,11 @@ class StudioClip:
         )
 
     def blockers(self, number: int) -> dict[str, str]:
-        """By person, what stands between the eyes and the target (:mod:`harness.studio.sight`)."""
+        """By person, the object between the eyes and the target (:mod:`harness.studio.sight`)."""
         return _lines_of_sight(self._settings).blockers(self._index(number))
 
     def digest(self) -> str:
-        """Sha256 of the settings and of everything that draws: this package's own source."""
+        """Sha256 of the settings and of the code that draws: this package's own source."""
         return hashlib.sha256(f"{self._settings.model_dump_json()}\n{_source_digest()}".encode()).hexdigest()
 
     def _index(self, number: int) -> int:
@@ -119,7 +119,7 @@ class StudioClip:
         return left, right
 
 
-@lru_cache(maxsize=4)  # asked for the rate of every frame, and a gathering is drawn anew
+@lru_cache(maxsize=4)  # the rate is read for every frame, and a gathering would be drawn again
 def _scenario(settings: StudioSettings) -> Scenario:
     usual = gathering(settings.seed) if settings.scenario == "gathering" else SCENARIOS[settings.scenario]
     return replace(usual, mean_fixation_s=settings.mean_fixation_s)
@@ -139,7 +139,7 @@ def _lines_of_sight(settings: StudioSettings) -> LinesOfSight:
 
 @lru_cache(maxsize=1)
 def _renderer(settings: StudioSettings) -> Renderer:
-    # Open3D takes long to import; a clip whose frames are stored is read without it.
+    # Importing Open3D is slow; a clip whose frames are stored is read without it.
     from harness.studio.render import Renderer
 
     return Renderer(_stage(settings), settings.seed)
@@ -147,7 +147,7 @@ def _renderer(settings: StudioSettings) -> Renderer:
 
 @lru_cache(maxsize=1)
 def _source_digest() -> str:
-    """Of this package's files: a version number that cannot be forgotten when the renderer changes."""
+    """Digest of this package's files, which changes whenever the renderer changes."""
     total = hashlib.sha256()
     files = [file for file in resources.files(__package__).iterdir() if file.name.endswith(".py")]
     for file in sorted(files, key=lambda each: each.name):

@@ -1,8 +1,8 @@
-"""Scenarios drawn by chance, so that clips to tune on and clips to report on differ in nothing but their seed.
+"""Randomly drawn scenarios, so that clips for tuning and clips for reporting differ only in their seed.
 
-One to three people sit at the far side of the table, and four to all eleven kinds of things stand wherever there is
-room. People look at any thing and at each other, and once in six fixations at the camera, which is no target. How far
-the head follows the gaze differs from person to person; once in six fixations it points at some other thing.
+One to three people sit at the far side of the table, and four to all eleven kinds of things stand where there is room.
+People look at any thing and at each other, and in one of six fixations at the camera, which is no target. How far the
+head follows the gaze differs from person to person; in one of six fixations it points at some other thing.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from harness.studio.things import THINGS
 LEAST_THINGS = 4
 LOOKS = 24
 RARE = 1 / 6
-"""Share of the fixations that go to the camera, and of those in which the head points elsewhere."""
+"""Share of the fixations at the camera, and of those in which the head points elsewhere."""
 
 _SEATS_X_M = {1: (0.0,), 2: (-0.5, 0.5), 3: (-0.8, 0.0, 0.8)}
 _TABLE_Y_M = (1.16, 1.6)
 _GAP_M = 0.02
 _VIEW = 0.61
-"""Tangent of half the angle within which things stand, so that the camera sees them whole."""
+"""Tangent of half the angle within which things stand, so that the camera sees them completely."""
 
 _THINGS = {thing.label: thing for scenario in SCENARIOS.values() for thing in scenario.things}
 _ACTORS = SCENARIOS["crowd"].actors
 
 
 def gathering(seed: int) -> Scenario:
-    """The scenario of a seed: who sits where, what stands where, who looks at what."""
+    """Return the scenario of a seed: seats, objects and looks."""
     rng = np.random.default_rng([seed, 0])
     people = int(rng.integers(1, len(_ACTORS), endpoint=True))
     labels = rng.permutation(sorted(_THINGS))[: rng.integers(LEAST_THINGS, len(_THINGS), endpoint=True)]
@@ -75,13 +75,13 @@ def _are_apart(one: tuple[float, float], other: tuple[float, float], radii_m: fl
 
 @cache
 def _radius_m(label: str) -> float:
-    """How far a thing reaches from where it stands."""
+    """Distance from a thing's position to its outermost point."""
     vertices = np.concatenate([part.mesh.vertices for part in THINGS[label](_THINGS[label].colour)])
     return float(np.hypot(vertices[:, 0], vertices[:, 1]).max())
 
 
 def _seat(actor: Actor, x: float, others: list[str], rng: np.random.Generator) -> Actor:
-    """A person who turns a little to the middle of the table, and looks at something else each time."""
+    """A person who turns slightly to the middle of the table, and looks at another target each time."""
     script: list[Look] = []
     while len(script) < LOOKS:
         at = CAMERA if rng.random() < RARE else others[rng.integers(len(others))]

@@ -1,4 +1,4 @@
-"""Colour by 3D position: paint that stays on a body when it moves and looks the same from both cameras."""
+"""Colour by 3D position: paint that stays on a moving body and looks the same from both cameras."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ _GRAIN_DEPTH = 0.3
 class Material:
     """Paint: a pattern of sRGB colours in [0, 1] that repeats every ``scale_m``, roughened by ``grain``.
 
-    ``grain`` is the depth of a fine random texture: at 0.1, as smooth as glazed pottery; at 0, as a painted wall,
-    where no matcher finds anything to hold on to.
+    ``grain`` is the depth of a fine random texture: 0.1 is as smooth as glazed pottery; 0 is a painted wall without any
+    texture that a matcher could use.
     """
 
     colours: tuple[Colour, ...]

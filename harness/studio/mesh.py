@@ -1,4 +1,4 @@
-"""Triangle meshes with smooth normals: lofted rings, tubes and boxes. Everything in the studio is made of them."""
+"""Triangle meshes with smooth normals: lofted rings, tubes and boxes. All studio objects are made of them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vfoa.geometry import unit
 from vfoa.types import Float
 
 _SMALLEST_M = 1e-4
-"""Radius at which a ring counts as closed: not zero, so that a normal stands on it."""
+"""Radius at which a ring counts as closed: not zero, so that it has a normal."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +83,7 @@ def tube(path: ArrayLike, radii: ArrayLike, segments: int = 14) -> Mesh:
     radius = np.interp(steps, at, radii)
     along = unit(np.gradient(spine, axis=0))
     spine, radius, along = _round_ends(spine, radius, along)
-    # The axis the path comes least near to: one for all rings, so that they do not twist against each other.
+    # The axis that is most perpendicular to the path: one for all rings, so that they do not twist against each other.
     helper = np.eye(3)[np.abs(along).max(axis=0).argmin()]
     side = unit(np.cross(helper, along))
     up = np.cross(along, side)

@@ -1,8 +1,8 @@
-"""The people of the studio: a body that sits, a head that turns, eyes that turn in it.
+"""The people of the studio: a sitting body, a head that turns, eyes that turn in it.
 
-Body frame: the origin on the floor under the neck, y where the person faces, z up, x to the person's right.
-Head frame: the origin at the top of the neck, the same axes, turned with the head. Eye frame: the ball's centre,
-y where it looks.
+Body frame: the origin on the floor under the neck, y in the direction the person faces, z up, x to the person's right.
+Head frame: the origin at the top of the neck, the same axes, turned with the head. Eye frame: the ball's centre, y in
+the direction of the gaze.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ NECK_BODY: Float = np.array([0.0, 0.015, 1.19])
 """The head's pivot (3,) in the body frame, metres."""
 
 FACE_CENTER_HEAD: Float = np.array([0.0, 0.02, 0.085])
-"""The middle of the head (3,) in the head frame: what another person looks at."""
+"""The middle of the head (3,) in the head frame, at which other people look."""
 
 _CRANIUM = (np.array([0.0, 0.012, 0.082]), np.array([0.075, 0.097, 0.112]))
 _EYE_HEIGHT = 0.096
@@ -33,7 +33,7 @@ EYE_ORIGIN_HEAD: Float = np.array(
         _EYE_HEIGHT,
     ]
 )
-"""The point (3,) of the face's surface between the eyes, head frame, metres: where gaze begins."""
+"""The eye origin (3,): the point of the face's surface between the eyes, head frame, metres."""
 
 EYE_CENTERS_HEAD: Float = np.array([[0.032, 0.0885, _EYE_HEIGHT], [-0.032, 0.0885, _EYE_HEIGHT]])
 """Centres (2, 3) of the right and the left eye, head frame, metres."""

@@ -1,4 +1,4 @@
-"""Rays into bodies: which surface they meet, its paint, and the light that falls on it."""
+"""Ray casting: the surface that a ray hits, its paint, and the light on it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vfoa.types import Float
 
 try:
     import open3d as o3d
-except (ImportError, OSError) as error:  # the package, or a system library that it loads
+except (ImportError, OSError) as error:  # the package is missing, or a system library that it loads
     raise VfoaError(
         f"rendering a studio clip needs Open3D, which cannot be imported: {error}; expected the package open3d and its "
         "system libraries (Debian: libgl1 libx11-6 libgomp1 libegl1 libusb-1.0-0)"
@@ -30,7 +30,7 @@ _SHADOW_SPREAD = 0.14
 
 
 class Assembly:
-    """Several bodies as one mesh: triangles that know their part, vertices that know their body."""
+    """Several bodies as one mesh: each triangle knows its part, each vertex its body."""
 
     def __init__(self, bodies: list[Body]) -> None:
         parts = [(body, part) for body in bodies for part in body.parts]
@@ -49,7 +49,7 @@ class Assembly:
         self.part_spans = [slice(int(k), int(k) + n) for k, n in zip(first, counts, strict=True)]
 
     def placed(self, poses: dict[str, Pose]) -> Placed:
-        """The bodies where they are at one frame."""
+        """Return the bodies at their poses of one frame."""
         vertices, normals = np.empty_like(self.vertices), np.empty_like(self.normals)
         for body, span in zip(self.part_bodies, self.part_spans, strict=True):
             rotation = poses[body].frame_from_body.T.astype(np.float32)
@@ -79,7 +79,7 @@ class Placed:
         )
 
     def blocks(self, rays: Values) -> NDArray[np.bool_]:
-        """Whether anything stands in the way of rays (N, 6)."""
+        """Whether anything blocks rays (N, 6)."""
         return self._scene.test_occlusions(_tensor(rays)).numpy()
 
     def covers(self, view: int) -> NDArray[np.bool_]:
@@ -95,7 +95,7 @@ class Placed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hits:
-    """Where N rays (N, 6) met an assembly: depth (N,), inf for a miss, triangle (N,) and barycentric shares (N, 2)."""
+    """Hits of N rays (N, 6) in an assembly: depth (N,), inf for a miss, triangle (N,), barycentric shares (N, 2)."""
 
     placed: Placed
     rays: Values

@@ -1,8 +1,8 @@
-"""Two cameras that see a stage, and what their sensors add.
+"""Two cameras that see a stage, and the effects of their sensors.
 
-What stands still is cast and lit once. At each frame only the pixels that the moving bodies can cover are cast
-again. Both views shade the same surface points with the same light, so what differs between them is what differs
-in life: the viewpoint, the gain and the noise.
+Static objects are cast and lit once. At each frame only the pixels that the moving bodies can cover are cast again.
+Both views shade the same surface points with the same light, so they differ only in the viewpoint, the gain and the
+noise, as in reality.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ _NOISE_MARGIN_PX = 97
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layer:
-    """What one camera sees: depth (H, W) in metres, inf where nothing is, and instance ids (H, W), 0 for none."""
+    """The view of one camera: depth (H, W) in metres, inf where nothing is, and instance ids (H, W), 0 for none."""
 
     depth_m: Map
     ids: NDArray[np.uint16]
 
 
 class Renderer:
-    """Renders the frames of a stage; each by itself, in any order."""
+    """Renders the frames of a stage, each independently, in any order."""
 
     def __init__(self, stage: Stage, seed: int) -> None:
         self._stage, self._seed = stage, seed
@@ -46,7 +46,7 @@ class Renderer:
         self._backdrops: dict[int, Values] = {}
 
     def image(self, frame: int, view: int) -> Image:
-        """What camera ``view`` (0 left, 1 right) delivers: (H, W, 3) uint8 RGB. ``frame`` counts from 0."""
+        """Return the image of camera ``view`` (0 left, 1 right): (H, W, 3) uint8 RGB. ``frame`` counts from 0."""
         seen, hits = self._layer(frame, view)
         colour = self._backdrop(view).copy()
         v, u = seen
@@ -62,7 +62,7 @@ class Renderer:
         return Layer(depth_m=depth, ids=ids)
 
     def _layer(self, frame: int, view: int) -> tuple[tuple[NDArray[np.intp], NDArray[np.intp]], Hits]:
-        """The moving bodies where they stand before the still ones: pixels (v, u), and the hits there."""
+        """The moving bodies where they are in front of the static ones: pixels (v, u), and the hits there."""
         placed = self._moving.placed(self._stage.poses(frame))
         where = placed.covers(view)
         hits = placed.cast(self._rays[view][where])
@@ -78,7 +78,7 @@ class Renderer:
         return self._depths[view]
 
     def _backdrop(self, view: int) -> Values:
-        """Linear colour (H, W, 3) of what stands still, in the shadow of everybody as they sit at the beginning."""
+        """Linear colour (H, W, 3) of the static objects, with the shadows of all people at their first poses."""
         if view not in self._backdrops:
             poses = self._stage.poses(0)
             still, moving = self._still.placed(poses), self._moving.placed(poses)
@@ -98,7 +98,7 @@ class Renderer:
 
 @cache
 def _noise_table() -> Values:
-    """Sensor noise in levels, larger than an image: every frame cuts its own piece out of it."""
+    """Sensor noise in levels, larger than an image: every frame uses another part of it."""
     size = (RIG.height_px + _NOISE_MARGIN_PX, RIG.width_px + _NOISE_MARGIN_PX, 3)
     return np.random.default_rng(0).standard_normal(size, dtype=np.float32) * np.float32(_NOISE_LEVELS)
 

@@ -31,7 +31,7 @@ def _floor() -> Parts:
 
 
 def _wall(scenario: Scenario) -> Parts:
-    """Bare paint, on which no matcher finds anything, and a picture."""
+    """Bare paint without texture for a matcher, and a picture."""
     paint = Material(colours=(scenario.wall,), grain=0)
     frame = Material(colours=((0.32, 0.22, 0.14),), grain=0.2)
     canvas = Material(
@@ -50,7 +50,7 @@ def _wall(scenario: Scenario) -> Parts:
 
 
 def _curtain(scenario: Scenario) -> Parts:
-    """Pleats and stripes: a pattern that repeats, on which matchers pick the wrong stripe."""
+    """Pleats and stripes: a repeating pattern, on which matchers pick the wrong stripe."""
     along, up = np.linspace(0, 1, 181), np.array([0.05, 2.6])
     x, y = 0.75 + 1.6 * along, _WALL_Y - 0.10 + 0.035 * np.cos(2 * np.pi * 13 * along)
     slope = np.gradient(y, x)

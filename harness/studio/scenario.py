@@ -1,4 +1,4 @@
-"""Who sits where, what stands where, and who looks at what: the four scenarios as plain data.
+"""The four scenarios as plain data: seats, positions of objects, and looks.
 
 Room frame: the origin on the floor under the camera, x right and y forward as the camera sees them, z up, metres.
 People sit at the far side of a table 0.74 m high and face the camera (heading 180 degrees).
@@ -42,8 +42,8 @@ class Thing:
 class Look:
     """One fixation of a script.
 
-    ``at`` names a thing or a person, or is a point in the room where nothing stands. ``head_at`` is what the head
-    turns to instead, all the way; without it the head follows the gaze by the actor's share.
+    ``at`` names a thing or a person, or is a point in the room where nothing stands. ``head_at`` is the target of the
+    head, if it differs, and the head turns to it completely; without it the head follows the gaze by the actor's share.
     """
 
     at: str | Point
@@ -52,7 +52,7 @@ class Look:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Actor:
-    """A person: where they sit (on the floor), where they face, and what they look at in turn, again and again."""
+    """A person: their seat (on the floor), their heading, and their looks in turn, repeated."""
 
     name: str
     id: int
@@ -65,9 +65,9 @@ class Actor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scenario:
-    """Everything that decides a clip but its length and its seed.
+    """Everything that decides a clip except its length and its seed.
 
-    ``mean_fixation_s`` is how long people look at one thing; single fixations last from 0.7 to 4.4 times that.
+    ``mean_fixation_s`` is the mean time of a look at one target; single fixations last from 0.7 to 4.4 times that.
     """
 
     rate_hz: float
@@ -82,7 +82,7 @@ class Scenario:
 ScenarioName = Literal["table", "talk", "split", "crowd"]
 
 CAMERA: Point = (0.0, 0.0, 1.25)
-"""The camera, as something to look at: no thing of the scene."""
+"""The camera as a point to look at; it is no object of the scene."""
 
 _Z = TABLE_HEIGHT_M
 _OAK = Material(

@@ -1,7 +1,7 @@
-"""Whether something stands between a person's eyes and what they look at, by rays against the meshes.
+"""Detects objects between a person's eyes and their target, by rays against the meshes.
 
-A gaze is aimed at a target whether it can be seen or not: the script of a scene does not ask. The label of such a
-frame is exact about the aim, but no person who saw the frame could have given it.
+The script of a scene does not check whether a target is visible. The label of such a frame is exact about the aim, but
+no person who saw the frame could have given it.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from harness.studio.raycast import Assembly, Placed
 from harness.studio.stage import Stage
 
 _NEARER_M = 0.01
-"""How much nearer than the target something must be: things stand on the table, and touch."""
+"""A blocker must be nearer than the target by at least this: things stand on the table, and touch."""
 _STEP_M = 0.001
 
 
@@ -29,7 +29,7 @@ class LinesOfSight:
         self._moving = Assembly([body for body in stage.bodies if body.moves])
 
     def blockers(self, frame: int) -> dict[str, str]:
-        """By person, what is met before the target; ``frame`` counts from 0. Who sees their target is left out."""
+        """By person, the object hit before the target; ``frame`` counts from 0. Unblocked people are left out."""
         scenes = (self._still, self._moving.placed(self._stage.poses(frame)))
         boxes = self._stage.boxes(frame)
         found = {}
@@ -48,7 +48,7 @@ class LinesOfSight:
 
 
 def _first(scene: Placed, ray: Values, *, own: int) -> tuple[int, float]:
-    """The instance that a ray (6,) meets first but the own body, and how far away in metres; 0 and inf for none."""
+    """The instance that a ray (6,) hits first, except the own body, and its distance in metres; 0 and inf for none."""
     walked_m = 0.0
     while True:
         start = ray[:3] + walked_m * ray[3:]

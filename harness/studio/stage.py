@@ -1,4 +1,4 @@
-"""A scenario set up in metres: every body with its shape, its paint, its instance and its place at each frame."""
+"""A scenario in metres: every body with its shape, its paint, its instance and its pose at each frame."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ RIG = StereoRig(
     baseline_m=0.06,
     cx_right_px=511.5,
 )
-"""A stereo head of a robot's size. Nothing stands nearer than 0.9 m, so no disparity is above 54 px."""
+"""A stereo head of a robot's size. Nothing is nearer than 0.9 m, so no disparity is above 54 px."""
 
 CAMERA_TILT_DEG = 9.0
-"""How far the cameras look down."""
+"""Angle by which the cameras look down."""
 
 COCO_IDS = {
     "person": 1,
@@ -49,14 +49,14 @@ COCO_IDS = {
     "floor": 190,
     "wall": 199,
 }
-"""Category numbers of COCO panoptic."""
+"""COCO panoptic's category numbers."""
 
 _FIRST_STUFF_ID = 101
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Body:
-    """A rigid body: its parts in its own frame, and the instance they are seen as. ``moves`` over the clip."""
+    """A rigid body: its parts in its own frame, and its instance. ``moves``: it moves during the clip."""
 
     name: str
     instance_id: int
@@ -65,7 +65,7 @@ class Body:
 
 
 class Stage:
-    """All bodies of a scenario, and the truth that follows from where they are. Camera frame, metres."""
+    """All bodies of a scenario, and the ground truth that follows from their poses. Camera frame, metres."""
 
     def __init__(self, scenario: Scenario, frames: int, seed: int) -> None:
         self._scenario = scenario
@@ -110,7 +110,7 @@ class Stage:
         self._choreography = Choreography(scenario, frames, seed, surfaces)
 
     def poses(self, frame: int) -> dict[str, Pose]:
-        """Where every body is, in the camera frame; ``frame`` counts from 0."""
+        """The pose of every body in the camera frame; ``frame`` counts from 0."""
         poses = {body.name: Pose(frame_from_body=np.eye(3), origin_m=np.zeros(3)) for body in self.bodies}
         for thing in self._scenario.things:
             poses[thing.name] = self._choreography.thing(thing, frame)
@@ -120,7 +120,7 @@ class Stage:
         return {name: _to_left(pose) for name, pose in poses.items()}
 
     def boxes(self, frame: int) -> dict[int, Box3D]:
-        """The axis-aligned box of every thing and person, by instance id: of the whole mesh, seen or not."""
+        """The axis-aligned box of every thing and person, by instance id: of the whole mesh, visible or not."""
         poses = self.poses(frame)
         points: dict[int, list[Float]] = {}
         for body in self.bodies:
@@ -129,7 +129,7 @@ class Stage:
         return {number: _bounding_box(np.concatenate(found)) for number, found in points.items()}
 
     def people(self, frame: int) -> tuple[PersonTruth, ...]:
-        """The truth on every person."""
+        """The ground truth of every person."""
         ids = {actor.name: actor.id for actor in self._scenario.actors}
         return tuple(
             PersonTruth(

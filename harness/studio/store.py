@@ -1,4 +1,4 @@
-"""Rendered pairs on disk, without loss: reading one takes a fraction of the time of rendering it."""
+"""Rendered pairs on disk, lossless: reading one takes a fraction of the time of rendering it."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ def cache_folder(key: str) -> Path:
 
 
 def load_pair(path: Path) -> tuple[Image, Image] | None:
-    """Read a stored pair of (H, W, 3) uint8 RGB images; None where there is none, or it is damaged (logged)."""
+    """Read a stored pair of (H, W, 3) uint8 RGB images; None if there is none, or it is damaged (logged)."""
     try:
         content = path.read_bytes()
-    except OSError:  # not there, or no folder to read from: then save_pair says so
+    except OSError:  # missing, or the folder is unreadable: then save_pair reports it
         return None
     digest, png = content[:_DIGEST_BYTES], content[_DIGEST_BYTES:]
     if hashlib.sha256(png).digest() != digest:
         _log.warning("%s: damaged; the frame is rendered again", path)
         return None
     both = _decoded(png)
-    if both is None or len(both) % 2:  # a right checksum of what no pair is
+    if both is None or len(both) % 2:  # a right checksum, but no pair
         _log.warning("%s: damaged; the frame is rendered again", path)
         return None
     left, right = np.split(both, 2)
@@ -43,13 +43,13 @@ def load_pair(path: Path) -> tuple[Image, Image] | None:
 
 
 def save_pair(path: Path, left: Image, right: Image) -> None:
-    """Store a pair as one PNG behind its sha256. A folder that cannot be written to is logged, not an error."""
+    """Store a pair as one PNG behind its sha256. A read-only folder is logged and is no error."""
     both = cv2.cvtColor(np.concatenate([left, right]), cv2.COLOR_RGB2BGR)
     png = cv2.imencode(".png", both, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
     try:
         atomic_write(path, hashlib.sha256(png).digest() + png)
     except OSError as error:
-        _log.warning("%s: rendered frames are not kept: %s", path.parent, error)
+        _log.warning("%s: rendered frames are not stored: %s", path.parent, error)
 
 
 def _decoded(png: bytes) -> Image | None:

@@ -1,4 +1,4 @@
-"""Points on the surface of a body, evenly over its area: where a gaze can rest."""
+"""Points on the surface of a body, uniform over its area, at which a gaze can rest."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Surface:
         return cls(corners, np.cumsum(np.linalg.norm(np.cross(first, second), axis=1) / 2))
 
     def point(self, shares: Float) -> Float:
-        """The point (3,) for three numbers in [0, 1): the first chooses the triangle, the others the place on it."""
+        """Return the point (3,) for three numbers in [0, 1): one chooses the triangle, two the place on it."""
         place = np.searchsorted(self.area_m2, shares[0] * self.area_m2[-1], side="right")
         a, b, c = self.corners[min(int(place), len(self.corners) - 1)]
         root = np.sqrt(shares[1])

@@ -1,7 +1,6 @@
 """Objects of the studio: shape and paint of each, by its COCO name.
 
-A thing's frame stands on its base: z up, y to its back, x to its right, the origin in the middle of what it
-stands on.
+A thing's frame is at its base: z up, y to its back, x to its right, the origin in the middle of its base.
 """
 
 from __future__ import annotations

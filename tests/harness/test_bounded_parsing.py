@@ -130,5 +130,5 @@ def test_archives_of_zeros_are_refused_before_they_are_unpacked() -> None:
 @pytest.mark.parametrize("read", [read_bytes, file_digest])
 def test_a_pipe_in_place_of_a_file_is_refused_and_not_waited_for(read: Callable[[Path], Any], tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(VfoaError, match="pipe: is no plain file; expected a file to read"):
+    with pytest.raises(VfoaError, match="pipe: not a plain file; expected a file to read"):
         read(tmp_path / "pipe")

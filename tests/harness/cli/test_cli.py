@@ -163,5 +163,5 @@ def test_a_file_that_is_there_is_replaced_only_if_told_so(
     (tmp_path / "mine").write_text("mine")
     code, _, said = vfoa(monkeypatch, capsys, *words, "mine")
     assert code == 2
-    assert said == "vfoa: mine: is there already; expected --replace, or another --out\n"
+    assert said == "vfoa: mine: exists already; expected --replace, or another --out\n"
     assert (tmp_path / "mine").read_text() == "mine"

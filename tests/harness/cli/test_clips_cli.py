@@ -122,7 +122,7 @@ def test_what_cannot_be_measured_is_said(tmp_path: Path) -> None:
     code, found = _check("wall")
     assert (code, found["vertical_error_px"], found["matches"]) == (0, None, 0)
     assert found["notes"] == [
-        "0 points were matched between left and right; rectification is measured from 30 on",
+        "0 points were matched between left and right; rectification is checked from 30 points on",
     ]
     assert "wall: note: 0 points" in CliRunner().invoke(app, ["check", "wall"]).stdout
 
@@ -147,7 +147,7 @@ def test_the_middle_frame_is_decoded_as_well(tmp_path: Path) -> None:
         ({"manifest": MANIFEST.replace("159.5", "800.0")}, "the principal point (800, 119.5) lies outside the image"),
         (
             {"manifest": MANIFEST.replace("targets.bird", 'targets."bird#2"')},
-            "'bird#2' is what an object without a name",
+            "'bird#2' is reserved for an object without a name",
         ),
         ({"manifest": MANIFEST.replace("left =", "lft =")}, "unknown key 'source.lft'; did you mean 'left'?"),
     ],
@@ -192,7 +192,7 @@ def test_labels_behind_a_broken_link_are_said(tmp_path: Path) -> None:
     labels = tmp_path / "annotations" / "wall.csv"
     labels.unlink()
     labels.symlink_to("gone.csv")
-    assert "wall.csv: a link to gone.csv, which is not there" in str(_check("wall")[1]["problems"])
+    assert "wall.csv: a link to gone.csv, which does not exist" in str(_check("wall")[1]["problems"])
 
 
 def test_a_near_scene_names_the_limit_and_a_better_one(tmp_path: Path) -> None:

@@ -28,7 +28,7 @@ def test_a_file_in_the_way_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "datasets").touch()
     result = CliRunner().invoke(app, ["init", str(tmp_path)])
     assert isinstance(result.exception, VfoaError)
-    assert "datasets: a file is in the way" in str(result.exception)
+    assert "datasets: found a file" in str(result.exception)
 
 
 def test_a_folder_whose_name_is_no_text_is_shown_all_the_same(

@@ -57,7 +57,7 @@ def test_a_file_that_is_read_is_not_written_over(
     before = own.read_bytes()
     code, _, said = vfoa(monkeypatch, capsys, "labels", "export", CLIP, str(own), "--format", "boris")
     assert (code, own.read_bytes()) == (2, before)
-    assert "is there already; expected --replace" in said
+    assert "exists already; expected --replace" in said
 
 
 def test_a_folder_with_files_is_not_written_over(
@@ -90,7 +90,7 @@ def test_tables_of_agreement_are_written_all_or_none(
 
 def test_a_device_is_not_replaced(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     code, _, said = vfoa(monkeypatch, capsys, "labels", "export", CLIP, "/dev/full", "--format", "elan", "--replace")
-    assert (code, said) == (2, "vfoa: /dev/full: is no plain file; expected a file to write\n")
+    assert (code, said) == (2, "vfoa: /dev/full: not a plain file; expected a file to write\n")
     assert Path("/dev/full").is_char_device()
 
 
@@ -99,7 +99,7 @@ def test_a_pipe_is_not_written_over(
 ) -> None:
     os.mkfifo(folder / "pipe")
     code, _, said = vfoa(monkeypatch, capsys, "labels", "export", CLIP, "pipe", "--format", "elan")
-    assert (code, said) == (2, "vfoa: pipe: is no plain file; expected a file to write\n")
+    assert (code, said) == (2, "vfoa: pipe: not a plain file; expected a file to write\n")
     assert (folder / "pipe").is_fifo()
 
 
@@ -109,11 +109,11 @@ def test_a_pipe_is_not_written_over(
         (("export", CLIP, "out", "--format", "elen"), "annotation format: no 'elen'; did you mean 'elan'?"),
         (("export", CLIP, "out", "--format", "elan", "--annotator", "bea"), "no annotations by 'bea'"),
         (("import", "gone", "--format", "cvat", "--clip", CLIP, "--annotator", "x"), "gone: no such file"),
-        (("import", "gone", "--format", "cvat", "--clip", CLIP), f"{CLIP}.csv: is there already; expected --replace"),
+        (("import", "gone", "--format", "cvat", "--clip", CLIP), f"{CLIP}.csv: exists already; expected --replace"),
         (("import", "gone", "--format", "cvat", "--clip", CLIP, "--rename", "x"), "--rename x: expected THEIRS=OURS"),
         (("export", CLIP, "out", "--format", "elan", "--offset", "inf"), "--offset: found inf; expected a number"),
         (("agreement", CLIP, "anna"), "labels of anna; expected two annotators or more"),
-        (("merge", CLIP), f"{CLIP}.csv: is there already; expected --replace, or another --to"),
+        (("merge", CLIP), f"{CLIP}.csv: exists already; expected --replace, or another --to"),
         (("check", CLIP, "--annotator", "bea"), "no annotations by 'bea'"),
     ],
 )

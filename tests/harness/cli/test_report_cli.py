@@ -79,7 +79,7 @@ def served(run: Path, request: pytest.FixtureRequest) -> Iterator[tuple[subproce
 
 @pytest.mark.parametrize(
     ("served", "sign", "said"),
-    [(REPORT, signal.SIGINT, "Run small"), (VIEW, signal.SIGTERM, "clip__one.rrd: not a whole recording")],
+    [(REPORT, signal.SIGINT, "Run small"), (VIEW, signal.SIGTERM, "clip__one.rrd: incomplete or damaged recording")],
     indirect=["served"],
     ids=["report", "view"],
 )
