@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from harness.bounded_parsing import parse_json
 from harness.files import check_readable, unreadable
@@ -21,6 +21,7 @@ from vfoa.errors import VfoaError
 if TYPE_CHECKING:
     import msgspec
 
+T = TypeVar("T")
 VERSION = 1
 _START = b'{"version":%d,' % VERSION
 
@@ -62,11 +63,15 @@ def read_results(path: Path) -> Iterator[FrameRecord]:
 
 
 def _from_line(line: bytes, path: Path, number: int) -> FrameRecord:
+    return _decoded(_codec()[1], line, path, number)
+
+
+def _decoded(decoder: msgspec.json.Decoder[T], line: bytes, path: Path, number: int) -> T:
     import msgspec
 
     _check_form(line, path, number)
     try:
-        return _codec()[1].decode(line)
+        return decoder.decode(line)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise VfoaError(f"{path}:{number}: not a frame's record: {error}") from None
 
@@ -115,7 +120,7 @@ def find_blocks(path: Path) -> list[Block]:
     try:
         with path.open("rb") as file:
             for number, line in enumerate(file, start=1):
-                place = _place(line, path, number)
+                place = _decoded(_place_decoder(), line, path, number)
                 _check_first(seen, place, path, number)
                 if pair is not None and ((place.clip, place.configuration) != pair or len(frames) == BLOCK_FRAMES):
                     cut.append(_block(path, pair, first, start, end, frames))
@@ -154,16 +159,6 @@ def _block(path: Path, pair: tuple[str, str], first: int, start: int, end: int, 
         clip=pair[0], configuration=pair[1], line=first, start=start, end=end, frames=tuple(frames), digest=""
     )
     return replace(block, digest=lines_digest(block_bytes(path, block)))
-
-
-def _place(line: bytes, path: Path, number: int) -> _Place:
-    import msgspec
-
-    _check_form(line, path, number)
-    try:
-        return _place_decoder().decode(line)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise VfoaError(f"{path}:{number}: not a frame's record: {error}") from None
 
 
 def _check_form(line: bytes, path: Path, number: int) -> None:
