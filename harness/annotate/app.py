@@ -15,9 +15,9 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Route
 
 from harness.annotate.drawing import Draw
+from harness.annotate.journaled import OutsideClipError, StaleRevisionError
 from harness.annotate.pictures import RegionPx, View
 from harness.annotate.session import Session
-from harness.annotate.store import OutsideClipError, StaleRevisionError
 from harness.clips.naming import NameRule
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings

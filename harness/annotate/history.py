@@ -18,10 +18,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from harness.annotate.marks import Stretch, Track, labelled, stretches, to_labels
+from harness.annotate.journaled import Entry
+from harness.annotate.marks import Stretch, Track, from_labels, labelled, stretches, to_labels
+from harness.annotate.undo import Undo, time_of
 from harness.labels.labels import Labels
-
-Entry = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,15 +61,14 @@ class History:
     def _clear(self) -> None:
         self.tracks: dict[str, Track] = {name: [None] * len(self._frames) for name in self.subjects}
         self.seen = dict.fromkeys(self.subjects, -1)
-        self.done: list[Change] = []
-        self.undone: list[Change] = []
+        self.undo = Undo[Change]()
 
     def copy(self) -> History:
         """Return an independent copy of the state."""
         copied = History(self.subjects, self._frames, fill_gaps=self._fill_gaps)
         copied.revision, copied.seen = self.revision, dict(self.seen)
         copied.tracks = {name: list(track) for name, track in self.tracks.items()}
-        copied.done, copied.undone = list(self.done), list(self.undone)
+        copied.undo = self.undo.copy()
         return copied
 
     def apply(self, entry: Entry) -> None:
@@ -82,19 +81,17 @@ class History:
         if "change" in entry:
             change = Change.parse(entry["change"])
             self._place(change.subject, change.after)
-            self.done.append(change)
-            self.undone.clear()
+            self.undo.make(change, time_of(entry))
         elif "undo" in entry:
-            self.undone.append(change := self.done.pop())
+            change = self.undo.undo(time_of(entry))
             self._place(change.subject, change.before)
         elif "redo" in entry:
-            self.done.append(change := self.undone.pop())
+            change = self.undo.redo()
             self._place(change.subject, change.after)
         elif "rename" in entry:
             self._rename(*entry["rename"])
         elif "forget" in entry:
-            self.done.clear()
-            self.undone.clear()
+            self.undo.clear()
         elif "base" not in entry:
             return
         self.revision += 1
@@ -104,9 +101,10 @@ class History:
         before = stretches(self.tracks[subject], new[0].first, new[-1].last)
         return Change(subject=subject, before=before, after=tuple(new))
 
-    def base_of(self, tracks: dict[str, Track]) -> Entry:
-        """The entry that begins anew with these tracks."""
+    def base_of(self, content: Labels) -> Entry:
+        """The entry that begins anew with the CSV's labels."""
         last = len(self._frames) - 1
+        tracks = {name: from_labels(content, name, self._frames) for name in self.subjects}
         plain = {name: [each.plain() for each in stretches(track, 0, last)] for name, track in tracks.items()}
         return {"base": plain, "frames": len(self._frames), "revision": self.revision}
 
@@ -115,7 +113,7 @@ class History:
         tracks = base["base"]
         return base.get("frames") == len(self._frames) and isinstance(tracks, dict) and {*tracks} == {*self.subjects}
 
-    def labels(self) -> Labels:
+    def content(self) -> Labels:
         """The labels for the CSV."""
         return to_labels(self.tracks, self.seen, self._frames, fill_gaps=self._fill_gaps)
 
@@ -134,7 +132,7 @@ class History:
             self._place(subject, [Stretch.parse(each) for each in plain])
 
     def _rename(self, old: str, new: str) -> None:
-        self.done, self.undone = ([each.renamed(old, new) for each in changes] for changes in (self.done, self.undone))
+        self.undo.each(lambda change: change.renamed(old, new))
         for subject, track in self.tracks.items():
             self._place(subject, [_renamed(each, old, new) for each in stretches(track, 0, len(track) - 1)])
 

@@ -1,22 +1,20 @@
-"""The labels of one clip while they are edited: checked, never lost, never half-written, never overwritten unseen.
+"""The labels of one clip while they are edited: checked, journaled, undoable, and written to the CSV.
 
-Every change goes to the journal first, then the CSV is rewritten. A change names its revision; one on an older revision
-is refused. The journal knows more than the CSV (the undo list, how far labels are carried on). It is used at the start
-if the CSV is its result; a CSV that was changed by another program wins.
+The journal knows more than the CSV: what to undo, and how far labels are carried.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from harness.annotate.history import Entry, History
+from harness.annotate.history import History
 from harness.annotate.journal import Journal
-from harness.annotate.marks import Mark, Stretch, from_labels
-from harness.files import file_digest
+from harness.annotate.journaled import Entry, Journaled, OutsideClipError
+from harness.annotate.marks import Mark, Stretch
 from harness.labels.files import read_annotations, write_annotations
 from harness.labels.labels import RESERVED, Labels
 from harness.labels.rows import check_text
@@ -27,14 +25,6 @@ LONGEST_PAUSE_S = 30.0
 """A longer time between two changes is a break: the rest does not count as working time."""
 MEANINGFUL_S, MEANINGFUL_SHARE = 60.0, 0.05
 """Working time, and share of all labels, after which the remaining time is estimated."""
-
-
-class StaleRevisionError(Exception):
-    """The change was made on an older revision."""
-
-
-class OutsideClipError(VfoaError):
-    """There is no such frame in the clip."""
 
 
 class LabelStore:
@@ -69,19 +59,22 @@ class LabelStore:
         fill_gaps: bool = True,
         clock: Callable[[], float] = time.time,
     ) -> None:
-        self.path, self._timeline, self._targets, self._clock = path, timeline, list(targets), clock
-        self._origin = origin
+        self.path, self._timeline = path, timeline
+        self._subjects, self._targets = tuple(subjects), list(targets)
         self._frames = tuple(timeline.frames)
-        self._history = History(subjects, self._frames, fill_gaps=fill_gaps)
-        self._journal = Journal(journal, of=path)
-        self._request, self._requests = "", {entry["id"] for entry in self._journal.entries if "id" in entry}
+        history = History(subjects, self._frames, fill_gaps=fill_gaps)
+        opened = Journal(journal, of=path)
         try:
-            self._start()
+            self._kept = Journaled(path, opened, history, _File(self), origin=origin, clock=clock)
         except BaseException:
-            self.close()
+            opened.close()
             raise
-        self._labelled_at_start = self._history.labelled(self._history.parts())
+        self._labelled_at_start = history.labelled(history.parts())
         self._active_s, self._last_s = 0.0, clock()
+
+    @property
+    def _history(self) -> History:
+        return self._kept.history
 
     @property
     def revision(self) -> int:
@@ -119,18 +112,12 @@ class LabelStore:
             "labelled": labelled,
             "total": total,
             "seconds_left": self._active_s * (total - labelled) / gained if self._tells(gained, total) else None,
-            "can_undo": bool(history.done),
-            "can_redo": bool(history.undone),
+            **history.undo.plain(),
         }
 
-    @contextmanager
-    def once(self, request: str) -> Iterator[bool]:
+    def once(self, request: str) -> AbstractContextManager[bool]:
         """Whether no change was made under this id; changes of the block are recorded under it. "": always true."""
-        self._request = request
-        try:
-            yield request not in self._requests
-        finally:
-            self._request = ""
+        return self._kept.once(request)
 
     def put(self, revision: int, subject: str, new: Sequence[Stretch], *, seen: int | None = None) -> None:
         """Set stretches of a subject's marks, which must follow each other without a gap.
@@ -158,15 +145,13 @@ class LabelStore:
 
     def undo(self, revision: int) -> None:
         """Take the last change back."""
-        self.check_revision(revision)
-        if self._history.done:
-            self._commit({"undo": True})
+        self._kept.undo(revision)
+        self._count_work()
 
     def redo(self, revision: int) -> None:
         """Apply the last undone change again."""
-        self.check_revision(revision)
-        if self._history.undone:
-            self._commit({"redo": True})
+        self._kept.redo(revision)
+        self._count_work()
 
     def see(self, subject: str, at: int) -> None:
         """Note that the person has seen a subject's frames up to a position. It is no revision and disturbs no tab."""
@@ -178,17 +163,11 @@ class LabelStore:
 
     def check_revision(self, revision: int) -> None:
         """Reject a change on an older revision (:class:`StaleRevisionError`)."""
-        self.refresh()
-        if revision != self.revision:
-            raise StaleRevisionError
+        self._kept.check_revision(revision)
 
     def refresh(self) -> None:
         """Read the CSV again if another program has changed it; write it again if it was deleted."""
-        found = self._file_digest()
-        if found is None and self._digest is not None:  # deleted; the labels of the open page are kept
-            self._write(anew=True)
-        elif found != self._digest:
-            self._take_over(self._read())
+        self._kept.refresh()
 
     def check_position(self, at: int) -> int:
         """Return the position if the clip has it; else raise :class:`OutsideClipError`."""
@@ -227,7 +206,7 @@ class LabelStore:
 
     def close(self) -> None:
         """Close the journal."""
-        self._journal.close()
+        self._kept.close()
 
     def _check_subject(self, subject: str) -> None:
         if subject not in self.subjects:
@@ -248,84 +227,35 @@ class LabelStore:
         check_text((mark.note,), "note")
 
     def _commit(self, entry: Entry) -> None:
-        now = self._clock()
-        self._active_s += min(max(now - self._last_s, 0.0), LONGEST_PAUSE_S)
-        self._last_s = now
-        request = {"id": self._request} if self._request else {}
-        before = self._history.copy()
-        place = self._journal.append({**entry, **request, "time_s": round(now, 3)})
-        self._history.apply(entry)
-        try:
-            self._write()
-        except VfoaError:  # a change that is not in the CSV is not shown, and not repeated by a restart
-            self._history = before
-            self._journal.take_back(place)
-            raise
-        self._requests.update(request.values())
+        self._kept.commit(entry)
+        self._count_work()
+
+    def _count_work(self) -> None:
+        now_s = self._kept.last_s
+        if now_s is not None:
+            self._active_s += min(max(now_s - self._last_s, 0.0), LONGEST_PAUSE_S)
+            self._last_s = now_s
+
+    def read(self, path: Path) -> Labels:
+        """A CSV with this store's names (:class:`VfoaError`)."""
+        return read_annotations(
+            path, timeline=self._timeline, subjects=self._subjects, targets=self._targets, allow_gaps=True
+        )
 
     def _tells(self, gained: int, total: int) -> bool:
         return self._active_s >= MEANINGFUL_S and gained >= MEANINGFUL_SHARE * total
 
-    def _start(self) -> None:
-        stored, entries = self._read(), self._journal.entries
-        bases = [number for number, entry in enumerate(entries) if "base" in entry]
-        if not bases or not self._fits(entries[bases[-1]], bases[-1] + 1):
-            self._take_over(stored)
-            return
-        for number, entry in enumerate(entries[bases[-1] :], start=bases[-1] + 1):
-            before = self._history.labels() if entry is entries[-1] and "base" not in entry else None
-            self._apply_stored(entry, number)
-        # A kill between the journal and the CSV leaves the CSV one entry behind.
-        if stored in (before, self._history.labels()):
-            self._written = stored
-            self._write()
-        else:
-            self._take_over(stored)
 
-    def _fits(self, base: Entry, line: int) -> bool:
-        with self._as_stored(line):
-            return self._history.fits(base)
+class _File:
+    """The CSV of a store, whose names grow."""
 
-    def _apply_stored(self, entry: Entry, line: int) -> None:
-        with self._as_stored(line):
-            self._history.apply(entry)
+    def __init__(self, store: LabelStore) -> None:
+        self._store = store
 
-    @contextmanager
-    def _as_stored(self, line: int) -> Iterator[None]:
-        """Report any error in a line of the journal in one line."""
-        try:
-            yield
-        except (LookupError, TypeError, ValueError, AttributeError) as error:
-            raise VfoaError(
-                f"{self._journal.path}:{line}: not a change of labels: {error!r}; move the journal away to continue"
-            ) from None
+    def read(self, path: Path | None) -> Labels:
+        """The labels; none of a file that is not there."""
+        return Labels(()) if path is None else self._store.read(path)
 
-    def _take_over(self, labels: Labels) -> None:
-        """Begin anew with the CSV's labels."""
-        tracks = {name: from_labels(labels, name, self._frames) for name in self.subjects}
-        entry = self._history.base_of(tracks)
-        self._journal.append({**entry, "time_s": round(self._clock(), 3)})
-        self._history.apply(entry)
-        self._written, self._digest = labels, self._file_digest()
-
-    def _read(self) -> Labels:
-        path = self.path if self.path.is_file() else self._origin
-        if path is None:
-            return Labels(())
-        return read_annotations(
-            path, timeline=self._timeline, subjects=self.subjects, targets=self._targets, allow_gaps=True
-        )
-
-    def _write(self, *, anew: bool = False) -> None:
-        labels = self._history.labels()
-        if anew or labels != self._written:
-            try:
-                write_annotations(self.path, labels)
-            except OSError as error:
-                raise VfoaError(
-                    f"{self.path}: cannot be written: {error.strerror or error}; the change was not made"
-                ) from None
-        self._written, self._digest = labels, self._file_digest()
-
-    def _file_digest(self) -> str | None:
-        return file_digest(self.path) if self.path.is_file() else None
+    def write(self, path: Path, content: Labels) -> None:
+        """Write the CSV."""
+        write_annotations(path, content)

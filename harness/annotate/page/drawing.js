@@ -19,8 +19,8 @@ const rows = (drawing) => [
   ["outside", ["q"], "it leaves the image here, or is back", "outside", () => drawing.send("outside")],
   ["delete", ["Delete", "Backspace"], "no key frame here", "delete key frame", () => drawing.send("delete")],
   ["remove", ["Shift+Delete", "Shift+Backspace"], "not drawn at all", "remove", () => drawing.send("remove")],
-  ["undo", ["z", "Ctrl+z"], "undo what was drawn", "↶", () => drawing.send("undo")],
-  ["redo", ["y", "Ctrl+y", "Ctrl+Shift+z", "Z"], "redo", "↷", () => drawing.send("redo")],
+  ["undo", ["z", "Ctrl+z"], "undo the last change of labels or drawing", "↶", () => drawing.page.undo.press("undo")],
+  ["redo", ["y", "Ctrl+y", "Ctrl+Shift+z", "Z"], "redo", "↷", () => drawing.page.undo.press("redo")],
 ];
 const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
@@ -29,7 +29,7 @@ export class Drawing {
   constructor(page, { press, look }) {
     Object.assign(this, { page, press });
     this.on = false;
-    this.state = { revision: 0, tracks: [], can_undo: false, can_redo: false, read_only: null };
+    this.state = { revision: 0, tracks: [], made_s: null, undone_s: null, can_undo: false, can_redo: false, read_only: null };
     this.live = null; // the place while the pointer or the keys move it
     this.actions = rows(this);
     this.makePanel();
@@ -59,7 +59,7 @@ export class Drawing {
   take(state, sent = undefined) {
     this.state = state;
     if (this.live === sent) this.live = null;
-    this.draw();
+    this.page.draw();
   }
 
   // Selection
@@ -148,17 +148,21 @@ export class Drawing {
     this.rest();
     const sent = this.live;
     const body = { do: action, id: crypto.randomUUID(), ...what, at, place };
-    this.page.queue.add(async () => {
+    this.page.queue.add(() => {
       body.revision ??= this.state.revision;
-      try {
-        this.take(await post("/api/draw", body), sent);
-        panel.say("");
-      } catch (error) {
-        if (!(error instanceof Refused)) throw error;
-        this.take(error.state ?? await get("/api/drawn"), sent);
-        panel.say(error.message);
-      }
+      return this.ask(body, sent);
     });
+  }
+
+  async ask(body, sent = undefined) {
+    try {
+      this.take(await post("/api/draw", body), sent);
+      panel.say("");
+    } catch (error) {
+      if (!(error instanceof Refused)) throw error;
+      this.take(error.state ?? await get("/api/drawn"), sent);
+      panel.say(error.message);
+    }
   }
 
   key(event) {
@@ -246,7 +250,7 @@ export class Drawing {
     const can = {
       set: true, done: true, before: Boolean(track) && nextKey(track, shown, -1) !== undefined,
       next: Boolean(track) && nextKey(track, shown, 1) !== undefined, outside: Boolean(track), remove: Boolean(track),
-      delete: Boolean(track) && isKey(track, shown), undo: state.can_undo, redo: state.can_redo,
+      delete: Boolean(track) && isKey(track, shown), undo: this.page.undo.can("undo"), redo: this.page.undo.can("redo"),
     };
     for (const [id, is] of Object.entries(can)) document.getElementById(`draw-${id}`).disabled = !is;
     document.getElementById("draw-outside").setAttribute("aria-pressed", here === "outside");

@@ -12,6 +12,7 @@ import { Seen } from "./seen.js";
 import { Speech } from "./speech.js";
 import { Stage } from "./stage.js";
 import { Strips } from "./strips.js";
+import { Undo } from "./undo.js";
 import { at, changes, open, read, undecided } from "./tracks.js";
 
 const NEAR = 10; // a jump further than this does not count as having seen what lies between
@@ -25,6 +26,7 @@ export class Page {
     this.queue = new Queue({ refused: (error) => this.refused(error), lost: (error) => this.lost(error), moved: () => this.settle() });
     this.seen = new Seen((seen) => this.queue.add(async () => this.update(await post("/api/seen", seen))));
     this.said = new Said(this);
+    this.undo = new Undo(this);
     this.speech = new Speech(this);
     this.names = new Names({
       look: (name) => this.hands.press(() => this.said.look(name)),
@@ -300,7 +302,7 @@ export class Page {
     panel.drawSubject(subject);
     panel.drawProgress(state);
     panel.drawUnlabelled(subject, open(this.track, state.seen[subject]));
-    panel.drawTools(state, this.stage, player);
+    panel.drawTools(this.undo, this.stage, player);
     this.names.draw(subject, here.target);
     this.strips.draw(shown, { ...state, subjects, subject, names, suggestions, loop: player.loop, said, turns: this.speech.turns });
     this.stage.draw(subject, names);

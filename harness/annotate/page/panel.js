@@ -49,8 +49,8 @@ export function drawLabel(subject, { target, suggested, note, undecided }) {
   find("label").value = undecided ? `${subject}: to decide: ${undecided}` : `${subject}: ${said}${note ? ` – ${note}` : ""}`;
 }
 
-export function drawTools({ can_undo: canUndo, can_redo: canRedo }, stage, player) {
-  for (const [id, can] of Object.entries({ undo: canUndo, redo: canRedo })) find(`do-${id}`).disabled = !can;
+export function drawTools(undo, stage, player) {
+  for (const kind of ["undo", "redo"]) find(`do-${kind}`).disabled = !undo.can(kind);
   const open = { right: stage.beside === "right", disparity: stage.beside === "disparity", head: stage.zoomed, loop: player.loop !== null };
   for (const [id, is] of Object.entries(open)) find(`do-${id}`).setAttribute("aria-pressed", is);
 }

@@ -23,15 +23,15 @@ export class Said {
         const what = make(page.state.tracks[subject]);
         body = what && { id, revision: page.state.revision, subject, ...what };
       }
-      if (!body) return;
-      const state = await post("/api/change", body);
-      panel.say("");
-      page.update(state, state.revision);
+      if (body) await this.ask(body);
     });
   }
 
-  undo() { this.change(() => ({ kind: "undo" })); }
-  redo() { this.change(() => ({ kind: "redo" })); }
+  async ask(body) {
+    const state = await post("/api/change", body);
+    panel.say("");
+    this.page.update(state, state.revision);
+  }
 
   look(target, point_px = null, here = this.page.here) {
     const { page } = this;

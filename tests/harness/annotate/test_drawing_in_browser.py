@@ -151,6 +151,40 @@ def test_key_frames_come_and_go_by_keys_and_all_can_be_undone(page: Page, sessio
     assert page.session.state()["labelled"] == 0  # no key of the labels was meant
 
 
+def test_labels_and_drawing_are_undone_as_one_in_the_order_in_which_they_were_made(page: Page, session: Chrome) -> None:
+    def found() -> tuple[int | None, str | None]:
+        """How wide the box is, and what is looked at."""
+        tracks = page.session.drawn()["tracks"]
+        (first, *_) = page.session.state()["tracks"]["ann"]
+        width = tracks[0]["keys"][0][1][2] - tracks[0]["keys"][0][1][0] if tracks else None
+        return width and round(width), first[2] if len(first) > 2 else None
+
+    wide = [found()]
+    _drag(session, (10, 10), (30, 25))
+    wide.append(found())
+    _keys(session, "p", "n", "p")
+    wide.append(found())
+    _drag(session, (31, 26), (39, 30))
+    wide.append(found())
+    assert len(set(wide)) == 4
+    for expected in (wide[2], wide[1]):
+        _keys(session, "z")
+        assert found() == expected
+    assert session.find_element("id", "notice").text == "Undone: the last change of the labels."
+    _open(session, page)  # the order outlives the page
+    _keys(session, "z")
+    assert found() == wide[0]
+    assert not session.find_element("id", "do-undo").is_enabled()
+    for expected in wide[1:]:
+        _keys(session, "y")
+        assert found() == expected
+    _keys(session, "z", "i")
+    changed = found()
+    assert changed == (wide[2][0], "ignore")
+    _keys(session, "y")  # the box was undone before the label was made: it is gone
+    assert found() == changed
+
+
 def test_a_point_and_a_head_are_drawn_and_moved_by_keys(page: Page, session: Chrome) -> None:
     book, ann = _key_of(page, "book"), _key_of(page, "ann")
     _keys(session, book, book)

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from harness.annotate.drawing import Draw, DrawingStore
+from harness.annotate.journaled import StaleRevisionError
 from harness.annotate.session import Session
-from harness.annotate.store import StaleRevisionError
 from harness.labels.drawn import COLUMNS, Drawn, KeyFrame, read_drawn, write_drawn
 from tests.disk import write_text
 from vfoa.errors import VfoaError

@@ -12,8 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.annotate import edits
+from harness.annotate.journaled import StaleRevisionError
 from harness.annotate.marks import Mark
-from harness.annotate.store import LabelStore, StaleRevisionError
+from harness.annotate.store import LabelStore
 from harness.labels.files import read_annotations
 from harness.labels.labels import TO_DECIDE, Label, Labels
 from harness.labels.timeline import Timeline
@@ -290,19 +291,19 @@ def _refuse(handle: int) -> None:
     [
         ("{", r":3: not JSON: .*; move the journal away"),
         ("5", r":3: no entry; move the journal away"),
-        ('{"redo":true}', r":3: not a change of labels: IndexError.*; move the journal away"),
-        ('{"seen":["bob",1]}', r":3: not a change of labels: KeyError\('bob'\); move the journal away"),
-        ('{"change":{"subject":"ann"}}', r":3: not a change of labels: KeyError\('before'\); move the journal away"),
-        ('{"seen":["ann",1000000000000]}', r":3: not a change of labels: ValueError.*; move the journal away"),
+        ('{"redo":true}', r":3: not a change of this clip: IndexError.*; move the journal away"),
+        ('{"seen":["bob",1]}', r":3: not a change of this clip: KeyError\('bob'\); move the journal away"),
+        ('{"change":{"subject":"ann"}}', r":3: not a change of this clip: KeyError\('before'\); move the journal away"),
+        ('{"seen":["ann",1000000000000]}', r":3: not a change of this clip: ValueError.*; move the journal away"),
         (
             '{"change":{"subject":"ann","before":[],"after":[[5,1000000000000,"cup","",null,false,false]]}}',
-            r":3: not a change of labels: ValueError.*; move the journal away",
+            r":3: not a change of this clip: ValueError.*; move the journal away",
         ),
         (
             '{"change":{"subject":"ann","before":[],"after":[[-3,-1]]}}',
-            r":3: not a change of labels: ValueError.*; move the journal away",
+            r":3: not a change of this clip: ValueError.*; move the journal away",
         ),
-        ('{"change":7}', r":3: not a change of labels: TypeError.*; move the journal away"),
+        ('{"change":7}', r":3: not a change of this clip: TypeError.*; move the journal away"),
     ],
 )
 def test_a_journal_that_was_changed_by_hand_is_one_line(tmp_path: Path, line: str, message: str) -> None:

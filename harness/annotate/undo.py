@@ -1,0 +1,81 @@
+"""What can be undone and redone, and when it was made and undone: by these times two stores are undone as one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Generic, Self, TypeVar
+
+Change = TypeVar("Change")
+
+
+def time_of(entry: Mapping[str, Any]) -> float:
+    """When an entry of a journal was made, in seconds since 1970; 0 of one that an older version wrote."""
+    return float(entry.get("time_s", 0.0))
+
+
+@dataclass(frozen=True, slots=True)
+class _Made(Generic[Change]):
+    change: Change
+    made_s: float
+    undone_s: float = 0.0
+
+
+class Undo(Generic[Change]):
+    """Changes that were made, the last one on top, and those that were undone. Times are seconds since 1970."""
+
+    def __init__(self) -> None:
+        self._done: list[_Made[Change]] = []
+        self._undone: list[_Made[Change]] = []
+
+    def make(self, change: Change, time_s: float) -> None:
+        """Something new: what was undone before cannot be redone."""
+        self._done.append(_Made(change, time_s))
+        self._undone.clear()
+
+    def undo(self, time_s: float) -> Change:
+        """Take the last change back (IndexError if there is none)."""
+        last = self._done.pop()
+        self._undone.append(replace(last, undone_s=time_s))
+        return last.change
+
+    def redo(self) -> Change:
+        """Make the change again that was undone last (IndexError if there is none)."""
+        last = self._undone.pop()
+        self._done.append(last)
+        return last.change
+
+    def clear(self) -> None:
+        """Nothing can be undone or redone."""
+        self._done.clear()
+        self._undone.clear()
+
+    def each(self, changed: Callable[[Change], Change]) -> None:
+        """Change every change."""
+        for changes in (self._done, self._undone):
+            changes[:] = [replace(one, change=changed(one.change)) for one in changes]
+
+    def copy(self) -> Self:
+        """The same, on its own."""
+        copied = type(self)()
+        copied._done, copied._undone = list(self._done), list(self._undone)
+        return copied
+
+    def plain(self) -> dict[str, Any]:
+        """As JSON: when the change was made that is undone next, and when that was undone that is redone next."""
+        made, undone = self._done[-1:], self._undone[-1:]
+        return {
+            "can_undo": bool(made),
+            "can_redo": bool(undone),
+            "made_s": made[0].made_s if made else None,
+            "undone_s": undone[0].undone_s if undone else None,
+        }
+
+    def __bool__(self) -> bool:
+        """Whether anything can be undone."""
+        return bool(self._done)
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether anything can be redone."""
+        return bool(self._undone)
