@@ -1,8 +1,8 @@
 """A file of a clip that is changed step by step: never lost, never half-written, never overwritten unseen.
 
-Every change goes to the journal first, then the file is rewritten. A change names its revision; one on an older revision
-is refused. The journal knows more than the file (the undo list). It is used at the start if the file is its result; a
-file that was changed by another program wins.
+Every change goes to the journal first, then the file is rewritten. A change names its revision; one on an older
+revision is refused. The journal knows more than the file (the undo list). It is used at the start if the file is its
+result; a file that was changed by another program wins.
 """
 
 from __future__ import annotations
