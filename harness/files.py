@@ -49,7 +49,7 @@ def is_file(path: Path) -> bool:
 
 
 def stands(path: Path) -> bool:
-    """Whether a file is there, or in its place a pipe or a link to nothing: reading it says so. A folder is none."""
+    """Whether a file, a pipe or a broken link is at the path (reading the latter two fails); False for a folder."""
     return os.path.lexists(path) and not path.is_dir()
 
 
@@ -73,7 +73,7 @@ def atomic_write(path: Path, content: str | bytes) -> None:
 
 
 def write_together(contents: Mapping[Path, str | bytes]) -> None:
-    """Write several files, each as :func:`atomic_write` does, but none before all of them are on the disk.
+    """Write several files, each as :func:`atomic_write` does, but put none in place before all are on the disk.
 
     So a full disk leaves all of them as they were. The first one is put in place last.
     """
@@ -115,12 +115,12 @@ def check_new(path: Path, *, replace: bool, hint: str = "") -> None:
 
 
 def check_new_folder(path: Path, *, replace: bool, hint: str = "") -> None:
-    """Refuse to write files into a folder that has some: as :func:`check_new`, for verbs that write a folder.
+    """Refuse to write files into a folder that is not empty: :func:`check_new` for verbs that write a folder.
 
     Raises
     ------
     VfoaError
-        If something is in the folder and is not to be replaced, or a file is in its place.
+        If the folder is not empty and ``replace`` is False, or if a file is in its place.
     """
     try:
         if path.exists() and not path.is_dir():

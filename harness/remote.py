@@ -32,7 +32,7 @@ _TOGETHER = 64
 
 _VERSIONS = ("ETag", "etag", "md5Hash", "generation", "size", "mtime", "LastModified", "last_modified", "modified")
 _MORE_VERSIONS = ("updated", "created", "last_write_time", "modify")
-"""What listings of storages call that which changes with a file's content."""
+"""Names under which listings of storages give a value that changes with a file's content."""
 
 
 CACHE_VARIABLE, _MODELS, _MODELS_ADDRESS = "VFOA_CACHE", "VFOA_MODELS", "VFOA_MODELS_ADDRESS"
@@ -81,7 +81,7 @@ def forget_copies() -> None:
 
 
 def bring_models() -> None:
-    """Where ``$VFOA_MODELS`` is an address, copy it, and let the variable be the copy.
+    """If ``$VFOA_MODELS`` is an address, copy the models here, and set the variable to the path of the copy.
 
     ``$VFOA_MODELS_ADDRESS`` keeps the address: workers of a cluster make a copy of their own.
 
@@ -166,7 +166,7 @@ class Remote:
             return bool(storage.exists(f"{root}/{name}"))
 
     def files(self, under: str = "") -> dict[str, Mapping[str, Any]]:
-        """What the storage says of each file, by name; that of an address of a single file is its last part.
+        """The storage's details of each file, by name; if the address is a single file, its name is the last part.
 
         Raises
         ------

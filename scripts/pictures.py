@@ -138,7 +138,7 @@ def weights() -> Figure:
 
 
 def intervals() -> Figure:
-    """How wide Wilson's interval is, by the number of independent frames."""
+    """The width of Wilson's interval by the number of independent frames."""
     figure = Figure(figsize=(6, 2.8), layout="constrained")
     axes = figure.subplots()
     counts = np.unique(20 * np.geomspace(1, 100, 60).astype(int))

@@ -1,4 +1,4 @@
-"""What a browser plays, recorded where it would leave the computer: PulseAudio with a sink that nobody hears."""
+"""Record a browser's sound where it would leave the computer: PulseAudio with a sink that is connected to nothing."""
 
 from __future__ import annotations
 
@@ -34,10 +34,10 @@ class Recording:
         return sum(len(data) for _, data in list(self._chunks)) // 2
 
     def beeps_ms(self, since: int) -> NDArray[np.float64]:
-        """When each beep after a sample began, in milliseconds since 1970.
+        """The times at which the beeps after a sample began, in milliseconds since 1970.
 
-        A sample cannot come before it is played, so the chunks that came soonest tell the time of the first sample.
-        What the recorder itself needs (up to 5 ms) is left in.
+        A sample cannot arrive before it is played, so the chunks with the least delay give the time of the first
+        sample. The recorder's own delay (up to 5 ms) is not subtracted.
         """
         chunks = list(self._chunks)
         ends = np.cumsum([len(data) // 2 for _, data in chunks]) / SOUND_HZ

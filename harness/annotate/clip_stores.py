@@ -55,7 +55,7 @@ def open_speech(manifest: ClipManifest, timeline: Timeline) -> LabelStore:
 
 
 def open_drawing(manifest: ClipManifest, frames: Sequence[int], also: Sequence[str] = ()) -> DrawingStore:
-    """What is drawn on a clip, the same for all annotators; ``also``: targets that the manifest has no longer.
+    """Open the drawing of a clip, which all annotators share; ``also``: targets that the manifest no longer has.
 
     Raises as :class:`DrawingStore`.
     """

@@ -153,7 +153,7 @@ class DrawingStore:
         self.refresh()
 
     def check_change(self, name: str) -> None:
-        """Refuse another name for what is drawn while another process draws (:class:`VfoaError`)."""
+        """Refuse (:class:`VfoaError`) to rename what is drawn while another process draws."""
         if self.read_only is not None and any(name == each for each, _ in self._history.tracks):
             raise VfoaError(self.read_only)
 

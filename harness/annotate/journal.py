@@ -25,7 +25,7 @@ class Journal:
     """
 
     def __init__(self, path: Path, *, of: Path) -> None:
-        """``of`` is the file that the journal is about; a new journal may be read by those who may read that file."""
+        """Open the journal of the file ``of``; a new journal gets that file's read permissions."""
         self.path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -200,7 +200,7 @@ def _export_clip(
 def _export_by_kind(
     name: str, to: Path, format_: str, fps: float | None, offset: float, replace: bool, *, is_drawn: bool
 ) -> None:
-    """Write speaking turns, or what is drawn, which are the same for all annotators."""
+    """Write speaking turns or the drawing, which are the same for all annotators."""
     from harness.annotate.convert import export_drawn, export_speech, open_exchange
     from harness.clips.manifest import load_manifest
 

@@ -100,7 +100,7 @@ def _viewer() -> AbstractContextManager[str]:
 def _open(
     source: str, right: str | None, calibration: Path | None, settings: tuple[str, ...]
 ) -> tuple[LiveSource, ClipManifest, Sequence[int] | None]:
-    """The source, the manifest that says what it is called, and the frame numbers of a clip that is played."""
+    """The source, the manifest with its names, and, if a clip is played, its frame numbers."""
     from harness.clips.manifest import as_clip_name, load_manifest, make_manifest
     from harness.sources.live_sources import CameraPair, PlayedClip, open_capture
     from vfoa.errors import VfoaError

@@ -12,7 +12,7 @@ from harness.cli.completion import clip_names, configuration_names, run_director
 
 
 def run_folder(run: str) -> Path:
-    """The folder of a run: the path, or the copy of what is at an address of object storage."""
+    """The local folder of a run: the given path, or a copy if it is an address of object storage."""
     from harness.remote import is_address, local_copy
 
     return local_copy(run.rstrip("/"), "RUN") if is_address(run) else Path(run)

@@ -63,14 +63,14 @@ def run_sweep(
 
 
 def _described(plan: Plan) -> dict[str, Any]:
-    """What makes a sweep this one; of its configurations, which are the rows of ``sweep.csv``, the digest."""
+    """The description that identifies a sweep; of its configurations (the rows of ``sweep.csv``) it holds a digest."""
     described = describe(plan)
     configurations = json.dumps(described.pop("configurations"), sort_keys=True)
     return {**described, "configurations_sha256": hashlib.sha256(configurations.encode()).hexdigest()}
 
 
 def _free(first: Path, described: Mapping[str, Any], beside: bool) -> Path:
-    """The directory to write to: one that is empty, or has this very sweep."""
+    """The directory to write to: an empty one, or one that already has exactly this sweep."""
     wanted = json.loads(json.dumps(described))  # lists for tuples
     for number in itertools.count(1):
         out = first.with_name(f"{first.name}-{number}") if number > 1 else first

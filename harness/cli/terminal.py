@@ -1,4 +1,4 @@
-"""What commands show on the terminal: tables, JSON, and progress bars on stderr."""
+"""Output on the terminal: tables, JSON, and progress bars on stderr."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _WORDS = 20
 
 
 def say(text: str = "", *, err: bool = False, nl: bool = True) -> None:
-    """Print text that may hold names of files, clips and people: a terminal obeys nothing in it."""
+    """Print text that may hold names of files, clips and people; control characters in it have no effect."""
     typer.echo(shown(text), err=err, nl=nl)
 
 

@@ -33,7 +33,7 @@ CONVERTED_BY = {
     ".gz": "expected a folder: unpack it first",
     ".7z": "expected a folder: unpack it first",
 }
-"""What to do with a file that no adapter reads, by its suffix."""
+"""Advice for a file that no adapter reads, by its suffix."""
 
 
 class Reading(NamedTuple):

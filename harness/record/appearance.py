@@ -1,4 +1,4 @@
-"""How people and things are shown wherever they are drawn: names, one colour per name, and cones as lines."""
+"""The appearance of people and things wherever they are drawn: names, one colour per name, and cones as lines."""
 
 from __future__ import annotations
 

@@ -142,7 +142,7 @@ def _painted(classes: NDArray[np.uint8], colours: Sequence[Colour]) -> bytes:
 
 
 def class_context(known: dict[str, Colour]) -> rr.AnnotationContext:
-    """Names and colours of the classes, which :attr:`harness.record.appearance.Colours.known` has in their order."""
+    """Names and colours of the classes, in the order of :attr:`harness.record.appearance.Colours.known`."""
     names = enumerate(known.items(), start=1)
     return rr.AnnotationContext([(0, "", (0, 0, 0, 0)), *((number, name, colour) for number, (name, colour) in names)])
 

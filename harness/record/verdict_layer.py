@@ -175,7 +175,7 @@ def _plain(label: Label) -> tuple[object, ...]:
 
 
 def _stretches(path: Path) -> list[_Stretch]:
-    """What a layer was made from; nothing where there is none, or it is damaged: then it is written anew."""
+    """The stretches that a layer was made from; empty if it is missing or damaged, and must be written anew."""
     if not path.is_file():
         return []
     try:

@@ -55,7 +55,7 @@ _LANES = ("truth", "predicted", "verdict")
 
 
 def log_palettes(stream: rr.RecordingStream, configuration: str, subjects: Iterable[str], colours: Colours) -> None:
-    """The colours of the lanes, once for all frames."""
+    """Log the colours of the subjects' timelines, once for all frames."""
     targets = {**colours.known, **dict.fromkeys((NOWHERE, IGNORED, NO_TRUTH, NO_PREDICTION), GREY)}
     for subject in subjects:
         for lane in _LANES:
@@ -114,7 +114,7 @@ def _log_answers(log: ColumnLog, record: FrameRecord, verdict: Verdict) -> None:
 
 
 def log_styles(stream: rr.RecordingStream, configuration: str, subjects: Iterable[str], paths: Collection[str]) -> None:
-    """How answers are drawn, once for all frames, of those of their paths that the recording has."""
+    """Log the style of the answers, once for all frames, for those of their paths that the recording has."""
     for subject in subjects:
         for what, colour in (("truth", TRUTH_COLOUR), ("predicted", OUTCOME_COLOURS["wrong"])):
             path = entities.answer_3d(configuration, subject, what)

@@ -24,7 +24,7 @@ _DRAWN_S = 60.0
 _POLL_S = 0.3
 
 INSTEAD = "--web shows a recording in a browser, --screenshot PNG draws it into a file"
-"""What to do without a display."""
+"""Advice for a machine without a display."""
 
 
 def show(recordings: Sequence[Composed], frame: int | None) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import rerun as rr
 
 _PATIENCE_S = 30.0
-GO_ON = "finished frames are kept, and the same command goes on"
+GO_ON = "finished frames are kept, and the same command continues"
 
 
 def write_out(stream: rr.RecordingStream, path: Path) -> None:

@@ -1,6 +1,6 @@
-"""What a run found, in one sentence: which configurations are better, by how much, and which cannot be told apart.
+"""The result of a run in one sentence: which configurations are better, by how much, and which are not distinguished.
 
-And in further sentences: why the wrong frames are wrong, and what to do next.
+Further sentences say why the wrong frames are wrong, and what to do next.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ NEXT_STEPS = {
         "(vfoa run CLIP --oracle)"
     ),
 }
-"""What to try for each error type, in the imperative and without a full stop."""
+"""Advice for each error type, in the imperative and without a full stop."""
 
 
 def verdict_sentence(scores: Scores) -> str:

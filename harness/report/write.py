@@ -86,7 +86,7 @@ def render_run(
     manifest: Mapping[str, Any],
     served: Served | None,
 ) -> str:
-    """The page that :func:`write_scores` writes, as text. ``served``: for a server of recordings."""
+    """Return the page that :func:`write_scores` writes. ``served``: for a server of recordings."""
     logs = RecordLogs(reference, probabilistic(manifest))
     logs.watch(records)
     return _page(results, logs, logs.scores(), manifest, served)

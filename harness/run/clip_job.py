@@ -1,4 +1,4 @@
-"""What one process gets to run one clip, where that stands, and how it ended."""
+"""The job of one process (one clip), its progress and its outcome."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ClipJob:
         return [(self.manifest.name, configuration.name) for configuration in self.configurations]
 
     def outcome(self, errors: Iterable[VfoaError | None], tallies: Mapping[str, Tally] | None = None) -> ClipOutcome:
-        """How the job ended, from the error of each configuration in order: None for one that is finished."""
+        """The outcome of the job, from each configuration's error in order (None: it is finished)."""
         failures = {pair: error for pair, error in zip(self.pairs, errors, strict=True) if error is not None}
         return ClipOutcome(failures=failures, tallies=tallies or {})
 

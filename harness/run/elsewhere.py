@@ -1,4 +1,4 @@
-"""A job on a machine that does not see the run's directory, which lies on object storage."""
+"""Jobs on a machine that cannot read the run's directory, which is on object storage."""
 
 from __future__ import annotations
 

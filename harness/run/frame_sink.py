@@ -97,6 +97,6 @@ class SinkFactory(Protocol):
 
 @runtime_checkable
 class SharedFilesFactory(SinkFactory, Protocol):
-    """A factory whose sinks write files that the configurations of a clip share: one process opens all of a clip's."""
+    """A factory whose sinks write files that a clip's configurations share: one process opens all sinks of a clip."""
 
     shares_files: bool

@@ -54,15 +54,15 @@ def run_jobs(
     tell: Callable[[str], None] = lambda line: None,
     mirror: Mirror | None = None,
 ) -> Done:
-    """Do what is not done of a plan; ``tell`` is told where it goes on.
+    """Run the unfinished jobs of a plan; ``tell`` is called with a message when a job continues from a checkpoint.
 
     ``mirror``: the directory is the copy of one on object storage.
 
-    Where there are clips enough to keep every worker at work, a job is a clip. Else the workers help each other through
-    the cache: each perceives stretches of a clip, under all its configurations, so that nothing is decoded or computed
-    twice by them. What has to be done in order goes along behind them in this process, or, where configurations are too
-    many for that, is dealt to the workers when all is perceived. Configurations that write files together (recordings)
-    are not dealt out.
+    If there are enough clips to keep every worker busy, a job is a clip. Otherwise the workers share a clip through the
+    cache: each perceives stretches of it under all configurations, so that nothing is decoded or computed twice. The
+    steps that need an order follow them in this process or, if there are too many configurations for that, are given to
+    the workers when all frames are perceived. Configurations that write files together (recordings) stay in one
+    process.
     """
     account = Account()
     ahead = PREFETCHED if executor.threads > 1 else 0
@@ -132,7 +132,7 @@ def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
 
 
 def _rounds(jobs: Sequence[ClipJob]) -> list[list[ClipJob]]:
-    """The jobs in groups to be done at the same time, without two jobs that write the same files."""
+    """The jobs in groups to run at the same time; no two jobs of a group write the same files."""
     rounds: list[list[ClipJob]] = []
     for job in jobs:
         busy = {each.manifest.name for each in rounds[-1]} if rounds else set[str]()

@@ -24,10 +24,10 @@ from vfoa.errors import VfoaError
 
 
 def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
-    """Run one clip under all configurations of a job, from their checkpoints where there are any.
+    """Run one clip under all configurations of a job, each from its checkpoint if it has one.
 
-    ``progress`` is called with the name of the clip after each frame. ``numbers`` are the frames of the job, each as
-    soon as it may be read; those of the job if not given.
+    ``progress`` is called with the name of the clip after each frame. ``numbers`` yields the frames of the job, each as
+    soon as it may be read; default: the job's own frames.
     """
     try:
         clip = job.manifest.open()
@@ -62,7 +62,7 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
 
 
 def reconstructed(clip: Clip, pipeline: SharedPipeline, numbers: Iterable[int], job: ClipJob) -> Generator[SharedFrame]:
-    """Read, perceive and reconstruct frames, as far ahead in threads of their own as the job says."""
+    """Read, perceive and reconstruct frames, in threads that run ahead by as many frames as the job says."""
     read = prefetch(read_frames(clip, numbers), job.read_ahead)
     perceived = pipeline.perceive(read)
     return prefetch(pipeline.reconstruct(perceived), job.perceive_ahead)
@@ -80,8 +80,9 @@ def attend_to(
 ) -> list[ConfigurationRunner]:
     """Attend to frames and hand them to the sinks, until they end or every configuration has failed.
 
-    Checkpoints are written from time to time, unless the frames do not come again. ``resumed`` is where configurations
-    go on, by name. Returns one runner per configuration of the job, in order, each finished, with its error.
+    Checkpoints are written from time to time, unless the source cannot be read again. ``resumed`` holds the states that
+    configurations continue from, by name. Returns one runner per configuration of the job, in order, each finished,
+    with its error.
     """
     begun = resumed or {}
     runners = [

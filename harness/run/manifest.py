@@ -1,4 +1,4 @@
-"""A run's manifest: what it must look like where it is read, and in what two of them differ."""
+"""The manifest of a run: its checks when it is read, and the differences between two of them."""
 
 from __future__ import annotations
 

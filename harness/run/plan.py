@@ -36,7 +36,7 @@ class PreparedClip:
 
     @cached_property
     def digest(self) -> str:
-        """Of the clip's content, as it was when it was asked for first: to compute it, all images are read."""
+        """The digest of the clip's content, computed at the first call and kept: it takes reading all images."""
         return self.clip.digest()
 
 
@@ -111,12 +111,12 @@ def _prepare_clip(name: str, limit: int | None, experiment: Experiment) -> Prepa
 
 
 def drawn_on(manifest: ClipManifest, frames: Sequence[int] | None, experiment: Experiment) -> DrawnClip | None:
-    """What is drawn on a clip with these frames, where some configuration uses it; None: on a source that is no clip.
+    """The drawing of a clip with these frames, if a configuration uses it; None for a source that is no clip.
 
     Raises
     ------
     VfoaError
-        If the file is wrong, or a configuration has nothing but what is drawn, and nothing is.
+        If the file is wrong, or if a configuration uses nothing but the drawing and nothing is drawn.
     """
     if not any(each.uses_drawn for each in experiment.configurations):
         return None
@@ -147,7 +147,7 @@ def _said_of_drawn(clips: Iterable[PreparedClip]) -> Iterator[str]:
 
 
 def said_of_drawn(clip: str, drawn: DrawnClip) -> str:
-    """What is drawn on a clip, and with how many key frames."""
+    """A line that lists what is drawn on a clip, and the number of key frames."""
     keys = sum(len(each.keys) for each in drawn.drawn.tracks)
     return f"{clip}: drawn by hand: {', '.join(drawn.drawn.names)} ({keys} key frames)."
 

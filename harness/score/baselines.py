@@ -128,7 +128,7 @@ def _off_axis(center_m: Vector) -> float:
 
 
 class Hits(NamedTuple):
-    """Which of the baselines that use the frame were right, and the angle of the last one's pick."""
+    """The baselines that use the frame: which were right, and the angle of the last one's choice."""
 
     nearest: bool
     largest: bool
@@ -141,7 +141,7 @@ NO_HITS = Hits(nearest=False, largest=False, central=False, in_angle=False, angl
 
 
 def hits_of(record: FrameRecord, choices: Choices, label: Label) -> Hits:
-    """Which choices of a subject in a frame are what its label names."""
+    """Compare the baselines' choices for a subject in a frame with its label."""
     right = {target.instance_id for target in true_targets(record, label)}
     return Hits(
         nearest=choices.nearest in right,

@@ -1,4 +1,4 @@
-"""Which of two configurations is better on the frames that both were scored on, and which differences could be seen."""
+"""Comparison of two configurations on the frames that both were scored on, with the smallest detectable difference."""
 
 from __future__ import annotations
 

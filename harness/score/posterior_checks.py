@@ -1,10 +1,11 @@
-"""Whether a posterior can be believed: sets of answers, and how well measured directions fit it.
+"""Checks of a posterior: sets of answers, and how well the measured directions fit it.
 
-A set of answers is the fewest objects, nowhere among them, that have 90 % of a subject's probability together.
+A set of answers is the smallest set of objects (including "nowhere") that together have 90 % of a subject's
+probability.
 
-The directions are checked as posterior-predictive checks are (Rubin 1984): before each frame the posterior says how
-probable directions are that fit worse than those that come. Where the model is right, these tail probabilities are
-spread evenly; where many are small, the directions do not fit it.
+The directions are checked by posterior-predictive checks (Rubin 1984): before each frame the posterior gives the
+probability of directions that fit worse than the measured ones. If the model is right, these tail probabilities are
+uniform; if many are small, the directions do not fit it.
 """
 
 from __future__ import annotations

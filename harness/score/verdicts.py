@@ -48,7 +48,7 @@ ERROR_TYPES = {
 NO_HIT = "(nothing hit)"
 """The prediction of a frame in which nothing got any attention. It is not the answer "looks at nothing"."""
 NO_PREDICTION = "no prediction"
-"""What stands for people where a frame has no prediction."""
+"""The text that people see for a frame without a prediction."""
 ANOTHER = "(another of this name)"
 """Appended to a predicted name that equals the true one but belongs to another instance: it must not count as
 agreement."""

@@ -1,11 +1,11 @@
-"""The layer between the pipeline and a stage: one call that shares, looks up, guards, checks, stores and times.
+"""The layer between the pipeline and a stage: each call is shared, cached, guarded, checked and timed.
 
-A stage can come from anywhere: a fault of one ends the configurations that have it, not the run. Only calls that pass
+A stage can come from anywhere: an error in one ends the configurations that use it, not the run. Only calls that pass
 through :func:`guarded` are caught. An error of the harness itself ends the program.
 
-The outputs of a frame's stages are shared by configurations that agree on a stage (:class:`StageMemo`). An output is
-found again by the stage and the identity of its inputs. A shared stage returns the very same object, so sharing
-continues downstream: no table says which stage reads what.
+Configurations that use the same stage share its outputs in a frame (:class:`StageMemo`). An output is looked up by the
+stage and the identity of its inputs. A shared stage returns the very same object, so its followers are shared as well;
+no table of dependencies between stages is needed.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""What is believed of a person, and what it rests on: the targets that are seen, and the measured directions.
+"""The belief about a person's target and its inputs: the targets that are seen, and the measured directions.
 
-A hypothesis is a pair of a gaze hypothesis (scale of the error, bias, gain) and a head hypothesis (share). Each has an
-own probability of every target and own counts of looks. The filters of gaze and head are kept for the gaze hypothesis
-and for the head hypothesis alone, averaged over the other: the pairs would cost as many times more.
+A hypothesis is a pair: a gaze hypothesis (scale of the error, bias, gain) and a head hypothesis (share). Each pair has
+its own probability of every target and its own counts of looks. The filters of the gaze are kept per gaze hypothesis
+and those of the head per head hypothesis, averaged over the other: filters per pair would multiply the cost.
 """
 
 from __future__ import annotations

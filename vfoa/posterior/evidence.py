@@ -1,4 +1,4 @@
-"""What a cue says of the targets in one frame, and what its filter needs to know of the looks."""
+"""The evidence of one cue about the targets in one frame, and the state of the looks that its filter needs."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ _AVERAGES = {"gaze": ("gk,gkt->gt", 1), "head": ("gk,gkt->kt", 0)}
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """How probability goes from the targets before to those of the frame, of every pair of hypotheses.
+    """The flow of probability from the previous targets to those of the frame, for every pair of hypotheses.
 
-    ``weights`` (G, K) of the pairs, ``looked`` (G, K, T') of the targets before and ``columns`` (T,) which of them each
-    target was; ``predicted`` (G, K, T) before the frame, and the part ``stayed`` of it that goes on.
+    ``weights`` (G, K) are those of the pairs, ``looked`` (G, K, T') the probabilities of the previous targets, and
+    ``columns`` (T,) gives each target's index among the previous ones. ``predicted`` (G, K, T) are the probabilities
+    before the frame is seen; ``stayed`` is the part of them that comes from looks that go on.
     """
 
     weights: Float

@@ -57,7 +57,7 @@ def update(
 
 
 def answered(belief: Belief, probabilities: Float, settings: PosteriorSettings, *, later_known: bool = False) -> Float:
-    """The answer (T,) where the model has these probabilities (T,): flatter with a gaze of unknown error.
+    """The answer (T,) for the model's probabilities (T,): flatter if the gaze's error is not known.
 
     ``later_known`` says that they are those of smoothing.
 

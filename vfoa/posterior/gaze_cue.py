@@ -1,4 +1,4 @@
-"""The gaze of one frame: where each hypothesis expects it for each target, and how well the measured one fits."""
+"""The likelihood of one frame's gaze: the direction that each hypothesis expects for each target, and its fit."""
 
 from __future__ import annotations
 

@@ -91,7 +91,7 @@ export class Page {
 
   // Position
 
-  // Go to a frame; ``near``: what lies between counts as seen if it is not far. While it plays, the player shows it.
+  // Go to a frame; ``near``: the frames between count as seen if they are few. During playback the player shows it.
   go(position, near = false) {
     this.wanted = Math.min(Math.max(position, 0), this.total - 1);
     if (near && this.wanted <= this.state.seen[this.subject] + NEAR) this.see(this.wanted);

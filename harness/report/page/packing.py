@@ -1,7 +1,7 @@
-"""How the page carries its data and its script: packs of compact text, and JavaScript modules as one script.
+"""Packing of the page's data and script: packs of compact text, and JavaScript modules as one script.
 
-A pack is zlib data in base64, which the page decodes when it shows it; ``store.js`` is the other end. Modules are
-bundled, because a page that opens from disk can load none.
+A pack is zlib data in base64. ``store.js`` decodes it when the page shows it. Modules are bundled, because a page that
+is opened from disk cannot load any.
 """
 
 from __future__ import annotations

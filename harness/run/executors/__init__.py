@@ -20,15 +20,15 @@ def executor(
     modules: tuple[str, ...] = (),
     sees: Path | None = None,
 ) -> Iterator[Executor]:
-    """Yield the way to work with this many processes here, or with the cluster of a Dask scheduler (``tcp://host:port``).
+    """Yield an executor with this many processes here, or one on the cluster of a Dask scheduler (``tcp://host:port``).
 
-    ``threads`` are those of a single process; several have one each. ``modules`` decide the results: workers of a
-    cluster whose code of them is another refuse the jobs, and so do those that do not see the file ``sees``.
+    ``threads`` are those of a single process; several processes have one each. ``modules`` decide the results: workers
+    of a cluster that have other code for them refuse the jobs, and so do workers that cannot read the file ``sees``.
 
     Raises
     ------
     VfoaError
-        If the scheduler does not answer, has no workers, or has some that would compute something else.
+        If the scheduler does not answer, has no workers, or has workers that would compute other results.
     """
     if scheduler is not None:
         from harness.run.executors.cluster import Cluster, connect

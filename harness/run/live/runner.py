@@ -64,27 +64,27 @@ def run_live(
     threads: int = 1,
     progress: Callable[[str], None] = lambda clip: None,
 ) -> LiveReport:
-    """Take frames until the source ends, ``stopped`` is set or ``limit`` is reached; all that was done is kept.
+    """Process frames until the source ends, ``stopped`` is set or ``limit`` is reached; finished frames are kept.
 
     Parameters
     ----------
     manifest
-        What the source and the people and things in it are called.
+        The names of the source and of the people and things in it.
     frames
-        The frame numbers of a clip that is played: what is drawn on it is used. None: cameras, a recording.
+        The frame numbers of a clip that is played, whose drawing is used; None for cameras and recordings.
     experiment
-        Its only configuration is run.
+        It must have one configuration.
     directory
-        A new run's. It also gets ``latency.csv``: a line a frame, with how many were dropped before it.
+        That of a new run. It also gets ``latency.csv``: a line per frame, with the number of frames dropped before it.
     sinks
-        Where finished frames go, beside the results.
+        Further receivers of finished frames, beside the results.
     threads
         With several, the next frame is perceived while the last one is attended to and recorded.
 
     Raises
     ------
     VfoaError
-        If the source cannot be read, or a frame cannot be computed. What was done before is kept, as a finished run.
+        If the source cannot be read, or a frame cannot be computed. The frames before are kept, as a finished run.
     """
     if not directory.is_new():
         raise VfoaError(f"{directory.path}: holds a run already; a live run cannot continue it: choose another --out")

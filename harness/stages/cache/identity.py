@@ -48,7 +48,7 @@ class Source:
 
     @classmethod
     def of(cls, name: str, clip: Clip, digest: str | None = None) -> Source:
-        """The clip as it is read now; ``digest`` is that of its content, where it is known already."""
+        """The clip as it is read now; ``digest`` is that of its content, if it is known already."""
         code, versions = code_of(type(clip).__module__)
         return cls(name=name, digest=digest or clip.digest(), code=code, versions=versions)
 

@@ -54,7 +54,7 @@ class ClipCache:
         return StoredOutputs(store=self.store, identity=identity, tally=tallies.setdefault(choice.key, Tally()))
 
     def lacking(self, frames: Iterable[int]) -> list[int]:
-        """The frames of which something is not stored, as far as that can be told before anything is read."""
+        """The frames with outputs that are not stored, as far as known before anything is read."""
         alone = [
             each
             for each in self.identities.values()
@@ -69,7 +69,7 @@ def open_cache(
 ) -> ClipCache:
     """The cache for all stages of these configurations on the clip of this name.
 
-    ``digest`` is that of the clip's content, where it is known already: to compute it, all images are read.
+    ``digest`` is that of the clip's content, if it is known already: computing it takes reading all images.
     """
     choices = {choice.key: choice for each in configurations for choice in each.choices.values() if choice}
     source = Source.of(name, clip, digest)

@@ -99,7 +99,7 @@ class Store:
 
     @property
     def remote(self) -> Remote | None:
-        """Where every result is that other machines can find; None: in the folder."""
+        """The remote store from which other machines read results; None: they read the folder."""
         return None if isinstance(self.root, Path) else Remote(self.root)
 
     def folder(self, slot: str, identity: str) -> Path:
