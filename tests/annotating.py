@@ -114,7 +114,7 @@ def served_by_the_program(
 
 
 def true_labels(clip: Clip, frames: Sequence[int]) -> Labels:
-    """What a rendered clip of anna knows of itself; nobody can judge a saccade."""
+    """The true labels of a rendered clip of anna; frames of a saccade, which nobody can judge, are ignored."""
     targets = [(number, (clip.truth(number).people or ())[0].target or IGNORED) for number in frames]
     return Labels(ranges_of("anna", ((number, Label(target=target)) for number, target in targets)))
 

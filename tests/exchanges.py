@@ -47,7 +47,7 @@ class PlainClip:
 
 
 BOXES = {"bird": (2, 2, 12, 12), "cup": (2, 20, 12, 30), "girl": (30, 2, 40, 40), "boy": (50, 2, 60, 40)}
-"""Where everything is in each frame of a :func:`staged` clip: u0, v0, u1, v1, the last pixel not included."""
+"""The box of everything in each frame of a :func:`staged` clip: u0, v0, u1, v1, the last pixel not included."""
 
 
 def staged(frames: Sequence[int] = range(1, 51), **more: Any) -> tuple[PlainClip, TrueBodies]:

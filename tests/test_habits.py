@@ -1,4 +1,4 @@
-"""What every project has: a licence, a citation, release notes, one version, and a wheel that works elsewhere."""
+"""The project's formalities: a licence, a citation, release notes, one version, and a wheel that works elsewhere."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ _SLOW_TO_IMPORT = ("harness.studio", "harness.stages.export", "harness.bench", "
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """How a verb ended: its exit code (negative: the signal), what it said, and how long it took."""
+    """The end of a verb: its exit code (negative: the signal), its messages, and its duration."""
 
     code: int
     said: str

@@ -1,4 +1,4 @@
-"""What a fault may leave of files: as they were, as they are to be, or a draft that nobody reads."""
+"""The states that a fault may leave files in: the old content, the new content, or a draft that nobody reads."""
 
 from __future__ import annotations
 

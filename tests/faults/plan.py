@@ -44,7 +44,7 @@ class Cell:
 
     @property
     def mark(self) -> str:
-        """How it stands in the table."""
+        """The result as the table shows it."""
         if self.skipped or self.wrong:
             return "–" if self.skipped else "FAILED"
         return "finished" if self.ended == 0 else "held"
@@ -52,7 +52,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Undisturbed:
-    """What a verb makes of the project, the files of it that differ each time, and the seconds it takes."""
+    """A verb's effect without faults: the project before and after, the files that differ each time, the seconds."""
 
     before: Snapshot
     after: Snapshot

@@ -33,12 +33,12 @@ SILENCE_SECONDS = 120.0 + BATCH * SECONDS
 
 
 _FORK = multiprocessing.get_context("fork")
-"""What parsers import is imported already: a new process costs nothing. No parser runs in the first one."""
+"""Forked processes, which have the parsers' imports already and start fast. No parser runs in the parent."""
 
 
 @dataclass
 class Outcome:
-    """What became of one parser's cases: findings by place and line, each with its first case and how often."""
+    """The results of one parser's cases: findings by place and line, each with its first case and their number."""
 
     parser: Parser
     cases: int = 0

@@ -20,7 +20,7 @@ from vfoa.errors import VfoaError
 SECONDS = 5.0
 """Processor time that a case may take."""
 MEMORY_BYTES = 1 << 30
-"""What a case may take beside what the process has."""
+"""Memory that a case may take in addition to that of the process."""
 
 
 class TooSlowError(BaseException):
@@ -29,7 +29,7 @@ class TooSlowError(BaseException):
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What a parser did wrong: in one line, where, and the whole traceback."""
+    """A finding about a parser: the error in one line, its place, and the whole traceback."""
 
     line: str
     where: str

@@ -97,7 +97,7 @@ MESSAGES: dict[str, Callable[[Path], None]] = {
 
 
 def read_message(name: str) -> Callable[[Path], Any]:
-    """What reads a message in a file; the file's name stands for the topic's."""
+    """Return a function that reads such a message from a file; the file's name stands for the topic's."""
     kind = _kind({"raw depth": "Image", "camera info": "CameraInfo"}.get(name, "CompressedImage"))
 
     def read(path: Path) -> Any:

@@ -55,7 +55,7 @@ def _draw(
     heads: Sequence[Head] = (),
     settings: DrawnSettings = USED,
 ) -> tuple[Instances, tuple[Head, ...]]:
-    """What the pipeline does with shapes, in its order."""
+    """The steps of the pipeline for drawn shapes, in its order."""
     drawing, frame = DrawnShapes(settings, lambda _: shapes), _frame()
     instances = model or _of_model()
     placed = drawing.place(frame, instances)

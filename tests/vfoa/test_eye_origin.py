@@ -1,4 +1,4 @@
-"""Where gaze begins, on heads that are balls: the truth is where the head's direction leaves them."""
+"""The eye origin on spherical heads: the truth is the point where the head's direction leaves them."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from vfoa.types import Disparity, Head, HeadView, Instance, Instances
 RIG = make_rig(320, 200, fx_px=260)
 CUBE = make_box((-0.4, 0.3, 1.8), 0.2)
 PIXEL_M = 2.0 / 260
-"""What a pixel measures at the cube's back."""
+"""The size of a pixel at the depth of the cube's back, in metres."""
 RAW = ReconstructionSettings(erode_px=0, outlier_ratio=1e6, gate_mads=1e6, max_points=10**6)
 
 

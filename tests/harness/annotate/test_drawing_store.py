@@ -1,4 +1,4 @@
-"""What is drawn on the page: kept, undone, refused, and the same after a kill."""
+"""The drawing of a clip: it is kept, undone and refused, and is the same after a kill."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def _drag(browser: Chrome, first: int, last: int) -> None:
 
 
 def _targets(page: Page, subject: str = "ann") -> list[str]:
-    """What is scored: a letter a frame; ``-`` for ignore, ``.`` for unlabelled."""
+    """The scored labels, a letter per frame; ``-`` for ignore, ``.`` for unlabelled."""
     manifest = load_manifest(str(page.session.manifest.path))
     timeline = Timeline(frames=FRAMES, times_ns=())
     labels = read_annotations(page.file, timeline=timeline, subjects=manifest.subjects, targets=manifest.targets)

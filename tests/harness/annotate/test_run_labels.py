@@ -1,4 +1,4 @@
-"""What a run predicted goes out to other programs and comes back, exact to the frame."""
+"""Predictions of a run are exported to other programs and imported again, exact to the frame."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page is told of a clip: outlines and names, a run's predictions, new targets; and what is refused."""
+"""The clip as the page gets it: outlines, names, a run's predictions, new targets; and its refusals."""
 
 from __future__ import annotations
 

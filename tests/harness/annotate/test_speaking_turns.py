@@ -1,4 +1,4 @@
-"""Who speaks when: from ELAN and back, shown on a lane, and said by keys."""
+"""Speaking turns: imported from and exported to ELAN, shown on the page, and entered with keys."""
 
 from __future__ import annotations
 

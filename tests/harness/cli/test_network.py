@@ -30,7 +30,7 @@ defaults.stereo = {{ matcher = "bm", min_depth_m = 0.8 }}
 name = "one"
 """
 CONNECT = re.compile(r"(connect|sendto|sendmsg|sendmmsg|bind)\(\d+, .*AF_INET")
-"""What strace says of a call that reaches for a network, or opens a port."""
+"""Lines of strace for a call that reaches for a network or opens a port."""
 
 AUDIT = """
 import sys

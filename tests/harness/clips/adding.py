@@ -136,7 +136,7 @@ KINDS = {
 
 
 def vfoa(*arguments: str | Path) -> Any:
-    """What a verb of `vfoa clips` prints as JSON."""
+    """The JSON that a verb of `vfoa clips` prints."""
     found = CliRunner().invoke(app, [*map(str, arguments), "--json"], catch_exceptions=False)
     assert found.exit_code == 0, found.output
     return json.loads(found.stdout)

@@ -1,4 +1,4 @@
-"""Where a path can be read in several ways, or its calibration is in doubt, `vfoa clips add` asks."""
+"""If a path can be read in several ways, or its calibration is in doubt, `vfoa clips add` asks."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ K_LINE = "100 0 31.5 0 100 23.5 0 0 1\n"
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """How a folder is made, what has to be said to add it, and what is found there."""
+    """A layout: a function that makes the folder, the options needed to add it, and the expected findings."""
 
     make: Callable[[Path], object]
     said: tuple[str, ...] = ()

@@ -226,7 +226,7 @@ def test_without_an_image_the_source_s_ids_and_categories_name() -> None:
 
 
 def test_a_name_that_the_source_gives_stands_over_the_rules() -> None:
-    """What a person drew is known by its name, wherever it is and whatever else has its category."""
+    """A drawn instance is known by its name, wherever it is and whatever else has its category."""
     rules = {"anna": NameRule(category="person", from_left=1), "ben": NameRule(category="person", from_left=2)}
     targets = {"mug": NameRule(category="cup", from_left=1), "glass": NameRule(category="cup", from_left=2)}
     things = [(1, "person", (10, 10)), (2, "person", (90, 10)), (3, "cup", (30, 50)), (4, "cup", (70, 50))]

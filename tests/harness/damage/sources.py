@@ -102,7 +102,7 @@ STILL_READ = [
     _source("mcap cut", mcap, cut(TAKE, 0.6), "take.mcap", "cut"),
     _source("video cut", video, cut(FILM, 0.6), "both.mkv"),
 ]
-"""What can be used of them is, and the loss is said."""
+"""The usable part of them is used, and a message names the loss."""
 
 DAMAGED = [
     _source("sintel camera empty", sintel, empty(CAMERA), "frame_0002.cam"),

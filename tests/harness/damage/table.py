@@ -386,4 +386,4 @@ RUNS = [
     case("recording empty", empty("run/mine__only.rrd"), "mine__only.rrd", command=_EXPORT),
     case("recording is text", text("run/mine__only.rrd"), "mine__only.rrd", command=_EXPORT),
 ]
-"""What is said of a finished run whose files are damaged; the tables that stood stay as they were."""
+"""Messages on a finished run whose files are damaged; its tables stay as they were."""

@@ -1,4 +1,4 @@
-"""What goes wrong about a run, not in its files: no room, no right to read, a file that vanishes while it goes on."""
+"""Faults around a run, not in its files: no space, no permission to read, a file that vanishes during the run."""
 
 from __future__ import annotations
 

@@ -134,7 +134,7 @@ LAYERS = LayerNames(configuration=CONFIGURATION, masks=CONFIGURATION, reconstruc
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a run wrote: its directory, and the clip's files."""
+    """The output of a run: its directory, and the clip's files."""
 
     run: Path
     configurations: tuple[str, ...]

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 LOADED_S = 180.0
 LEFT_VIEW = (128, 64, 211, 141)
-"""Where the viewer draws the left image in a window of this test's size: x, y, width, height in pixels."""
+"""The place of the left image in the viewer, in a window of this test's size: x, y, width, height in pixels."""
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def _click(browser: Chrome, frame: int) -> None:
 
 
 def _shows(frame: int) -> bytes:
-    """What the viewer's state holds at that frame: in Protocol Buffers, timeline "frame", a sequence, and its time."""
+    """The bytes of the viewer's state at that frame: Protocol Buffers with timeline "frame", a sequence, its time."""
     return b"\n\x05frame\x10\x01\x1a\x02\x08" + bytes([frame])
 
 

@@ -1,4 +1,4 @@
-"""What several configurations share is written once, and the layers hold what one recording of each would."""
+"""Data that several configurations share is written once, and the layers hold the same as one recording of each."""
 
 from __future__ import annotations
 

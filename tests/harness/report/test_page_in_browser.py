@@ -37,7 +37,7 @@ SEEN = Thumbnail(
     boxes=[(1, "cup", (20, 30, 60, 70)), (2, "dragon", (120, 30, 160, 70)), (3, "lamp", (180, 10, 190, 30))],
     subjects=[ThumbnailSubject(name="girl", head=(90, 5, 110, 25), focus=2, lines=[("gaze", [100, 15, 140, 50])])],
 )
-"""What was seen in frame 2, where the truth is the cup and the answer the dragon."""
+"""The verdict of frame 2, whose truth is the cup and whose answer is the dragon."""
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +82,7 @@ def _press(browser: Chrome, *keys: str) -> None:
 
 
 def _wait_for_box(browser: Chrome, text: str) -> str:
-    """What the box of a frame says, once it says this."""
+    """The text of a frame's box, as soon as it contains this."""
     from selenium.webdriver.support.wait import WebDriverWait
 
     box = browser.find_element("id", "frame")

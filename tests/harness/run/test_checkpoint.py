@@ -180,7 +180,7 @@ def test_a_checkpoint_whose_results_were_changed_is_left_out(
 
 
 def _logged(recording: Path) -> set[tuple[str, int, str]]:
-    """What a recording holds: entity, frame and component."""
+    """The rows of a recording that have data: entity, frame and component."""
     found = set()
     for chunk in RrdReader(recording).stream():
         batch = chunk.to_record_batch()

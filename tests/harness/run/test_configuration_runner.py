@@ -1,4 +1,4 @@
-"""What a lane writes of a clip is what a plain loop over its frames finds: memory, hindsight and all frames."""
+"""A configuration runner writes the same as a plain loop over the frames: memory, later frames and all frames."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ TRUTHS = {
     "some heads": Truth(disparity=DISPARITY, instances=INSTANCES, people=(PERSON, NO_HEAD)),
     "some gazes": Truth(disparity=DISPARITY, instances=INSTANCES, people=(NO_GAZE, PERSON)),
 }
-"""What a clip knows to be true, by the clip's name."""
+"""The true data that a clip knows, by the clip's name."""
 
 
 @pytest.mark.parametrize(

@@ -171,7 +171,7 @@ def test_a_target_with_a_box_is_not_without_because_another_of_its_name_is() -> 
 
 
 def _answered(boxes: list[tuple[float, float, float, float]], point_px: tuple[float, float]) -> list[int]:
-    """Which of several cups at these boxes, counted from 1, is a right answer to a label with a point."""
+    """The right answers (cups counted from 1, with these boxes) to a label with a point."""
     cups = [target_record(each, "cup", box_px=box) for each, box in enumerate(boxes, start=1)]
     return [
         each.instance_id

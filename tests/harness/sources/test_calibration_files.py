@@ -76,7 +76,7 @@ def _raw(paths: list[Path], options: Options = Options()) -> RawCalibration:  # 
 
 
 def _rectified_points(camera: RawCamera, pixels: Float) -> Float:
-    """Where pixels (N, 2) lie after rectification."""
+    """Positions of pixels (N, 2) after rectification."""
     undistort = cv2.fisheye.undistortPoints if camera.model == "equidistant" else cv2.undistortPoints
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 200, 1e-12)
     found = undistort(pixels[:, None], camera.k, camera.d, R=camera.r, P=camera.p, criteria=stop)

@@ -40,7 +40,7 @@ def test_a_part_is_cut_out_by_time(tmp_path: Path, options: dict[str, object]) -
 
 
 def test_only_the_chunks_of_the_part_are_read(tmp_path: Path) -> None:
-    """What stands before and behind it is overwritten: whoever reads it, fails or tells a loss."""
+    """Everything before and behind it is overwritten: code that reads it fails or reports a loss."""
     path = write_pairs(
         tmp_path / "a.mcap",
         pairs(range(1, 31)),

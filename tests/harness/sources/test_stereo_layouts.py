@@ -162,7 +162,7 @@ def test_two_videos(tmp_path: Path) -> None:
 
 
 def test_two_videos_of_which_one_lost_a_frame(tmp_path: Path) -> None:
-    """What the mean rate does not show: one frame of 200."""
+    """The mean rate hides it: one frame of 200."""
     images = [np.full((16, 16, 3), number, np.uint8) for number in range(200)]
     for side in ("left", "right"):
         write_video(tmp_path / f"{side}.mkv", images, "MJPG")

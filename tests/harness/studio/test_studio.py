@@ -182,7 +182,7 @@ class TestTruth:
             assert v0 <= v <= v1
 
     def test_the_eye_origin_is_on_the_visible_face(self) -> None:
-        """Where the face is turned to the camera, the surface seen at the eyes' pixel is the eye origin."""
+        """If the face is turned to the camera, the surface seen at the eyes' pixel is the eye origin."""
         truth = clip("crowd").truth(5)
         assert truth.people is not None
         assert truth.disparity is not None

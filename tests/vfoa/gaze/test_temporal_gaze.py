@@ -1,4 +1,4 @@
-"""Which crops a temporal model is shown: each crop's pixels say which frame and which person it is of."""
+"""The crops that a temporal model is shown: each crop's pixels say which frame and person it is of."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is fitted to drawn sequences is what they were drawn with."""
+"""Parameters fitted to drawn sequences are those that the sequences were drawn with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which disparities are searched: all that are needed, in sixteens, and no sixteen more."""
+"""The range of disparities searched: all that are needed, in sixteens, and no sixteen more."""
 
 from __future__ import annotations
 

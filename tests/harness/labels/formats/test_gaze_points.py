@@ -21,7 +21,7 @@ HEAD = "clip,frame,person_id,bbox_x,bbox_y,bbox_width,bbox_height,gaze_class,gaz
 
 
 def _names(labels: Labels, frames: list[int], but: tuple[str, ...] = ()) -> Labels:
-    """Who looks at what, without points and notes, equal neighbours joined."""
+    """The targets of the labels without points and notes, with equal neighbours joined."""
 
     def name(frame: int, subject: str) -> Label | None:
         label = labels.at(frame, subject)

@@ -1,4 +1,4 @@
-"""What is exported is imported again as the same ranges, in every format, at any rate and offset."""
+"""Exported labels are imported again as the same ranges, in every format, at any rate and offset."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ HELD = {
     "boris": {"notes": True, "points": False, "suggested": False},
     "boris-aggregated": {"notes": True, "points": False, "suggested": False},
 }
-"""What the formats of times hold."""
+"""The labels that formats of times can hold."""
 
 
 def _again(name: str, path: Path, labels: Labels, **how: object) -> Labels:

@@ -70,7 +70,7 @@ def test_the_real_heads_point_at_what_they_are_labelled_to_look_at(shared_data: 
 
 
 def _nearest(clip: object, number: int, person: str) -> str:
-    """What is nearest in angle to where the head points."""
+    """The target nearest in angle to the head's direction."""
     scene = clip.scene(number)  # type: ignore[attr-defined]
     who = clip.people[person]  # type: ignore[attr-defined]
     head = next(each for each in scene.people if each.instance_id == who)

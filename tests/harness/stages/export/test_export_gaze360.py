@@ -225,7 +225,7 @@ def test_counters_of_training_steps_may_be_absent(tensors: Arrays, checkpoint: P
 
 
 class Stranger:
-    """What a checkpoint must not hold: something that is not a tensor, and would be made by calling it."""
+    """Forbidden content of a checkpoint: something that is not a tensor, and would be made by calling it."""
 
 
 def test_what_is_not_a_checkpoint_is_refused(checkpoint: Path, tmp_path: Path, refused: Any) -> None:

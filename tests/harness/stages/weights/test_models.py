@@ -43,7 +43,7 @@ SIGNATURES = {
     "segmentation.mask_classification": mask_classification.SIGNATURE,
     "segmentation.panoptic_fpn": panoptic_fpn.SIGNATURE,
 }
-"""What a stage asks of a network, by the model's name, or by the stage where it has one network."""
+"""Requirements of a stage on a network, by the model's name, or by the stage where it has one network."""
 
 
 @pytest.fixture(autouse=True)
