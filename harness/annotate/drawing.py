@@ -1,6 +1,6 @@
 """The shapes drawn on a clip while they are edited: checked, journaled, undoable, and written to ``CLIP.drawn.csv``.
 
-The labels have a journal and a file of their own (:mod:`harness.annotate.store`): what is drawn belongs to the clip,
+The labels have a journal and a file of their own (:mod:`harness.annotate.store`): the drawing belongs to the clip,
 whoever labels it.
 """
 
@@ -34,8 +34,8 @@ class Draw(Settings):
     """A person's action on the image, on a revision.
 
     ``key``: the shape is at ``place`` in the frame at position ``at``. ``outside``: it leaves the image there, or is
-    back if it had left. ``delete``: no key frame there. ``remove``: it is not drawn at all. The others take changes
-    back.
+    back if it had left. ``delete``: remove the key frame there. ``remove``: remove the whole shape. The others undo and
+    redo changes.
     """
 
     do: Literal["key", "outside", "delete", "remove", "undo", "redo"]
@@ -197,7 +197,7 @@ class _File:
         self._store = store
 
     def read(self, path: Path | None) -> Drawn:
-        """What is drawn; nothing in a file that is not there."""
+        """Return the drawing; an empty one if there is no file."""
         return Drawn() if path is None else self._store.read(path)
 
     def write(self, path: Path, content: Drawn) -> None:

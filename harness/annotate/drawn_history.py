@@ -1,4 +1,4 @@
-"""The state of what is drawn as the sum of journal entries: deterministic, and the same after a restart.
+"""The state of a clip's drawing as the sum of journal entries: deterministic, and the same after a restart.
 
 An entry is one of
 
@@ -52,14 +52,14 @@ class DrawnHistory:
         return {"draw": {"name": name, "kind": kind, "before": _plain(before), "after": _plain(keys)}}
 
     def base_of(self, content: Drawn) -> Entry:
-        """The entry that begins anew with what the file holds."""
+        """The entry that begins anew with the content of the file."""
         return {
             "base": [[each.name, each.kind, _plain(each.keys)] for each in content.tracks],
             "revision": self.revision,
         }
 
     def fits(self, base: Entry) -> bool:
-        """Whether a base is of this clip: the names and frames of what it leads to are the file's."""
+        """Return True: a base of another clip shows when its result is compared with the file."""
         return True
 
     def copy(self) -> DrawnHistory:

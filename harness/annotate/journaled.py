@@ -1,4 +1,4 @@
-"""A file of a clip that is changed step by step: never lost, never half-written, never overwritten unseen.
+"""A file of a clip that is changed step by step: never lost, never half-written, never overwritten unnoticed.
 
 Every change goes to the journal first, then the file is rewritten. A change names its revision; one on an older
 revision is refused. The journal knows more than the file (the undo list). It is used at the start if the file is its
@@ -59,7 +59,7 @@ class History(Protocol[Content]):
 
 
 class File(Protocol[Content]):
-    """How the contents are read and written."""
+    """The reader and writer of the contents."""
 
     def read(self, path: Path | None) -> Content:
         """The contents; None: of a file that is not there."""
