@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import stat
@@ -14,6 +15,8 @@ from vfoa.errors import VfoaError
 
 _UMASK = os.umask(0)  # reading it changes it for all threads: read it only once
 os.umask(_UMASK)
+_SMALL_BYTES = 1 << 20
+_ABSENT = (errno.ENOENT, errno.ENOTDIR, errno.ELOOP)
 
 
 def read_bytes(path: Path) -> bytes:
@@ -145,10 +148,13 @@ def check_readable(path: Path) -> None:
 
 def _check_plain(path: Path, use: str, *, folders: bool = True) -> None:
     try:
-        if path.exists() and not path.is_file() and not (folders and path.is_dir()):
-            raise VfoaError(f"{path}: not a plain file; expected a file to {use}")
+        mode = path.stat().st_mode
     except (OSError, ValueError) as error:
+        if isinstance(error, OSError) and error.errno in _ABSENT:
+            return
         raise unreadable(path, error) from None
+    if not stat.S_ISREG(mode) and not (folders and stat.S_ISDIR(mode)):
+        raise VfoaError(f"{path}: not a plain file; expected a file to {use}")
 
 
 @contextmanager
@@ -183,6 +189,8 @@ def file_digest(path: Path) -> str:
     check_readable(path)
     try:
         with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size <= _SMALL_BYTES:  # a clip has many: no buffer for each
+                return hashlib.sha256(file.read()).hexdigest()
             return hashlib.file_digest(file, "sha256").hexdigest()
     except (OSError, ValueError) as error:
         raise unreadable(path, error) from None

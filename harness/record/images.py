@@ -39,8 +39,9 @@ LEAST_SIDE_PX = 64
 
 _QUALITY = 32
 """Constant rate factor, 0 (best) to 63: no artefact is visible at the size of the viewer's panes."""
-_PRESET = 10
-"""Speed, 0 (slowest) to 13."""
+_PRESET = 11
+"""Speed, 0 (slowest) to 13. To 10, 11 takes two thirds of the processor for the same bytes, with 0.6 dB more noise; the
+faster ones are no faster."""
 
 
 def key_frame_every(rate_hz: float | None) -> int:

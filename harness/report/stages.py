@@ -176,22 +176,26 @@ def stage_times(timings: Path) -> StageTimes:
     VfoaError
         If the file is not a run's timings. A missing file gives no stages: scores need none.
     """
-    times: dict[str, dict[str, list[float]]] = {}
-    configurations: dict[str, None] = {}
+    times: dict[tuple[str, str], list[float]] = {}
     if timings.is_file():
         rows = csv.reader(io.StringIO(read_text(timings), newline=""))
         if (header := next(rows, [])) != _TIMINGS:
             raise VfoaError(f"{timings}:1: expected the columns {','.join(_TIMINGS)}, found {','.join(header)}")
         try:
             for _, configuration, _, stage, ms in rows:
-                configurations.setdefault(configuration)
-                times.setdefault(stage, {}).setdefault(configuration, []).append(float(ms))
+                key = stage, configuration
+                if key in times:
+                    times[key].append(float(ms))
+                else:
+                    times[key] = [float(ms)]
         except ValueError as error:
             raise VfoaError(f"{timings}:{rows.line_num}: not a stage's time: {error}") from None
+    configurations = tuple(dict.fromkeys(configuration for _, configuration in times))
+    medians = {key: round(float(np.median(found)), 1) for key, found in times.items()}
     return StageTimes(
-        configurations=tuple(configurations),
+        configurations=configurations,
         ms={
-            stage: [round(float(np.median(found[name])), 1) if name in found else None for name in configurations]
-            for stage, found in times.items()
+            stage: [medians.get((stage, name)) for name in configurations]
+            for stage in dict.fromkeys(stage for stage, _ in times)
         },
     )

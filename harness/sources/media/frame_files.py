@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import glob
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -23,7 +24,8 @@ def find_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
 
     ``pattern`` is a folder (all its images), a file, a glob (``left/*.png``), or has one printf field for the number
     (``left/%06d.png``). Without a field, the number is the run of digits that differs between the names; a single file
-    without digits is frame 0. Hidden files are left out. ``where`` (file and key) starts the messages.
+    without digits is frame 0. Hidden files, such as macOS's ``._left_01.png``, are left out. ``where`` (file and key)
+    starts the messages.
 
     Raises
     ------
@@ -32,7 +34,8 @@ def find_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
     """
     folder = root / pattern
     if folder.is_dir():
-        files = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES and not _is_hidden(path)]
+        names = (name for name in sorted(os.listdir(folder)) if not name.startswith("."))
+        files = [folder / name for name in names if os.path.splitext(name)[1].lower() in IMAGE_SUFFIXES]
         expected = f"images in the folder {folder}"
     elif folder.is_file():
         files = [folder]
@@ -43,7 +46,7 @@ def find_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
         expected = f"a folder of images, a glob or a pattern such as left/%06d.png under {root}"
     if not files:
         raise VfoaError(f"{where}: {pattern!r} matches no file; expected {expected}")
-    by_name = {path.name: path for path in sorted(files)}
+    by_name = {path.name: path for path in files}
     if len(by_name) != len(files):
         raise VfoaError(f"{where}: {pattern!r} matches files of the same name in several folders; expected one folder")
     return {number: by_name[name] for number, name in number_names(by_name, f"{where}: {pattern!r}").items()}
@@ -52,7 +55,7 @@ def find_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
 def number_names(names: Iterable[str], where: str) -> dict[int, str]:
     """File names by frame number, ascending: the number is the one run of digits that differs between them."""
     names = sorted(names)
-    runs = {name: [int(digits) for digits in _DIGITS.findall(Path(name).stem)] for name in names}
+    runs = {name: [int(digits) for digits in _DIGITS.findall(os.path.splitext(name)[0])] for name in names}
     if len(names) == 1:
         return {(runs[names[0]] or [0])[-1]: names[0]}
     first = names[0]
@@ -95,14 +98,9 @@ def _printf_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
 
 def _glob(root: Path, pattern: str) -> list[Path]:
     try:
-        return sorted(path for path in root.glob(pattern) if path.is_file() and not _is_hidden(path))
+        return sorted(path for path in root.glob(pattern) if path.is_file() and not path.name.startswith("."))
     except (ValueError, NotImplementedError):  # an empty pattern, or an absolute one
         return []
-
-
-def _is_hidden(path: Path) -> bool:
-    """Whether a file is hidden, such as macOS's files beside each file on a foreign disk (``._left_01.png``)."""
-    return path.name.startswith(".")
 
 
 def _unique(pairs: Iterable[tuple[int, Value]], where: str) -> dict[int, Value]:
