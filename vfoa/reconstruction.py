@@ -48,7 +48,7 @@ class ReconstructionSettings(Settings):
     """
 
     stuff: tuple[str, ...] = ()
-    """Labels of the stuff that is a target. Things always are targets."""
+    """Labels of the stuff that is a target. Things are always targets."""
     person: tuple[str, ...] = ("person",)
     """Labels of the instances that are people."""
     boxes: Literal["aabb", "oriented"] = "aabb"

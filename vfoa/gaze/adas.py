@@ -79,11 +79,11 @@ class Adas0002:
         weights: str = "gaze-estimation-adas-0002.onnx"
         """Path of the gaze network, or a file's name in the folders of weights."""
         head_pose: Literal["own", "stage"] = "own"
-        """``own`` runs the head-pose network of ADAS-0002's training, ``stage`` takes the head-pose stage."""
+        """``own``: run the head-pose network of ADAS-0002's training; ``stage``: take the head-pose stage's answer."""
         head_pose_weights: str = "head-pose-estimation-adas-0001.onnx"
         """Network that ``head_pose`` = ``own`` runs."""
         landmarks: Literal["head", "own"] = "head"
-        """``head`` takes the landmarks of the head detector, ``own`` runs a landmark network."""
+        """``head``: take the landmarks of the head detector; ``own``: run a landmark network."""
         landmarks_weights: str = "landmarks-regression-retail-0009.onnx"
         """Network that ``landmarks`` = ``own`` runs."""
         eye_side: float = Field(default=0.85, gt=0)

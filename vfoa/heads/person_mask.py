@@ -22,7 +22,7 @@ SCORE_FACTOR = 0.5
 
 
 class PersonMask:
-    """Takes the top of each person's mask as the head (:func:`head_box`)."""
+    """A head detector that takes the top of each person's mask as the head (:func:`head_box`)."""
 
     class Settings(settings.Settings):
         """Label of the instances that are people, and the least height of a head's box in pixels."""

@@ -24,7 +24,7 @@ class GazeErrorSettings(Settings):
     error: Literal["unknown", "told"] = "unknown"
     """``unknown``: the claimed error is a prior; scale, bias and gain are learned. ``told``: it is true."""
     spread: Literal["model", "published"] = "model"
-    """Claimed error: ``model`` uses the model's value for each direction if it gives one; ``published`` never does."""
+    """Claimed error. ``model``: the model's value for a direction if it gives one; ``published``: the published one."""
     gaze_error_deg: float = Field(default=11.1, gt=0, le=60)
     """Published mean angle of the gaze error."""
     head_error_deg: float = Field(default=5.0, gt=0, le=60)
@@ -66,7 +66,7 @@ class HeadSettings(Settings):
     """Power of the likelihood of the head in every frame but the first: how a head moves is known only roughly, and the
     error of one frame lasts into the next."""
     nowhere_deg: float = Field(default=35.0, gt=0, le=90)
-    """How far from the middle of all targets heads point that look at none of them."""
+    """Angle between the middle of all targets and a head that looks at none of them."""
     about_head_deg: float = Field(default=20.0, gt=0, le=90)
     """Angle between gaze and head while the gaze is on no target."""
 

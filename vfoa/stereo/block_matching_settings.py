@@ -41,9 +41,9 @@ class BlockMatchingSettings(Settings):
     min_confidence: float = Field(default=0.5, ge=0, le=1)
     """With ``wls``: pixels with a lower confidence, 0 to 1, are unknown."""
     resolution: Literal["full", "half"] = "full"
-    """``half`` matches images of half the size: a quarter of the pixels, half the disparities."""
+    """``half``: match images of half the size, with a quarter of the pixels and half the disparities."""
     region: Literal["frame", "needed"] = "frame"
-    """``needed`` matches only the region of objects and heads; ``frame`` matches the whole frame."""
+    """``needed``: match only the region of objects and heads; ``frame``: match the whole frame."""
     region_margin_px: int = Field(default=16, ge=0)
     """Width of the margin around the needed region."""
 
@@ -77,7 +77,7 @@ class SemiGlobalMatcherSettings(BlockMatchingSettings):
     p2: int = Field(default=32, ge=1)
     """Penalty of a larger step, per pixel of the block; above ``p1``."""
     search: Literal["full", "guided"] = "full"
-    """``guided`` bounds each pixel's search by a match at half the resolution."""
+    """``guided``: bound each pixel's search by a match at half the resolution."""
     guided_uniqueness_percent: int = Field(default=25, ge=0, le=100)
     """With a guided search: how much more the next best match must cost, in percent."""
 

@@ -11,7 +11,7 @@ from vfoa.types import Disparity, StereoFrame
 
 
 class SensorDepth:
-    """``stereo.matcher = "sensor"``: the measured depth of each frame, as disparities of the frame's rig."""
+    """A matcher that returns the measured depth of each frame, as disparities of the frame's rig."""
 
     class Settings(Settings):
         """There are no settings."""

@@ -104,7 +104,7 @@ class KnownTruth:
 
 
 class TruthMatcher:
-    """``stereo.matcher = "truth"``: the clip's true disparity."""
+    """A matcher that returns the clip's true disparity."""
 
     Settings = OracleSettings
 
@@ -117,7 +117,7 @@ class TruthMatcher:
 
 
 class TruthSegmenter:
-    """``segmentation.model = "truth"``: the clip's true instances."""
+    """A segmenter that returns the clip's true instances."""
 
     Settings = OracleSettings
 
@@ -130,7 +130,7 @@ class TruthSegmenter:
 
 
 class TruthHeads:
-    """``heads.detector = "truth"``: the clip's true head boxes, each with its person's instance."""
+    """A head detector that returns the clip's true head boxes, each with its person's instance."""
 
     Settings = OracleSettings
 
@@ -151,7 +151,7 @@ class TruthHeads:
 
 
 class TruthHeadPose:
-    """``head_pose.model = "truth"``: the true direction of the head; None for a head that is nobody's."""
+    """A head-pose model that returns the true direction of the head; no pose for a head that is nobody's."""
 
     Settings = OracleSettings
 
@@ -165,7 +165,7 @@ class TruthHeadPose:
 
 
 class TruthGaze:
-    """``gaze.model = "truth"``: the true gaze direction; None for a head that is nobody's."""
+    """A gaze model that returns the true gaze direction; no gaze for a head that is nobody's."""
 
     Settings = OracleSettings
 

@@ -149,7 +149,7 @@ def _von_mises_fisher(pair: Float, sigma: float) -> Float:
 
 
 class SimulatedHeadPose:
-    """``head_pose.model = "simulated"``: the true direction of the head with an error."""
+    """A head-pose model that returns the true direction of the head with a simulated error."""
 
     Settings = SimulatedHeadPoseSettings
 
@@ -168,7 +168,10 @@ class SimulatedHeadPose:
 
 
 class SimulatedGaze:
-    """``gaze.model = "simulated"``: the true gaze with an error; sigma is the claimed error per tangent direction."""
+    """A gaze model that returns the true gaze with a simulated error.
+
+    Its sigma is the claimed error per tangent direction.
+    """
 
     Settings = SimulatedGazeSettings
 

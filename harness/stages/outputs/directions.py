@@ -65,7 +65,7 @@ class FileGazeSettings(Settings):
 
 
 class FileHeadPose:
-    """``head_pose.model = "files"``: head poses from a table, with the model's angles if the table has them."""
+    """A head-pose model that reads poses from a table, with the model's angles if the table has them."""
 
     Settings = FileHeadPoseSettings
 
@@ -92,7 +92,7 @@ class FileHeadPose:
 
 
 class FileGaze:
-    """``gaze.model = "files"``: gaze directions from a table."""
+    """A gaze model that reads gaze directions from a table."""
 
     Settings = FileGazeSettings
 

@@ -41,7 +41,7 @@ class FileHeadsSettings(Settings):
 
 
 class FileHeads:
-    """``heads.detector = "files"``: each frame's heads, in the order of their rows."""
+    """A head detector that reads each frame's heads from a table, in the order of their rows."""
 
     Settings = FileHeadsSettings
 
