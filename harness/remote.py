@@ -1,10 +1,9 @@
-"""Data on object storage or another machine: ``s3://bucket/clip``, ``gs://``, ``sftp://`` and what else fsspec knows.
+"""Data on object storage or another machine: ``s3://bucket/clip``, ``gs://``, ``sftp://`` and others that fsspec knows.
 
-A pipeline reads every frame many times over, so a remote folder is copied into the cache once, and read from there. A
-file is copied again when the listing of its storage says that it has changed (size, time, ETag), and left out of the
-copy when it is gone there; what HTTP serves counts as unchanging. Keys and passwords are fsspec's own matter: its
-environment variables and files. What is on this machine already (``local:``, ``file:``) is read where it is; copies
-are for their owner's eyes alone.
+A pipeline reads every frame many times, so a remote folder is copied into the cache once, and read from there. A file
+is copied again if the storage's listing shows a change (size, time, ETag), and removed from the copy if it is gone from
+the storage; files on HTTP count as unchanging. Keys and passwords are left to fsspec (environment variables and files).
+Data on this machine (``local:``, ``file:``) is read where it is. Only their owner can read the copies.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from vfoa.errors import VfoaError
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(::[A-Za-z0-9+.-]+)*://")
 _INDEX = "index.json"
 _TOGETHER = 64
-"""Files that are asked for at once."""
+"""Number of files that are requested at once."""
 
 _VERSIONS = ("ETag", "etag", "md5Hash", "generation", "size", "mtime", "LastModified", "last_modified", "modified")
 _MORE_VERSIONS = ("updated", "created", "last_write_time", "modify")
@@ -50,15 +49,15 @@ def is_address(text: str) -> bool:
 
 @cache
 def local_copy(address: str, where: str) -> Path:
-    """Copy a remote file, or a folder with all of its content, and return the path of the copy; once per process.
+    """Copy a remote file, or a folder with its whole content, and return the path of the copy; once per process.
 
     Data on this machine is not copied.
 
     Raises
     ------
     VfoaError
-        If the storage is not known or not installed, cannot be reached, has nothing there, or has a file whose name
-        leads out of the copy; ``where`` opens the message.
+        If the storage is unknown, not installed or unreachable, has nothing at the address, or has a file whose name
+        leads out of the copy; the message begins with ``where``.
     """
     try:
         if here := folder_of(address):
@@ -76,7 +75,7 @@ def local_copy(address: str, where: str) -> Path:
 
 
 def forget_copies() -> None:
-    """Look again, the next time that a copy is wanted, whether the original has changed."""
+    """Check again, when a copy is requested next, whether the original has changed."""
     local_copy.cache_clear()
 
 
@@ -98,7 +97,7 @@ def bring_models() -> None:
 
 
 def folder_of(address: str) -> Path | None:
-    """The path that an address of this machine (``local:``, ``file:``) means; None for one of another storage.
+    """The path of an address on this machine (``local:``, ``file:``); None for any other storage.
 
     Raises
     ------
@@ -144,7 +143,7 @@ class Remote:
     address: str
 
     def read(self, name: str) -> bytes | None:
-        """A file's content; None where there is none."""
+        """The content of a file; None if there is none."""
         storage, root = _storage(self.address)
         with _in_one_line(self.address, "cannot be read"):
             try:
@@ -195,7 +194,7 @@ class Remote:
             return bool(storage.isfile(root))
 
     def fetch(self, paths: Mapping[str, str], folder: Path) -> None:
-        """Copy files into a folder, each whole or not at all; ``paths`` are theirs on the storage, by name."""
+        """Copy files into a folder, each completely or not at all; ``paths`` gives their paths on the storage."""
         storage, _ = _storage(self.address)
         names = list(paths)
         with _in_one_line(self.address, "cannot be read"):
@@ -206,7 +205,7 @@ class Remote:
                     storage.get([paths[name] for name in batch], here)
 
     def upload(self, names: Sequence[str], folder: Path) -> None:
-        """Copy files of a folder there, batch by batch in this order; those of a batch at once."""
+        """Copy files of a folder to the storage, batch by batch in this order; the files of a batch at once."""
         storage, root = _storage(self.address)
         with _in_one_line(self.address, "cannot be written"):
             _make_folders(storage, [f"{root}/{name}" for name in names])
@@ -225,7 +224,7 @@ class Remote:
         self.remove(names)
 
     def remove(self, names: Iterable[str]) -> None:
-        """Remove files; those that are gone already are no error."""
+        """Remove files; it is no error if one is gone already."""
         storage, root = _storage(self.address)
         with _in_one_line(self.address, "cannot be written"):
             for name in names:
@@ -234,13 +233,13 @@ class Remote:
 
 
 def _make_folders(storage: Any, paths: Iterable[str]) -> None:
-    """Make the folders of files where a storage has folders; object storage has none."""
+    """Make the folders of files on a storage with folders; object storage has none."""
     for folder in {} if storage.async_impl else {str(PurePosixPath(path).parent) for path in paths}:
         storage.makedirs(folder, exist_ok=True)
 
 
 class Mirror:
-    """A remote folder and its copy here, which is ``folder``."""
+    """A remote folder and ``folder``, its copy on this machine."""
 
     def __init__(self, address: str) -> None:
         self.address = address
@@ -250,7 +249,7 @@ class Mirror:
 
     @classmethod
     def at(cls, folder: Path) -> Mirror | None:
-        """The mirror whose copy is this folder; None where a folder is no copy."""
+        """The mirror whose copy is this folder; None if the folder is no copy."""
         try:
             mirror = cls((folder.parent / "address").read_text(encoding="utf-8"))
         except (OSError, ValueError):
@@ -258,9 +257,9 @@ class Mirror:
         return mirror if mirror.folder.absolute() == folder.absolute() else None
 
     def pull(self) -> list[str]:
-        """Fetch what is new or has changed there, and remove what is gone there; return the names of all that is there.
+        """Fetch new and changed files, remove those gone from the storage, and return the names of all files there.
 
-        What was only written here stays.
+        Files that were written only here stay.
         """
         self._place.mkdir(parents=True, exist_ok=True)
         self._place.chmod(0o700)
@@ -279,7 +278,7 @@ class Mirror:
         return list(found)
 
     def push(self) -> None:
-        """Copy there what was written here since the last pull or push, and remove there what was removed here.
+        """Upload the files written here since the last pull or push, and remove on the storage those removed here.
 
         Hidden files stay here.
         """
@@ -296,7 +295,7 @@ class Mirror:
             self._write_index(same | {name: [versions[name], stamps[name]] for name in changed if name in versions})
 
     def _read_index(self) -> dict[str, list[Any]]:
-        """The version there and the stamp here of each file that was the same in both places."""
+        """For each file that was the same in both places: its version on the storage, and its stamp here."""
         path = self._place / _INDEX
         return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
 
@@ -305,7 +304,7 @@ class Mirror:
 
 
 def open_mirror(text: str) -> Path:
-    """A folder to write to: the path itself, or the copy of what is at an address, as it is there now.
+    """Return a folder to write to: the path itself or, for an address, an up-to-date copy of it.
 
     Raises
     ------

@@ -200,7 +200,7 @@ class LabelStore:
         self._targets = [each for each in dict.fromkeys(renamed) if each not in {*self.subjects, *RESERVED}]
 
     def delete_target(self, name: str) -> None:
-        """Remove a name that no label has. Earlier changes cannot be undone any more."""
+        """Remove a name that no label has. Earlier changes can no longer be undone."""
         self._commit({"forget": name})
         self._targets = [each for each in self._targets if each != name]
 

@@ -1,7 +1,7 @@
-"""Another name for a target, or none, in all files that have it: the manifest, every annotator's labels, what is drawn.
+"""A target is renamed or deleted in all files that name it: the manifest, every annotator's labels, the drawing.
 
-What is to be done is written down before the first of them, and forgotten after the last: a kill in between is finished
-when the clip is opened next.
+The change is stored in a file of its own before the first of them is written, and that file is removed after the last.
+After a kill in between, the change is completed when the clip is opened next.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class TargetChange(Settings):
 
     @contextmanager
     def kept(self, manifest: ClipManifest) -> Iterator[None]:
-        """Write it down until the block has ended; a block that refuses it with nothing changed forgets it."""
+        """Keep the change in its file while the block runs, and after an error if the manifest has changed."""
         place, before = _place(manifest), read_bytes(manifest.path)
         atomic_write(place, self.model_dump_json())
         try:
@@ -73,7 +73,7 @@ class TargetChange(Settings):
 
 
 def finish_change(manifest: ClipManifest, timeline: Timeline) -> ClipManifest:
-    """Do the rest of a change that was broken off, if there is one; the manifest as it is then.
+    """Complete an interrupted change, if there is one, and return the manifest after it.
 
     Raises
     ------

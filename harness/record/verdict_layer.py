@@ -1,4 +1,4 @@
-"""Writes the layer of the verdicts from a finished run's results and the present labels."""
+"""Write the layer of the verdicts from a finished run's results and the present labels."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from harness.score.verdicts import judge
 from vfoa.errors import VfoaError
 
 _MADE_FROM = "made_from"
-"""The property of a layer that says what each of its stretches was written from."""
+"""The property of a layer that lists the inputs of each of its stretches."""
 
 
 _Names = tuple[tuple[str, ...], tuple[str, ...]]
@@ -39,10 +39,10 @@ _Names = tuple[tuple[str, ...], tuple[str, ...]]
 
 
 class _Stretch(msgspec.Struct, frozen=True):
-    """The frames of a block of results in a layer: the digest of what they follow from, and what they add up to.
+    """A stretch of a layer, which shows one block of results: a digest of its inputs, and its sums.
 
-    ``outcomes`` are counts, ``targets`` the names in order of their coming, ``shown`` the paths that the last frame
-    has, ``paths`` those that any has.
+    ``outcomes`` are counts, ``targets`` the names in order of their first appearance, ``shown`` the paths in the last
+    frame, ``paths`` those in any frame.
     """
 
     key: str
@@ -57,15 +57,15 @@ def write_verdict_layers(
 ) -> None:
     """Write ``CLIP__CONFIGURATION.verdicts.rrd`` for every recording of a run; older ones are replaced.
 
-    A recording then shows what the tables say, also after a label was edited. What was written from the same results
-    and labels by the same code is taken from the older layer, and a layer in which all is the same is left as it is.
+    A recording then agrees with the tables, also after a label was edited. Stretches with the same results, labels and
+    code are copied from the older layer; a layer without any change is left as it is.
 
     Parameters
     ----------
     labels
-        Those of the clips by name; a clip without any has only predictions.
+        The labels of the clips by name; a clip without any has only predictions.
     blocks
-        Those of the results; found if not given.
+        The blocks of the results; looked up if not given.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def write_verdict_layers(
 
 @cache
 def _code() -> str:
-    """Digest of the code that writes the layer, without its imports: these take longer than writing a small layer."""
+    """Digest of the code that writes the layer, without its imports: hashing these takes longer than a small layer."""
     modules = (verdicts, entities, frame_log, layer_file, appearance, scored, posterior_checks)
     files = [Path(__file__), *(Path(str(each.__file__)) for each in modules)]
     return digest_files((file.name, file) for file in files)
@@ -102,7 +102,7 @@ class _Layer:
         self._path = self._files.verdicts(configuration)
 
     def write(self, blocks: Sequence[Block]) -> None:
-        """Write what has changed; nothing, where nothing has."""
+        """Write the stretches that have changed; nothing if none has."""
         old, stretches, kept_frames = _stretches(self._path), list[_Stretch](), set[int]()
         layer: LayerFile | None = None
         for number, block in enumerate(blocks):
@@ -127,7 +127,7 @@ class _Layer:
         return layer
 
     def _key(self, block: Block, shown: list[str]) -> str:
-        """The digest of all that a stretch follows from."""
+        """The digest of all inputs of a stretch."""
         first, last = min(block.frames), max(block.frames)
         ranges = [
             (max(first, each.first_frame), min(last, each.last_frame), each.subject, *_plain(each.label))
@@ -185,7 +185,7 @@ def _stretches(path: Path) -> list[_Stretch]:
 
 
 def _copy(layer: Path, stream: rr.RecordingStream, frames: Container[int]) -> None:
-    """Send what a layer has of these frames; a stretch has chunks of its own. What is static is logged anew."""
+    """Copy the data of these frames, which have chunks of their own. Static data is not copied but logged again."""
     with reading(layer):
         for chunk in RrdReader(layer).stream():
             if not chunk.is_static and chunk.to_record_batch().column("frame")[0].as_py() in frames:

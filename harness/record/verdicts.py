@@ -76,7 +76,7 @@ class LiveVerdicts:
         self._log, self._palette, self._styled = ColumnLog(stream), tuple[str, ...](), set[str]()
 
     def show(self, record: FrameRecord, verdicts: Sequence[Verdict], colours: Colours) -> None:
-        """Show those of one frame."""
+        """Show the verdicts of one frame."""
         self._log.begin(record.frame, record.time_ns)
         log_verdicts(self._log, record, verdicts)
         self._log.end()
