@@ -95,10 +95,12 @@ class BagContainer:
 
     def _index_messages(self, number: int, messages: Iterator[Any], topics: TopicIndex) -> Iterator[str]:
         last: dict[str, tuple[int, int]] = {}
-        log_ns = None
+        log_ns: int | None = None
         while True:
             try:
-                connection, log_ns, data = next(messages)
+                connection, time_ns, data = next(messages)
+                if not isinstance(time_ns, int) or data is None:
+                    raise TypeError(f"{connection.topic}: found a message without its time or content")
             except StopIteration:
                 return
             except Exception as error:  # as above
@@ -106,6 +108,7 @@ class BagContainer:
                 after = "at its start" if log_ns is None else f"after {log_ns} ns"
                 yield f"{self._parts[number].name}: damaged {after} ({text}): everything after it is lost"
                 return
+            log_ns = time_ns
             before_ns, before = last.get(connection.topic, (None, 0))
             place = before + 1 if before_ns == log_ns else 0
             last[connection.topic] = log_ns, place

@@ -65,10 +65,12 @@ def open_reader(part: Path) -> Any:
 
 
 def _check_connections(reader: Any) -> None:
-    """Check names and types: a bag's metadata is YAML, where they can be anything."""
+    """Check names, types and definitions: a bag's metadata is YAML, where they can be anything."""
     for connection in reader.connections:
         if not isinstance(connection.topic, str) or not isinstance(connection.msgtype, str):
             raise TypeError(f"found the topic {connection.topic!r} of type {connection.msgtype!r}; expected names")
+        if not isinstance(connection.msgdef.data, str):
+            raise TypeError(f"{connection.topic}: found no definition of {connection.msgtype}; expected one")
 
 
 def _parts(path: Path) -> tuple[Path, ...]:

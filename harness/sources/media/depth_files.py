@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -15,6 +13,7 @@ from harness.files import read_bytes
 from harness.sources.media.depth_maps import default_counts_per_m, depth_map
 from harness.sources.media.disparity_files import read_pfm
 from harness.sources.media.images import read_raw
+from harness.sources.media.npy_files import read_npy
 from vfoa.errors import VfoaError
 from vfoa.types import Map
 
@@ -54,19 +53,12 @@ def read_depth_file(path: Path, counts_per_m: float | None) -> Map:
 def _counts(path: Path) -> NDArray[Any]:
     match path.suffix.lower():
         case ".npy":
-            return _read_npy(path)
+            return read_npy(path)
         case ".exr":
             return _read_exr(path)
         case ".pfm":
             return read_pfm(path)
     return read_raw(path)
-
-
-def _read_npy(path: Path) -> NDArray[Any]:
-    try:
-        return np.lib.format.read_array(io.BytesIO(read_bytes(path)), allow_pickle=False)
-    except (ValueError, EOFError, OSError, SyntaxError, TokenError, MemoryError) as error:  # its header is Python
-        raise VfoaError(f"{path}: not an npy file: {error}") from None
 
 
 def _read_exr(path: Path) -> NDArray[Any]:

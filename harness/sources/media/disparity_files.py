@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import re
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -13,6 +11,7 @@ from numpy.typing import NDArray
 
 from harness.files import read_bytes
 from harness.sources.media.images import read_raw
+from harness.sources.media.npy_files import read_npy
 from vfoa.errors import VfoaError
 from vfoa.types import Map
 
@@ -101,10 +100,7 @@ def _from_sintel(image: NDArray[np.uint8]) -> Map:
 
 
 def _read_npy(path: Path) -> Map:
-    try:
-        array = np.lib.format.read_array(io.BytesIO(read_bytes(path)), allow_pickle=False)
-    except (ValueError, EOFError, OSError, SyntaxError, TokenError, MemoryError) as error:  # its header is Python
-        raise VfoaError(f"{path}: not an npy file: {error}") from None
+    array = read_npy(path)
     if array.ndim != 2 or not np.issubdtype(array.dtype, np.floating):
         raise VfoaError(f"{path}: found {_kind(array)}; expected (H, W) of floating-point pixels")
     with np.errstate(over="ignore"):  # values too large for float32 become infinite, which means unknown

@@ -16,17 +16,19 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from harness.record import writing_out
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles
 
 resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # Python ignores the signal that comes with it
+writing_out._PATIENCE_S = 2.0  # no patience helps here
 folder = Path(sys.argv[1])
 layer = LayerFile(folder / "clip.rrd", ClipFiles(run=folder, clip="clip"))
 layer.open()
 log = layer.part("noise")
-for number in range(20):
+for number in range(5):
     log.begin(number, number)
-    log.log("/noise", rr.Tensor(np.random.default_rng(number).random((50, 50))))
+    log.log("/noise", rr.Tensor(np.random.default_rng(number).random((300, 300))))
     log.end()
 try:
     layer.close(complete=sys.argv[2] == "complete")

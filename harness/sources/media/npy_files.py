@@ -1,0 +1,31 @@
+"""Arrays in NumPy's format, of which nothing is believed."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from tokenize import TokenError
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.files import read_bytes
+from vfoa.errors import VfoaError
+
+_DAMAGED = (ValueError, EOFError, OSError, SyntaxError, TokenError, MemoryError, OverflowError)
+"""What NumPy raises of a damaged file: its header is Python."""
+
+
+def read_npy(path: Path) -> NDArray[Any]:
+    """Read an array of numbers; no pickle.
+
+    Raises
+    ------
+    VfoaError
+        If it cannot be read, or is no such file.
+    """
+    try:
+        return np.lib.format.read_array(io.BytesIO(read_bytes(path)), allow_pickle=False)
+    except _DAMAGED as error:
+        raise VfoaError(f"{path}: not an npy file: {error}") from None
