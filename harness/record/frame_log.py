@@ -95,9 +95,9 @@ class FrameLog:
 
 
 class ColumnLog:
-    """As :class:`FrameLog`, for what is known of many frames at a time: an entity is sent as one column of them.
+    """As :class:`FrameLog`, for data of many frames at once: each entity is sent as one column of rows.
 
-    A call to Rerun costs as much as twenty rows. ``before`` are the paths that the frame before the first one had.
+    A call to Rerun costs as much as twenty rows. ``before`` are the paths of the frame before the first one.
     """
 
     def __init__(self, stream: rr.RecordingStream, before: Iterable[str] = ()) -> None:
@@ -108,12 +108,12 @@ class ColumnLog:
 
     @property
     def shown(self) -> list[str]:
-        """The paths that the last frame had, sorted."""
+        """The paths of the last frame, sorted."""
         return sorted(self._before)
 
     @property
     def paths(self) -> set[str]:
-        """All paths with rows that wait."""
+        """All paths with rows that are not sent yet."""
         return {path for path, _ in self._rows}
 
     def begin(self, frame: int, time_ns: int) -> None:
@@ -132,7 +132,7 @@ class ColumnLog:
         self._before, self._now = self._now, set()
 
     def send(self) -> None:
-        """Send the rows that wait."""
+        """Send the rows that are not sent yet."""
         for (path, archetype), rows in self._rows.items():
             frames, times_ns, values = zip(*rows, strict=True)
             columns = archetype.columns(**{name: [row[name] for row in values] for name in values[0]})

@@ -110,7 +110,7 @@ class ImageLog:
 def log_masks(
     log: FrameLog, segmentation: str, percepts: Percepts, record: FrameRecord, colours: Colours, size: Size
 ) -> None:
-    """Log the masks, in one colour per name, so that a name keeps its colour if instances get other ids.
+    """Log the masks in one colour per name: a name keeps its colour when the ids of instances change.
 
     A light recording has them as a small picture in steps of two pixels; a full one as classes, pixel by pixel.
     """

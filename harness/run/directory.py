@@ -1,9 +1,9 @@
-"""The files of a run, none of which is ever half-written.
+"""The files of a run; none of them is ever half-written.
 
 While a run is on, ``partial/`` holds one JSON-lines file per (clip, configuration), with the suffix ``.partial`` until
 it is finished, and the directory has no tables. At the end these files are joined into ``results.jsonl`` and
 ``timings.csv``, in the order of the experiment, and the tables are written from those. The traceback of a faulty stage
-is in ``partial/``. One run at a time holds the directory.
+is in ``partial/``. Only one run at a time can use the directory.
 """
 
 from __future__ import annotations

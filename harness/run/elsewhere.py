@@ -16,11 +16,11 @@ from harness.run.executors.contract import Progress
 from harness.run.loop import run_clip
 
 LEFT_SECONDS = 86_400.0
-"""A folder in which nothing was written for so long is that of a worker that was killed."""
+"""Age in seconds of the last change in a folder from which on it counts as left by a killed worker."""
 
 
 def run_elsewhere(address: str, job: ClipJob, progress: Progress) -> ClipOutcome:
-    """Run a job in a folder of this machine; copy its files to the run's directory at ``address`` when it has ended.
+    """Run a job in a folder of this machine, then copy its files to the run's directory at ``address``.
 
     Raises
     ------

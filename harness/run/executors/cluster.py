@@ -82,13 +82,13 @@ def _check_workers(client: Client, address: str) -> None:
 
 
 class Cluster:
-    """The workers of a Dask scheduler.
+    """An executor on the workers of a Dask scheduler.
 
-    Each must have one thread, run this very program, and see clips, weights and the run's directory at the same paths,
-    if they are not at addresses of object storage; it works in the folder of whoever started the run, where it has such
-    a folder, and with the same ``VFOA_`` variables, but for a ``VFOA_CACHE`` of its own. The digest of the code of
-    ``modules``, which decide the results, travels with each job: a worker with other code, which may have joined while
-    the run was on, refuses it. So does one that does not see the file ``sees``.
+    Each worker must have one thread and the same code, and must find clips, weights and the run's directory at the same
+    paths, unless they are at addresses of object storage. It works in the folder from which the run was started, if it
+    has that folder, and with the same ``VFOA_`` variables, except a ``VFOA_CACHE`` of its own. Each job holds the
+    digest of the code of ``modules``, which decide the results: a worker with other code, which may join during the
+    run, refuses the job. So does a worker that cannot read the file ``sees``.
     """
 
     threads = 1
@@ -156,12 +156,12 @@ def _note_stopped(run: str) -> None:
 
 
 _OWN_CACHE, _OWN_FOLDER = os.environ.get(CACHE_VARIABLE), Path.cwd()
-"""In a worker: its own cache folder, if it was given one, and where it was started."""
+"""In a worker: the value of ``VFOA_CACHE`` and the folder that it was started with."""
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """The folder and variables by which paths and weights are found."""
+    """The folder and the environment variables that paths and weights depend on."""
 
     folder: str = field(default_factory=lambda: str(Path.cwd()))
     variables: dict[str, str] = field(
@@ -169,7 +169,7 @@ class Surroundings:
     )
 
     def enter(self) -> None:
-        """Make this process's surroundings the same, as far as this machine has them."""
+        """Set the folder and the variables in this process, as far as this machine has them."""
         os.chdir(self.folder if Path(self.folder).is_dir() else _OWN_FOLDER)
         variables = self.variables | ({CACHE_VARIABLE: _OWN_CACHE} if _OWN_CACHE else {})
         for name in [name for name in os.environ if name.startswith("VFOA_") and name not in variables]:
@@ -178,7 +178,7 @@ class Surroundings:
 
 
 _run = ""
-"""In a worker: the run whose job it did last."""
+"""In a worker: the run of the job before."""
 
 
 def _on_worker(
@@ -223,7 +223,7 @@ def _on_worker(
 
 
 def _appears(path: Path) -> bool:
-    """Whether a file that was just written is there: shared disks may show it after a while."""
+    """Whether a file that was just written exists here: shared disks may show it after a delay."""
     deadline = time.monotonic() + PATIENCE_SECONDS
     while not path.exists():
         if time.monotonic() > deadline:
