@@ -46,6 +46,7 @@ export class Player {
   end() {
     this.run = null;
     this.clock.stop();
+    this.film.clear();
     document.body.classList.remove("playing");
   }
 
