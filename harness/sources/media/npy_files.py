@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import warnings
 from pathlib import Path
 from tokenize import TokenError
 from typing import Any
@@ -26,6 +27,9 @@ def read_npy(path: Path) -> NDArray[Any]:
         If it cannot be read, or is no such file.
     """
     try:
-        return np.lib.format.read_array(io.BytesIO(read_bytes(path)), allow_pickle=False)
+        data = io.BytesIO(read_bytes(path))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a file that Python 2 wrote
+            return np.lib.format.read_array(data, allow_pickle=False)
     except _DAMAGED as error:
         raise VfoaError(f"{path}: not an npy file: {error}") from None

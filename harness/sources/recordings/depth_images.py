@@ -79,7 +79,9 @@ def _compressed(content: CompressedPicture, where: str) -> NDArray[Any]:
     counts = _rvl(body, where) if "rvl" in transport.lower() else _png(body, where)
     if encoding != "32FC1":
         return counts
-    with np.errstate(divide="ignore", over="ignore"):  # quantised inverse depth: z = A / (v - B), 0 is unknown
+    with np.errstate(
+        divide="ignore", over="ignore", invalid="ignore"
+    ):  # quantised inverse depth: z = A / (v - B), 0 is unknown
         return np.where(counts > 0, np.float32(a) / (counts.astype(np.float32) - np.float32(b)), np.float32(0))
 
 
