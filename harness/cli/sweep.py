@@ -32,7 +32,7 @@ def run_sweep(
     save_outputs: bool,
     cache: Store | None,
 ) -> None:
-    """Sweep, write the table and its answers, and print these.
+    """Run a sweep, write its table and page, and print its best settings and the effect of each factor.
 
     ``beside``: as for :func:`harness.run.runner.run_plan`.
     """
@@ -88,7 +88,7 @@ def _free(first: Path, described: Mapping[str, Any], beside: bool) -> Path:
 
 
 def _found(path: Path) -> Mapping[str, Any]:
-    """The description of a sweep; empty where there is none."""
+    """The description of a sweep; empty if there is none."""
     try:
         found = json.loads(read_text(path)) if path.is_file() else {}
     except ValueError:

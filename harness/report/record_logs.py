@@ -1,11 +1,11 @@
-"""All that the tables and the page keep of a run's records, and what of it is kept between two scorings.
+"""The logs of a run's records for the tables and the page, and the parts of them that are stored between two scorings.
 
-What is kept stands in ``score_cache/`` in a run's directory, so that only what has changed is read again::
+The parts are in ``score_cache/`` in a run's directory, so that only changed results are read again::
 
     index.json      the blocks of results.jsonl, each with the digest of its lines
-    <key>.part      what the logs have of a block; the key is of its lines, its labels and the code
+    <key>.part      the logs of a block; the key depends on its lines, its labels and the code
 
-All of it can be removed at any time. Lines are digested anew by each scoring, and a part that is damaged is made anew.
+All of it can be removed at any time. Each scoring computes the digests of the lines again; a damaged part is rebuilt.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class RecordLogs:
 
 
 class KeptParts:
-    """``blocks``: those of a run's results; and the parts of the logs that belong to them under a reference."""
+    """The blocks of a run's results, and the stored part of the logs for each; ``reference`` gives the true targets."""
 
     def __init__(self, run: FinishedRun, reference: Reference, probabilistic: Sequence[str]) -> None:
         self._results = run.directory.results
