@@ -115,7 +115,7 @@ class RecordLogs:
 
 
 class KeptParts:
-    """The blocks of a run's results, and the stored part of the logs for each; ``reference`` gives the true targets."""
+    """The blocks of a run's results, and the stored part of the logs for each; ``reference`` holds the labels."""
 
     def __init__(self, run: FinishedRun, reference: Reference, probabilistic: Sequence[str]) -> None:
         self._results = run.directory.results

@@ -1,4 +1,4 @@
-"""The posterior over what a person looks at, with the error of the measured directions unknown.
+"""The posterior over a person's targets, with an unknown error of the measured directions.
 
 settings    what is assumed: priors, and how people move
 grid        the hypotheses about the error and the head, and their prior

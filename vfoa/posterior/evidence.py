@@ -29,7 +29,7 @@ class Flow:
     stayed: Float
 
     def of(self, cue: Literal["gaze", "head"]) -> tuple[Float, Float]:
-        """The targets before (H, T') and the part (H, T) that stays, for each hypothesis of one cue."""
+        """The previous targets (H, T') and the part (H, T) that stays, for each hypothesis of one cue."""
         mean, other = _AVERAGES[cue]
         part = self.weights / np.maximum(self.weights.sum(axis=other, keepdims=True), 1e-300)
         stay = np.einsum(mean, part, self.stayed) / np.maximum(np.einsum(mean, part, self.predicted), 1e-300)
@@ -45,10 +45,10 @@ class Evidence:
 
     @classmethod
     def none(cls, hypotheses: int, targets: int) -> Evidence:
-        """Of a cue that was not measured."""
+        """The evidence of a cue that was not measured."""
         return cls(np.zeros((hypotheses, targets)), np.ones((hypotheses, targets)))
 
     @classmethod
     def of(cls, likelihood: Float, square: Float, tails: float) -> Evidence:
-        """Of a log likelihood (H, T) and a squared surprise (H, T) in standard deviations, with Student's tails."""
+        """The evidence from a log likelihood (H, T) and a squared surprise (H, T) in standard deviations (Student)."""
         return cls(likelihood, (1 + square / tails) ** (-tails / 2))

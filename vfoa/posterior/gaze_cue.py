@@ -15,7 +15,7 @@ from vfoa.types import Float
 def weighed_gaze(
     prior: Belief, scenery: Scenery, measured: Measured, flow: Flow, dt_s: float, settings: PosteriorSettings
 ) -> tuple[GazeError | None, Evidence]:
-    """The filter of the gaze error after the frame, None before the first gaze, and what the gaze says."""
+    """The filter of the gaze error after the frame, None before the first gaze, and the evidence of the gaze."""
     hypotheses = prior.gaze
     nothing = Evidence.none(len(hypotheses.scale), len(scenery.keys))
     if prior.error is None and measured.gaze is None:

@@ -17,7 +17,7 @@ _HEAD_BIAS_DEG = 5.0
 def weighed_head(
     prior: Belief, scenery: Scenery, measured: Measured, flow: Flow, dt_s: float, settings: PosteriorSettings
 ) -> tuple[HeadMotion | None, Evidence]:
-    """The filter of the head after the frame, None before the first head, and what the head says."""
+    """The filter of the head after the frame, None before the first head, and the evidence of the head."""
     share = prior.head.share
     nothing = Evidence.none(len(share), len(scenery.keys))
     if prior.motion is None and measured.head is None:

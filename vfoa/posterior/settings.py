@@ -45,7 +45,7 @@ class GazeErrorSettings(Settings):
     """Flattening for a gaze of ``unknown`` error: probabilities are raised to the power 1 / temperature, since the
     model has errors without a hypothesis (temperature scaling, Guo et al. 2017)."""
     smoothed_temperature: float = Field(default=2.0, ge=1, le=10)
-    """The same where later frames are known: they are wrong in the same ways once more."""
+    """The same if later frames are known, which repeat the errors of the earlier ones."""
     evidence: float = Field(default=0.7, gt=0, le=1)
     """Power of the likelihood of the error (not of the target) in every frame but the first: consecutive frames carry
     less information about the error than independent ones, because errors last."""
