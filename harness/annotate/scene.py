@@ -91,13 +91,13 @@ class Scenes:
             if (box := each.box_px) is not None
         ]
         heads = {each.name: box for each in record.subjects if each.name is not None and (box := each.head_box_px)}
-        return SceneView(objects=_small_last(objects), heads_px=heads)
+        return SceneView(objects=small_last(objects), heads_px=heads)
 
     def _of_truth(self, number: int, manifest: ClipManifest) -> SceneView:
         truth = self._clip.truth(number)
         heads = {each.name: _box(each.head_box_px) for each in truth.people or () if each.name in manifest.subjects}
         objects = [] if truth.instances is None else _named(number, truth.instances, manifest)
-        return SceneView(objects=_small_last(objects), heads_px=heads)
+        return SceneView(objects=small_last(objects), heads_px=heads)
 
 
 def saved_folder(run: Path, clip: str, predictions: Predictions, slot: str = "segmentation") -> Path | None:
@@ -162,7 +162,7 @@ def _by_rules(number: int, found: Sequence[tuple[Instance, BoxPx | None]], manif
     return name_targets(result, manifest.subjects, manifest.targets, SubjectNames())
 
 
-def _small_last(objects: list[SceneObject]) -> tuple[SceneObject, ...]:
+def small_last(objects: list[SceneObject]) -> tuple[SceneObject, ...]:
     """Sort in drawing order: small objects last, on top, so that they can be clicked."""
     return tuple(sorted(objects, key=lambda each: (-_area(each.box_px), each.instance_id)))
 

@@ -6,18 +6,18 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from harness.annotate import edits, pictures, targets
 from harness.annotate.clip_stores import open_drawing, open_store, with_others
 from harness.annotate.drawing import Draw
-from harness.annotate.scene import Scenes, saved_folder
 from harness.annotate.sound import Sound
 from harness.annotate.speech import Speech
 from harness.annotate.suggestions import Predictions
 from harness.annotate.target_change import TargetChange, finish_change
+from harness.annotate.views import views_of
 from harness.clips.looks import COLOURS, KEYS, looks
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.manifest_checks import known_categories
@@ -26,14 +26,8 @@ from harness.data_folders import came_with_program
 from harness.files import digest_files
 from harness.labels.labels import RESERVED, TO_DECIDE
 from harness.labels.timeline import timeline_of
-from harness.sources import Clip, LeftClip
+from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
-from vfoa.types import Image, StereoFrame
-
-_CACHED_FRAMES = 2
-"""A frame's picture and its scene are requested one after the other. Large images take tens of MB."""
-_CACHED_PICTURES = 256
-_CACHED_SCENES = 2048
 
 
 class Session:
@@ -67,7 +61,7 @@ class Session:
         annotator: str | None = None,
         blind: bool = False,
         uncertain_first: bool = False,
-        open_clip: Callable[[ClipManifest], Clip] = ClipManifest.open_images,
+        open_clip: Callable[[ClipManifest], Clip | MeasuredClip] = ClipManifest.open,
     ) -> None:
         _check_choices(run, configuration, blind, uncertain_first)
         self.manifest = load_manifest(clip)
@@ -79,19 +73,11 @@ class Session:
             raise VfoaError(f"{self.manifest.path}: the clip has no frames")
         self._annotator, self._blind, self._uncertain_first = annotator, blind, uncertain_first
         self._predictions = Predictions(run, self.manifest.name, configuration) if run else None
-        self._scenes = Scenes(self.manifest.name, self._clip, self._predictions, run)
-        saved = (
-            saved_folder(run, self.manifest.name, self._predictions, "stereo") if run and self._predictions else None
-        )
-        self._disparity = pictures.DisparityView(self._clip, saved)
         self.sound = Sound(self._clip)
         self._reading, self._changing = threading.Lock(), threading.RLock()
-        self._frame = lru_cache(_CACHED_FRAMES)(self._read)
-        self._left = lru_cache(_CACHED_FRAMES)(self._read_left)
-        self._picture = lru_cache(_CACHED_PICTURES)(self._draw)
-        self._scene = lru_cache(_CACHED_SCENES)(self._look_at)
         self._timeline = timeline_of(self._clip)
         self.manifest = finish_change(self.manifest, self._timeline)
+        self._views = views_of(self._clip, self.manifest, self._predictions, run)
         self.speech = Speech(self.manifest, self._timeline)
         self._drawing = open_drawing(self.manifest, self._frames)
         try:
@@ -142,6 +128,7 @@ class Session:
             "order": {name: shown.order(self._frames, name) for name in self._store.subjects} if shown else None,
             "uncertain_first": self._uncertain_first,
             "blind": self._blind,
+            "has_images": self._views.has_images,
             "to_decide": TO_DECIDE,
         }
 
@@ -196,7 +183,15 @@ class Session:
             return self._drawing.state()
 
     def draw(self, draw: Draw) -> None:
-        """Apply a drawing action, or take one back."""
+        """Apply a drawing action, or take one back.
+
+        Raises
+        ------
+        VfoaError
+            If the clip has no images, or the action is wrong.
+        """
+        if not self._views.has_images:
+            raise VfoaError(f"{self.manifest.name}: found measurements; expected images to draw on")
         with self._changing:
             self._drawing.make(draw)
 
@@ -235,7 +230,7 @@ class Session:
     def scene(self, at: int) -> dict[str, Any]:
         """Outlines and heads at a position, as JSON."""
         with self._reading:
-            return self._scene(self._store.check_position(at))
+            return self._views.scene(self._frames[self._store.check_position(at)])
 
     def picture(
         self,
@@ -248,7 +243,8 @@ class Session:
     ) -> bytes | None:
         """A region of a view, or all of it, as JPEG of at most this width; None for an unknown head."""
         with self._reading:
-            return self._picture(view, self._store.check_position(at), subject, region, width)
+            number = self._frames[self._store.check_position(at)]
+            return self._views.picture(view, number, subject, region, width)
 
     def digest(self) -> str:
         """The digest of the present files of labels and names."""
@@ -301,7 +297,8 @@ class Session:
 
     def _read_manifest(self) -> None:
         self.manifest = load_manifest(str(self.manifest.path))
-        self._scene.cache_clear()
+        with self._reading:
+            self._views.use(self.manifest)
 
     def _suggestions(self, subject: str) -> list[tuple[str, float] | None] | None:
         """Name and attention for each frame; None if there are none, or they may not be shown."""
@@ -310,28 +307,6 @@ class Session:
         known = {*self._store.names()} - {subject}
         found = [self._predictions.predict(frame, subject) for frame in self._frames]
         return [(each.target, round(each.attention, 4)) if each and each.target in known else None for each in found]
-
-    def _read(self, at: int) -> StereoFrame:
-        return self._clip.frame(self._frames[at])
-
-    def _read_left(self, at: int) -> Image:
-        return self._clip.left(self._frames[at]) if isinstance(self._clip, LeftClip) else self._frame(at).left
-
-    def _look_at(self, at: int) -> dict[str, Any]:
-        height, width = self._left(at).shape[:2]
-        scene = self._scenes.at(self._frames[at], lambda: self._frame(at), self.manifest)
-        return {**scene.plain(), "size_px": (width, height)}
-
-    def _draw(
-        self, view: pictures.View, at: int, subject: str | None, region: pictures.RegionPx | None, width: int | None
-    ) -> bytes | None:
-        if view == "head":
-            box = self._scene(at)["heads_px"].get(subject)
-            return None if box is None else pictures.jpeg(pictures.head(self._left(at), box))
-        if view == "disparity":
-            return pictures.jpeg(pictures.shrunk(pictures.colour(self._disparity.at(self._frame(at))), region, width))
-        image = self._left(at) if view == "left" else self._frame(at).right
-        return None if image is None else pictures.jpeg(pictures.shrunk(image, region, width))
 
 
 def _check_choices(run: Path | None, configuration: str | None, blind: bool, uncertain_first: bool) -> None:

@@ -6,7 +6,7 @@ import difflib
 import re
 
 from harness.clips.manifest import ClipManifest
-from harness.sources import Clip
+from harness.sources import Clip, MeasuredClip
 from vfoa.coco import STUFF, THINGS
 
 _AUTOMATIC = re.compile(r".+#\d+")
@@ -44,7 +44,9 @@ def unknown_categories(manifest: ClipManifest) -> list[str]:
     return [f"{said}: take other masks, or draw: vfoa annotate {manifest.name}, key p"]
 
 
-def known_categories(clip: Clip) -> frozenset[str]:
-    """The categories of the segmentation models, which are COCO's, and those of the clip's ground truth."""
+def known_categories(clip: Clip | MeasuredClip) -> frozenset[str]:
+    """The categories of the segmentation models, which are COCO's, and those of the clip's ground truth, or its own."""
+    if isinstance(clip, MeasuredClip):
+        return frozenset(clip.categories.values())
     instances = clip.truth(clip.frames[0]).instances
     return _COCO | frozenset(each.label for each in instances.instances) if instances else _COCO

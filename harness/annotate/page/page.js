@@ -33,7 +33,7 @@ export class Page {
       changed: (answer) => this.renew(answer),
       failed: (error) => panel.say(error.message),
     });
-    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.said.chosen(each, point), changed: () => this.go(this.wanted) });
+    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.said.chosen(each, point), changed: () => this.go(this.wanted), hasImages: about.has_images });
     this.total = about.frames.length;
     this.drawing = new Drawing(this, { press: (run) => this.hands.press(run), look: (name) => this.said.look(name) });
     this.player = new Player(this, about);

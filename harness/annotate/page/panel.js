@@ -52,7 +52,7 @@ export function drawLabel(subject, { target, suggested, note, undecided }) {
 export function drawTools(undo, stage, player) {
   for (const kind of ["undo", "redo"]) find(`do-${kind}`).disabled = !undo.can(kind);
   const open = { right: stage.beside === "right", disparity: stage.beside === "disparity", head: stage.zoomed, loop: player.loop !== null };
-  for (const [id, is] of Object.entries(open)) find(`do-${id}`).setAttribute("aria-pressed", is);
+  for (const [id, is] of Object.entries(open)) find(`do-${id}`)?.setAttribute("aria-pressed", is);
 }
 
 export function makeSubjects(subjects, turnTo) {

@@ -1,6 +1,6 @@
 // Boxes and points on the image, with handles for the pointer.
 
-import { shape } from "./stage.js";
+import { shape } from "./svg.js";
 
 const HANDLE_PX = 26; // on the screen, however small the image is
 const DRAG_PX = 4;

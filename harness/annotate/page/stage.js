@@ -1,29 +1,26 @@
-// The left image with outlines, and the other views beside it.
+// The left image (or the plan of a clip without images) with outlines, and the other views beside it.
 
 import { get } from "./api.js";
 import { Kept, loadPicture, place } from "./pictures.js";
+import { Plan } from "./plan.js";
+import { shape } from "./svg.js";
 import { View } from "./view.js";
 
 const PICTURES = 16; // decoded ones are large
 const SCENES = 200;
-const NS = "http://www.w3.org/2000/svg";
 const LEAST_LETTERS = 14; // of a name on the picture, however small the object; the button below has all of it
 const LETTER = .6; // width over height
 const narrow = matchMedia("(max-width: 600px)");
 
-export const shape = (tag, attributes) => {
-  const made = document.createElementNS(NS, tag);
-  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
-  return made;
-};
-
 export class Stage {
-  // name(object): its name and style; choose(object, point): it was clicked; changed(): another part is shown.
-  constructor({ name, choose, changed }) {
-    Object.assign(this, { name, choose });
+  // name(object): its name and style; choose(object, point): it was clicked; changed(): another part is shown;
+  // hasImages: whether there are pictures, or scenes alone.
+  constructor({ name, choose, changed, hasImages }) {
+    Object.assign(this, { name, choose, hasImages });
     this.pictures = new Kept(loadPicture, PICTURES, (bitmap) => bitmap.close());
     this.scenes = new Kept((at) => get(`/api/scene/${at}`), SCENES);
     this.picture = document.getElementById("picture");
+    this.plan = new Plan(this.picture);
     this.overlay = document.getElementById("overlay");
     this.extra = document.getElementById("extra");
     this.head = document.getElementById("head");
@@ -34,7 +31,10 @@ export class Stage {
     this.zoomed = false;
   }
 
-  load(at) { return Promise.all([this.pictures.get(`/picture/left/${at}${this.view.query}`), this.scenes.get(at)]); }
+  load(at) {
+    const image = this.hasImages ? this.pictures.get(`/picture/left/${at}${this.view.query}`) : null;
+    return Promise.all([image, this.scenes.get(at)]);
+  }
 
   // One frame after the other: a browser has few connections, and a change must not wait behind pictures.
   async ahead(at, count, total) {
@@ -48,7 +48,7 @@ export class Stage {
   stay() { this.from = null; }
 
   show(bitmap, scene, at, subject) {
-    place(this.picture, bitmap, "left view");
+    if (bitmap) place(this.picture, bitmap, "left view");
     this.view.size = scene.size_px;
     const [u0, v0, u1, v1] = this.bounds = this.view.region || [0, 0, ...scene.size_px];
     this.overlay.setAttribute("viewBox", `${u0} ${v0} ${u1 - u0} ${v1 - v0}`);
@@ -65,6 +65,7 @@ export class Stage {
     if (!scene || now.every((each, place) => each === this.drawn[place])) return;
     this.drawn = now;
     this.overlay.style.setProperty("--letter", `${this.letter}px`);
+    if (scene.plan) this.plan.draw(scene, this.bounds, subject, this.letter);
     this.taken = [];
     const objects = scene.objects.map((each) => this.object(each, each.name === subject));
     const box = scene.heads_px[subject];

@@ -1,0 +1,136 @@
+"""The views of a frame on the labelling page: the images of a clip with outlines, or the plan of one without images."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Protocol
+
+from harness.annotate import pictures
+from harness.annotate.plan import Plan
+from harness.annotate.scene import Scenes, saved_folder
+from harness.annotate.suggestions import Predictions
+from harness.clips.manifest import ClipManifest
+from harness.sources import Clip, LeftClip, MeasuredClip
+from vfoa.errors import VfoaError
+from vfoa.types import Image, StereoFrame
+
+_CACHED_FRAMES = 2
+"""A frame's picture and its scene are asked for one after the other. Large images take tens of MB."""
+_CACHED_PICTURES = 256
+_CACHED_SCENES = 2048
+
+
+class Views(Protocol):
+    """What is shown of a clip, by the source's own frame numbers. Not for several threads at once."""
+
+    @property
+    def has_images(self) -> bool:
+        """Whether there are pictures, or scenes alone."""
+        ...
+
+    def use(self, manifest: ClipManifest) -> None:
+        """Take the names of a manifest that has changed."""
+        ...
+
+    def scene(self, number: int) -> dict[str, Any]:
+        """Outlines and heads in pixels, and the size of what they lie on, as JSON."""
+        ...
+
+    def picture(
+        self, view: pictures.View, number: int, subject: str | None, region: pictures.RegionPx | None, width: int | None
+    ) -> bytes | None:
+        """A region of a view, or all of it, as JPEG of at most this width; None for a head where there is none."""
+        ...
+
+
+def views_of(
+    clip: Clip | MeasuredClip, manifest: ClipManifest, predictions: Predictions | None, run: Path | None
+) -> Views:
+    """The views of a clip of either kind."""
+    if isinstance(clip, MeasuredClip):
+        return PlanViews(clip, manifest)
+    return ImageViews(clip, manifest, predictions, run)
+
+
+class ImageViews:
+    """The images of a clip, and its disparity."""
+
+    has_images = True
+
+    def __init__(self, clip: Clip, manifest: ClipManifest, predictions: Predictions | None, run: Path | None) -> None:
+        self._clip, self._manifest = clip, manifest
+        self._scenes = Scenes(manifest.name, clip, predictions, run)
+        saved = saved_folder(run, manifest.name, predictions, "stereo") if run and predictions else None
+        self._disparity = pictures.DisparityView(clip, saved)
+        self._frame = lru_cache(_CACHED_FRAMES)(self._read)
+        self._left = lru_cache(_CACHED_FRAMES)(self._read_left)
+        self._picture = lru_cache(_CACHED_PICTURES)(self._draw)
+        self._scene = lru_cache(_CACHED_SCENES)(self._look_at)
+
+    def use(self, manifest: ClipManifest) -> None:
+        """Take the names of a manifest that has changed."""
+        self._manifest = manifest
+        self._scene.cache_clear()
+
+    def scene(self, number: int) -> dict[str, Any]:
+        """Outlines and heads in the left image."""
+        return self._scene(number)
+
+    def picture(
+        self, view: pictures.View, number: int, subject: str | None, region: pictures.RegionPx | None, width: int | None
+    ) -> bytes | None:
+        """A region of a view, or all of it."""
+        return self._picture(view, number, subject, region, width)
+
+    def _read(self, number: int) -> StereoFrame:
+        return self._clip.frame(number)
+
+    def _read_left(self, number: int) -> Image:
+        return self._clip.left(number) if isinstance(self._clip, LeftClip) else self._frame(number).left
+
+    def _look_at(self, number: int) -> dict[str, Any]:
+        height, width = self._left(number).shape[:2]
+        scene = self._scenes.at(number, lambda: self._frame(number), self._manifest)
+        return {**scene.plain(), "size_px": (width, height)}
+
+    def _draw(
+        self, view: pictures.View, number: int, subject: str | None, region: pictures.RegionPx | None, width: int | None
+    ) -> bytes | None:
+        if view == "head":
+            box = self._scene(number)["heads_px"].get(subject)
+            return None if box is None else pictures.jpeg(pictures.head(self._left(number), box))
+        if view == "disparity":
+            disparity = pictures.colour(self._disparity.at(self._frame(number)))
+            return pictures.jpeg(pictures.shrunk(disparity, region, width))
+        image = self._left(number) if view == "left" else self._frame(number).right
+        return None if image is None else pictures.jpeg(pictures.shrunk(image, region, width))
+
+
+class PlanViews:
+    """The plan of a clip of measurements, which the page draws itself."""
+
+    has_images = False
+
+    def __init__(self, clip: MeasuredClip, manifest: ClipManifest) -> None:
+        self._plan, self._manifest = Plan(clip), manifest
+
+    def use(self, manifest: ClipManifest) -> None:
+        """Take the names of a manifest that has changed."""
+        self._manifest = manifest
+
+    def scene(self, number: int) -> dict[str, Any]:
+        """Outlines, heads and directions in the plan."""
+        return self._plan.at(number, self._manifest)
+
+    def picture(
+        self, view: pictures.View, number: int, subject: str | None, region: pictures.RegionPx | None, width: int | None
+    ) -> bytes | None:
+        """Refuse: there is none.
+
+        Raises
+        ------
+        VfoaError
+            Always.
+        """
+        raise VfoaError(f"{self._manifest.name}: found measurements; expected images for a picture of the {view}")
