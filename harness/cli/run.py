@@ -180,6 +180,7 @@ def run(
         say(notice)
     if save_outputs:
         say(f"\nStage outputs: {directory.stage_outputs}  (run from them: its {experiment.name}.toml says how)")
+        say(f"As clips without images: vfoa clips add {directory.measured}/CLIP__CONFIGURATION")
     say(
         f"\nPage: {directory.path / 'report.html'}"
         f"\nTables: {directory.path / 'frr.md'} (all of them), frr.csv, frr.tex, comparisons.md (paired tests)"

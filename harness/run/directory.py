@@ -64,6 +64,11 @@ class RunDirectory:
         return f"{failure['clip']} under {failure['configuration']}: {failure['error']}{kept}"
 
     @property
+    def measured(self) -> Path:
+        """The scenes of each clip and configuration as clips of measurements, with ``--save-outputs``."""
+        return self.path / "measured"
+
+    @property
     def stage_outputs(self) -> Path:
         """Saved stage outputs, if asked for (:mod:`harness.run.saved_outputs`)."""
         return self.path / "stage_outputs"

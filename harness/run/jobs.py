@@ -11,12 +11,13 @@ from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
 from harness.run.elsewhere import run_elsewhere
 from harness.run.executors.contract import Executor, Progress, Work, compute_with
-from harness.run.frame_sink import SharedFilesFactory
+from harness.run.frame_sink import SharedFilesFactory, SinkFactory
 from harness.run.loop import run_clip
+from harness.run.measured_sink import MeasuredSinks
 from harness.run.output_sink import OutputSinks
 from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, PreparedClip
-from harness.run.saved_outputs import owned_slots
+from harness.run.saved_outputs import owned_slots, owns_scenes
 from harness.run.warm_up import GivenUpError, Perceived
 from harness.sources import Clip, MeasuredClip
 from harness.stages.cache.stage import Account, ClipCache, open_cache
@@ -174,7 +175,10 @@ def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | 
     """Return the job with the unfinished configurations of a clip."""
     clip, everyone = one.manifest.name, plan.experiment.configurations
     todo = [each.for_clip(clip) for each in everyone if not directory.is_finished((clip, each.name))]
-    outputs = [OutputSinks({each.name: owned_slots(each, everyone) for each in everyone})] if plan.save_outputs else []
+    outputs: tuple[SinkFactory, ...] = ()
+    if plan.save_outputs:
+        scenes = frozenset(each.name for each in everyone if owns_scenes(each, everyone))
+        outputs = OutputSinks({each.name: owned_slots(each, everyone) for each in everyone}), MeasuredSinks(scenes)
     job = ClipJob(
         manifest=one.manifest,
         frames=one.frames,

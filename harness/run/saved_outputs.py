@@ -49,6 +49,15 @@ def owned_slots(configuration: Configuration, configurations: Sequence[Configura
     return frozenset(slot for slot in on if owner(slot, configuration, configurations) == configuration.name)
 
 
+def owns_scenes(configuration: Configuration, configurations: Sequence[Configuration]) -> bool:
+    """Whether no configuration before this one has the same scenes: the same stages and reconstruction."""
+
+    def key(each: Configuration) -> str:
+        return json.dumps([*(_key(slot, each) for slot in _READS), each.reconstruction.model_dump(mode="json")])
+
+    return next(each.name for each in configurations if key(each) == key(configuration)) == configuration.name
+
+
 def write_experiment(folder: Path, experiment: Experiment, *, partial: bool) -> None:
     """Write ``<folder>/<experiment>.toml``, which runs from the stage outputs in ``folder``.
 

@@ -94,11 +94,11 @@ class MeasuredPerson:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredObject:
-    """One object in one frame. If it has a person's name, it is the box of that person."""
+    """One object in one frame. If it has a person's name, it is the box of that person; None: the person has no box."""
 
     name: str
     category: str
-    box: Box3D
+    box: Box3D | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,6 +196,12 @@ class FramesOfMeasurements:
         heads = [
             _target(self.people[person.name], PERSON, 0, self._body(person, boxes.get(person.name)))
             for person in frame.people
+        ]
+        here = {person.name for person in frame.people}
+        heads += [
+            _target(self.people[each.name], PERSON, 0, each.box)
+            for each in boxes.values()
+            if each.name in self.people and each.name not in here
         ]
         kinds = list(dict.fromkeys([PERSON, *self.categories.values()]))
         things = [

@@ -13,14 +13,15 @@
 Camera frame: x right, y down, z forward, metres; any frame with such axes will do. ``x_m, y_m, z_m`` of a person is the
 point between the eyes, of an object its middle. ``size_*_m`` is the whole extent along the object's own axes, which the
 unit quaternion rotates into the camera's; without a size the object is a point. An object with a person's name is the
-box of that person; a person without one gets a box around the head. ``sigma`` is the claimed error per tangent
-direction (``*_sigma_rad`` keeps the exact value). ``time_s`` may replace ``time_ns``. A blank cell is an unknown value.
+box of that person; a person without one gets a box around the head, and none if the object's place is blank. ``sigma``
+is the claimed error per tangent direction (``*_sigma_rad`` keeps the exact value). ``time_s`` may replace ``time_ns``.
+A blank cell is an unknown value.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,7 @@ from scipy.spatial.transform import Rotation
 from harness.files import digest_files
 from harness.sources import Recognised
 from harness.sources.measured.clip import (
+    PERSON,
     FramesOfMeasurements,
     MeasuredFrame,
     MeasuredObject,
@@ -72,7 +74,8 @@ class MeasuredTables(FramesOfMeasurements):
         objects = None if settings.objects_file is None else folder / settings.objects_file
         rows = read_rows(people, PEOPLE_COLUMNS, ("frame", "person", *POSITION))
         times = _times(rows, people)
-        fixed, moving = _objects(objects, settings, times)
+        everyone = {name for row in rows if (name := row.cells.get("person"))}
+        fixed, moving = _objects(objects, settings, times, everyone)
         super().__init__(
             {
                 number: MeasuredFrame(time_ns=time_ns, people=found, objects=tuple(moving.get(number, ())))
@@ -169,13 +172,13 @@ def _sigma(row: TableRow, cue: str) -> float | None:
 
 
 def _objects(
-    path: Path | None, settings: MeasuredTablesSettings, times: Mapping[int, int]
+    path: Path | None, settings: MeasuredTablesSettings, times: Mapping[int, int], people: Collection[str]
 ) -> tuple[list[MeasuredObject], dict[int, list[MeasuredObject]]]:
     """The objects that are in every frame, and those of single frames by frame."""
     fixed, moving = list[MeasuredObject](), dict[int, list[MeasuredObject]]()
     seen: dict[tuple[int | None, str], str] = {}
     for row in [] if path is None else read_rows(path, OBJECT_COLUMNS, ("frame", "object", *POSITION)):
-        frame, found = _frame(row), _object(row, settings)
+        frame, found = _frame(row), _object(row, settings, people)
         if frame is not None and frame not in times:
             raise VfoaError(f"{row.where}: frame {frame}: not in the table of people")
         if before := seen.get((frame, found.name)):
@@ -185,8 +188,10 @@ def _objects(
     return fixed, moving
 
 
-def _object(row: TableRow, settings: MeasuredTablesSettings) -> MeasuredObject:
+def _object(row: TableRow, settings: MeasuredTablesSettings, people: Collection[str]) -> MeasuredObject:
     name, center = row.cells.get("object"), row.numbers(POSITION)
+    if name and center is None and name in people:
+        return MeasuredObject(name=name, category=PERSON, box=None)
     if not name or center is None:
         raise VfoaError(f"{row.where}: {'x_m' if name else 'object'}: found nothing; expected a name and a place")
     size, quaternion = row.numbers(SIZE), row.numbers(QUATERNION)

@@ -77,6 +77,16 @@ def test_an_object_with_a_person_s_name_is_that_person_s_box(tmp_path: Path) -> 
     assert target.instance.label == "person"
 
 
+def test_a_person_s_box_is_there_without_the_head_and_may_be_unknown(tmp_path: Path) -> None:
+    (tmp_path / "people.csv").write_text("frame,time_ns,person,x_m,y_m,z_m\n1,0,anna,0,0,1\n2,5,,,,\n")
+    (tmp_path / "objects.csv").write_text(f"{OBJECTS_HEADER}\n1,anna,,,,,,,\n2,anna,,0,0.5,1,0.5,1.6,0.3\n")
+    clip = open_measured("measured", tmp_path, objects_file="objects.csv")
+    assert _boxes(clip.scene(1), clip) == {}
+    assert len(clip.scene(1).people) == 1
+    assert _boxes(clip.scene(2), clip) == {"anna": ([0, 0.5, 1], [0.5, 1.6, 0.3])}
+    check_contract(clip)
+
+
 @given(turn=st.tuples(*[st.floats(-3, 3)] * 3).filter(any))
 def test_a_quaternion_turns_the_box_s_axes_into_the_camera_s(tmp_path: Path, turn: tuple[float, float, float]) -> None:
     rotation = Rotation.from_rotvec(turn)
