@@ -95,10 +95,10 @@ def _job(
     one: PreparedClip, labels: Labels, experiment: Experiment, directory: RunDirectory, store: Store | None
 ) -> ClipJob:
     name, clip = one.manifest.name, one.clip
-    if isinstance(clip, MeasuredClip):
-        raise VfoaError(f"sweep: {name} holds measurements; expected clips with images")
     configurations = tuple(each.for_clip(name) for each in experiment.configurations)
-    cache = open_cache(store, name, clip, configurations, one.digest) if store else None
+    cache = None  # nothing is perceived in a clip of measurements
+    if store and not isinstance(clip, MeasuredClip):
+        cache = open_cache(store, name, clip, configurations, one.digest)
     return ClipJob(
         manifest=one.manifest,
         frames=one.frames,

@@ -73,6 +73,8 @@ class MeasuredTables(FramesOfMeasurements):
         people = folder / settings.people_file
         objects = None if settings.objects_file is None else folder / settings.objects_file
         rows = read_rows(people, PEOPLE_COLUMNS, ("frame", "person", *POSITION))
+        if not rows:
+            raise VfoaError(f"{people}: no frames; expected at least one row")
         times = _times(rows, people)
         everyone = {name for row in rows if (name := row.cells.get("person"))}
         fixed, moving = _objects(objects, settings, times, everyone)
@@ -108,7 +110,7 @@ class MeasuredTables(FramesOfMeasurements):
 
 
 def _is_of_people(path: Path) -> bool:
-    return {"frame", "person", *POSITION} <= set(read_header(path))
+    return {"frame", "person"} <= set(read_header(path))  # reading names the other columns that are missing
 
 
 def _times(rows: list[TableRow], path: Path) -> dict[int, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -27,6 +28,7 @@ from harness.run.runner import prepare, run_plan
 from harness.sources import MeasuredClip
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, open_measured, true_labels
+from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 
 STAGES = """
@@ -177,6 +179,24 @@ def test_measurements_are_saved_and_read_back_to_the_last_bit(talk: Path) -> Non
         one, other = clip.scene(number), back.scene(number)
         assert (other.time_ns, repr(other.people)) == (one.time_ns, repr(one.people))
         assert [repr(each.box) for each in other.targets] == [repr(each.box) for each in one.targets]
+
+
+def test_the_example_of_the_documents_runs_and_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = read_text(REPOSITORY / "docs" / "sources.md")
+    people, objects = re.findall(r"^```csv\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    write_text(tmp_path / "talk" / "people.csv", people)
+    write_text(tmp_path / "talk" / "objects.csv", objects)
+    added = add_clip(tmp_path / "talk")
+    assert (added.subjects, added.targets) == (("anna", "ben"), ("lamp",))
+    assert check_clip("talk").problems == ()
+    found = {
+        (record.frame, each.name): record.target(each.focus).name
+        for record in read_results(_run(tmp_path, "conversation", clips=("talk",)).results)
+        for each in record.subjects
+        if record.configuration == "nearest" and each.focus is not None
+    }
+    assert found == {(1, "anna"): "ben", (2, "anna"): "lamp", (1, "ben"): "anna", (2, "ben"): "anna"}
 
 
 def test_a_clip_with_images_needs_its_stages(talk: Path) -> None:

@@ -7,12 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from harness.clips.add import add_clip
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.score.finished_run import read_scores
 from harness.score.sweep.runner import sweep_plan
 from tests.command import vfoa
 from tests.disk import write_text
+from tests.measured import measured_tables
 from tests.plugins import install
 from vfoa.errors import VfoaError
 
@@ -64,6 +66,33 @@ def test_a_sweep_counts_what_a_run_of_every_configuration_counts(tmp_path: Path)
         expected = pooled["-".join(row.factors.values())]
         assert (row.n, row.correct, row.predicted) == (expected.n, expected.correct, expected.predicted)
     assert len({row.correct for row in sweep.rows}) > 1
+
+
+MEASURED = """
+clips = ["talk"]
+preset = "measured"
+[sweep]
+per = "attention.weighting"
+across = "attention.cones_deg"
+[grid]
+"attention.weighting" = ["adaptive", "head"]
+"attention.cones_deg" = { narrow = [5.0], wide = [20.0], both = [10.0, 60.0] }
+"""
+
+
+def test_a_sweep_over_measurements_counts_what_a_run_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    added = add_clip(measured_tables(tmp_path / "talk"))
+    wrong = "1,12,anna,ben,\n1,12,ben,anna,\n"  # in half of the frames
+    write_text(added.annotations, f"# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n{wrong}")
+    plan = prepare(load_experiment(str(write_text(tmp_path / "mine.toml", MEASURED))))
+    run = read_scores(run_plan(plan, tmp_path / "run", workers=1, progress=lambda clip: None))
+    sweep = sweep_plan(plan, tmp_path / "sweep", workers=1, progress=lambda clip: None)
+    of_run = {row.configuration: row for row in run.rows if row.subject is None}
+    for row in sweep.rows:
+        expected = of_run["-".join(row.factors.values())]
+        assert (row.n, row.correct, row.predicted) == (expected.n, expected.correct, expected.predicted)
+    assert (24, 12) in {(row.n, row.correct) for row in sweep.rows}
 
 
 def test_the_command_writes_the_table_the_answers_and_the_figure(
