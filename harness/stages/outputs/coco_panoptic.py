@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -12,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, Field
 
 from harness.bounded_parsing import parse_json
 from harness.data_folders import expand
-from harness.files import digest_files, read_bytes
+from harness.files import digest_files, file_digest, read_bytes
 from harness.safe_names import check_name
 from harness.sources import Clip
 from harness.sources.media.frame_files import number_names
@@ -61,7 +62,7 @@ class CocoPanoptic:
     def __init__(self, settings: CocoPanopticSettings, clip: Clip) -> None:
         root = expand(settings.root, Path.cwd(), "segmentation.root")
         self._json, self._png = root / settings.annotations, root / settings.masks
-        file = _read(self._json)
+        file = _read(self._json, file_digest(self._json))
         self._categories = _by_key(file.categories, "id", f"{self._json}: categories")
         self._stuff = _named_stuff(settings.stuff, file, self._json)
         by_name = _by_key(file.annotations, "file_name", f"{self._json}: annotations")
@@ -153,7 +154,9 @@ class _PanopticFile(BaseModel):
     categories: list[_Category]
 
 
-def _read(path: Path) -> _PanopticFile:
+@lru_cache(maxsize=2)
+def _read(path: Path, digest: str) -> _PanopticFile:
+    """Read the file, once for a content: the stage reads it, and so does whoever describes the run."""
     return parse(_PanopticFile, parse_json(read_bytes(path), path), str(path))
 
 

@@ -11,12 +11,13 @@ without a row has no heads.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 from pydantic import Field
 
 from harness.data_folders import expand
-from harness.files import digest_files
+from harness.files import digest_files, file_digest
 from harness.sources import Clip
 from harness.stages.outputs.tables import Row, read_table, write_table
 from vfoa.errors import VfoaError
@@ -67,8 +68,14 @@ def read_heads(path: Path, clip: Clip) -> dict[int, dict[str, Head]]:
     VfoaError
         For the first mistake, with file and line.
     """
+    return _read_heads(path, file_digest(path), tuple(clip.frames))
+
+
+@lru_cache(maxsize=2)
+def _read_heads(path: Path, digest: str, frames: tuple[int, ...]) -> dict[int, dict[str, Head]]:
+    """As above, once for a content: several stages read it, and so does whoever describes the run."""
     heads: dict[int, dict[str, Head]] = {}
-    for row in read_table(path, COLUMNS, clip.frames):
+    for row in read_table(path, COLUMNS, frames):
         heads.setdefault(row.frame, {})[row.subject] = _head(row)
     return heads
 
