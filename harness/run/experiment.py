@@ -147,7 +147,7 @@ def load_experiment(
     """
     path = _find(name_or_path)
     where = str(path)
-    file = parse(_File, read_toml(path), where)
+    file = _with_fitted_files(parse(_File, read_toml(path), where), path.parent)
     where = " --set ".join((where, *overrides))
     chosen = clips or file.clips
     if not chosen:
@@ -169,6 +169,19 @@ def load_experiment(
         sweep=file.sweep,
         published=file.published,
     )
+
+
+def _with_fitted_files(file: _File, folder: Path) -> _File:
+    """The file with its presets of fitted settings where they are: below the working directory, or beside it."""
+
+    def found(name: object) -> object:
+        is_file = isinstance(name, str) and name.endswith(".toml")
+        return str(folder / str(name)) if is_file and not Path(str(name)).exists() else name
+
+    configurations = (
+        {**each, **({"preset": found(each["preset"])} if "preset" in each else {})} for each in file.configuration
+    )
+    return file.model_copy(update={"preset": found(file.preset), "configuration": tuple(configurations)})
 
 
 def _configurations(

@@ -1,4 +1,4 @@
-"""Estimates of the assumptions from labelled sequences: error, bias, gain, head share, dwell, looks at nowhere.
+"""Estimates of the assumptions from labelled sequences: error, bias, gain, head share, dwell, temperatures and more.
 
 Every quantity is estimated with each clip left out in turn. Settings for a clip come from the other clips only, and the
 spread of the estimates gives the interval (delete-one jackknife, Efron 1982).
@@ -16,11 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from vfoa.geometry import tangent_offset
-from vfoa.posterior.belief import Measured, Scenery
+from vfoa.posterior.belief import Belief, Measured, Scenery
+from vfoa.posterior.filter import update
 from vfoa.posterior.settings import PosteriorSettings
+from vfoa.posterior.smoothing import smoothed
 from vfoa.types import Float
 
 QUANTITIES = ("gaze_error_deg", "bias_deg", "gain", "head_share", "aside_deg", "rest_deg", "dwell_s", "p_nowhere")
+_TEMPERATURES = np.round(np.geomspace(1.0, 10.0, 48), 2)
 _T_95 = (12.71, 4.30, 3.18, 2.78, 2.57, 2.45, 2.36, 2.31, 2.26, 2.23)
 """Student's t, two-sided 95 %, for 1 to 10 degrees of freedom."""
 
@@ -66,22 +69,64 @@ def settings_from(
     """Return ``base`` with the quantities that these people show; those of the clip ``without`` are left out.
 
     A fitted error is a prior, as a claimed one is: ``error`` is not changed. Quantities that the people do not show
-    keep the value of ``base``; so does the gain, which is always a hypothesis.
+    keep the value of ``base``.
     """
     values, counts = _estimates([each for each in people if without is None or each.clip != without])
-    allowed = {"gaze_error_deg": 60.0, "bias_deg": 60.0, "aside_deg": 90.0, "rest_deg": 90.0, "head_share": 1.0}
-    update: dict[str, object] = {
+    allowed = dict.fromkeys(("gaze_error_deg", "bias_deg"), 60.0) | {"gain": 1.5, "head_share": 1.0}
+    allowed |= dict.fromkeys(("aside_deg", "rest_deg"), 90.0)
+    values_of: dict[str, object] = {
         name: float(np.clip(value, 0.02, allowed.get(name, np.inf)))
         for name, value in values.items()
         if name in type(base).model_fields and counts[name] and np.isfinite(value)
     }
-    if "gaze_error_deg" in update:
-        update["spread"] = "published"
-    if "p_nowhere" in update:
+    if "gaze_error_deg" in values_of:
+        values_of["spread"] = "published"
+    if "p_nowhere" in values_of:
         # Laplace's rule of succession: a few looks without nowhere do not exclude it
         looks = counts["p_nowhere"]
-        update["p_nowhere"] = (values["p_nowhere"] * looks + 1) / (looks + 2)
-    return type(base).model_validate({**base.model_dump(), **update})
+        values_of["p_nowhere"] = (values["p_nowhere"] * looks + 1) / (looks + 2)
+    fitted = type(base).model_validate({**base.model_dump(), **values_of})
+    shown = [each for each in people if without is None or each.clip != without]
+    return fitted.model_copy(update=fitted_temperatures(shown, fitted))
+
+
+def fitted_temperatures(people: Sequence[LabelledPerson], settings: PosteriorSettings) -> dict[str, float]:
+    """The temperatures at which the labels are likeliest, where a gaze of unknown error was measured; else none.
+
+    The one scales forward answers, the other those that know the later frames (Guo et al. 2017).
+    """
+    if settings.error == "told":
+        return {}
+    forward: list[tuple[Float, int]] = []
+    smooth: list[tuple[Float, int]] = []
+    for person in people:
+        beliefs = _beliefs(person, settings)
+        for frame, belief, later in zip(person.frames, beliefs, smoothed(beliefs) if beliefs else [], strict=True):
+            if belief.error is not None and frame.looked_at in belief.keys:
+                column = belief.keys.index(frame.looked_at)
+                forward.append((belief.probabilities, column))
+                smooth.append((later, column))
+    if not forward:
+        return {}
+    return {"temperature": _likeliest(forward), "smoothed_temperature": _likeliest(smooth)}
+
+
+def _beliefs(person: LabelledPerson, settings: PosteriorSettings) -> list[Belief]:
+    found: list[Belief] = []
+    for k, frame in enumerate(person.frames):
+        dt_s = frame.time_s - person.frames[k - 1].time_s if k else 0.0
+        found.append(update(found[-1] if found else None, frame.scenery, frame.measured, dt_s, settings))
+    return found
+
+
+def _likeliest(answers: Sequence[tuple[Float, int]]) -> float:
+    """The temperature with the least mean negative log likelihood of the true columns."""
+    logs = np.full((len(answers), max(len(each) for each, _ in answers)), -np.inf)
+    for row, (probabilities, _) in enumerate(answers):
+        logs[row, : len(probabilities)] = np.log(np.maximum(probabilities, 1e-12))
+    true = logs[np.arange(len(answers)), [column for _, column in answers]]
+    surprise = [(np.log(np.exp(logs / each).sum(axis=1)) - true / each).mean() for each in _TEMPERATURES]
+    return float(_TEMPERATURES[int(np.argmin(surprise))])
 
 
 def _clips(people: Sequence[LabelledPerson]) -> list[Hashable]:

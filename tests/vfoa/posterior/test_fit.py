@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from vfoa.geometry import unit
 from vfoa.posterior.belief import Measured, Scenery
-from vfoa.posterior.fit import LabelledFrame, LabelledPerson, fit, settings_from
+from vfoa.posterior.fit import LabelledFrame, LabelledPerson, fit, fitted_temperatures, settings_from
+from vfoa.posterior.grid import gaze_hypotheses
 from vfoa.posterior.settings import PosteriorSettings
 from vfoa.simulated_scenes import NOWHERE, Errors, draw_sequence
 
@@ -61,3 +64,25 @@ def test_what_is_not_shown_stays_as_it_was() -> None:
     assert settings_from([], base) == base
     only = fit([drawn_person(1, Errors())])
     assert np.isnan(only["gain"].low)
+
+
+def test_the_fitted_gain_is_the_middle_of_the_hypotheses() -> None:
+    people = [drawn_person(seed, Errors(gaze_deg=8.0, gain=0.5)) for seed in range(3)]
+    fitted = settings_from(people, PosteriorSettings())
+    assert fitted.gain == pytest.approx(0.5, abs=0.1)
+    gains = gaze_hypotheses(fitted).gains
+    assert gains == pytest.approx((fitted.gain - 0.2, fitted.gain, fitted.gain + 0.2))
+
+
+def test_temperatures_rise_with_what_the_model_does_not_know() -> None:
+    """Labels that have nothing to do with the gaze: only answers that are nearly even are honest."""
+    right = drawn_person(1, Errors(gaze_deg=8.0))
+    targets = [key for key in right.frames[0].scenery.keys if key is not None]
+    drawn = np.random.default_rng(1).choice(targets, len(right.frames))
+    wrong = [replace(frame, looked_at=int(label)) for frame, label in zip(right.frames, drawn, strict=True)]
+    base = PosteriorSettings()
+    honest, blind = (fitted_temperatures([each], base) for each in (right, replace(right, frames=wrong)))
+    assert honest["temperature"] < 3
+    assert blind["temperature"] > 2 * honest["temperature"]
+    assert blind["smoothed_temperature"] > 2 * honest["smoothed_temperature"]
+    assert fitted_temperatures([right], PosteriorSettings(error="told")) == {}
