@@ -62,7 +62,7 @@ class File(Protocol[Content]):
     """The reader and writer of the contents."""
 
     def read(self, path: Path | None) -> Content:
-        """The contents; None: of a file that is not there."""
+        """The contents; ``path`` None: those of a file that does not exist."""
         ...
 
     def write(self, path: Path, content: Content) -> None:
@@ -76,11 +76,11 @@ class Journaled(Generic[Machine]):
     Parameters
     ----------
     path, journal
-        The file, which need not exist, and its journal; None: nothing is changed here.
+        The file, which need not exist, and its journal; None: nothing can be changed.
     history, file
-        The state, and how it is read and written.
+        The state, and its reader and writer.
     origin
-        What is read while there is no file.
+        The file to read if ``path`` does not exist.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class Journaled(Generic[Machine]):
         self._journal, self._file, self._origin, self._clock = journal, file, origin, clock
         entries = journal.entries if journal else []
         self.last_s: float | None = None
-        """When the last change was made here, in seconds since 1970."""
+        """The time of the last change made here, in seconds since 1970."""
         self._request, self._requests = "", {entry["id"] for entry in entries if "id" in entry}
         self._start(self._read(), entries)
 
@@ -198,7 +198,7 @@ class Journaled(Generic[Machine]):
             ) from None
 
     def _take_over(self, content: Any) -> None:
-        """Begin anew with what the file holds."""
+        """Begin anew with the content of the file."""
         entry = {**self.history.base_of(content), "time_s": round(self._clock(), 3)}
         if self._journal is not None:
             self._journal.append(entry)

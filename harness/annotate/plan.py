@@ -20,12 +20,12 @@ from vfoa.geometry import box_corners
 from vfoa.types import Box3D, Cue, Float, FrameResult, Person, Scene, Target
 
 WIDTH_PX, HEIGHT_PX = 1600, 800
-"""Pixels only give outlines and positions whole numbers: the page draws lines."""
+"""Size of the plan's pixel grid, in which outlines and positions are whole numbers; the page draws lines."""
 _MARGIN = 0.15
-"""Of the longer side, around all that is measured."""
+"""Margin around all measurements, as a share of the longer side."""
 _LEAST_MARGIN_M = 0.4
 _REACH: Mapping[Cue, float] = {"head": 0.7, "gaze": 0.95}
-"""How long directions are, in margins: nothing leaves the plan, and both are seen where they are the same."""
+"""Lengths of the drawn directions, as shares of the margin: none leaves the plan, and equal directions stay visible."""
 
 
 class Plan:
@@ -40,7 +40,7 @@ class Plan:
         self._middle = (high + low) / 2
 
     def at(self, number: int, manifest: ClipManifest) -> dict[str, Any]:
-        """A frame's plan as JSON: what :class:`~harness.annotate.scene.SceneView` has, and the key ``plan``.
+        """A frame's plan as JSON: the values of :class:`~harness.annotate.scene.SceneView`, and the key ``plan``.
 
         ``plan`` has the scale, the pixel of the origin, and a ray for each measured direction of a person.
         """

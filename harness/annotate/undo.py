@@ -1,4 +1,4 @@
-"""What can be undone and redone, and when it was made and undone: by these times two stores are undone as one."""
+"""Lists of changes to undo and redo, with the times of making and undoing: by these, two stores are undone as one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Change = TypeVar("Change")
 
 
 def time_of(entry: Mapping[str, Any]) -> float:
-    """When an entry of a journal was made, in seconds since 1970; 0 of one that an older version wrote."""
+    """The time at which a journal entry was made, in seconds since 1970; 0 for an entry of an older version."""
     return float(entry.get("time_s", 0.0))
 
 
@@ -29,40 +29,40 @@ class Undo(Generic[Change]):
         self._undone: list[_Made[Change]] = []
 
     def make(self, change: Change, time_s: float) -> None:
-        """Something new: what was undone before cannot be redone."""
+        """Add a new change; nothing can be redone after it."""
         self._done.append(_Made(change, time_s))
         self._undone.clear()
 
     def undo(self, time_s: float) -> Change:
-        """Take the last change back (IndexError if there is none)."""
+        """Take the last change back and return it (IndexError if there is none)."""
         last = self._done.pop()
         self._undone.append(replace(last, undone_s=time_s))
         return last.change
 
     def redo(self) -> Change:
-        """Make the change again that was undone last (IndexError if there is none)."""
+        """Apply the last undone change again and return it (IndexError if there is none)."""
         last = self._undone.pop()
         self._done.append(last)
         return last.change
 
     def clear(self) -> None:
-        """Nothing can be undone or redone."""
+        """Forget all changes: nothing can be undone or redone."""
         self._done.clear()
         self._undone.clear()
 
     def each(self, changed: Callable[[Change], Change]) -> None:
-        """Change every change."""
+        """Replace every change by ``changed`` of it."""
         for changes in (self._done, self._undone):
             changes[:] = [replace(one, change=changed(one.change)) for one in changes]
 
     def copy(self) -> Self:
-        """The same, on its own."""
+        """Return an independent copy."""
         copied = type(self)()
         copied._done, copied._undone = list(self._done), list(self._undone)
         return copied
 
     def plain(self) -> dict[str, Any]:
-        """As JSON: when the change was made that is undone next, and when that was undone that is redone next."""
+        """As JSON: whether undo and redo are possible, and when their changes were made and undone."""
         made, undone = self._done[-1:], self._undone[-1:]
         return {
             "can_undo": bool(made),

@@ -16,25 +16,25 @@ from vfoa.errors import VfoaError
 from vfoa.types import Image, StereoFrame
 
 _CACHED_FRAMES = 2
-"""A frame's picture and its scene are asked for one after the other. Large images take tens of MB."""
+"""A frame's picture and its scene are requested one after the other. Large images take tens of MB."""
 _CACHED_PICTURES = 256
 _CACHED_SCENES = 2048
 
 
 class Views(Protocol):
-    """What is shown of a clip, by the source's own frame numbers. Not for several threads at once."""
+    """The views of a clip, by the source's own frame numbers. Not for several threads at once."""
 
     @property
     def has_images(self) -> bool:
-        """Whether there are pictures, or scenes alone."""
+        """Whether there are pictures, not only scenes."""
         ...
 
     def use(self, manifest: ClipManifest) -> None:
-        """Take the names of a manifest that has changed."""
+        """Use the names of a changed manifest."""
         ...
 
     def scene(self, number: int) -> dict[str, Any]:
-        """Outlines and heads in pixels, and the size of what they lie on, as JSON."""
+        """Outlines and heads in pixels, and the size of the image or plan, as JSON."""
         ...
 
     def picture(
@@ -69,7 +69,7 @@ class ImageViews:
         self._scene = lru_cache(_CACHED_SCENES)(self._look_at)
 
     def use(self, manifest: ClipManifest) -> None:
-        """Take the names of a manifest that has changed."""
+        """Use the names of a changed manifest."""
         self._manifest = manifest
         self._scene.cache_clear()
 
@@ -116,7 +116,7 @@ class PlanViews:
         self._plan, self._manifest = Plan(clip), manifest
 
     def use(self, manifest: ClipManifest) -> None:
-        """Take the names of a manifest that has changed."""
+        """Use the names of a changed manifest."""
         self._manifest = manifest
 
     def scene(self, number: int) -> dict[str, Any]:
@@ -126,7 +126,7 @@ class PlanViews:
     def picture(
         self, view: pictures.View, number: int, subject: str | None, region: pictures.RegionPx | None, width: int | None
     ) -> bytes | None:
-        """Refuse: there is none.
+        """Refuse: there are no pictures.
 
         Raises
         ------

@@ -2,8 +2,8 @@
 
     <run>/measured/<clip>__<configuration>/people.csv, objects.csv
 
-People have their measured directions, before any filter of the attention stage. Names are those of the run; of several
-things with one name each has its number behind it.
+People have their measured directions, before any filter of the attention stage. Names are those of the run; if several
+things have one name, their number is added to it.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def _people(frame: FinishedFrame, names: Mapping[int, str]) -> Iterator[Measured
 
 @dataclass(frozen=True, slots=True)
 class MeasuredSinks:
-    """Opens the scenes of these configurations: of several with the same scenes, the first."""
+    """A factory of sinks for these configurations: the first ones of those with the same scenes."""
 
     configurations: frozenset[str]
 

@@ -1,4 +1,4 @@
-"""Writes measurements as the pair of tables that :mod:`harness.sources.measured.tables` reads."""
+"""Write measurements as the pair of tables that :mod:`harness.sources.measured.tables` reads."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Cells = list[object]
 
 
 def write_measured(folder: Path, frames: Mapping[int, MeasuredFrame]) -> None:
-    """Write ``people.csv`` and ``objects.csv``. All is read back to the last bit, but for boxes that are turned."""
+    """Write ``people.csv`` and ``objects.csv``. Reading them gives the same bits, except for rotated boxes."""
     numbered = sorted(frames.items())
     write_rows(folder / "people.csv", _PEOPLE, [row for each in numbered for row in _people(*each)])
     write_rows(

@@ -1,4 +1,4 @@
-"""Arrays in NumPy's format, of which nothing is believed."""
+"""Arrays in NumPy's format, read without trust in the file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from harness.files import read_bytes
 from vfoa.errors import VfoaError
 
 _DAMAGED = (ValueError, EOFError, OSError, SyntaxError, TokenError, MemoryError, OverflowError)
-"""What NumPy raises of a damaged file: its header is Python."""
+"""Errors that NumPy raises for a damaged file: its header is Python."""
 
 
 def read_npy(path: Path) -> NDArray[Any]:

@@ -153,7 +153,7 @@ def test_key_frames_come_and_go_by_keys_and_all_can_be_undone(page: Page, sessio
 
 def test_labels_and_drawing_are_undone_as_one_in_the_order_in_which_they_were_made(page: Page, session: Chrome) -> None:
     def found() -> tuple[int | None, str | None]:
-        """How wide the box is, and what is looked at."""
+        """The width of the box, and the target of the labels at the start."""
         tracks = page.session.drawn()["tracks"]
         (first, *_) = page.session.state()["tracks"]["ann"]
         width = tracks[0]["keys"][0][1][2] - tracks[0]["keys"][0][1][0] if tracks else None
