@@ -172,7 +172,7 @@ def load_experiment(
 
 
 def _with_fitted_files(file: _File, folder: Path) -> _File:
-    """The file with its presets of fitted settings where they are: below the working directory, or beside it."""
+    """Return the file with the paths of its preset files: below the working directory, else beside the file."""
 
     def found(name: object) -> object:
         is_file = isinstance(name, str) and name.endswith(".toml")

@@ -91,9 +91,9 @@ def settings_from(
 
 
 def fitted_temperatures(people: Sequence[LabelledPerson], settings: PosteriorSettings) -> dict[str, float]:
-    """The temperatures at which the labels are likeliest, where a gaze of unknown error was measured; else none.
+    """Return the temperatures at which the labels are likeliest; empty if no gaze of unknown error was measured.
 
-    The one scales forward answers, the other those that know the later frames (Guo et al. 2017).
+    ``temperature`` scales forward answers, ``smoothed_temperature`` those with later frames (Guo et al. 2017).
     """
     if settings.error == "told":
         return {}

@@ -104,7 +104,7 @@ def head_hypotheses(settings: PosteriorSettings) -> HeadHypotheses:
 
 
 def _gains(fitted: float | None) -> tuple[Float, Float]:
-    """The gains (3,) and their prior (3,): about the fitted one where there is one."""
+    """The gains (3,) and their prior (3,): about the fitted gain if there is one."""
     if fitted is None:
         gains, prior = np.array(_GAINS).T
         return gains, prior
