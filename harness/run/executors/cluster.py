@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from distributed import Client, Future
 
 TOPIC = "vfoa"
+_COUNTS = "counts"
+"""The key of the counts in an event, to which Dask adds keys of its own."""
 _ADDRESS = re.compile(r"[a-z]+://.+:\d+")
 PATIENCE_SECONDS = 30
 TOLD_EVERY_SECONDS = 0.2
@@ -110,8 +112,8 @@ class Cluster:
         from distributed import CancelledError, KilledWorker
         from distributed.comm import CommClosedError
 
-        def heard(event: tuple[float, dict[str, int]]) -> None:
-            for word, count in event[1].items():
+        def heard(event: tuple[float, dict[str, dict[str, int]]]) -> None:
+            for word, count in event[1][_COUNTS].items():
                 for _ in range(count):
                     progress(word)
 
@@ -207,7 +209,7 @@ def _on_worker(
             f"{worker.address}: sees no {sees}; expected the disk of the run's directory, or --out and --cache on "
             "object storage (s3://bucket/runs/name)"
         )
-    told = _Told(lambda words: worker.log_event(TOPIC, words))
+    told = _Told(lambda words: worker.log_event(TOPIC, {_COUNTS: words}))
 
     def progress(word: str) -> None:
         told.add(word)

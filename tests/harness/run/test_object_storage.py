@@ -168,7 +168,7 @@ def test_workers_share_a_clip_through_the_cache_and_its_run_is_scored_and_contin
     local_copy.cache_clear()
     again = CliRunner().invoke(app, [*command, "--workers", "1", "--cache", cache])
     assert again.exit_code == 0, again.output
-    assert "finished before; nothing was computed" in again.output
+    assert "nothing was computed" in again.output
     page = Remote(address.rstrip("/")).read("report.html")
     Remote(address.rstrip("/")).remove(["report.html"])
     local_copy.cache_clear()
