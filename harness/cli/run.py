@@ -188,7 +188,7 @@ def run(
         f"{' --failures' if scores.rows else ''}"
     )
     if mirror:
-        typer.echo(f"All of it: {mirror.address}")
+        say(f"All of it: {mirror.address}")
     _report_failures(directory)
 
 

@@ -227,7 +227,7 @@ _IMAGES = [
     case("image claims no pixels", claims(LEFT, 0, 436), "000002.png", "0 x 436 pixels"),
     case("image gone on one side", gone("images/right/000002.png"), "frame 2: not in the clip"),
     case("image is a folder", a_folder(LEFT), "000002.png", "directory"),
-    case("image is a pipe", a_pipe(LEFT), "000002.png", "no plain file"),
+    case("image is a pipe", a_pipe(LEFT), "000002.png", "not a plain file"),
     case("image is a dangling link", dangling(LEFT), "000002.png", "a link to nowhere, which does not exist"),
     case("no images on one side", lambda root: [each.unlink() for each in (root / "images/left").iterdir()], "left"),
     case("a stray image whose name is not UTF-8", _stray, "do not share one numbering"),
@@ -240,7 +240,7 @@ _CALIBRATION = [
     case("calibration cut", cut(YML), "stereo.yml"),
     case("calibration is binary", text(YML, bytes(range(256))), "stereo.yml"),
     case("calibration is prose", text(YML), "stereo.yml"),
-    case("calibration is a pipe", a_pipe(YML), "stereo.yml", "no plain file"),
+    case("calibration is a pipe", a_pipe(YML), "stereo.yml", "not a plain file"),
     case("calibration of many brackets", text(YML, 5_000 * "["), "stereo.yml", "levels deep"),
     case("calibration gone", gone(YML), "stereo.yml", "no such file"),
     case("calibration with NaN", replaced(YML, "800.", ".Nan"), "stereo.yml", "K"),
@@ -268,7 +268,7 @@ _MANIFEST = [
     case("manifest of many brackets", text(TOML, f"a = {10_000 * '['}"), "mine.toml", "levels deep"),
     case("manifest with 5,000 digits", replaced(TOML, "25.0", 5_000 * "9"), "mine.toml", "64 bits"),
     case("manifest is a dangling link", dangling(TOML), "mine.toml", "a link to nowhere, which does not exist"),
-    case("manifest is a pipe", a_pipe(TOML), "mine.toml", "no plain file"),
+    case("manifest is a pipe", a_pipe(TOML), "mine.toml", "not a plain file"),
     case("manifest is a folder", a_folder(TOML), "no clip 'mine'"),
 ]
 
@@ -276,7 +276,7 @@ CSV = "annotations/mine.csv"
 _ANNOTATIONS = [
     case("annotations empty", empty(CSV), "mine.csv"),
     case("annotations are a dangling link", dangling(CSV), "mine.csv", "a link to nowhere, which does not exist"),
-    case("annotations are a pipe", a_pipe(CSV), "mine.csv", "no plain file"),
+    case("annotations are a pipe", a_pipe(CSV), "mine.csv", "not a plain file"),
     case("annotations without their version", text(CSV, LABELS.partition("\n")[2]), "mine.csv"),
     case("annotations of another version", replaced(CSV, "annotations 1", "annotations 9"), "mine.csv", "9"),
     case("annotations cut", text(CSV, LABELS[:-8]), "mine.csv:3"),
@@ -291,7 +291,7 @@ _EXPERIMENT = [
     case("experiment empty", empty("e.toml"), "e.toml", "clip"),
     case("experiment cut", cut("e.toml", 0.5), "e.toml"),
     case("experiment with a wrong word", replaced("e.toml", '"coco_panoptic"', '"coco_panotpic"'), "coco_panoptic"),
-    case("experiment with a clip twice", replaced("e.toml", '["mine"]', '["mine", "mine"]'), "e.toml", "there twice"),
+    case("experiment with a clip twice", replaced("e.toml", '["mine"]', '["mine", "mine"]'), "e.toml", "occurs twice"),
     case("experiment with an impossible number", text("e.toml", EXPERIMENT + "attention.n_rays = 0\n"), "n_rays"),
 ]
 
@@ -369,7 +369,7 @@ RUNS = [
         "results.jsonl:1:",
         command=_SCORE,
     ),
-    case("results is a pipe", a_pipe(_RESULTS), "results.jsonl", "no plain file", command=_SCORE),
+    case("results is a pipe", a_pipe(_RESULTS), "results.jsonl", "not a plain file", command=_SCORE),
     case("results of many brackets", text(_RESULTS, 10_000 * "[" + "\n"), "results.jsonl:1:", command=_SCORE),
     case("results gone", gone(_RESULTS), "results.jsonl", command=_SCORE),
     case("run's manifest empty", empty(_RUN_MANIFEST), "manifest.json", command=_SCORE),
@@ -378,7 +378,7 @@ RUNS = [
     case("run's manifest without clips", text(_RUN_MANIFEST, '{"finished": "now"}'), command=_SCORE),
     case("run's manifest of words", replaced(_RUN_MANIFEST, '"clips": [', '"clips": ["a", '), "clips", command=_SCORE),
     case("run's manifest with 5,000 digits", text(_RUN_MANIFEST, 5_000 * "9"), "64 bits", command=_SCORE),
-    case("run's manifest is a pipe", a_pipe(_RUN_MANIFEST), "manifest.json", "no plain file", command=_SCORE),
+    case("run's manifest is a pipe", a_pipe(_RUN_MANIFEST), "manifest.json", "not a plain file", command=_SCORE),
     case("run's manifest gone", gone(_RUN_MANIFEST), "run", command=_SCORE),
     case("annotations spoilt since", text(CSV, LABELS + "2,3,anna,book,\n"), "mine.csv:4", command=_SCORE),
     case("timings cut", cut("run/timings.csv", 0.53), "timings.csv", command=_SCORE),

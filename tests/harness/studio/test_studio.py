@@ -289,7 +289,7 @@ class TestStore:
         (tmp_path / "file").write_text("")
         monkeypatch.setenv("VFOA_CACHE", str(tmp_path / "file"))
         assert clip().frame(1).left.shape == (436, 1024, 3)
-        assert "not kept" in caplog.text
+        assert "not stored" in caplog.text
 
 
 class TestClip:
