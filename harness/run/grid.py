@@ -6,6 +6,7 @@ import itertools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 from harness.stages.configuration import Configuration
@@ -115,6 +116,7 @@ def repeated(configuration: Configuration, seeds: int, where: str) -> Iterator[C
         yield replace(configuration, name=f"{configuration.name}.seed{first + step}", choices=choices)
 
 
+@cache
 def base_of(name: str) -> str:
     """The name of the configuration that this one repeats under another seed; its own name otherwise."""
     return _SEED.sub("", name)

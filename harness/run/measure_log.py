@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
+from harness.run.grid import base_of
 from harness.run.records import FrameRecord
 from harness.stages.measures import FrameMeasures, TargetMeasure
 
 
 class MeasureLog:
-    """Collects measures from passing records: see :meth:`watch`."""
+    """Collects measures from passing records: see :meth:`watch`. The seeds of a configuration are taken together."""
 
     def __init__(self) -> None:
         self._by_pair: dict[tuple[str, str], list[FrameMeasures]] = {}
@@ -19,7 +20,7 @@ class MeasureLog:
         """Yield the records unchanged and keep their measures, and the run's name of each true object."""
         for record in records:
             if record.measures is not None:
-                pair = record.clip, record.configuration
+                pair = record.clip, base_of(record.configuration)
                 if pair not in self._by_pair:
                     self._by_pair[pair] = []
                 self._by_pair[pair].append(record.measures)
@@ -36,12 +37,12 @@ class MeasureLog:
     def part(self, clip: str, configuration: str) -> tuple[list[FrameMeasures], dict[int, str]]:
         """The measures of a configuration on a clip so far, and the names of true objects, for another log."""
         names = {number: name for (of, number), name in self._names.items() if of == clip}
-        return self._by_pair.get((clip, configuration), []), names
+        return self._by_pair.get((clip, base_of(configuration)), []), names
 
     def add(self, clip: str, configuration: str, measures: list[FrameMeasures], names: Mapping[int, str]) -> None:
         """Add a part of another log."""
         if measures:
-            self._by_pair.setdefault((clip, configuration), []).extend(measures)
+            self._by_pair.setdefault((clip, base_of(configuration)), []).extend(measures)
         for number, name in names.items():
             self._names.setdefault((clip, number), name)
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from harness.labels.labels import IGNORED, Labels
+from harness.run.grid import base_of
 from harness.run.records import DirectionFitRecord, FrameRecord, SubjectRecord
 from harness.score.verdicts import find_subject, right_answers
 
@@ -59,7 +60,7 @@ def prediction_set(subject: SubjectRecord) -> tuple[int | None, ...] | None:
 
 
 class SetLog:
-    """Collects the sets of the scored frames from passing records."""
+    """Collects the sets of the scored frames from passing records; the seeds of a configuration are taken together."""
 
     def __init__(self, labels_by_clip: Mapping[str, Labels]) -> None:
         self._labels = labels_by_clip
@@ -74,17 +75,17 @@ class SetLog:
                 held = None if subject is None or label.target == IGNORED else prediction_set(subject)
                 if held is not None:
                     covered = not set(held).isdisjoint(right_answers(record, label))
-                    self._found.setdefault(record.configuration, []).append((covered, len(held)))
+                    self._found.setdefault(base_of(record.configuration), []).append((covered, len(held)))
             yield record
 
     def part(self, configuration: str) -> list[tuple[bool, int]]:
         """The sets of a configuration so far, covered or not and the size of each, for another log."""
-        return self._found.get(configuration, [])
+        return self._found.get(base_of(configuration), [])
 
     def add(self, configuration: str, found: list[tuple[bool, int]]) -> None:
         """Add a part of another log."""
         if found:
-            self._found.setdefault(configuration, []).extend(found)
+            self._found.setdefault(base_of(configuration), []).extend(found)
 
     def coverages(self) -> list[SetCoverage]:
         """One coverage for each configuration that gives probabilities."""
@@ -133,7 +134,7 @@ class DirectionCheck:
 
 @dataclass(slots=True)
 class DirectionLog:
-    """Collects the fit of every subject in every frame from passing records."""
+    """Collects the fit of every subject in every frame; the seeds of a configuration are taken together."""
 
     _found: dict[tuple[str, str], list[DirectionFitRecord]] = field(default_factory=dict)
 
@@ -142,17 +143,17 @@ class DirectionLog:
         for record in records:
             fits = [each.fit for each in record.subjects if each.fit is not None and each.name is not None]
             if fits:
-                self._found.setdefault((record.clip, record.configuration), []).extend(fits)
+                self._found.setdefault((record.clip, base_of(record.configuration)), []).extend(fits)
             yield record
 
     def part(self, clip: str, configuration: str) -> list[DirectionFitRecord]:
         """The fits of a configuration on a clip so far, for another log."""
-        return self._found.get((clip, configuration), [])
+        return self._found.get((clip, base_of(configuration)), [])
 
     def add(self, clip: str, configuration: str, found: list[DirectionFitRecord]) -> None:
         """Add a part of another log."""
         if found:
-            self._found.setdefault((clip, configuration), []).extend(found)
+            self._found.setdefault((clip, base_of(configuration)), []).extend(found)
 
     def checks(self) -> list[DirectionCheck]:
         """One check for each clip and configuration with a posterior, over the named subjects."""

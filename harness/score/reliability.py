@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.labels.labels import IGNORED, NOWHERE, Label, Labels
+from harness.run.grid import base_of
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.intervals import LEAST_CLIPS, draw, expanded_percentiles
 from harness.score.statistics import UNKNOWN, Codes, Interval
@@ -63,33 +64,36 @@ class Reliability:
 
 
 class BeliefLog:
-    """Collects the probabilities of the scored frames from passing records, for configurations that give any."""
+    """Collects the probabilities of the scored frames from passing records, for configurations that give any.
+
+    The seeds of a configuration are taken together.
+    """
 
     def __init__(self, configurations: Collection[str], labels_by_clip: Mapping[str, Labels]) -> None:
         self._labels = labels_by_clip
-        self._found: dict[str, dict[tuple[str, str], list[Sureness]]] = {name: {} for name in configurations}
+        self._found: dict[str, dict[tuple[str, str], list[Sureness]]] = {base_of(name): {} for name in configurations}
 
     def watch(self, records: Iterable[FrameRecord]) -> Iterator[FrameRecord]:
         """Yield the records unchanged."""
         for record in records:
-            labels = self._labels.get(record.clip)
-            if record.configuration in self._found and labels is not None:
+            labels, of_configuration = self._labels.get(record.clip), self._found.get(base_of(record.configuration))
+            if of_configuration is not None and labels is not None:
                 for _, subject, label in labels.labelled([record.frame]):
                     found = find_subject(record, subject)
                     if label.target != IGNORED and found is not None and found.missing is None:
-                        of_subject = self._found[record.configuration].setdefault((record.clip, subject), [])
+                        of_subject = of_configuration.setdefault((record.clip, subject), [])
                         of_subject.append(_sureness(record, found, label))
             yield record
 
     def part(self, clip: str, configuration: str) -> dict[str, list[Sureness]]:
         """The values of a configuration on a clip so far, by subject, for another log."""
-        found = self._found.get(configuration, {})
+        found = self._found.get(base_of(configuration), {})
         return {subject: each for (of, subject), each in found.items() if of == clip}
 
     def add(self, clip: str, configuration: str, found: Mapping[str, list[Sureness]]) -> None:
         """Add a part of another log."""
         for subject, each in found.items():
-            self._found[configuration].setdefault((clip, subject), []).extend(each)
+            self._found[base_of(configuration)].setdefault((clip, subject), []).extend(each)
 
     def reliabilities(self) -> list[Reliability]:
         """One over all clips for each configuration with a scored frame, in the order of the configurations."""

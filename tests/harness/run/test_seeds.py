@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from harness.report.record_logs import RecordLogs
 from harness.report.tables import seeds_table
 from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
+from harness.run.records import DirectionFitRecord, FrameRecord
 from harness.score.comparison import compare
 from harness.score.reference import Reference
 from harness.score.score import score
+from harness.stages.measures import FrameMeasures
 from tests.disk import write_text
 from tests.records import answers, labels
 from vfoa.errors import VfoaError
@@ -78,6 +82,29 @@ def test_rows_are_means_over_seeds_and_looks_are_counted_once() -> None:
     (found,) = compare({name: scores.frames_of(name) for name in scores.scored_configurations})
     assert (found.n, found.looks, found.verdict) == (400, 8, "worse")
     assert found.difference == pytest.approx(poor.frr - good.frr)
+
+
+def test_checks_of_probabilities_and_of_stages_take_all_seeds_together() -> None:
+    reference = Reference(labels={"clip": labels("cup", "cup", "can")})
+    logs = RecordLogs(reference, ["bayes.seed1", "bayes.seed2"])
+    for configuration, said in (("bayes.seed1", ["cup", "can", "can"]), ("bayes.seed2", ["cup", "cup", "can"])):
+        of_seed = RecordLogs(reference, [configuration])
+        of_seed.watch(map(fitted_and_measured, answers(said, configuration=configuration)))
+        logs.add("clip", configuration, of_seed.part("clip", configuration))
+    (calibration,) = logs.beliefs.reliabilities()
+    assert (calibration.configuration, calibration.n) == ("bayes", 6)
+    assert calibration.share_right == pytest.approx(5 / 6)
+    assert [(each.configuration, each.n) for each in logs.beliefs.by_subject()] == [("bayes", 6)]
+    assert [(each.configuration, each.n) for each in logs.sets.coverages()] == [("bayes", 6)]
+    assert [(each.configuration, each.n) for each in logs.directions.checks()] == [("bayes", 6)]
+    assert {key: len(frames) for key, frames in logs.measures.pooled().items()} == {("clip", "bayes"): 6}
+
+
+def fitted_and_measured(record: FrameRecord) -> FrameRecord:
+    """The record with a fit of every subject and with empty measures."""
+    fit = DirectionFitRecord(tail=0.5, claimed_error_rad=0.2, implied_error_rad=0.2)
+    subjects = tuple(replace(each, fit=fit) for each in record.subjects)
+    return replace(record, subjects=subjects, measures=FrameMeasures(disparity=None, targets=(), people=()))
 
 
 def test_runs_under_other_numbers_of_seeds_are_not_compared() -> None:
