@@ -76,6 +76,7 @@ def write_flashing(folder: Path) -> Path:
             write_beeping_video(folder / "flashing" / f"{side}.mkv", flashes, rate_hz=RATE_HZ)
         text = MANIFEST.replace('"noise"', '"flashing"').replace("../pairs", "../flashing")
         text = text.replace('"left"', '"left.mkv"\nlayout = "videos"').replace('"right"', '"right.mkv"')
+        manifest.parent.mkdir(exist_ok=True)
         manifest.write_text(text)
     return manifest
 
