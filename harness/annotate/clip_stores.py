@@ -31,11 +31,11 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
     left = [name for name in target_names(found) if name not in known] if found else []
     return LabelStore(
         path,
-        path.parent / ".journal" / f"{path.stem}.jsonl",
+        _journal_of(path),
         timeline=timeline,
         subjects=tuple(manifest.subjects),
         targets=[*manifest.targets, *left],
-        origin=found if found != path and came_with_program(manifest.path) else None,
+        origin=_origin(manifest, path, found),
     )
 
 
@@ -45,11 +45,11 @@ def open_speech(manifest: ClipManifest, timeline: Timeline) -> LabelStore:
     path, found = files.place_speech(), files.find_speech()
     return LabelStore(
         path,
-        path.parent / ".journal" / f"{path.stem}.jsonl",
+        _journal_of(path),
         timeline=timeline,
         subjects=tuple(manifest.subjects),
         targets=(SPEAKS,),
-        origin=found if found != path and came_with_program(manifest.path) else None,
+        origin=_origin(manifest, path, found),
         fill_gaps=False,
     )
 
@@ -63,11 +63,11 @@ def open_drawing(manifest: ClipManifest, frames: Sequence[int], also: Sequence[s
     path, found = files.place_drawn(), files.find_drawn()
     return DrawingStore(
         path,
-        path.parent / ".journal" / f"{path.stem}.jsonl",
+        _journal_of(path),
         frames=frames,
         subjects=manifest.subjects,
         targets=[*manifest.targets, *also],
-        origin=found if found != path and came_with_program(manifest.path) else None,
+        origin=_origin(manifest, path, found),
     )
 
 
@@ -86,3 +86,13 @@ def with_others(store: LabelStore, manifest: ClipManifest, timeline: Timeline) -
     with ExitStack() as stack:
         others = open_stores(manifest, timeline, but=store.path)
         yield [store, *(stack.enter_context(closing(each)) for each in others)]
+
+
+def _journal_of(path: Path) -> Path:
+    """The journal of a file that is changed in the page."""
+    return path.parent / ".journal" / f"{path.stem}.jsonl"
+
+
+def _origin(manifest: ClipManifest, path: Path, found: Path | None) -> Path | None:
+    """The file that came with the program, from which one that is to be written at ``path`` begins."""
+    return found if found != path and came_with_program(manifest.path) else None
