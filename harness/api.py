@@ -201,7 +201,7 @@ def run_experiment(
     VfoaError
         If the experiment, a clip or a setting is wrong, ``out`` holds another run, or nothing could be finished.
     """
-    from harness.remote import cache_root
+    from harness.cache_folder import cache_root
     from harness.report.sinks import composed_sinks
     from harness.run.runner import prepare, run_plan
     from harness.stages.cache.store import Store, cache_limit

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Literal
 
 from harness.files import stands
-from harness.remote import is_address, local_copy
+from harness.mirror import local_copy
+from harness.remote import is_address
 from vfoa.errors import VfoaError
 
 Kind = Literal["datasets", "annotations", "experiments"]

@@ -47,5 +47,5 @@ def _own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Keep stage outputs apart from the user's; rendered frames stay in place, since rendering is slow."""
     with pytest.MonkeyPatch.context() as patch:
         folder = tmp_path_factory.mktemp("cache")
-        patch.setattr("harness.remote.cache_root", lambda: folder)
+        patch.setattr("harness.cache_folder._of_platform", lambda: str(folder))
         yield

@@ -72,7 +72,7 @@ DOORS = {
     "zstandard": ("harness/stages/cache/values.py",),
     "pyarrow": ("harness/record/", "harness/strict_tables.py"),
     "yaml": ("harness/bounded_parsing.py", "harness/sources/calibration_files/documents.py"),
-    "platformdirs": ("vfoa/weights.py", "harness/remote.py", "harness/studio/store.py"),
+    "platformdirs": ("vfoa/weights.py", "harness/cache_folder.py", "harness/studio/store.py"),
 }
 
 

@@ -13,7 +13,8 @@ from harness.cli.completion import clip_names, configuration_names, run_director
 
 def run_folder(run: str) -> Path:
     """The local folder of a run: the given path, or a copy if it is an address of object storage."""
-    from harness.remote import is_address, local_copy
+    from harness.mirror import local_copy
+    from harness.remote import is_address
 
     return local_copy(run.rstrip("/"), "RUN") if is_address(run) else Path(run)
 

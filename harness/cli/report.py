@@ -23,7 +23,7 @@ def report(
     no_open: NoOpen = False,
 ) -> None:
     """Write a run's report page from its results and the present labels, or the page of a sweep."""
-    from harness.remote import Mirror
+    from harness.mirror import Mirror
     from harness.report.sweep import write_sweep
     from harness.report.write import report_page, rescore
     from harness.run.directory import RunDirectory

@@ -118,7 +118,7 @@ def run(
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.terminal import frames_bar, print_scores
-    from harness.remote import Mirror, bring_models, open_mirror
+    from harness.mirror import Mirror, bring_models, open_mirror
     from harness.report.sinks import composed_sinks
     from harness.report.write import rescore
     from harness.run.runner import prepare, run_plan

@@ -20,7 +20,7 @@ def score(
 ) -> None:
     """Score a run again from its results and the present labels; needs no images and no models."""
     from harness.cli.terminal import print_scores
-    from harness.remote import Mirror
+    from harness.mirror import Mirror
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
 

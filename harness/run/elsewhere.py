@@ -8,8 +8,9 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from harness.cache_folder import cache_root
 from harness.files import is_file
-from harness.remote import Remote, cache_root
+from harness.remote import Remote
 from harness.run.clip_job import ClipJob, ClipOutcome
 from harness.run.directory import RunDirectory
 from harness.run.executors.contract import Progress

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.files import digest_files
-from harness.remote import Mirror, forget_copies
+from harness.mirror import Mirror, forget_copies
 from harness.run import provenance
 from harness.run.directory import RunDirectory, locked
 from harness.run.executors import executor

@@ -11,7 +11,8 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from harness.data_folders import expand
-from harness.remote import is_address, local_copy
+from harness.mirror import local_copy
+from harness.remote import is_address
 from tests.disk import stereo_pair_folder, write_text
 from vfoa.errors import VfoaError
 

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from uuid import uuid4
 
+from harness.cache_folder import VARIABLE as CACHE_VARIABLE
 from harness.code_digest import code_digest
-from harness.remote import CACHE_VARIABLE, bring_models, forget_copies
+from harness.mirror import bring_models, forget_copies
 from harness.run.executors.contract import GIVEN_UP, Job, Lost, Outcome, Progress, StoppedError, Work, compute_with
 from vfoa.errors import VfoaError
 

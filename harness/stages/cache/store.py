@@ -24,8 +24,10 @@ from pathlib import Path
 from typing import Any
 
 from harness.bounded_parsing import parse_json
+from harness.cache_folder import cache_root
 from harness.files import atomic_write, read_bytes
-from harness.remote import Mirror, Remote, cache_root, folder_of, is_address
+from harness.mirror import Mirror
+from harness.remote import Remote, folder_of, is_address
 from vfoa.errors import VfoaError
 
 GIGABYTE = 10**9

@@ -18,7 +18,8 @@ from moto.server import ThreadedMotoServer
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.remote import Mirror, Remote, local_copy, open_mirror
+from harness.mirror import Mirror, local_copy, open_mirror
+from harness.remote import Remote
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
@@ -164,7 +165,7 @@ def test_workers_share_a_clip_through_the_cache_and_its_run_is_scored_and_contin
     )
     assert f"stereo bm: {FRAMES} reused" in done.output or f"stereo bm: 0 reused, {FRAMES} computed" in done.output
     # another machine, which has seen nothing of it
-    monkeypatch.setattr("harness.remote.cache_root", lambda: tmp_path / "another machine")
+    monkeypatch.setenv("VFOA_CACHE", str(tmp_path / "another machine"))
     local_copy.cache_clear()
     again = CliRunner().invoke(app, [*command, "--workers", "1", "--cache", cache])
     assert again.exit_code == 0, again.output
