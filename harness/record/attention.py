@@ -48,13 +48,13 @@ def _log_eyes(log: FrameLog, path: str, attention: Attention) -> None:
     if eyes is None:
         return
     log.keep(f"{path}/origin", _marker_style, key="style")
-    log.log(f"{path}/origin", rr.Points3D.from_fields(positions=eyes[None]))
+    log.row(f"{path}/origin", rr.Points3D, positions=eyes[None])
     for cue in CUES:
         direction = attention.subject.direction(cue)
         if direction is not None:
             arrow = f"{path}/{cue}/direction"
             log.keep(arrow, partial(_arrow_style, CUE_COLOURS[cue]), key="style")
-            log.log(arrow, rr.Arrows3D.from_fields(origins=eyes[None], vectors=ARROW_M * direction[None]))
+            log.row(arrow, rr.Arrows3D, origins=eyes[None], vectors=ARROW_M * direction[None])
 
 
 def _log_cones(log: FrameLog, path: str, attention: Attention, reach: float) -> None:
@@ -63,7 +63,7 @@ def _log_cones(log: FrameLog, path: str, attention: Attention, reach: float) -> 
         if wires:
             lines = np.stack(wires).astype(np.float32)
             log.keep(f"{path}/{cue}/cones", partial(_line_style, 0.75, _dim(CUE_COLOURS[cue], 0.7)), key="style")
-            log.log(f"{path}/{cue}/cones", rr.LineStrips3D.from_fields(strips=lines))
+            log.row(f"{path}/{cue}/cones", rr.LineStrips3D, strips=lines)
 
 
 def _log_rays(log: FrameLog, path: str, cones: Sequence[Cone], rays: Rays, reach: float) -> None:
@@ -81,12 +81,12 @@ def _log_rays(log: FrameLog, path: str, cones: Sequence[Cone], rays: Rays, reach
         for part, chosen, colour in (("rays", ours & hit, bright), ("missed_rays", ours & ~hit, dim)):
             if chosen.any():
                 log.keep(f"{path}/{cue}/{part}", partial(_line_style, 0.5, colour), key="style")
-                log.log(f"{path}/{cue}/{part}", rr.LineStrips3D.from_fields(strips=lines[chosen]))
+                log.row(f"{path}/{cue}/{part}", rr.LineStrips3D, strips=lines[chosen])
         ray, target = np.nonzero(np.isfinite(entry) & ours[:, None])
         if len(ray):
             points = rays.origin_left + rays.directions[ray] * entry[ray, target, None]
             log.keep(f"{path}/{cue}/hits", partial(_hit_style, bright), key="style")
-            log.log(f"{path}/{cue}/hits", rr.Points3D.from_fields(positions=points))
+            log.row(f"{path}/{cue}/hits", rr.Points3D, positions=points)
 
 
 def _log_curves(
@@ -113,9 +113,7 @@ def _log_heads(log: FrameLog, configuration: str, record: FrameRecord, names: di
         log.keep(path, partial(_head_style, name), key="style")
         u0, v0, u1, v1 = subject.head_box_px
         corners = np.array([[u0, v0], [u1, v1]])
-        log.log(
-            path, rr.Boxes2D.from_fields(centers=corners.mean(axis=0)[None], half_sizes=np.diff(corners, axis=0) / 2)
-        )
+        log.row(path, rr.Boxes2D, centers=corners.mean(axis=0)[None], half_sizes=np.diff(corners, axis=0) / 2)
 
 
 def _log_targets_2d(log: FrameLog, configuration: str, record: FrameRecord, colours: Colours) -> None:
@@ -123,30 +121,17 @@ def _log_targets_2d(log: FrameLog, configuration: str, record: FrameRecord, colo
     seen = [(target, target.box_px) for target in record.targets if target.box_px is not None]
     if not seen:
         return
-    shades = [colours.of(target.name) for target, _ in seen]
+    shades = np.array([colours.of(target.name) for target, _ in seen], dtype=np.uint8)
+    corners = np.array([box_px for _, box_px in seen]).reshape(-1, 2, 2)
+    middles, half_sizes = corners.mean(axis=1), (corners[:, 1] - corners[:, 0]) / 2
     captions = _captions(record, target_names(record))
     path = entities.image_marks(configuration, "targets")
-    log.log(
-        f"{path}/box2d",
-        rr.Boxes2D(
-            array=[box_px for _, box_px in seen],
-            array_format=rr.Box2DFormat.XYXY,
-            colors=shades,
-            radii=rr.Radius.ui_points(0.75),
-        ),
-    )
+    log.keep(f"{path}/box2d", _target_style, key="style")
+    log.row(f"{path}/box2d", rr.Boxes2D, centers=middles, half_sizes=half_sizes, colors=shades)
     # the viewer puts a box's caption below the box, which is often below the image
-    middles = np.array([box_px for _, box_px in seen]).reshape(-1, 2, 2).mean(axis=1)
-    log.log(
-        f"{path}/caption",
-        rr.Points2D(
-            middles,
-            labels=[captions[target.instance_id] for target, _ in seen],
-            show_labels=True,
-            colors=shades,
-            radii=rr.Radius.ui_points(1.5),
-        ),
-    )
+    labels = [captions[target.instance_id] for target, _ in seen]
+    log.keep(f"{path}/caption", _caption_style, key="style")
+    log.row(f"{path}/caption", rr.Points2D, positions=middles, labels=labels, colors=shades)
 
 
 def _captions(record: FrameRecord, names: Mapping[int, str]) -> dict[int, str]:
@@ -183,6 +168,14 @@ def _style(target: str, colour: Colour) -> rr.SeriesLines:
 def _dim(colour: Colour, share: float) -> Colour:
     red, green, blue = colour
     return int(red * share), int(green * share), int(blue * share)
+
+
+def _target_style() -> rr.Boxes2D:
+    return rr.Boxes2D.from_fields(radii=rr.Radius.ui_points(0.75))
+
+
+def _caption_style() -> rr.Points2D:
+    return rr.Points2D.from_fields(radii=rr.Radius.ui_points(1.5), show_labels=True)
 
 
 def _head_style(name: str) -> rr.Boxes2D:

@@ -1,15 +1,20 @@
-"""Logging frame by frame into a Rerun stream: times, static values, and the clearing of entities that disappear."""
+"""Logging frame by frame into a Rerun stream: times, static values, and the clearing of entities that disappear.
+
+A call to Rerun costs as much as twenty rows, so the rows of many frames are sent together, as columns.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
-COLUMN_FRAMES = 25
-"""Number of frames whose numbers are sent together. A kill loses the curves of at most this many frames."""
+Batch = Sequence[Any] | NDArray[Any]
+"""The values of one field in one frame: one for each instance of the entity."""
 
 
 class FrameLog:
@@ -17,15 +22,13 @@ class FrameLog:
 
     Rerun shows the latest value of an entity: without clearing, a box would stay where its object was last seen.
 
-    Numbers wait for :data:`COLUMN_FRAMES` frames and are then sent as one column per curve: a call to Rerun costs more
-    than a number. :meth:`close` sends the last of them.
+    Rows wait for :meth:`send`; with ``at_once``, they are sent at the end of their frame.
     """
 
-    def __init__(self, stream: rr.RecordingStream) -> None:
-        self._stream = stream
+    def __init__(self, stream: rr.RecordingStream, *, at_once: bool = False) -> None:
+        self._stream, self._at_once = stream, at_once
         self._time = (0, 0)
-        self._waiting: dict[str, list[tuple[int, int, float]]] = {}
-        self._frames_waiting = 0
+        self._rows = _Rows(stream)
         self._before: set[str] = set()
         self._now: set[str] = set()
         self._kept: dict[str, object] = {}
@@ -33,8 +36,8 @@ class FrameLog:
         self._logged_to: int | None = None
 
     def state(self) -> dict[str, Any]:
-        """Send the waiting numbers, and return the state from which another log can continue with the next frame."""
-        self.close()
+        """Send the waiting rows, and return the state from which another log can continue with the next frame."""
+        self.send()
         return {"logged_to": max(self._logged, default=self._logged_to), "before": sorted(self._before)}
 
     def resume(self, state: Mapping[str, Any]) -> None:
@@ -47,63 +50,61 @@ class FrameLog:
             return False
         self._logged.add(frame)
         self._time = (frame, time_ns)
-        self._set_time(frame, time_ns)
         return True
 
-    def log(self, path: str, entity: rr.AsComponents) -> None:
-        """Log an entity of this frame."""
+    def row(self, path: str, archetype: Any, **fields: Batch) -> None:
+        """Log an entity of this frame: a batch for each field of the archetype's ``columns``."""
         self._now.add(path)
-        self._stream.log(path, entity)
-
-    def log_at(self, frame: int, time_ns: int, path: str, entity: rr.AsComponents) -> None:
-        """Log an entity of another frame, which is never cleared."""
-        self._set_time(frame, time_ns)
-        self._stream.log(path, entity)
-        self._set_time(*self._time)
+        self._rows.add(self._time, path, archetype, fields)
 
     def number(self, path: str, value: float) -> None:
         """Log one number of a curve."""
+        self.row(path, rr.Scalars, scalars=[value])
+
+    def log(self, path: str, entity: rr.AsComponents) -> None:
+        """Log any entity of this frame at once: for one that is too large to wait."""
         self._now.add(path)
-        self._waiting.setdefault(path, []).append((*self._time, value))
+        self._send(path, entity)
+
+    def row_at(self, frame: int, time_ns: int, path: str, archetype: Any, **fields: Batch) -> None:
+        """Log an entity of another frame, which is never cleared."""
+        self._rows.add((frame, time_ns), path, archetype, fields)
 
     def keep(self, path: str, build: Callable[[], rr.AsComponents], *, key: object, static: bool = True) -> None:
         """Build and log an entity that outlives the frame, but only if its ``key`` has changed since the last time."""
         if path not in self._kept or self._kept[path] != key:
             self._kept[path] = key
-            self._stream.log(path, build(), static=static)
+            self._send(path, build(), static=static)
 
     def end(self) -> None:
         """Clear the entities that the frame before had and this one has not."""
         for path in sorted(self._before - self._now):
-            self._stream.log(path, rr.Clear(recursive=True))
+            self._rows.add(self._time, path, rr.Clear, {"is_recursive": [True]})
         self._before, self._now = self._now, set()
-        self._frames_waiting += 1
-        if self._frames_waiting >= COLUMN_FRAMES:
-            self.close()
+        if self._at_once:
+            self.send()
 
-    def close(self) -> None:
-        """Send the waiting numbers."""
-        for path, rows in self._waiting.items():
-            frames, times_ns, values = zip(*rows, strict=True)
-            columns = rr.Scalars.columns(scalars=values)
-            self._stream.send_columns(path, indexes=_time_columns(frames, times_ns), columns=columns)
-        self._waiting, self._frames_waiting = {}, 0
+    def send(self) -> None:
+        """Send the waiting rows."""
+        self._rows.send()
 
-    def _set_time(self, frame: int, time_ns: int) -> None:
-        self._stream.set_time("frame", sequence=frame)
-        self._stream.set_time("time", duration=np.timedelta64(time_ns, "ns"))
+    def _send(self, path: str, entity: rr.AsComponents, *, static: bool = False) -> None:
+        if not static:
+            frame, time_ns = self._time
+            self._stream.set_time("frame", sequence=frame)
+            self._stream.set_time("time", duration=np.timedelta64(time_ns, "ns"))
+        self._stream.log(path, entity, static=static)
 
 
 class ColumnLog:
-    """As :class:`FrameLog`, for data of many frames at once: each entity is sent as one column of rows.
+    """As :class:`FrameLog`, for entities of one instance in a known stretch of frames: nothing is sent before its end.
 
-    A call to Rerun costs as much as twenty rows. ``before`` are the paths of the frame before the first one.
+    ``before`` are the paths of the frame before the first one.
     """
 
     def __init__(self, stream: rr.RecordingStream, before: Iterable[str] = ()) -> None:
-        self._stream = stream
         self._time = (0, 0)
-        self._rows: dict[tuple[str, Any], list[tuple[int, int, Mapping[str, Any]]]] = {}
+        self._rows = _Rows(stream)
         self._before, self._now = set(before), set[str]()
 
     @property
@@ -114,7 +115,7 @@ class ColumnLog:
     @property
     def paths(self) -> set[str]:
         """All paths with rows that are not sent yet."""
-        return {path for path, _ in self._rows}
+        return self._rows.paths
 
     def begin(self, frame: int, time_ns: int) -> None:
         """Set the time of all that follows: the source's frame number and time."""
@@ -123,25 +124,56 @@ class ColumnLog:
     def log(self, path: str, archetype: Any, **row: Any) -> None:
         """Log an entity of this frame: one row of the archetype's ``columns``."""
         self._now.add(path)
-        self._rows.setdefault((path, archetype), []).append((*self._time, row))
+        self._rows.add(self._time, path, archetype, {name: [value] for name, value in row.items()})
 
     def end(self) -> None:
         """Clear the entities that the frame before had and this one has not."""
         for path in sorted(self._before - self._now):
-            self._rows.setdefault((path, rr.Clear), []).append((*self._time, {"is_recursive": True}))
+            self._rows.add(self._time, path, rr.Clear, {"is_recursive": [True]})
         self._before, self._now = self._now, set()
 
     def send(self) -> None:
         """Send the rows that are not sent yet."""
-        for (path, archetype), rows in self._rows.items():
-            frames, times_ns, values = zip(*rows, strict=True)
-            columns = archetype.columns(**{name: [row[name] for row in values] for name in values[0]})
-            self._stream.send_columns(path, indexes=_time_columns(frames, times_ns), columns=columns)
-        self._rows = {}
+        self._rows.send()
 
 
-def _time_columns(frames: Iterable[int], times_ns: Iterable[int]) -> list[rr.TimeColumn]:
+class _Rows:
+    """Rows that wait until they are sent, the rows of an entity together."""
+
+    def __init__(self, stream: rr.RecordingStream) -> None:
+        self._stream = stream
+        self._waiting: dict[tuple[str, Any], list[tuple[tuple[int, int], Mapping[str, Batch]]]] = {}
+
+    @property
+    def paths(self) -> set[str]:
+        """The paths of all waiting rows."""
+        return {path for path, _ in self._waiting}
+
+    def add(self, time: tuple[int, int], path: str, archetype: Any, fields: Mapping[str, Batch]) -> None:
+        """Add a row at a frame number and time, ns. All rows of an archetype at a path have the same fields."""
+        self._waiting.setdefault((path, archetype), []).append((time, fields))
+
+    def send(self) -> None:
+        """Send every row."""
+        for (path, archetype), rows in self._waiting.items():
+            times, fields = zip(*rows, strict=True)
+            columns = [
+                column for name in fields[0] for column in _columns(archetype, name, [each[name] for each in fields])
+            ]
+            self._stream.send_columns(path, indexes=_time_columns(times), columns=columns)
+        self._waiting = {}
+
+
+def _columns(archetype: Any, name: str, batches: Sequence[Batch]) -> Iterable[rr.ComponentColumn]:
+    """A field of many rows."""
+    joined = np.concatenate(batches) if isinstance(batches[0], np.ndarray) else [*chain.from_iterable(batches)]
+    columns: rr.ComponentColumnList = archetype.columns(**{name: joined})
+    return columns.partition([len(each) for each in batches])
+
+
+def _time_columns(times: Sequence[tuple[int, int]]) -> list[rr.TimeColumn]:
+    frames, times_ns = zip(*times, strict=True)
     return [
-        rr.TimeColumn("frame", sequence=list(frames)),
-        rr.TimeColumn("time", duration=np.array(list(times_ns), dtype="timedelta64[ns]")),
+        rr.TimeColumn("frame", sequence=frames),
+        rr.TimeColumn("time", duration=np.array(times_ns, dtype="timedelta64[ns]")),
     ]

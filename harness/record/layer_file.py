@@ -24,8 +24,8 @@ from harness.record.writing_out import GO_ON, write_out
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-_FLUSHED_EVERY = 50
-"""Frames between flushes. They bound the memory in use and the loss at a kill."""
+SENT_EVERY = 50
+"""Frames between flushes, which write all waiting rows. They bound the memory in use and the loss at a kill."""
 LEAST_FREE_BYTES = 32 * 2**20
 """A recording stops when the disk has less free space than this: the rest is for the results."""
 
@@ -105,10 +105,12 @@ class LayerFile:
 
     def part(self, name: str) -> FrameLog:
         """A part of the file that is logged frame by frame, independently of the other parts."""
-        return self._logs.setdefault(name, FrameLog(self.stream))
+        if name not in self._logs:
+            self._logs[name] = FrameLog(self.stream, at_once=self._watched_at is not None)
+        return self._logs[name]
 
     def end_frame(self) -> None:
-        """Flush from time to time; at once if a viewer watches.
+        """Send and flush rows from time to time; a viewer that watches gets them at the end of each part's frame.
 
         Raises
         ------
@@ -117,9 +119,8 @@ class LayerFile:
         """
         self._check_room()
         self._frames += 1
-        if self._watched_at:
-            self._send_numbers()
-        if self._frames % _FLUSHED_EVERY == 0:
+        if self._frames % SENT_EVERY == 0:
+            self._send_rows()
             self._flush()
 
     def close(self, *, complete: bool, whole: Whole | None = None) -> None:
@@ -131,7 +132,7 @@ class LayerFile:
             if complete:
                 self.open()
             if self._opened and not self._broken:
-                self._send_numbers()
+                self._send_rows()
                 if complete:
                     self._take_in()
                 with nullcontext() if complete else suppress(OSError):  # another error is already being reported
@@ -168,6 +169,6 @@ class LayerFile:
                 for chunk in RrdReader(path).stream():
                     self.stream.send_chunks(chunk)
 
-    def _send_numbers(self) -> None:
+    def _send_rows(self) -> None:
         for log in self._logs.values():
-            log.close()
+            log.send()

@@ -17,6 +17,8 @@ from vfoa.types import Box3D, Disparity, Float, Map, Percepts, Scene, StereoFram
 LIGHT_POINTS = 120
 """Most points of a cloud in a light recording: enough to show its shape and its outliers."""
 
+_COLOURS = rr.components.Colormap.Turbo
+
 _STEPS_PER_PX = 4
 """A light recording rounds disparities to this fraction of a pixel, below the resolution of a matcher."""
 
@@ -30,26 +32,27 @@ def log_disparity(log: FrameLog, name: str, frame: StereoFrame, percepts: Percep
     if frame.right is None:
         return
     disparity, rig = percepts.disparity, percepts.rig
-    log.log(entities.disparity(name), _disparity(disparity, size))
+    longest = float(np.nanmax(disparity.disparity_px)) if disparity.known_share > 0 else 1.0
     if size == "light":
+        _log_light_disparity(log, entities.disparity(name), disparity, longest)
         return
+    whole = rr.DepthImage(disparity.disparity_px, colormap=_COLOURS, depth_range=(0, longest))
+    log.log(entities.disparity(name), whole)
     log.log(entities.depth(name), encoded_depth(depth_from_disparity(disparity.disparity_px, rig)))
     if disparity.confidence is not None:
         log.log(entities.confidence(name), _confidence(disparity.confidence))
 
 
-def _disparity(disparity: Disparity, size: Size) -> rr.EncodedDepthImage | rr.DepthImage:
-    longest = float(np.nanmax(disparity.disparity_px)) if disparity.known_share > 0 else 1.0
-    colours = rr.components.Colormap.Turbo
-    if size == "full":
-        return rr.DepthImage(disparity.disparity_px, colormap=colours, depth_range=(0, longest))
+def _log_light_disparity(log: FrameLog, path: str, disparity: Disparity, longest: float) -> None:
     steps = np.rint(disparity.disparity_px[::2, ::2] * _STEPS_PER_PX)
-    return rr.EncodedDepthImage(
-        blob=png(np.nan_to_num(np.clip(steps, 1, 65535), nan=0).astype(np.uint16)),
-        media_type="image/png",
-        meter=_STEPS_PER_PX,
-        colormap=colours,
-        depth_range=(0, longest * _STEPS_PER_PX),
+    log.row(
+        path,
+        rr.EncodedDepthImage,
+        blob=[png(np.nan_to_num(np.clip(steps, 1, 65535), nan=0).astype(np.uint16))],
+        media_type=["image/png"],
+        meter=[_STEPS_PER_PX],
+        colormap=[_COLOURS],
+        depth_range=[(0, longest * _STEPS_PER_PX)],
     )
 
 
@@ -70,11 +73,14 @@ def log_targets(log: FrameLog, name: str, scene: Scene, record: FrameRecord, col
         if len(points):
             path = entities.points(name, number)
             log.keep(path, _cloud_style, key="style")
-            log.log(path, rr.Points3D.from_fields(positions=points, class_ids=class_id))
+            if size == "full":
+                log.log(path, rr.Points3D.from_fields(positions=points, class_ids=class_id))
+            else:
+                log.row(path, rr.Points3D, positions=points, class_ids=[class_id])
         if target.box is not None:
             path = entities.box(name, number)
             log.keep(path, _box_style, key="style")
-            log.log(path, _box(target.box, names[number], class_id))
+            _log_box(log, path, target.box, names[number], class_id)
     known = colours.known
     log.keep(entities.scene(name), lambda: class_context(known), key=tuple(known))
 
@@ -92,14 +98,15 @@ def _box_style() -> rr.Boxes3D:
     )
 
 
-def _box(box: Box3D, name: str, class_id: int) -> rr.Boxes3D:
-    # arrays and a class instead of Rerun's own values and a colour: half the time
-    return rr.Boxes3D.from_fields(
+def _log_box(log: FrameLog, path: str, box: Box3D, name: str, class_id: int) -> None:
+    log.row(
+        path,
+        rr.Boxes3D,
         centers=box.center_m[None],
         half_sizes=box.half_size_m[None],
         quaternions=_quaternion(box.left_from_box)[None],
         labels=[name],
-        class_ids=class_id,
+        class_ids=[class_id],
     )
 
 

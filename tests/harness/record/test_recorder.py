@@ -10,11 +10,13 @@ import av
 import cv2
 import numpy as np
 import pytest
+import rerun as rr
 from PIL import Image
 from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
-from harness.record import entities, frame_log
+from harness.record import entities, layer_file
+from harness.record.frame_log import FrameLog
 from harness.record.images import VideoEncoder
 from harness.record.layers import ClipFiles
 from harness.record.program import viewer_binary
@@ -246,14 +248,16 @@ def test_recordings_of_different_runs_can_be_open_together(tmp_path):
     assert len({id_of("run", "clip"), id_of("other", "clip"), id_of("run", "clop")}) == 3
 
 
-def test_curves_are_sent_together_and_none_is_lost(frames, record_run, read_back, monkeypatch):
-    """A column after every second frame, and the last one at the end, hold the same curve as one column does."""
-    path = entities.curve(CONFIGURATION, ANN, "total", "book#4")
-    whole = read_back(record_run(frames)).at(path, "Scalars:scalars")
-    monkeypatch.setattr(frame_log, "COLUMN_FRAMES", 2)
-    cut = read_back(record_run(frames)).at(path, "Scalars:scalars")
-    assert cut == whole
-    assert len(whole) == 3
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_rows_are_sent_together_and_none_is_lost(every, frames, record_run, read_back, monkeypatch):
+    """Columns of one to three frames, and the last ones at the end, hold the same as one column of all frames."""
+    whole = read_back(record_run(frames))
+    monkeypatch.setattr(layer_file, "SENT_EVERY", every)
+    cut = read_back(record_run(frames))
+    assert cut.paths == whole.paths
+    for path in whole.paths:
+        assert cut.everything(path) == whole.everything(path), path
+    assert len(whole.at(entities.curve(CONFIGURATION, ANN, "total", "book#4"), "Scalars:scalars")) == 3
 
 
 def test_what_never_changes_is_logged_once_and_not_by_time(frames, record_run, read_back):
@@ -275,3 +279,15 @@ def test_the_encoder_makes_no_thread_a_real_time_one() -> None:
     packets = list(encoder.encode(np.zeros((96, 128, 3), np.uint8))) + list(encoder.finish())
     assert len(packets) == 1
     assert {os.sched_getscheduler(int(thread)) for thread in os.listdir("/proc/self/task")} == {usual}
+
+
+@pytest.mark.parametrize("at_once", [False, True])
+def test_a_watching_viewer_gets_the_rows_of_each_frame_at_its_end(at_once, tmp_path, read_back):
+    stream = rr.RecordingStream("test", recording_id="test")
+    stream.save(tmp_path / "test.rrd")
+    log = FrameLog(stream, at_once=at_once)
+    log.begin(1, 0)
+    log.number("/curve", 0.5)
+    log.end()
+    stream.disconnect()
+    assert read_back(tmp_path / "test.rrd").at("/curve", "Scalars:scalars") == ({1: [0.5]} if at_once else {})
