@@ -7,10 +7,12 @@ import hashlib
 import os
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 
+from harness.known_digests import KNOWN
 from vfoa.errors import VfoaError
 
 _UMASK = os.umask(0)  # reading it changes it for all threads: read it only once
@@ -185,19 +187,38 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def file_digest(path: Path) -> str:
-    """Hexadecimal sha256 of a file's content; raises a :class:`VfoaError` that names it if it cannot be read."""
+    """Hexadecimal sha256 of a file's content; raises a :class:`VfoaError` that names it if it cannot be read.
+
+    A large file is not read again while it looks the same (:mod:`harness.known_digests`).
+    """
     check_readable(path)
     try:
         with path.open("rb") as file:
             if os.fstat(file.fileno()).st_size <= _SMALL_BYTES:  # a clip has many: no buffer for each
                 return hashlib.sha256(file.read()).hexdigest()
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from None
+    return KNOWN.of([("large", path)], partial(_digest_of_large, path))
+
+
+def _digest_of_large(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except (OSError, ValueError) as error:
         raise unreadable(path, error) from None
 
 
 def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
-    """Hexadecimal sha256 of (role, file) pairs in order: of the roles and the contents, not of the paths."""
+    """Hexadecimal sha256 of (role, file) pairs in order: of the roles and the contents, not of the paths.
+
+    The files are not read again while they look the same (:mod:`harness.known_digests`).
+    """
+    files = list(parts)
+    return KNOWN.of(files, partial(_digest_of_all, files))
+
+
+def _digest_of_all(parts: Sequence[tuple[str, Path]]) -> str:
     total = hashlib.sha256()
     for role, path in parts:
         total.update(f"{role}\0{file_digest(path)}\n".encode())

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from harness.files import digest_files
+from harness.known_digests import KNOWN
 from harness.mirror import Mirror, forget_copies
 from harness.run import provenance
 from harness.run.directory import RunDirectory, locked
@@ -68,7 +69,10 @@ def run_plan(
     KeyboardInterrupt
         If the run is interrupted, after ``tell`` was called with what is kept.
     """
-    identity = describe(plan)
+    for candidate in itertools.takewhile(lambda each: not each.is_new(), _candidates(RunDirectory(out))):
+        KNOWN.add(candidate.read_digests())
+    with KNOWN.used() as digests:
+        identity = describe(plan)
     directory = _choose(RunDirectory(out), identity, beside)
     if directory.path != out:
         different = differences(RunDirectory(out).read_manifest(), identity)
@@ -91,6 +95,7 @@ def run_plan(
                 directory.discard((failure["clip"], failure["configuration"]))
         started = now()
         directory.write_manifest(identity)
+        directory.write_digests(digests)
         if mirror:
             mirror.push()
         try:
@@ -172,10 +177,16 @@ def _finish(plan: Plan, directory: RunDirectory, identity: dict[str, Any], done:
         directory.remove_partial()
 
 
+def _candidates(first: RunDirectory) -> Iterator[RunDirectory]:
+    """``first``, and the directories beside it: out, out-2, out-3 ..."""
+    yield first
+    for number in itertools.count(2):
+        yield RunDirectory(first.path.with_name(f"{first.path.name}-{number}"))
+
+
 def _choose(first: RunDirectory, identity: dict[str, Any], beside: bool) -> RunDirectory:
     """Choose the directory to run in: one without a run, or with this very run."""
-    for number in itertools.count(1):
-        directory = RunDirectory(first.path.with_name(f"{first.path.name}-{number}")) if number > 1 else first
+    for directory in _candidates(first):
         if directory.is_new():
             return directory
         differing = differences(directory.read_manifest(), identity)

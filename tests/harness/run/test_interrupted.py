@@ -15,6 +15,9 @@ from typing import Any, Self
 import cv2
 import pytest
 
+from harness import files
+from harness.known_digests import KnownDigests
+from harness.run import runner
 from harness.run.directory import LOCK, locked
 from harness.run.experiment import load_experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext
@@ -125,7 +128,9 @@ class Exchange:
             cv2.imwrite(str(self.image), 255 - image)
 
 
-def test_images_that_change_while_a_run_is_on_end_it_and_leave_nothing_in_the_cache(tmp_path: Path) -> None:
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """An experiment on a clip of three frames, in the folder ``tmp_path``."""
     manifest = write_clip(tmp_path, range(1, 4))
     masks = write_masks(tmp_path / "masks", range(1, 4))
     stages = (
@@ -134,11 +139,71 @@ def test_images_that_change_while_a_run_is_on_end_it_and_leave_nothing_in_the_ca
         f'segmentation = {{ model = "coco_panoptic", root = "{masks}" }}\n'
         'head_pose.model = "none"\ngaze.model = "none"\n'
     )
-    experiment = load_experiment(str(write_text(tmp_path / "mine.toml", stages)))
-    image = next(path for path in sorted(tmp_path.rglob("*.png")) if "left" in path.as_posix() and "0003" in path.name)
+    return write_text(tmp_path / "mine.toml", stages)
+
+
+def _third_image(folder: Path) -> Path:
+    return next(path for path in sorted(folder.rglob("frame_0003.png")) if "left" in path.as_posix())
+
+
+def _left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Set the clock to a time when what was just written counts as left alone."""
+    true = time.time_ns
+    monkeypatch.setattr(time, "time_ns", lambda: true() + 10**10)
+
+
+@pytest.mark.parametrize("left_alone", [True, False])
+def test_images_that_change_while_a_run_is_on_end_it_and_leave_nothing_in_the_cache(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, left_alone: bool
+) -> None:
+    if left_alone:
+        _left_alone(monkeypatch)
     store = Store(tmp_path / "cache", 10**9)
-    plan = prepare(experiment, sinks=[Exchange(image)])
+    plan = prepare(load_experiment(str(small)), sinks=[Exchange(_third_image(tmp_path))])
     with pytest.raises(VfoaError, match="its images or calibration changed during the run"):
         run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None, cache=store)
     assert not list(store.stages.rglob("*.bin"))
     assert not (tmp_path / "out" / "results.jsonl").exists()
+
+
+def _run_once(small: Path, out: Path, monkeypatch: pytest.MonkeyPatch, *, frames: int = 3) -> list[str]:
+    """Run as a process of its own does, up to this many frames; return the names of the files that were digested."""
+    monkeypatch.setattr(files, "KNOWN", KnownDigests())
+    monkeypatch.setattr(runner, "KNOWN", files.KNOWN)
+    read: list[str] = []
+    true = files.file_digest
+    done: list[str] = []
+
+    def progress(clip: str) -> None:
+        done.append(clip)
+        if len(done) > frames:
+            raise RuntimeError("killed")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(files, "file_digest", lambda path: read.append(path.name) or true(path))
+        run_plan(prepare(load_experiment(str(small))), out, workers=1, progress=progress)
+    return read
+
+
+def test_a_run_that_continues_reads_no_input_only_to_digest_it(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _left_alone(monkeypatch)
+    with pytest.raises(RuntimeError, match="killed"):
+        _run_once(small, tmp_path / "out", monkeypatch, frames=1)
+    assert [name for name in _run_once(small, tmp_path / "out", monkeypatch) if name.endswith(".png")] == []
+    assert not (tmp_path / "out" / "partial").exists()
+
+
+def test_a_run_does_not_continue_with_an_image_of_the_same_size_and_time_but_other_content(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _left_alone(monkeypatch)
+    with pytest.raises(RuntimeError, match="killed"):
+        _run_once(small, tmp_path / "out", monkeypatch, frames=1)
+    image = _third_image(tmp_path)
+    before, content = image.stat(), image.read_bytes()
+    image.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+    os.utime(image, ns=(before.st_atime_ns, before.st_mtime_ns))
+    with pytest.raises(VfoaError, match="sha256 of alley"):
+        _run_once(small, tmp_path / "out", monkeypatch)

@@ -1,0 +1,81 @@
+"""Digests of files that need not be read again, because the files look as they did when they were read.
+
+The look of a set of files is the path, size, times, inode and device of each. A change of content sets the time of the
+last change (ctime), which no program can set back, so the same look means the same content. Only a file that changes
+again within one tick of its file system's clock keeps its look; therefore, as in git's index, a digest is only kept if
+the files had been left alone for some time before they were read. Memory-mapped writes may show late, and a file
+server whose clock is behind by more than that time is not noticed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+SETTLED_NS = 3 * 10**9
+"""Age of the last change, ns, from which on a file counts as left alone: the coarsest clock (FAT) ticks every 2 s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """The look of a set of files, as a digest, and the newest of their times, ns since 1970."""
+
+    digest: str
+    newest_ns: int
+
+
+def look_at(parts: Sequence[tuple[str, Path]]) -> Look | None:
+    """The look of (role, file) pairs in order; None if one of them is missing."""
+    total, newest_ns = hashlib.blake2b(digest_size=20), 0
+    try:
+        for role, path in parts:
+            found = os.stat(path)
+            newest_ns = max(newest_ns, found.st_mtime_ns, found.st_ctime_ns)
+            times = f"{found.st_mtime_ns} {found.st_ctime_ns}"
+            total.update(f"{role}\0{path}\0{found.st_size} {times} {found.st_ino} {found.st_dev}\n".encode())
+    except (OSError, ValueError):  # reading them gives the error
+        return None
+    return Look(total.hexdigest(), newest_ns)
+
+
+class KnownDigests:
+    """Digests by the look of their files: those of this process, and those that an earlier one has kept."""
+
+    def __init__(self) -> None:
+        self._by_look: dict[str, str] = {}
+        self._used: dict[str, str] = {}
+
+    def of(self, parts: Sequence[tuple[str, Path]], read: Callable[[], str]) -> str:
+        """The digest of (role, file) pairs: a known one, else that of ``read``, which reads the files."""
+        began_ns = time.time_ns()
+        look = look_at(parts)
+        digest = self._by_look.get(look.digest) if look else None
+        if digest is None:
+            digest = read()
+            if look is None or look.newest_ns > began_ns - SETTLED_NS:
+                return digest
+        if look:
+            self._by_look[look.digest] = self._used[look.digest] = digest
+        return digest
+
+    def add(self, known: Mapping[str, str]) -> None:
+        """Add digests by look."""
+        self._by_look.update(known)
+
+    @contextmanager
+    def used(self) -> Iterator[Mapping[str, str]]:
+        """Yield the digests by look that are used in the ``with`` block, for another process to add."""
+        before, self._used = self._used, {}
+        try:
+            yield self._used
+        finally:
+            self._used = before
+
+
+KNOWN = KnownDigests()
+"""Those of this process."""
