@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from harness.mirror import local_path, publish
 from harness.report.comparisons import comparisons_csv
 from harness.report.formats import to_csv
 from harness.report.write import rescore
@@ -40,7 +41,7 @@ class RunResults:
     Parameters
     ----------
     path
-        The run's directory.
+        The run's directory, or its address on object storage.
 
     Raises
     ------
@@ -49,7 +50,7 @@ class RunResults:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.directory = RunDirectory(Path(path))
+        self.directory = RunDirectory(local_path(path, "load_run"))
         self.manifest: dict[str, Any] = self.directory.read_manifest()
         if "finished" not in self.manifest:
             raise VfoaError(f"{path}: this run is not finished; repeat the same `vfoa run` to continue it")
@@ -141,6 +142,7 @@ class RunResults:
     def rescore(self) -> RunResults:
         """Score the run again with the present labels (as ``vfoa score``), and load the new tables."""
         rescore(self.directory)
+        publish(self.path)
         return RunResults(self.path)
 
     def _table(self, name: str, *words: str) -> pd.DataFrame:
@@ -186,7 +188,7 @@ def run_experiment(
     preset
         A bundle of settings by name, such as ``"realtime"``.
     out
-        The run's directory; by default ``runs/<experiment>``.
+        The run's directory, or its address on object storage; by default ``runs/<experiment>``.
     limit
         Run only the first frames of each clip.
     workers
@@ -203,6 +205,7 @@ def run_experiment(
     """
     from harness.cache_folder import cache_root
     from harness.report.sinks import composed_sinks
+    from harness.run.out import opened
     from harness.run.runner import prepare, run_plan
     from harness.stages.cache.store import Store, cache_limit
 
@@ -213,15 +216,16 @@ def run_experiment(
     plan = prepare(
         experiment, limit=limit, sinks=composed_sinks(experiment.configurations, "light" if recordings else None)
     )
-    directory = run_plan(
-        plan,
-        Path("runs") / experiment.name if out is None else Path(out),
-        workers=workers or os.cpu_count() or 1,
-        progress=lambda clip: None,
-        cache=Store(cache_root(), cache_limit()) if cache else None,
-        beside=out is None,
-    )
-    rescore(directory)
+    with opened(Path("runs") / experiment.name if out is None else out) as folder:
+        directory = run_plan(
+            plan,
+            folder,
+            workers=workers or os.cpu_count() or 1,
+            progress=lambda clip: None,
+            cache=Store(cache_root(), cache_limit()) if cache else None,
+            beside=out is None,
+        )
+        rescore(directory)
     return RunResults(directory.path)
 
 
@@ -236,8 +240,10 @@ def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = No
     VfoaError
         If a run cannot be scored, or the runs have nothing in common.
     """
-    paths = [Path(run) for run in runs]
-    found = _compare_runs(paths) if baseline is None else compare_with_baseline(paths, Path(baseline))
+    paths = [local_path(run, "compare_runs") for run in runs]
+    found = (
+        _compare_runs(paths) if baseline is None else compare_with_baseline(paths, local_path(baseline, "compare_runs"))
+    )
     return _read(io.StringIO(to_csv(comparisons_csv(found))))
 
 

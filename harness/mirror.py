@@ -56,6 +56,11 @@ def local_copy(address: str, where: str) -> Path:
         raise VfoaError(f"{where}: {error}") from None
 
 
+def local_path(path: str | Path, where: str) -> Path:
+    """The path itself or, for an address, that of an up-to-date copy. Raises as :func:`local_copy` does."""
+    return local_copy(path.rstrip("/"), where) if isinstance(path, str) and is_address(path) else Path(path)
+
+
 def forget_copies() -> None:
     """Check again, when a copy is requested next, whether the original has changed."""
     local_copy.cache_clear()
@@ -99,12 +104,12 @@ class Mirror:
     def pull(self) -> list[str]:
         """Fetch new and changed files, remove those gone from the storage, and return the names of all files there.
 
-        Files that were written only here stay.
+        Hidden files are left out. Files that were written only here stay.
         """
         self._place.mkdir(parents=True, exist_ok=True)
         self._place.chmod(0o700)
         atomic_write(self._place / "address", self.address)
-        files = self._remote.files()
+        files = {name: info for name, info in self._remote.files().items() if not is_hidden(name)}
         found = {name: _version(info) for name, info in files.items()}
         have = self._read_index()
         for name in have.keys() - found.keys():
@@ -143,27 +148,26 @@ class Mirror:
         atomic_write(self._place / _INDEX, json.dumps(index, indent=1, ensure_ascii=False) + "\n")
 
 
-def open_mirror(text: str) -> Path:
-    """Return a folder to write to: the path itself or, for an address, an up-to-date copy of it.
+def publish(folder: Path) -> None:
+    """Upload what was written in a folder, if it is the copy of a remote one. Raises as :meth:`Mirror.push` does."""
+    if mirror := Mirror.at(folder):
+        mirror.push()
 
-    Raises
-    ------
-    VfoaError
-        If the address cannot be read or written.
-    """
-    address = text.rstrip("/")
-    if not is_address(address):
-        return Path(text)
-    if folder := folder_of(address):
-        return folder
-    Remote(address).check_writable()
-    mirror = Mirror(address)
-    mirror.pull()
-    return mirror.folder
+
+def name_of(folder: Path) -> str:
+    """The address of a folder that is the copy of a remote one; the path of any other."""
+    mirror = Mirror.at(folder)
+    return mirror.address if mirror else str(folder)
 
 
 def _plain_files(folder: Path) -> list[Path]:
-    return [path for path in sorted(folder.rglob("*")) if path.is_file() and not path.name.startswith(".")]
+    found = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    return [path for path in found if not is_hidden(path.relative_to(folder).as_posix())]
+
+
+def is_hidden(name: str) -> bool:
+    """Whether a file, by its name relative to a folder, is left out of copies."""
+    return any(part.startswith(".") for part in name.split("/"))
 
 
 def _version(info: Mapping[str, Any]) -> str:

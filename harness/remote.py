@@ -19,6 +19,9 @@ _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(::[A-Za-z0-9+.-]+)*://")
 _TOGETHER = 64
 """Number of files that are requested at once."""
 
+_PROBE = ".vfoa"
+"""Name of an empty file that is written and removed again."""
+
 
 def is_address(text: str) -> bool:
     """Whether a path from a configuration is an address of remote storage."""
@@ -87,6 +90,39 @@ class Remote:
             _make_folders(storage, [f"{root}/{name}"])
             storage.pipe_file(f"{root}/{name}", content)
 
+    def create(self, name: str, content: bytes) -> bool:
+        """Write a file if there is none, and return whether there was none.
+
+        Of several that do so at once only one succeeds, if the storage can decide that (S3, memory, SFTP).
+        """
+        storage, root = _storage(self.address)
+        path = f"{root}/{name}"
+        with _in_one_line(self.address, "cannot be written"):
+            _make_folders(storage, [path])
+            try:
+                storage.pipe_file(path, content, mode="create")
+            except FileExistsError:
+                return False
+            except (TypeError, ValueError, NotImplementedError):  # this storage cannot
+                storage.invalidate_cache()
+                if storage.exists(path):
+                    return False
+                storage.pipe_file(path, content)
+        return True
+
+    def age_s(self, name: str) -> float | None:
+        """Seconds since a file was written, by the clock of the storage; None if there is no such file."""
+        storage, root = _storage(self.address)
+        self.write(_PROBE, b"")
+        with _in_one_line(self.address, "cannot be read"):
+            storage.invalidate_cache()
+            try:
+                now, then = (storage.modified(f"{root}/{each}") for each in (_PROBE, name))
+            except FileNotFoundError:
+                return None
+        self.remove([_PROBE])
+        return float((now - then).total_seconds())
+
     def has(self, name: str) -> bool:
         """Whether there is such a file."""
         storage, root = _storage(self.address)
@@ -111,6 +147,7 @@ class Remote:
                 found = {}
             storage.invalidate_cache()
         top = str(PurePosixPath(root).parent) if list(found) == [root] else root
+        found = {path: info for path, info in found.items() if not path.endswith("/")}  # a folder made in a console
         files = {str(PurePosixPath(path).relative_to(top)): found[path] for path in sorted(found)}
         if escaping := next((name for name in files if ".." in PurePosixPath(name).parts), None):
             raise VfoaError(f"{self.address}: holds {escaping!r}; expected only names inside it")
@@ -144,13 +181,12 @@ class Remote:
 
     def check_writable(self) -> None:
         """Write and remove an empty file, so that a wrong bucket or wrong keys are known before the work."""
-        self.write(".vfoa", b"")
-        self.remove([".vfoa"])
+        self.write(_PROBE, b"")
+        self.remove([_PROBE])
 
-    def remove_all(self, under: str) -> None:
-        """Remove all files of a folder."""
-        names = [f"{under}/{name}" for name in Remote(f"{self.address}/{under}").files()]
-        self.remove(names)
+    def remove_all(self) -> None:
+        """Remove all files."""
+        self.remove(self.files())
 
     def remove(self, names: Iterable[str]) -> None:
         """Remove files; it is no error if one is gone already."""

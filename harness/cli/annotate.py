@@ -7,13 +7,13 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Clip, NoOpen, Port, RunConfiguration
+from harness.cli.options import Clip, NoOpen, Port, RunConfiguration, run_folder
 from harness.cli.terminal import say
 
 
 def annotate(
     clip: Clip,
-    run: Annotated[Path | None, typer.Option(metavar="RUN", help="Show outlines and suggestions of this run.")] = None,
+    run: Annotated[str | None, typer.Option(metavar="RUN", help="Show outlines and suggestions of this run.")] = None,
     config: RunConfiguration = None,
     annotator: Annotated[
         str | None, typer.Option(metavar="ANNOTATOR", help="Label CLIP@ANNOTATOR.csv, not CLIP.csv.")
@@ -31,8 +31,9 @@ def annotate(
     from harness.annotate.session import Session
     from harness.local_server import ended_by_sigterm, open_browser
 
+    folder = run_folder(run) if run else None
     session = Session(
-        clip, run=run, configuration=config, annotator=annotator, blind=blind, uncertain_first=uncertain_first
+        clip, run=folder, configuration=config, annotator=annotator, blind=blind, uncertain_first=uncertain_first
     )
     if session.notice:
         say(session.notice, err=True)
@@ -47,19 +48,22 @@ def annotate(
             server.run()
     finally:
         session.close()
-    if run is not None and session.digest() != before:
-        _score_again(run, annotator)
+    if folder is not None and session.digest() != before:
+        _score_again(folder, annotator)
 
 
 def _score_again(run: Path, annotator: str | None) -> None:
     """Score a run again with the changed labels, if it is scored against them."""
+    from harness.mirror import name_of, publish
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
 
     directory = RunDirectory(run)
     if directory.read_manifest().get("annotator") == annotator:
         rescore(directory)
-        say(f"{run}: tables, page and recordings are updated")
+        publish(run)
+        say(f"{name_of(run)}: tables, page and recordings are updated")
     else:
         chosen = f" --annotator {annotator}" if annotator else ""
-        say(f"{run} is scored against other labels; `vfoa score {run}{chosen}` scores it against these")
+        name = name_of(run)
+        say(f"{name} is scored against other labels; `vfoa score {name}{chosen}` scores it against these")

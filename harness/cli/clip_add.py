@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def add_clip(
-    path: Annotated[Path, typer.Argument(metavar="PATH", help="A recording, a folder of images, a scene of Sintel.")],
+    path: Annotated[str, typer.Argument(metavar="PATH", help="A recording, a folder of images, a scene of Sintel.")],
     name: Annotated[
         str | None, typer.Option(metavar="NAME", help="Name of the clip. Default: made from the path.")
     ] = None,
@@ -49,12 +49,19 @@ def add_clip(
 ) -> None:
     """Recognise the source at a path; write a manifest and an empty annotation file."""
     from harness.clips.add import add_clip as add
+    from harness.remote import is_address
     from harness.toml_text import parse_assignment
+    from vfoa.errors import VfoaError
 
+    if is_address(path):
+        raise VfoaError(
+            f"clips add: {path}: expected a path on this machine: add a copy there, then set `root` in the manifest to "
+            "the address"
+        )
     source: dict[str, Any] = dict(parse_assignment(text, "pass=final") for text in overrides or ())
     numbers = {"fx_px": fx, "cx_px": cx, "cy_px": cy, "baseline_m": baseline}
     added = add(
-        path,
+        Path(path),
         name=name,
         adapter=adapter,
         source=source | _calibration(calibration, numbers),

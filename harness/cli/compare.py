@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from enum import StrEnum
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from harness.cli.options import Json
+from harness.cli.options import Json, run_folder
 from harness.cli.terminal import print_json, print_reports
 
 
@@ -20,11 +19,13 @@ class FailOn(StrEnum):
 
 def compare(
     runs: Annotated[
-        list[Path],
-        typer.Argument(help="Directories of finished runs, or tables exported from them as JSON.", metavar="RUN"),
+        list[str],
+        typer.Argument(
+            help="Directories of finished runs or their addresses, or tables exported from them as JSON.", metavar="RUN"
+        ),
     ],
     baseline: Annotated[
-        Path | None, typer.Option(metavar="RUN", help="Compare each configuration with this run's of the same name.")
+        str | None, typer.Option(metavar="RUN", help="Compare each configuration with this run's of the same name.")
     ] = None,
     fail_on: Annotated[FailOn | None, typer.Option(help="Exit with 1 if this happens; needs --baseline.")] = None,
     tolerance: Annotated[
@@ -47,10 +48,11 @@ def compare(
         raise VfoaError("compare: --fail-on needs --baseline RUN, found none")
     if model and (baseline is not None or as_json):
         raise VfoaError("compare: --model does not go with --baseline or --json")
-    found = compare_runs(runs) if baseline is None else compare_with_baseline(runs, baseline)
+    folders = [run_folder(run) for run in runs]
+    found = compare_runs(folders) if baseline is None else compare_with_baseline(folders, run_folder(baseline))
     if as_json:
         print_json([{**asdict(each), "verdict": each.verdict, "sentence": each.sentence} for each in found])
     else:
-        print_reports([terminal_comparisons(found), *([model_table(model_runs(runs))] if model else [])])
+        print_reports([terminal_comparisons(found), *([model_table(model_runs(folders))] if model else [])])
     if fail_on is FailOn.significant_drop and any(each.is_drop(tolerance / 100) for each in found):
         raise typer.Exit(1)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import Clip, Replace, RunConfiguration
+from harness.cli.options import Clip, Replace, RunConfiguration, run_folder
 from harness.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ Speech = Annotated[
 ]
 Drawn = Annotated[bool, typer.Option("--drawn", help="CVAT: boxes and points of CLIP.drawn.csv, not the labels.")]
 FromRun = Annotated[
-    Path | None,
+    str | None,
     typer.Option("--run", metavar="RUN", help="Take heads and boxes from this run. Default: the clip's ground truth."),
 ]
 
@@ -108,7 +108,7 @@ def import_(
         offset=offset,
         renamed=dict(_pair(each) for each in rename or ()),
         gaps=gaps.value,
-        run=run,
+        run=run_folder(run) if run else None,
         configuration=config,
         unnamed=target,
         attribute=attribute,
@@ -159,16 +159,19 @@ def export(
     Predictions are marked as suggestions if the format allows it. Correct them, then import them with --confirm.
     """
     from harness.annotate.run_labels import export_predictions, is_run
+    from harness.mirror import publish
     from vfoa.errors import VfoaError
 
-    if is_run(Path(source)):
+    folder = run_folder(source)
+    if is_run(folder):
         given = {"--annotator": annotator, "--run": run, "--speech": speech, "--drawn": drawn}
         for option in [name for name, value in given.items() if value]:
             raise VfoaError(f"{option}: found it for the predictions of a run; expected it for a clip's labels")
         for each in export_predictions(
-            Path(source), format_, clip=clip, configuration=config, to=to, fps=fps, offset=offset, replace=replace
+            folder, format_, clip=clip, configuration=config, to=to, fps=fps, offset=offset, replace=replace
         ):
             _print_export(each.path, each.notes)
+        publish(folder)
         return
     if to is None:
         raise VfoaError(f"{source}: no run's directory; expected FILE, the file to write the clip's labels to")
@@ -185,7 +188,7 @@ def _export_clip(
     annotator: str | None,
     fps: float | None,
     offset: float,
-    run: Path | None,
+    run: str | None,
     config: str | None,
     replace: bool,
 ) -> None:
@@ -193,7 +196,9 @@ def _export_clip(
     from harness.clips.manifest import load_manifest
 
     manifest = load_manifest(name)
-    exchange = open_exchange(manifest, fps=fps, offset=offset, run=run, configuration=config)
+    exchange = open_exchange(
+        manifest, fps=fps, offset=offset, run=run_folder(run) if run else None, configuration=config
+    )
     _print_export(to, export_labels(manifest, annotator, format_, exchange, to, replace=replace))
 
 

@@ -13,17 +13,16 @@ from harness.cli.completion import clip_names, configuration_names, run_director
 
 def run_folder(run: str) -> Path:
     """The local folder of a run: the given path, or a copy if it is an address of object storage."""
-    from harness.mirror import local_copy
-    from harness.remote import is_address
+    from harness.mirror import local_path
 
-    return local_copy(run.rstrip("/"), "RUN") if is_address(run) else Path(run)
+    return local_path(run, "RUN")
 
 
 Run = Annotated[
     str,
     typer.Argument(
         metavar="RUN",
-        help="Directory of a run, such as runs/demo.",
+        help="Directory of a run, such as runs/demo, or its address on object storage.",
         autocompletion=run_directories,
     ),
 ]
@@ -31,7 +30,7 @@ Recordings = Annotated[
     str,
     typer.Argument(
         metavar="RUN",
-        help="Directory of a run, or one .rrd file.",
+        help="Directory of a run, or its address on object storage; or one .rrd file.",
         autocompletion=run_directories,
     ),
 ]

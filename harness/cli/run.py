@@ -118,9 +118,10 @@ def run(
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.terminal import frames_bar, print_scores
-    from harness.mirror import Mirror, bring_models, open_mirror
+    from harness.mirror import Mirror, bring_models
     from harness.report.sinks import composed_sinks
     from harness.report.write import rescore
+    from harness.run.out import opened
     from harness.run.runner import prepare, run_plan
     from harness.stages.cache.store import open_store
 
@@ -129,52 +130,47 @@ def run(
     if annotator:
         experiment = replace(experiment, annotator=annotator)
     store = None if no_cache else open_store(cache)
-    wanted = open_mirror(out) if out else Path("runs") / experiment.name
-    mirror = Mirror.at(wanted)
     workers = workers or os.cpu_count() or 1
-    if experiment.sweep:
-        from harness.cli.sweep import run_sweep
-
-        run_sweep(
-            experiment,
-            out=wanted,
-            beside=out is None,
-            workers=workers,
-            limit=limit,
-            oracle=oracle,
-            save_outputs=save_outputs,
-            cache=store,
-        )
-        if mirror:
-            mirror.push()
-        return
-    if oracle:
-        from harness.score.oracle_ablation import with_oracle_ablation
-
-        experiment = with_oracle_ablation(experiment)
-    plan = prepare(
-        experiment,
-        limit=limit,
-        sinks=composed_sinks(experiment.configurations, recording.size, around=_around(recording, around)),
-        save_outputs=save_outputs,
-    )
     notices: list[str] = []
-    with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:
-        directory = run_plan(
-            plan,
-            wanted,
-            workers=workers,
-            threads=threads or os.cpu_count() or 1,
-            scheduler=scheduler,
-            progress=progress,
-            cache=store,
-            tell=notices.append,
-            beside=out is None,
-            retry_failed=retry_failed,
+    with opened(out or Path("runs") / experiment.name, notices.append) as wanted:
+        if experiment.sweep:
+            from harness.cli.sweep import run_sweep
+
+            run_sweep(
+                experiment,
+                out=wanted,
+                beside=out is None,
+                workers=workers,
+                limit=limit,
+                oracle=oracle,
+                save_outputs=save_outputs,
+                cache=store,
+            )
+            return
+        if oracle:
+            from harness.score.oracle_ablation import with_oracle_ablation
+
+            experiment = with_oracle_ablation(experiment)
+        plan = prepare(
+            experiment,
+            limit=limit,
+            sinks=composed_sinks(experiment.configurations, recording.size, around=_around(recording, around)),
+            save_outputs=save_outputs,
         )
-    scores = rescore(directory)
-    if mirror:
-        mirror.push()
+        with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:
+            directory = run_plan(
+                plan,
+                wanted,
+                workers=workers,
+                threads=threads or os.cpu_count() or 1,
+                scheduler=scheduler,
+                progress=progress,
+                cache=store,
+                tell=notices.append,
+                beside=out is None,
+                retry_failed=retry_failed,
+            )
+        scores = rescore(directory)
     print_scores(scores)
     for notice in notices:
         say(notice)
@@ -187,7 +183,7 @@ def run(
         f"\n{'Scrub a failure' if scores.rows else 'Scrub'}: vfoa view {directory.path}"
         f"{' --failures' if scores.rows else ''}"
     )
-    if mirror:
+    if mirror := Mirror.at(directory.path):
         say(f"All of it: {mirror.address}")
     _report_failures(directory)
 

@@ -20,12 +20,11 @@ def score(
 ) -> None:
     """Score a run again from its results and the present labels; needs no images and no models."""
     from harness.cli.terminal import print_scores
-    from harness.mirror import Mirror
+    from harness.mirror import publish
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
 
     folder = run_folder(run)
     scores = rescore(RunDirectory(folder), annotator)
-    if mirror := Mirror.at(folder):
-        mirror.push()
+    publish(folder)
     print_scores(scores)

@@ -105,12 +105,10 @@ def run_plan(
                     plan, directory, cache=cache, executor=chosen, progress=progress, tell=tell, mirror=mirror
                 )
         except KeyboardInterrupt:
+            kept = f"{directory.kept_frames()} frames are kept in {directory.path}"
             if mirror:
-                mirror.push()
-            tell(
-                f"interrupted: {directory.kept_frames()} frames are kept in {directory.path}; "
-                "the same command continues"
-            )
+                kept = f"finished clips are kept in {mirror.address}"
+            tell(f"interrupted: {kept}; the same command continues")
             raise
         _check_unchanged(plan, identity, done, cache)
         _finish(plan, directory, identity, done, started)

@@ -104,6 +104,20 @@ def test_what_changed_is_copied_again_and_what_is_gone_is_left_out(bucket) -> No
     assert (second / "a" / "kept.txt").stat().st_mtime_ns == kept
 
 
+def test_a_folder_made_in_a_console_and_hidden_files_are_no_files_of_a_clip(bucket) -> None:
+    storage, name = bucket
+    storage.pipe(f"{name}/left/a.png", b"a face")
+    storage.pipe(f"{name}/.lock", b"of a run")
+    storage.pipe(f"{name}/.unfinished/part", b"of a run")
+    marker = f"{name}/left/"  # an object of this name is what "Create folder" makes on object storage
+    storage.store[marker] = storage.store[f"{name}/left/a.png"]
+    try:
+        copied = local_copy(f"memory:/{name}", "root")
+        assert [path.relative_to(copied).as_posix() for path in copied.rglob("*")] == ["left", "left/a.png"]
+    finally:
+        del storage.store[marker]
+
+
 def test_a_single_file_keeps_its_name(bucket) -> None:
     storage, name = bucket
     storage.pipe(f"{name}/take.mcap", b"recorded")

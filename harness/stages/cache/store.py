@@ -229,7 +229,7 @@ class Store:
             If something at the address cannot be removed.
         """
         if self.remote:
-            self.remote.remove_all("stages")
+            Remote(f"{self.root}/stages").remove_all()
         with suppress(FileNotFoundError):
             shutil.rmtree(self.stages)
 

@@ -18,7 +18,7 @@ from moto.server import ThreadedMotoServer
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.mirror import Mirror, local_copy, open_mirror
+from harness.mirror import Mirror, local_copy
 from harness.remote import Remote
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
@@ -26,6 +26,8 @@ from harness.run.directory import RunDirectory
 from harness.run.executors import cluster
 from harness.run.executors.cluster import Cluster, connect, local_cluster
 from harness.run.experiment import load_experiment
+from harness.run.lease import leased
+from harness.run.out import opened
 from harness.run.runner import prepare, run_plan
 from harness.stages.cache.store import open_store
 from tests import graphs
@@ -171,6 +173,11 @@ def test_workers_share_a_clip_through_the_cache_and_its_run_is_scored_and_contin
     assert again.exit_code == 0, again.output
     assert "nothing was computed" in again.output
     page = Remote(address.rstrip("/")).read("report.html")
+    compared = CliRunner().invoke(app, ["compare", address, "--json"])
+    assert compared.exit_code == 0, compared.output
+    assert compared.output == "[]\n"  # no frame has a label
+    exported = CliRunner().invoke(app, ["labels", "export", address, "--format", "csv", "--config", "one-cone"])
+    assert str(exported.exception).endswith("no prediction (no_eyes_3d) and no label.")  # so it has read the run
     Remote(address.rstrip("/")).remove(["report.html"])
     local_copy.cache_clear()
     scored = CliRunner().invoke(app, ["score", address.rstrip("/")])
@@ -197,27 +204,24 @@ def test_a_worker_that_dies_in_the_middle_of_a_clip_changes_nothing(
     address = f"{bucket}/runs/killed"
     loaded = load_experiment(str(experiment))
     sinks = [*composed_sinks(loaded.configurations, "light"), DyingWorkers(f"{bucket}/notes", "two", 3)]
-    out = open_mirror(address)
     store = open_store(f"{bucket}/cache")
-    directory = run_plan(
-        prepare(loaded, sinks=sinks),
-        out,
-        workers=1,
-        scheduler=workers.scheduler,
-        progress=lambda clip: None,
-        cache=store,
-    )
-    rescore(directory)
-    mirror = Mirror.at(out)
-    assert mirror is not None
-    mirror.push()
+    with opened(address) as out:
+        directory = run_plan(
+            prepare(loaded, sinks=sinks),
+            out,
+            workers=1,
+            scheduler=workers.scheduler,
+            progress=lambda clip: None,
+            cache=store,
+        )
+        rescore(directory)
     assert _tables(address) == alone
     dead = Remote(f"{bucket}/notes").read(DIED)
     assert dead is not None
     assert [process.pid for process in workers.processes if process.poll() is not None] == [int(dead)]
     recordings = {f"{clip}__{configuration.name}.rrd" for clip in CLIPS for configuration in loaded.configurations}
     assert recordings <= Remote(address).files().keys()
-    assert not [name for name in Remote(address).files() if name.startswith("partial/")]
+    assert not [name for name in Remote(address).files() if name.startswith(("partial/", "."))]
     for folder in workers.folders:
         assert list((folder / "cache" / "remote").iterdir())  # each fetched what it needed
     assert list(Remote(f"{bucket}/cache").files("stages/stereo"))
@@ -233,6 +237,15 @@ def test_a_cache_that_workers_cannot_see_is_refused(experiment: Path, bucket: st
     )
     assert isinstance(done.exception, VfoaError)
     assert "expected --cache on object storage, too, or --no-cache" in str(done.exception)
+
+
+def test_a_second_run_at_an_address_is_refused(experiment: Path, bucket: str) -> None:
+    address = f"{bucket}/runs/busy"
+    with leased(address, print):
+        done = CliRunner().invoke(app, ["run", str(experiment), "--no-cache", "--out", address])
+        assert isinstance(done.exception, VfoaError)
+        assert f"{address}: process {os.getpid()} on " in str(done.exception)
+    assert not Remote(address).files()
 
 
 @pytest.mark.parametrize("option", ["--out", "--cache"])
@@ -255,9 +268,10 @@ def test_missing_keys_are_one_line(bucket: str, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_what_a_run_removes_or_changes_here_is_removed_or_changed_there(bucket: str) -> None:
-    folder = open_mirror(f"{bucket}/runs/mirror")
-    mirror = Mirror.at(folder)
-    assert mirror is not None
+    mirror = Mirror(f"{bucket}/runs/mirror")
+    mirror.pull()
+    folder = mirror.folder
+    assert Mirror.at(folder) is not None
     for name in ("kept.txt", "changed.txt", "gone.txt", ".lock", "partial/a.jsonl"):
         write_text(folder / name, name)
     mirror.push()
