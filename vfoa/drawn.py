@@ -155,7 +155,8 @@ class DrawnShapes:
         ids[np.isin(ids, list(lost))] = 0
         kept = [each for each in instances.instances if each.id not in lost]
         named = [replace(each, name=names.get(each.id, each.name)) for each in kept]
-        return Instances(ids=ids, instances=(*named, *(_instance(each) for each in drawn if each.is_new)))
+        all_instances = (*named, *(_instance(each) for each in drawn if each.is_new))
+        return replace(instances, ids=ids, instances=all_instances)
 
     def _window(self, shape: DrawnShape, rig: StereoRig) -> Window:
         u0, v0, u1, v1 = shape.box_px

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, Self
 
 import numpy as np
@@ -21,6 +22,7 @@ from vfoa.nearest import NearestSettings
 from vfoa.pipeline import AttendSettings, Memory, Stages, attend, perceive, reconstruct
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
+from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings
 from vfoa.settings import Settings
 from vfoa.tracking import TrackingSettings
 from vfoa.types import Image, StereoFrame, StereoRig
@@ -67,6 +69,8 @@ class Estimator:
         from settings.
     reconstruction, attend
         Settings of the two steps after perception.
+    segment_every
+        Segment every Nth frame of a sequence, and carry its masks to the frames between.
 
     Examples
     --------
@@ -81,8 +85,10 @@ class Estimator:
         *,
         reconstruction: ReconstructionSettings | None = None,
         attend: AttendSettings | None = None,
+        segment_every: int = 1,
     ) -> None:
         self.stages = stages
+        self.segment_every = segment_every
         self.reconstruction = reconstruction or ReconstructionSettings()
         self.attend = attend or AttendSettings()
 
@@ -119,6 +125,7 @@ class Estimator:
         stages = {kind: model(checked) for kind, (model, checked) in _present(chosen).items()}
         matcher = stages["stereo.matcher"]
         in_region = getattr(_present(chosen)["stereo.matcher"][1], "region", None) == "needed"
+        segmentation = _present(chosen)["segmentation.model"][1]
         return cls(
             Stages(
                 matcher=matcher,
@@ -130,6 +137,7 @@ class Estimator:
             ),
             reconstruction=reconstruction,
             attend=attend_settings,
+            segment_every=segmentation.every if isinstance(segmentation, KeyFrameSettings) else 1,
         )
 
     def estimate(self, left: Image, right: Image, rig: StereoRig) -> Estimate:
@@ -160,6 +168,10 @@ class Follower:
     def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
         self._estimator, self._rig = estimator, rig
         self._memory, self._frames = Memory(), 0
+        self._stages, every = estimator.stages, estimator.segment_every
+        if every > 1:
+            on_key_frames = KeyFrameSegmenter(self._stages.segmenter, lambda number: number - number % every)
+            self._stages = replace(self._stages, segmenter=on_key_frames)
 
     def step(self, left: Image, right: Image, *, time_ns: int = 0) -> Estimate:
         """Estimate who looks at what in the next pair.
@@ -182,7 +194,7 @@ class Follower:
             frame = StereoFrame(index=self._frames, time_ns=time_ns, left=left, right=right, rig=self._rig)
         except ValueError as error:
             raise VfoaError(f"frame {self._frames}: {error}") from None
-        percepts = perceive(frame, estimator.stages)
+        percepts = perceive(frame, self._stages)
         scene = reconstruct(percepts, estimator.reconstruction)
         result, self._memory = attend(scene, self._memory, estimator.attend)
         self._frames += 1

@@ -177,6 +177,7 @@ def place_people(percepts: Percepts, targets: tuple[Target, ...], settings: Reco
         time_ns=percepts.time_ns,
         targets=targets,
         people=tuple(_person(view, seen, settings) for view in percepts.views),
+        masks_from=percepts.instances.carried_from,
     )
 
 

@@ -196,10 +196,14 @@ class Instance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Instances:
-    """A panoptic segmentation of the left view: ``ids`` (H, W) uint16, 0 = no instance, and the instance of each id."""
+    """A panoptic segmentation of the left view: ``ids`` (H, W) uint16, 0 = no instance, and the instance of each id.
+
+    ``carried_from`` is the number of the key frame whose masks these are, moved to this frame; None: found in it.
+    """
 
     ids: NDArray[np.uint16]
     instances: tuple[Instance, ...]
+    carried_from: int | None = None
 
     def __post_init__(self) -> None:
         _set(self, "ids", self.ids, np.uint16, None, None)
@@ -395,12 +399,14 @@ class Scene:
     """One frame in metres: the targets and the people. It has no memory of other frames.
 
     It comes from :func:`vfoa.pipeline.reconstruct`, or from a clip that holds measurements instead of images.
+    ``masks_from`` is the number of the key frame whose masks were carried to this frame, None if they were found in it.
     """
 
     index: int
     time_ns: int
     targets: tuple[Target, ...]
     people: tuple[Person, ...]
+    masks_from: int | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -171,7 +171,12 @@ def summary(record: FrameRecord, verdicts: Sequence[Verdict]) -> str:
         row = [_cell(cell) for cell in cells]
         row[3] = f"**{row[3].upper()}**" if verdict.outcome == "wrong" else row[3]
         lines.append(f"| {' | '.join(row)} |")
-    return "\n".join([*lines, "", *_prediction_sets(record), *_attention_table(record)]) + "\n"
+    return "\n".join([*lines, "", *_masks_note(record), *_prediction_sets(record), *_attention_table(record)]) + "\n"
+
+
+def _masks_note(record: FrameRecord) -> list[str]:
+    """A line if the masks were not found in this frame."""
+    return [] if record.masks_from is None else [f"Masks: carried from frame {record.masks_from}\n"]
 
 
 def _prediction_sets(record: FrameRecord) -> list[str]:

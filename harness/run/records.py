@@ -87,7 +87,10 @@ class SubjectRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameRecord:
-    """One frame of one clip under one configuration. ``measures`` is None if the clip has no ground truth."""
+    """One frame of one clip under one configuration. ``measures`` is None if the clip has no ground truth.
+
+    ``masks_from`` is the key frame whose masks were carried to this one; None if they were found in this one.
+    """
 
     clip: str
     configuration: str
@@ -96,6 +99,7 @@ class FrameRecord:
     targets: tuple[TargetRecord, ...]
     subjects: tuple[SubjectRecord, ...]
     measures: FrameMeasures | None = None
+    masks_from: int | None = None
 
     def __post_init__(self) -> None:
         known = {target.instance_id for target in self.targets}
@@ -130,6 +134,7 @@ def to_record(
             _subject(attention, names.subjects.get(attention.subject.track_id)) for attention in result.attentions
         ),
         measures=measures,
+        masks_from=result.scene.masks_from,
     )
 
 

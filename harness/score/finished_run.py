@@ -19,6 +19,7 @@ from harness.run.manifest import differences
 from harness.run.published import Published
 from harness.run.records import FrameRecord
 from harness.run.results import Block, read_results
+from harness.score.carried_masks import said_of_carried_masks
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
 from vfoa.errors import VfoaError
@@ -132,7 +133,15 @@ class FinishedRun:
         return Reference(
             labels=labels,
             frames={clip["name"]: clip["frames"] for clip in run["clips"]},
-            notes=(*_left_out(run)[2], *run.get("notes", ()), *by_one, *shared, *changed, *unlabelled),
+            notes=(
+                *_left_out(run)[2],
+                *run.get("notes", ()),
+                *said_of_carried_masks(run["configurations"]),
+                *by_one,
+                *shared,
+                *changed,
+                *unlabelled,
+            ),
             says_nowhere=frozenset(
                 name for name, each in run["configurations"].items() if _says_nowhere(each.get("attention", {}))
             ),

@@ -51,8 +51,8 @@ REPLACEMENTS = (
 def with_oracle_ablation(experiment: Experiment) -> Experiment:
     """Add the steps of the oracle ablation to every configuration, named ``sgbm-one+disparity+instances``.
 
-    A step is left out if the stage is off or is the ground truth already. It is also left out if the first frame of a
-    clip has no such ground truth; a note says so.
+    A step is left out if the stage is off or is the ground truth of every frame already. It is also left out if the
+    first frame of a clip has no such ground truth; a note says so.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def _steps_of(base: Configuration, replacements: list[Replacement]) -> Iterator[
     current = base
     for replacement in replacements:
         choice = current.choices[replacement.slot]
-        if choice is None or choice.name == _TRUTH:
+        if choice is None or (choice.name == _TRUTH and getattr(choice.settings, "every", 1) == 1):
             continue
         truth = StageChoice(slot=replacement.slot, name=_TRUTH, settings=OracleSettings())
         current = replace(

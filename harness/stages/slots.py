@@ -19,6 +19,7 @@ import vfoa.stereo
 from harness.sources import Clip
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.registry import Registry
+from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, key_number
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -75,6 +76,12 @@ class Slot:
 
     def build(self, choice: StageChoice, clip: Clip) -> Any:
         """Build the stage for one clip."""
+        stage, settings = self._of_every_frame(choice, clip), choice.settings
+        if not isinstance(settings, KeyFrameSettings) or settings.every == 1:
+            return stage
+        return KeyFrameSegmenter(stage, lambda number: key_number(number, clip.frames, settings.every), clip.frame)
+
+    def _of_every_frame(self, choice: StageChoice, clip: Clip) -> Any:
         cls = self.stage_class(choice.name)
         return cls(choice.settings, clip) if choice.name in self.of_clip else cls(choice.settings)
 
@@ -86,7 +93,7 @@ class Slot:
         """Hexadecimal sha256 of the files that the stage reads for a clip; None for a stage that reads none."""
         if choice.name not in self.of_clip or not hasattr(self.stage_class(choice.name), "digest"):
             return None
-        digest: str = self.build(choice, clip).digest()
+        digest: str = self._of_every_frame(choice, clip).digest()
         return digest
 
     def names(self) -> list[str]:

@@ -54,6 +54,14 @@ def test_a_follower_carries_the_memory_over_frames(percepts: Percepts) -> None:
     assert [look.track_id for each in followed for look in each.looks] == [1, 1, 1]
 
 
+def test_a_follower_segments_key_frames_and_each_sequence_has_its_own(percepts: Percepts) -> None:
+    estimator = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH, segment_every=2)
+    for _ in range(2):
+        follower = estimator.follow(percepts.rig)
+        found = [follower.step(BLACK, BLACK).percepts.instances.carried_from for _ in range(5)]
+        assert found == [None, 0, None, 2, None]
+
+
 def test_the_posterior_follows_with_and_without_times(percepts: Percepts) -> None:
     attention = AttendSettings(attention=BayesSettings(method="bayes"))
     estimator = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH, attend=attention)

@@ -18,6 +18,7 @@ from scipy.special import expit
 from vfoa.coco import STUFF, STUFF_IDS, THING_IDS, THINGS
 from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
 from vfoa.segmentation.canvas import Canvas, wanted_categories
+from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.segmentation.placement import Placement, letterboxed, stretched
 from vfoa.types import Float, Instances, Map, Mask, StereoFrame
 
@@ -37,7 +38,7 @@ _BLACK = (0, 0, 0)
 class MaskClassification:
     """Panoptic segmentation of COCO's 80 things and 53 kinds of stuff with MaskFormer, EoMT or a relative."""
 
-    class Settings(OnnxSettings):
+    class Settings(OnnxSettings, KeyFrameSettings):
         """Settings of the segments to keep. The defaults are those that the models' authors publish."""
 
         score_threshold: float = Field(default=0.8, gt=0, lt=1)

@@ -13,6 +13,7 @@ from pydantic import Field
 from vfoa.coco import THINGS
 from vfoa.onnx import Model, OnnxSettings, Signature, blob
 from vfoa.segmentation.canvas import Canvas, wanted_categories
+from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.segmentation.placement import stretched, window_of
 from vfoa.types import Instances, StereoFrame
 
@@ -27,7 +28,7 @@ SIGNATURE = Signature(
 class MaskRcnn:
     """Instance segmentation of COCO's 80 things with torchvision's Mask R-CNN."""
 
-    class Settings(OnnxSettings):
+    class Settings(OnnxSettings, KeyFrameSettings):
         """Settings of the instances to keep."""
 
         score_threshold: float = Field(default=0.5, gt=0, le=1)

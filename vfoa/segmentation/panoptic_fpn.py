@@ -16,6 +16,7 @@ from pydantic import Field
 from vfoa.coco import STUFF, STUFF_IDS, THING_IDS, THINGS
 from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
 from vfoa.segmentation.canvas import Canvas, wanted_categories
+from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.segmentation.placement import Placement, Size, letterboxed, resample, window_of
 from vfoa.types import Instances, Map, StereoFrame
 
@@ -35,7 +36,7 @@ _MEAN = (124, 116, 104)  # becomes 0 by normalisation: MMDetection pads with 0 a
 class PanopticFpn:
     """Panoptic segmentation of COCO's 80 things and 53 kinds of stuff with MMDetection's Panoptic FPN."""
 
-    class Settings(OnnxSettings):
+    class Settings(OnnxSettings, KeyFrameSettings):
         """Settings of the segments to keep, as in detectron2.
 
         If the graph leaves its size open, the image is scaled to a short side of ``short_side_px``, unless its long

@@ -13,6 +13,7 @@ from pydantic import Field
 from vfoa.coco import THINGS
 from vfoa.onnx import IMAGENET_MEAN, IMAGENET_SCALE, Model, OnnxSettings, Signature, blob
 from vfoa.segmentation.canvas import Canvas, wanted_categories
+from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.segmentation.placement import stretched
 from vfoa.types import Instances, StereoFrame
 
@@ -25,7 +26,7 @@ SIGNATURE = Signature(
 class RfDetrSeg:
     """Instance segmentation of COCO's 80 things with RF-DETR-Seg: the default model."""
 
-    class Settings(OnnxSettings):
+    class Settings(OnnxSettings, KeyFrameSettings):
         """Settings of the instances to keep."""
 
         weights: str = "rfdetr-seg-medium.onnx"

@@ -17,6 +17,7 @@ from pydantic import Field
 from vfoa.coco import THING_IDS, THINGS
 from vfoa.onnx import Model, OnnxSettings, Signature, blob
 from vfoa.segmentation.canvas import Canvas, wanted_categories
+from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.segmentation.placement import Placement, letterboxed, window_of
 from vfoa.types import Instances, Map, StereoFrame
 
@@ -40,7 +41,7 @@ class _Detections:
 class YoloSeg:
     """Instance segmentation of COCO's 80 things with a YOLO-seg network. Ultralytics' weights are AGPL-3.0."""
 
-    class Settings(OnnxSettings):
+    class Settings(OnnxSettings, KeyFrameSettings):
         """Settings of the instances to keep."""
 
         score_threshold: float = Field(default=0.25, gt=0, le=1)

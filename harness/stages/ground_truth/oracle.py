@@ -15,6 +15,7 @@ from harness.labels.labels import BLOCKED, IGNORED, Label, LabelRange, Labels
 from harness.sources import Clip, PersonTruth, SightTruth, Truth
 from vfoa.errors import VfoaError
 from vfoa.geometry import box_iou
+from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.settings import Settings
 from vfoa.types import Disparity, Float, Gaze, Head, HeadPose, Instances, StereoFrame
 
@@ -116,10 +117,14 @@ class TruthMatcher:
         return self._truth.disparity(frame.index)
 
 
+class TrueMaskSettings(OracleSettings, KeyFrameSettings):
+    """True masks of key frames can be carried to the frames between, to see what that costs."""
+
+
 class TruthSegmenter:
     """A segmenter that returns the clip's true instances."""
 
-    Settings = OracleSettings
+    Settings = TrueMaskSettings
 
     def __init__(self, settings: OracleSettings, clip: Clip) -> None:
         self._truth = KnownTruth(clip, 'segmentation.model = "truth"')

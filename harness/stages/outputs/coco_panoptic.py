@@ -20,14 +20,14 @@ from harness.sources.media.frame_files import number_names
 from harness.sources.media.images import read_raw
 from harness.sources.media.segment_ids import present_ids, relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.settings import Settings
+from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.types import Instance, Instances, StereoFrame
 from vfoa.validation import parse
 
 _Entry = TypeVar("_Entry", bound=BaseModel)
 
 
-class CocoPanopticSettings(Settings):
+class CocoPanopticSettings(KeyFrameSettings):
     """Location of the masks: a JSON file and a folder of PNG under ``root``.
 
     Stuff is kept only if it is named, or all of it. With ``partial``, a frame without masks is an error only when it is

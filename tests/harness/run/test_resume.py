@@ -41,6 +41,7 @@ defaults.head_pose.model = "simulated"
 [[configuration]]
 name = "filtered"
 stereo.matcher = "bm"
+segmentation.every = 3
 gaze.model = "simulated"
 
 [[configuration]]

@@ -1,0 +1,117 @@
+"""Masks carried by optical flow, on textured pictures whose motion is known."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.scenes import make_rig
+from vfoa.segmentation.carry import carry
+from vfoa.types import Image, Instance, Instances, Mask, StereoFrame
+
+WIDTH, HEIGHT = 320, 240
+CUP = Instance(id=3, label="cup", category_id=47, is_thing=True, score=0.9)
+BALL = Instance(id=5, label="sports ball", category_id=37, is_thing=True, score=0.8)
+
+
+def texture(seed: int) -> Image:
+    """Blurred noise: gradients in every direction, at a scale that optical flow can follow."""
+    noise = np.random.default_rng(seed).integers(0, 256, (HEIGHT, WIDTH, 3), dtype=np.uint8)
+    blurred = cv2.GaussianBlur(noise, (0, 0), 3)
+    return np.asarray(cv2.normalize(blurred, None, 0, 255, cv2.NORM_MINMAX), dtype=np.uint8)
+
+
+def frame(image: Image, index: int) -> StereoFrame:
+    rig = make_rig(image.shape[1], image.shape[0])
+    return StereoFrame(index=index, time_ns=0, left=image, right=image, rig=rig)
+
+
+def box(u0: int, v0: int, width: int = 100, height: int = 80) -> Mask:
+    mask = np.zeros((HEIGHT, WIDTH), np.bool_)
+    mask[v0 : v0 + height, u0 : u0 + width] = True
+    return mask
+
+
+def scene(mask: Mask, du: int = 0, dv: int = 0) -> Image:
+    """A textured object over a still background; the object's texture moves with it."""
+    image = texture(0).copy()
+    image[mask] = np.roll(texture(1), (dv, du), axis=(0, 1))[mask]
+    return image
+
+
+def cup(mask: Mask) -> Instances:
+    return Instances(ids=mask.astype(np.uint16) * CUP.id, instances=(CUP,))
+
+
+def overlap(one: Mask, other: Mask) -> float:
+    return float((one & other).sum() / (one | other).sum())
+
+
+@settings(max_examples=15)
+@given(du=st.integers(-12, 12), dv=st.integers(-12, 12))
+def test_a_mask_follows_its_object(du: int, dv: int) -> None:
+    key, now = frame(scene(box(110, 80)), 7), frame(scene(box(110 + du, 80 + dv), du, dv), 9)
+    found = carry(cup(box(110, 80)), key, now)
+    assert found is not None
+    assert (found.carried_from, found.instances) == (7, (CUP,))
+    # what the object uncovers has no place in the key frame: some of it stays with the object
+    assert overlap(found.mask(CUP.id), box(110 + du, 80 + dv)) > 0.79
+
+
+def test_masks_of_a_still_picture_stay_as_they_are() -> None:
+    masks = cup(box(40, 30))
+    found = carry(masks, frame(scene(box(40, 30)), 1), frame(scene(box(40, 30)), 2))
+    assert found is not None
+    np.testing.assert_array_equal(found.ids, masks.ids)
+
+
+def test_a_large_picture_is_followed_at_its_own_scale() -> None:
+    size = (4 * WIDTH, 4 * HEIGHT)
+    before, after, mask = (
+        np.asarray(cv2.resize(each, size, interpolation=cv2.INTER_NEAREST))
+        for each in (scene(box(110, 80)), scene(box(116, 76), 6, -4), box(110, 80).astype(np.uint16))
+    )
+    found = carry(Instances(ids=mask * CUP.id, instances=(CUP,)), frame(before, 1), frame(after, 2))
+    assert found is not None
+    expected = np.roll(mask, (-16, 24), axis=(0, 1)) > 0
+    assert overlap(found.mask(CUP.id), expected) > 0.9
+
+
+def test_an_object_that_has_left_the_picture_is_dropped() -> None:
+    masks = np.zeros((HEIGHT, WIDTH), np.uint16)
+    masks[box(120, 80)], masks[box(0, 100, 10, 10)] = CUP.id, BALL.id
+    picture = texture(2)
+    moved = np.roll(picture, -14, axis=1)
+    found = carry(Instances(ids=masks, instances=(CUP, BALL)), frame(picture, 1), frame(moved, 2))
+    assert found is not None
+    assert found.instances == (CUP,)
+
+
+@pytest.mark.parametrize("other", [texture(9), np.zeros((HEIGHT, WIDTH, 3), np.uint8), texture(0)[:200]])
+def test_masks_are_not_carried_over_a_cut_or_to_another_size(other: Image) -> None:
+    assert carry(cup(box(110, 80)), frame(scene(box(110, 80)), 1), frame(other, 2)) is None
+
+
+def test_one_object_that_cannot_be_followed_is_enough() -> None:
+    masks = np.zeros((HEIGHT, WIDTH), np.uint16)
+    masks[box(20, 20)], masks[box(180, 120)] = CUP.id, BALL.id
+    gone = texture(0).copy()
+    gone[box(180, 120)] = texture(8)[box(180, 120)]
+    assert carry(Instances(ids=masks, instances=(CUP, BALL)), frame(texture(0), 1), frame(gone, 2)) is None
+
+
+def test_threads_change_nothing() -> None:
+    key, now = frame(scene(box(110, 80)), 1), frame(scene(box(118, 75), 8, -5), 2)
+    before = cv2.getNumThreads()
+    try:
+        found = []
+        for threads in (1, 2, 5):
+            cv2.setNumThreads(threads)
+            found.append(carry(cup(box(110, 80)), key, now))
+    finally:
+        cv2.setNumThreads(before)
+    for each in found:
+        np.testing.assert_array_equal(each.ids, found[0].ids)

@@ -1,0 +1,103 @@
+"""Masks carried from a key frame to a later one by dense optical flow (Kroeger et al. 2016, DIS).
+
+Each pixel of the later image takes the instance of the pixel that the flow finds for it in the key frame. Where the
+flow is followed there and back, it should end where it began (Kalal et al. 2010, forward-backward error), at a pixel
+that looks alike. If most of an object does not, the masks are not carried: after a cut, a fast motion or an occlusion.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from vfoa.types import Image, Instances, Map, Mask, StereoFrame
+
+FLOW_SIDE_PX = 400
+"""Flow is computed in images shrunk by a whole number, to at least this length of the longer side."""
+
+ROUND_TRIP_PX = 1.5
+"""Greatest forward-backward error of a pixel that counts as followed, in pixels of the shrunk images."""
+
+ALIKE_GRAY = 25
+"""Greatest difference of gray values, 0 to 255, of a pixel that counts as followed."""
+
+LEAST_FOLLOWED = 0.5
+"""Least share of the pixels of each object that must be followed."""
+
+
+def carry(masks: Instances, key: StereoFrame, now: StereoFrame) -> Instances | None:
+    """Return the masks of a key frame, moved to where its objects are in another frame; None if that is not sure.
+
+    The instances keep their ids and scores. One that is no longer seen is dropped, and one that is new is missing.
+    """
+    if key.left.shape != now.left.shape:
+        return None
+    before, after = _shrunk(key.left), _shrunk(now.left)
+    flow = _flow(after, before)
+    ids = _moved(masks.ids, flow)
+    if not _is_followed(ids, _returned(flow, _flow(before, after)) & _alike(before, after, flow)):
+        return None
+    seen = set(np.flatnonzero(np.bincount(ids.ravel())).tolist())
+    instances = tuple(each for each in masks.instances if each.id in seen)
+    return Instances(ids=ids, instances=instances, carried_from=key.index)
+
+
+def _shrunk(image: Image) -> Image:
+    """The image in gray (h, w), shrunk."""
+    height, width = image.shape[:2]
+    divisor = max(1, max(height, width) // FLOW_SIDE_PX)
+    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    size = max(1, width // divisor), max(1, height // divisor)
+    return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def _flow(start: Image, end: Image) -> Map:
+    """Motion (h, w, 2) of each pixel of one gray image to the other, in pixels; the same for any number of threads."""
+    found: Map = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST).calc(start, end, None)
+    return found
+
+
+def _moved(ids: NDArray[np.uint16], flow: Map) -> NDArray[np.uint16]:
+    """Ids (H, W), taken from where the flow (h, w, 2) of the shrunk image points to."""
+    height, width = ids.shape
+    scaled = flow * np.array([width / flow.shape[1], height / flow.shape[0]], np.float32)
+    places = _grid(height, width) + cv2.resize(scaled, (width, height), interpolation=cv2.INTER_LINEAR)
+    moved = cv2.remap(ids, places, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
+    return np.asarray(moved, dtype=np.uint16)
+
+
+def _returned(there: Map, back: Map) -> Mask:
+    """The pixels (h, w) from which the flow ``there`` (h, w, 2) and then ``back`` ends where it began."""
+    error_u, error_v = cv2.split(there + _sampled(back, there))
+    return np.asarray(error_u * error_u + error_v * error_v <= ROUND_TRIP_PX**2)
+
+
+def _alike(before: Image, after: Image, flow: Map) -> Mask:
+    """The pixels (h, w) of the later gray image that look like the ones of the earlier one that the flow points to."""
+    return np.asarray(cv2.absdiff(_sampled(before, flow), after) <= ALIKE_GRAY)
+
+
+def _sampled(values: Map | Image, flow: Map) -> NDArray[Any]:
+    """Values (h, w, ...) at the places that the flow (h, w, 2) points to; the border is repeated."""
+    places = _grid(*flow.shape[:2]) + flow
+    return cv2.remap(values, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+
+
+def _is_followed(ids: NDArray[np.uint16], followed: Mask) -> bool:
+    """Whether enough pixels of each object, as ids (H, W), are among the followed ones (h, w)."""
+    shrunk = cv2.resize(ids, followed.shape[::-1], interpolation=cv2.INTER_NEAREST)
+    pixels = np.bincount(shrunk.ravel())
+    found = np.bincount(shrunk[followed], minlength=len(pixels))
+    return bool((found >= LEAST_FOLLOWED * pixels)[1:].all())
+
+
+@lru_cache(maxsize=4)
+def _grid(height: int, width: int) -> Map:
+    """The position (u, v) of each pixel, (height, width, 2)."""
+    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float32)
+    grid.flags.writeable = False
+    return grid
