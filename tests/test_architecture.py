@@ -64,6 +64,7 @@ DOORS = {
     "rich": ("harness/cli/", "harness/report/formats.py", "harness/bench/"),
     "pandas": ("harness/api.py", "harness/bench/stages.py"),
     "msgspec": (
+        "harness/cached_values.py",
         "harness/run/results.py",
         "harness/record/verdict_layer.py",
         "harness/report/",

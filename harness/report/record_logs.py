@@ -2,32 +2,33 @@
 
 The parts are in ``score_cache/`` in a run's directory, so that only changed results are read again::
 
-    index.json      the blocks of results.jsonl, each with the digest of its lines
+    blocks.noted    the blocks of results.jsonl, each with the digest of its lines
+    times.noted     the times of the stages from timings.csv
+    inputs.noted    digests of the clips' files, which the run notes
     <key>.part      the logs of a block; the key depends on its lines, its labels and the code
 
-All of it can be removed at any time. Each scoring computes the digests of the lines again; a damaged part is rebuilt.
+All of it can be removed at any time. A file is read again unless it looks as noted (:mod:`harness.known_digests`); a
+damaged part is rebuilt.
 """
 
 from __future__ import annotations
 
 import hashlib
-import logging
 from collections import deque
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
-
-import msgspec
 
 import harness
 import vfoa
-from harness.files import atomic_write, file_digest, replacing
+from harness.cached_values import kept_while_unchanged, read_value, settled_look, write_value
+from harness.files import file_digest
 from harness.report.csv_tables import FrameLines, FrameRows
 from harness.report.formats import Table
 from harness.report.page.attention_log import AttentionLog, TrackPart
 from harness.report.reliability import direction_check_table, prediction_set_table
+from harness.report.stages import StageTimes, stage_times
 from harness.run.measure_log import MeasureLog
 from harness.run.records import DirectionFitRecord, FrameRecord
 from harness.run.results import Block, block_bytes, find_blocks, lines_digest, read_block
@@ -38,10 +39,6 @@ from harness.score.reference import Reference
 from harness.score.reliability import BeliefLog, Sureness
 from harness.score.score import Scores, score_outcomes
 from harness.stages.measures import FrameMeasures
-
-FOLDER = "score_cache"
-_CHECKSUM_BYTES = 16
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,11 +115,11 @@ class KeptParts:
     """The blocks of a run's results, and the stored part of the logs for each; ``reference`` holds the labels."""
 
     def __init__(self, run: FinishedRun, reference: Reference, probabilistic: Sequence[str]) -> None:
-        self._results = run.directory.results
-        self._folder = run.directory.path / FOLDER
+        self._results, self._timings = run.directory.results, run.directory.timings
+        self._folder = run.directory.score_cache
         self._reference, self._probabilistic = reference, probabilistic
         self._labels: dict[tuple[str, tuple[int, ...]], str] = {}
-        self.blocks = _indexed(self._results, self._folder / "index.json")
+        self.blocks = _indexed(self._results, self._folder / "blocks.noted")
         self._scored = [(block, self._key(block)) for block in run.scored_blocks(self.blocks)]
 
     def logs(self) -> RecordLogs:
@@ -130,16 +127,21 @@ class KeptParts:
         logs = RecordLogs(self._reference, self._probabilistic)
         for block, key in self._scored:
             path = self._folder / f"{key}.part"
-            part = _load(path)
+            part = read_value(path, Part)
             if part is None:
                 part = self._watched(block)
-                _save(path, part)
+                write_value(path, part)
             logs.add(block.clip, block.configuration, part)
         needed = {key for _, key in self._scored}
         for path in self._folder.glob("*.part"):
             if path.stem not in needed:
                 path.unlink(missing_ok=True)
         return logs
+
+    def times(self) -> StageTimes:
+        """Return the times of the stages. Raises as :func:`harness.report.stages.stage_times` does."""
+        path = self._folder / "times.noted"
+        return kept_while_unchanged(path, self._timings, StageTimes, _code_digest(), lambda: stage_times(self._timings))
 
     def _watched(self, block: Block) -> Part:
         logs = RecordLogs(self._reference, self._probabilistic)
@@ -166,44 +168,20 @@ class KeptParts:
 
 def _indexed(results: Path, index: Path) -> list[Block]:
     """Return the blocks of the results: those of the index if every line is the same, otherwise divided again."""
-    try:
-        blocks = msgspec.json.decode(index.read_bytes(), type=list[Block])
-    except (OSError, msgspec.DecodeError):
-        blocks = []
-    size = results.stat().st_size if results.is_file() else None
-    if blocks and blocks[-1].end == size and all(_is_unchanged(results, block) for block in blocks):
+    look = settled_look(results)
+    noted: tuple[str | None, list[Block]] | None = read_value(index, tuple[str | None, list[Block]])
+    before, blocks = noted or (None, [])
+    if look is not None and look == before:
         return blocks
-    blocks = find_blocks(results)
-    atomic_write(index, msgspec.json.encode(blocks))
+    size = results.stat().st_size if results.is_file() else None
+    if not (blocks and blocks[-1].end == size and all(_is_unchanged(results, block) for block in blocks)):
+        blocks = find_blocks(results)
+    write_value(index, (look, blocks))
     return blocks
 
 
 def _is_unchanged(results: Path, block: Block) -> bool:
     return lines_digest(block_bytes(results, block)) == block.digest
-
-
-def _load(path: Path) -> Part | None:
-    try:
-        content = path.read_bytes()
-    except OSError:
-        return None
-    body = memoryview(content)[_CHECKSUM_BYTES:]
-    if hashlib.blake2b(body, digest_size=_CHECKSUM_BYTES).digest() == content[:_CHECKSUM_BYTES]:
-        return _codec()[1].decode(body)
-    _log.warning("%s: damaged; its records are read again", path)
-    return None
-
-
-def _save(path: Path, part: Part) -> None:
-    """Store a part. It is not synced to the disk: a checksum detects what a power cut damages."""
-    body = _codec()[0].encode(part)
-    with replacing(path) as draft:
-        draft.write_bytes(hashlib.blake2b(body, digest_size=_CHECKSUM_BYTES).digest() + body)
-
-
-@cache
-def _codec() -> tuple[msgspec.msgpack.Encoder, msgspec.msgpack.Decoder[Any]]:
-    return msgspec.msgpack.Encoder(), msgspec.msgpack.Decoder(Part)
 
 
 @cache

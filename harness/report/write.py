@@ -26,7 +26,13 @@ from harness.report.page.render import render_page
 from harness.report.published import published_table
 from harness.report.record_logs import KeptParts, RecordLogs
 from harness.report.reliability import reliability_figure, reliability_table, subject_reliability_table
-from harness.report.stages import object_measures_table, stage_measures_table, stage_times, terminal_measures
+from harness.report.stages import (
+    StageTimes,
+    object_measures_table,
+    stage_measures_table,
+    stage_times,
+    terminal_measures,
+)
 from harness.report.tables import (
     baselines_table,
     error_types_table,
@@ -48,12 +54,15 @@ from harness.score.reliability import Reliability
 from harness.score.score import Scores
 
 
-def write_scores(results: Path, logs: RecordLogs, manifest: Mapping[str, Any] | None = None) -> Scores:
+def write_scores(
+    results: Path, logs: RecordLogs, manifest: Mapping[str, Any] | None = None, times: StageTimes | None = None
+) -> Scores:
     """Write the tables and the page of records that the logs have seen beside the results, all or none.
 
     ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``frames.csv``,
     ``behaviour.csv``, ``comparisons.csv .md``, ``report.html``, and ``reliability.svg .png`` where a
-    configuration gives probabilities. ``manifest`` is as for :func:`harness.report.page.render.render_page`.
+    configuration gives probabilities. ``manifest`` is as for :func:`harness.report.page.render.render_page`; ``times``
+    are read from the ``timings.csv`` beside the results if not given.
 
     Raises
     ------
@@ -67,7 +76,7 @@ def write_scores(results: Path, logs: RecordLogs, manifest: Mapping[str, Any] | 
         **render_tables(scores, reliabilities, logs.beliefs.by_subject(), logs.tables()),
         "frames.csv": logs.frames.to_csv(scores.verdicts),
         "behaviour.csv": to_csv(behaviour_csv(scores)),
-        "report.html": _page(results, logs, scores, manifest),
+        "report.html": _page(results, logs, scores, manifest, times=times),
     }
     files: dict[Path, str | bytes] = {folder / name: text for name, text in texts.items()}
     if reliabilities:
@@ -98,12 +107,13 @@ def _page(
     scores: Scores,
     manifest: Mapping[str, Any] | None,
     served: Served | None = None,
+    times: StageTimes | None = None,
 ) -> str:
     return render_page(
         scores,
         logs.attention,
         manifest=manifest,
-        times=stage_times(results.parent / "timings.csv"),
+        times=times or stage_times(results.parent / "timings.csv"),
         reliabilities=logs.beliefs.reliabilities(),
         checks=(subject_reliability_table(logs.beliefs.by_subject()), *logs.tables()),
         thumbnails=read_thumbnails(results.parent, scores.verdicts),
@@ -134,7 +144,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     reference = run.reference(annotator, compare_content=True)
     with _collector_paused():
         kept = KeptParts(run, reference, probabilistic(run.manifest))
-        scores = write_scores(directory.results, kept.logs(), run.manifest)
+        scores = write_scores(directory.results, kept.logs(), run.manifest, kept.times())
     # last: a damaged run is refused before anything is written
     write_verdict_layers(directory, reference.labels, kept.blocks)
     run.note_labels(annotator)

@@ -69,6 +69,16 @@ class RunDirectory:
         return self.path / "measured"
 
     @property
+    def score_cache(self) -> Path:
+        """What a scoring keeps for the next one (:mod:`harness.report.record_logs`)."""
+        return self.path / "score_cache"
+
+    @property
+    def noted_inputs(self) -> Path:
+        """Digests of the clips' files by their look, for scoring (:mod:`harness.known_digests`)."""
+        return self.score_cache / "inputs.noted"
+
+    @property
     def stage_outputs(self) -> Path:
         """Saved stage outputs, if asked for (:mod:`harness.run.saved_outputs`)."""
         return self.path / "stage_outputs"

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from harness.cached_values import write_value
 from harness.files import digest_files
 from harness.known_digests import KNOWN
 from harness.mirror import Mirror, forget_copies
@@ -110,8 +111,10 @@ def run_plan(
                 kept = f"finished clips are kept in {mirror.address}"
             tell(f"interrupted: {kept}; the same command continues")
             raise
-        _check_unchanged(plan, identity, done, cache)
+        with KNOWN.used() as digests:
+            _check_unchanged(plan, identity, done, cache)
         _finish(plan, directory, identity, done, started)
+        write_value(directory.noted_inputs, digests)
     for line in cache_lines(done.account.rows()):
         tell(line)
     return directory

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from harness.cached_values import read_value, write_value
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.files import digest_files, is_file
+from harness.known_digests import KNOWN
 from harness.labels.timeline import Timeline
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import differences
@@ -129,7 +131,7 @@ class FinishedRun:
             if annotator == run.get("annotator"):
                 changed += said_of_labels(run, clip, manifest)
             changed += said_of_names(clip, manifest)
-            changed += said_of_content(run, clip, manifest) if compare_content else ()
+            changed += said_of_content(run, clip, manifest, self.directory.noted_inputs) if compare_content else ()
         return Reference(
             labels=labels,
             frames={clip["name"]: clip["frames"] for clip in run["clips"]},
@@ -237,19 +239,26 @@ def said_of_names(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[s
         )
 
 
-def said_of_content(run: Mapping[str, Any], clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
-    """Yield a note if another clip has taken this one's name.
+def said_of_content(
+    run: Mapping[str, Any], clip: Mapping[str, Any], manifest: ClipManifest, digests: Path
+) -> Iterator[str]:
+    """Yield a note if another clip has taken this one's name. ``digests`` are noted there.
 
-    Reading a whole clip takes time, so this is done only if its manifest or its labels differ from the run's. A clip
-    that cannot be opened is not compared: scoring needs no images.
+    Opening a clip takes time, so this is done only if its manifest or its labels differ from the run's. A clip that
+    cannot be opened is not compared: scoring needs no images.
     """
     same_labels = labels_digest(manifest, run.get("annotator")) == _labels_of_run(run, clip)
     if "live" in run or "sha256" not in clip or (same_labels and Path(clip["manifest"]) == manifest.path):
         return
+    noted = read_value(digests, dict[str, str]) or {}
+    KNOWN.add(noted)
     try:
-        found = manifest.open().digest()
+        with KNOWN.used() as used:
+            found = manifest.open().digest()
     except VfoaError:
         return
+    if not used.keys() <= noted.keys():
+        write_value(digests, {**noted, **used})
     if found != clip["sha256"]:
         yield (
             f"{clip['name']}: the images or the calibration of {manifest.path.name} are not those that the run was "

@@ -34,7 +34,7 @@ class Left:
 
 
 READS = Left("writes nothing")
-_RUN_VARIES = ("manifest.json", "timings.csv", "report.html", ".rrd")
+_RUN_VARIES = ("manifest.json", "timings.csv", "report.html", ".rrd", ".noted")
 _BOARD = ("--columns", "9", "--rows", "6", "--square-mm", "25")
 
 VERBS: dict[str, Writes | Left] = {

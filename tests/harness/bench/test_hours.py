@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import os
+import time
 from pathlib import Path
 
+import pytest
+
+from harness import files
 from harness.bench import hours
 from harness.bench.overhead import measure_overhead, overhead_table
+from harness.known_digests import KnownDigests
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
+from harness.score import finished_run
 
 
-def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path) -> None:
+def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now = time.time_ns
+    monkeypatch.setattr(time, "time_ns", lambda: now() + 60 * 10**9)
     frames = 2 * hours.FIXATION
     experiment = hours.write_clip(tmp_path, frames)
     hours.run_experiment(experiment, tmp_path / "run")
@@ -22,6 +31,21 @@ def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path) -> No
     edited = rescore(RunDirectory(tmp_path / "run"))
     changed = [a.truth != b.truth for a, b in zip(first.verdicts, edited.verdicts, strict=True)]
     assert sum(changed) == 4 * hours.FIXATION
+    assert not any("images" in note for note in edited.notes)
+    # the run has noted the digests of the images: a new process reads none, until one has changed
+    monkeypatch.setattr(files, "KNOWN", KnownDigests())
+    monkeypatch.setattr(finished_run, "KNOWN", files.KNOWN)
+    read: list[Path] = []
+    real = files.file_digest
+    monkeypatch.setattr(files, "file_digest", lambda path: (read.append(path), real(path))[1])
+    rescore(RunDirectory(tmp_path / "run"))
+    assert not [path for path in read if path.suffix == ".png"]
+    image = tmp_path / "left" / "000003.png"
+    image.write_bytes((tmp_path / "left" / "000004.png").read_bytes())
+    os.utime(image, ns=(1, 1))
+    notes = rescore(RunDirectory(tmp_path / "run")).notes
+    assert image in read
+    assert any("images" in note for note in notes)
 
 
 def test_overhead_is_of_every_sink_and_of_the_scores() -> None:

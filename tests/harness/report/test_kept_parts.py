@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import random
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -71,7 +74,7 @@ def _score_both_ways(directory: RunDirectory, read: Read) -> tuple[dict[str, byt
     rescore(directory)
     kept, seen = _written(directory), list(read)
     directory.manifest.write_bytes(manifest)
-    shutil.rmtree(directory.path / record_logs.FOLDER)
+    shutil.rmtree(directory.score_cache)
     rescore(directory)
     assert _written(directory) == kept
     return kept, seen
@@ -82,6 +85,13 @@ def _edit(directory: RunDirectory, old: str, new: str) -> None:
     text = path.read_text()
     assert text.count(old) == 1
     path.write_text(text.replace(old, new))
+
+
+@pytest.fixture
+def settled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A clock of the next minute: every file has been left alone for long enough."""
+    now = time.time_ns
+    monkeypatch.setattr(time, "time_ns", lambda: now() + 60 * 10**9)
 
 
 def test_one_edited_label_reads_its_own_blocks_alone(run: RunDirectory, read: Read) -> None:
@@ -106,8 +116,55 @@ def test_another_record_is_read_again(run: RunDirectory, read: Read) -> None:
     assert seen == [("configuration-0", 61)]
 
 
+def test_lines_are_digested_only_if_the_file_looks_different(
+    run: RunDirectory, settled: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    digested: list[Block] = []
+    real = record_logs._is_unchanged
+    monkeypatch.setattr(
+        record_logs, "_is_unchanged", lambda path, block: (digested.append(block), real(path, block))[1]
+    )
+    counts = []
+    for touched in (False, False, True):
+        if touched:
+            run.results.write_bytes(run.results.read_bytes() + b"")
+            os.utime(run.results, ns=(1, 1))
+        rescore(run)
+        counts.append(len(digested))
+        digested.clear()
+    blocks = CONFIGURATIONS * FRAMES // BLOCK
+    assert counts == [blocks, 0, blocks]  # the first scoring was too early to note it
+
+
+def test_any_edits_are_scored_as_from_nothing(run: RunDirectory, read: Read, settled: None) -> None:
+    rng = random.Random(0)
+    run.timings.write_text("clip,configuration,frame,stage,ms\nlarge,configuration-0,1,stereo,1\n")
+    whole = run.results.read_bytes()
+    pages = set()
+    for edit in ("label", "result", "time", "part", "label back", "result back"):
+        parts = sorted(run.score_cache.glob("*.part"))
+        match edit:
+            case "label" | "label back":
+                scoring._write_labels(run.path.parent, FRAMES, 2, rng.randrange(1, 5) if edit == "label" else 0)
+            case "result":
+                lines = whole.splitlines(keepends=True)
+                place = rng.randrange(len(lines))
+                lines[place] = lines[place].replace(b'"missing": null', b'"missing": "no_eyes_3d"', 1)
+                run.results.write_bytes(b"".join(lines))
+            case "result back":
+                run.results.write_bytes(whole)
+            case "time":
+                run.timings.write_text(run.timings.read_text().replace("stereo,1\n", "stereo,25\n"))
+            case "part":
+                part = rng.choice(parts)
+                part.write_bytes(bytes(each ^ 1 for each in part.read_bytes()))
+        written, _ = _score_both_ways(run, read)
+        pages.add(written["report.html"])
+    assert len(pages) == 5  # a damaged part changes none
+
+
 def test_a_damaged_part_is_made_anew(run: RunDirectory, read: Read) -> None:
-    for path in (run.path / record_logs.FOLDER).iterdir():
+    for path in run.score_cache.iterdir():
         path.write_bytes(path.read_bytes()[:-1])
     _, seen = _score_both_ways(run, read)
     assert len(seen) == CONFIGURATIONS * FRAMES // BLOCK
@@ -117,4 +174,4 @@ def test_parts_of_older_labels_are_removed(run: RunDirectory) -> None:
     for target in ("ball", "mug", "book"):
         scoring._write_labels(run.path.parent, FRAMES, 2, len(target))
         rescore(run)
-    assert len(list((run.path / record_logs.FOLDER).glob("*.part"))) == CONFIGURATIONS * FRAMES // BLOCK
+    assert len(list(run.score_cache.glob("*.part"))) == CONFIGURATIONS * FRAMES // BLOCK

@@ -1,0 +1,92 @@
+"""Cached values in files of their own: a checksum, then MessagePack. They can be removed at any time.
+
+A missing file, a damaged one, and one of another version give None: the value is then computed again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import time
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from harness.files import replacing
+from harness.known_digests import SETTLED_NS, look_at
+
+if TYPE_CHECKING:
+    import msgspec
+
+Value = TypeVar("Value")
+_CHECKSUM_BYTES = 16
+_log = logging.getLogger(__name__)
+
+
+def read_value(path: Path, kind: Any) -> Any | None:
+    """Read a value of a type that msgspec knows; None if there is none."""
+    import msgspec
+
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return None
+    body = memoryview(content)[_CHECKSUM_BYTES:]
+    if _checksum(body) != content[:_CHECKSUM_BYTES]:
+        _log.warning("%s: damaged; it is made again", path)
+        return None
+    try:
+        return _decoder(kind).decode(body)
+    except msgspec.DecodeError:
+        return None
+
+
+def write_value(path: Path, value: object) -> None:
+    """Store a value. It is not synced to the disk: the checksum shows what a power cut damages."""
+    import msgspec
+
+    body = msgspec.msgpack.encode(value)
+    with replacing(path) as draft:
+        draft.write_bytes(_checksum(body) + body)
+
+
+def settled_look(path: Path) -> str | None:
+    """The look of a file before it is read; None if it is missing, or has changed too recently to be known by it."""
+    began_ns = time.time_ns()
+    look = look_at([("file", path)])
+    return look.digest if look and look.newest_ns <= began_ns - SETTLED_NS else None
+
+
+def kept_while_unchanged(path: Path, source: Path, kind: type[Value], code: str, read: Callable[[], Value]) -> Value:
+    """Return what ``read`` returns for a file, without reading it if neither file nor code has changed.
+
+    Parameters
+    ----------
+    path
+        Where the value is kept, with the look of ``source`` (:mod:`harness.known_digests`).
+    kind
+        The type of the value.
+    code
+        The digest of the code that reads it.
+    """
+    look = settled_look(source)
+    found = read_value(path, tuple[str, str, kind])  # type: ignore[valid-type]
+    if found is not None and found[:2] == (look, code):
+        value: Value = found[2]
+        return value
+    value = read()
+    if look is not None:
+        write_value(path, (look, code, value))
+    return value
+
+
+def _checksum(body: bytes | memoryview) -> bytes:
+    return hashlib.blake2b(body, digest_size=_CHECKSUM_BYTES).digest()
+
+
+@cache
+def _decoder(kind: Any) -> msgspec.msgpack.Decoder[Any]:
+    import msgspec
+
+    return msgspec.msgpack.Decoder(kind)
