@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from harness.score.intervals import Units
 from harness.score.outcomes import Outcomes
+from harness.score.statistics import Codes
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
@@ -59,45 +60,45 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
     if len(seeds) > 1:
         raise VfoaError(f"found runs under {min(seeds)} and under {max(seeds)} seeds; expected as many in both")
     (repeats,) = seeds or {1}
-    others = {
-        (each.clip, each.subject): dict(zip(each.frames, zip(each.truth, each.correct, strict=True), strict=True))
-        for each in second
-    }
+    others = {(each.clip, each.subject): each for each in second}
     clips: dict[str, int] = {}
     codes: list[int] = []
-    frames: list[int] = []
-    values: list[int] = []
+    frames, values = [np.zeros(0)], [np.zeros(0)]
     better = worse = 0
     for each in first:
-        other = others.get((each.clip, each.subject), {})
-        look = None
-        columns = zip(each.frames, each.looks, each.truth, each.correct, strict=True)
-        for frame, number, truth, was_right in columns:
-            if frame not in other:
-                continue
-            other_truth, is_right = other[frame]
-            if other_truth != truth:
-                raise VfoaError(
-                    f"{each.clip}: frame {frame}: {each.subject} looks at {truth!r} in one and at {other_truth!r} in "
-                    "the other; expected the same labels"
-                )
-            if number != look:
-                look = number
-                codes.append(clips.setdefault(each.clip, len(clips)))
-                frames.append(0)
-                values.append(0)
-            gain = int(is_right) - int(was_right)
-            frames[-1] += repeats
-            values[-1] += gain
-            better, worse = better + (gain > 0), worse + (gain < 0)
-    if not frames:
+        if (other := others.get((each.clip, each.subject))) is None:
+            continue
+        ours, theirs = _common(each, other)
+        if len(ours) == 0:
+            continue
+        right, was_right = (np.array(correct, dtype=np.intp) for correct in (other.correct, each.correct))
+        gains = right[theirs] - was_right[ours]
+        begins = np.flatnonzero(np.diff(np.array(each.looks)[ours], prepend=np.nan) != 0)
+        codes += [clips.setdefault(each.clip, len(clips))] * len(begins)
+        frames.append(np.diff(begins, append=len(ours)) * float(repeats))
+        values.append(np.add.reduceat(gains, begins).astype(np.float64))
+        better, worse = better + int((gains > 0).sum()), worse + int((gains < 0).sum())
+    if not codes:
         return Pairs(n=0, better=0, worse=0, units=None)
-    units = Units(
-        clips=np.array(codes, dtype=np.intp),
-        frames=np.array(frames, dtype=np.float64),
-        values=np.array(values, dtype=np.float64),
-    )
-    return Pairs(n=sum(frames) // repeats, better=better, worse=worse, units=units)
+    units = Units(clips=np.array(codes, dtype=np.intp), frames=np.concatenate(frames), values=np.concatenate(values))
+    return Pairs(n=int(units.frames.sum()) // repeats, better=better, worse=worse, units=units)
+
+
+def _common(one: ScoredFrames, other: ScoredFrames) -> tuple[Codes, Codes]:
+    """The indices of the common frames in both, in the order of the first. Raises as :func:`pair` does."""
+    if one.frames == other.frames and one.truth == other.truth:
+        everything = np.arange(len(one.frames))
+        return everything, everything
+    places = {frame: place for place, frame in enumerate(other.frames)}
+    pairs = [(place, places[frame]) for place, frame in enumerate(one.frames) if frame in places]
+    for ours, theirs in pairs:
+        if one.truth[ours] != other.truth[theirs]:
+            raise VfoaError(
+                f"{one.clip}: frame {one.frames[ours]}: {one.subject} looks at {one.truth[ours]!r} in one and at "
+                f"{other.truth[theirs]!r} in the other; expected the same labels"
+            )
+    ours_theirs = np.array(pairs, dtype=np.intp).reshape(-1, 2)
+    return ours_theirs[:, 0], ours_theirs[:, 1]
 
 
 def units_of(group: Sequence[Outcomes], values: Sequence[NDArray[Any]]) -> Units:
