@@ -11,6 +11,8 @@ box     a box's own axes, from :attr:`vfoa.types.Box3D.left_from_box`.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -163,6 +165,21 @@ def turn_about_z(angle_rad: float) -> Float:
     """Rotation (3, 3) about z by an angle; positive angles turn x towards y."""
     sine, cosine = np.sin(angle_rad), np.cos(angle_rad)
     return np.array([(cosine, -sine, 0), (sine, cosine, 0), (0, 0, 1)])
+
+
+def quaternion(rotation: ArrayLike) -> tuple[float, float, float, float]:
+    """The unit quaternion (x, y, z, w) of a rotation (3, 3), from the largest of its four parts, as Shepperd (1978)."""
+    (a, b, c), (d, e, f), (g, h, i) = np.asarray(rotation, dtype=np.float64).tolist()
+    parts = (
+        (1 + a - e - i, b + d, c + g, h - f),
+        (b + d, 1 + e - a - i, f + h, c - g),
+        (c + g, f + h, 1 + i - a - e, d - b),
+        (h - f, c - g, d - b, 1 + a + e + i),
+    )
+    largest = max(range(4), key=lambda part: parts[part][part])
+    x, y, z, w = parts[largest]
+    length = math.hypot(x, y, z, w)
+    return x / length, y / length, z / length, w / length
 
 
 # Boxes

@@ -9,7 +9,6 @@ from collections.abc import Collection, Iterable, Sequence
 
 import numpy as np
 import rerun as rr
-from scipy.spatial.transform import Rotation
 
 from harness.labels.labels import IGNORED, NOWHERE
 from harness.record import entities
@@ -27,6 +26,7 @@ from harness.record.frame_log import ColumnLog
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.posterior_checks import prediction_set
 from harness.score.verdicts import ERROR_TYPES, Verdict
+from vfoa.geometry import quaternion
 
 NO_PREDICTION = "no prediction"
 NO_TRUTH = "not annotated"
@@ -105,7 +105,7 @@ def _log_answers(log: ColumnLog, record: FrameRecord, verdict: Verdict) -> None:
             rr.Boxes3D,
             centers=target.box.center_m,
             half_sizes=np.array(target.box.half_size_m) * _MARGIN,
-            quaternions=Rotation.from_matrix(np.array(target.box.axes).T).as_quat(),
+            quaternions=quaternion(np.transpose(target.box.axes)),
             labels=f"{what}: {name}",
         )
         if subject is not None and subject.eye_origin_m is not None:

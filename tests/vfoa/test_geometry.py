@@ -29,6 +29,7 @@ from vfoa.geometry import (
     perturb,
     pixel_ray,
     project,
+    quaternion,
     tangent_offset,
     turn_about_z,
     unit,
@@ -202,6 +203,18 @@ def test_a_tangent_offset_is_the_perturbation_that_leads_there(towards_rad, angl
 def test_the_opposite_direction_lies_to_the_right_and_the_same_nowhere():
     directions = [(0, 0, 1), (0, 0, 1)]
     np.testing.assert_array_equal(tangent_offset(directions, [(0, 0, 2), (0, 0, -2)]), [(0, 0), (math.pi, 0)])
+
+
+@given(SEEDS)
+def test_a_quaternion_is_that_of_scipy(seed):
+    rotation = Rotation.random(rng=seed)
+    found, expected = quaternion(rotation.as_matrix()), rotation.as_quat()
+    assert found == pytest.approx(expected * np.sign(np.dot(found, expected)), abs=1e-12)
+
+
+@pytest.mark.parametrize("half_turn", [(1, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1, 0), (0, 0, 0, 1)])
+def test_the_quaternion_of_a_half_turn_is_its_axis(half_turn):
+    assert quaternion(Rotation.from_quat(half_turn).as_matrix()) == pytest.approx(half_turn)
 
 
 @given(ANGLES)
