@@ -15,7 +15,7 @@ from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.run.results import read_results, to_line
-from harness.stages.measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
+from harness.stages.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from vfoa.types import Float
 
 _THINGS = ("mug", "book", "bottle", "vase", "laptop", "ball")

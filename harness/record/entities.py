@@ -9,15 +9,17 @@ below :data:`WORLD` in the 3D view, below :data:`CAMERA` also in the left image,
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import rerun as rr
 
 from harness.record import Size
 from harness.record.frame_log import FrameLog
-from harness.run.frame_sink import FinishedFrame
 from vfoa.registry import Registry
 from vfoa.types import Cue
+
+if TYPE_CHECKING:
+    from harness.run.frame_sink import FinishedFrame
 
 WORLD = "/world"
 CAMERA = f"{WORLD}/camera/left"

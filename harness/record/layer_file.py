@@ -18,11 +18,12 @@ from rerun.chunk import RrdReader
 from harness.record import entities
 from harness.record.frame_log import FrameLog
 from harness.record.layers import ClipFiles
-from harness.record.thinning import Whole, thin
 from harness.record.writing_out import GO_ON, write_out
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
+
+    from harness.record.thinning import Whole
 
 SENT_EVERY = 50
 """Frames between flushes, which write all waiting rows. They bound the memory in use and the loss at a kill."""
@@ -142,6 +143,8 @@ class LayerFile:
                 self.stream.disconnect()
         if complete:
             if whole:
+                from harness.record.thinning import thin
+
                 thin(self._partial, self._files, self._layout, whole)
             self._partial.replace(self._path)
             for path in self._path.parent.iterdir():

@@ -38,7 +38,7 @@ from harness.score.posterior_checks import DirectionLog, SetLog
 from harness.score.reference import Reference
 from harness.score.reliability import BeliefLog, Sureness
 from harness.score.score import Scores, score_outcomes
-from harness.stages.measures import FrameMeasures
+from harness.stages.frame_measures import FrameMeasures
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

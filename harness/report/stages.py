@@ -17,7 +17,7 @@ from harness.report.formats import UNKNOWN, Table
 from harness.run.measure_log import MeasureLog
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
-from harness.stages.measures import FrameMeasures, PersonMeasure, TargetMeasure
+from harness.stages.frame_measures import FrameMeasures, PersonMeasure, TargetMeasure
 from vfoa.errors import VfoaError
 
 _Value = float | None

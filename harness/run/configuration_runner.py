@@ -14,7 +14,8 @@ from harness.run.clip_job import ClipJob
 from harness.run.frame_sink import FinishedFrame, FrameSink, ResumableSink, SinkContext
 from harness.run.records import to_record
 from harness.stages.configuration import Configuration
-from harness.stages.measures import FrameMeasures, Measurer
+from harness.stages.frame_measures import FrameMeasures
+from harness.stages.measures import Measurer
 from harness.stages.sharing import SharedFrame
 from harness.stages.stage_runner import Timings, guarded, timed
 from vfoa.bayes import BayesSettings, frames_awaited, smooth

@@ -9,15 +9,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, Self, runtime_checkable
 
 from harness.clips.manifest import ClipManifest
 from harness.labels.labels import Labels
-from harness.run.checkpoint import SinkState
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
-from harness.stages.stage_runner import Timings
 from vfoa.types import FrameResult, Percepts, StereoFrame
+
+if TYPE_CHECKING:
+    from harness.run.checkpoint import SinkState
+    from harness.stages.stage_runner import Timings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from harness.run.grid import base_of
 from harness.run.records import FrameRecord
-from harness.stages.measures import FrameMeasures, TargetMeasure
+from harness.stages.frame_measures import FrameMeasures, TargetMeasure
 
 
 class MeasureLog:

@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 
 from harness.clips.naming import Names
-from harness.stages.measures import FrameMeasures
+from harness.stages.frame_measures import FrameMeasures
 from vfoa.types import Attention, Box3D, DirectionFit, Float, FrameResult, Target
 
 Vector = tuple[float, float, float]

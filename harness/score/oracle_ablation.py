@@ -1,22 +1,26 @@
-"""The oracle ablation: the ground truth replaces one stage after another, to see how many points of FRR each costs."""
+"""The oracle ablation: the ground truth replaces one stage after another, to see how many points of FRR each costs.
+
+Scoring a run imports none of its stages: only an experiment with steps does.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from harness.clips.manifest import load_manifest
-from harness.run.experiment import Experiment
 from harness.score.intervals import difference_interval
 from harness.score.score import ScoreRow, Scores
 from harness.score.scored_frames import pair
 from harness.score.statistics import Interval
 from harness.sources import Truth
-from harness.stages.configuration import Configuration
-from harness.stages.ground_truth.oracle import OracleSettings
-from harness.stages.slots import StageChoice
 from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    from harness.run.experiment import Experiment
+    from harness.stages.configuration import Configuration
 
 _TRUTH = "truth"
 
@@ -82,6 +86,9 @@ def _known_replacements(clips: tuple[str, ...]) -> tuple[list[Replacement], list
 
 
 def _steps_of(base: Configuration, replacements: list[Replacement]) -> Iterator[Configuration]:
+    from harness.stages.ground_truth.oracle import OracleSettings
+    from harness.stages.slots import StageChoice
+
     current = base
     for replacement in replacements:
         choice = current.choices[replacement.slot]

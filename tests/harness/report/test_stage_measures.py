@@ -13,7 +13,7 @@ from harness.report.stages import object_measures_table, stage_measures_table, t
 from harness.run.records import FrameRecord
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
-from harness.stages.measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
+from harness.stages.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from tests.records import answers, labels
 
 

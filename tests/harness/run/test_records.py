@@ -7,7 +7,7 @@ import numpy as np
 
 from harness.clips.naming import Names
 from harness.run.records import to_record
-from harness.stages.measures import FrameMeasures
+from harness.stages.frame_measures import FrameMeasures
 from vfoa.types import (
     Attention,
     Box3D,

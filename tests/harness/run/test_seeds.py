@@ -16,7 +16,7 @@ from harness.run.records import DirectionFitRecord, FrameRecord
 from harness.score.comparison import compare
 from harness.score.reference import Reference
 from harness.score.score import score
-from harness.stages.measures import FrameMeasures
+from harness.stages.frame_measures import FrameMeasures
 from tests.disk import write_text
 from tests.records import answers, labels
 from vfoa.errors import VfoaError
