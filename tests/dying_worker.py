@@ -10,10 +10,11 @@ from types import TracebackType
 from typing import Any, Self
 
 from harness.remote import Remote
+from harness.run.checkpoint import SinkState
 from harness.run.frame_sink import FinishedFrame, SinkContext
 
-DIED = "died"
-"""The file at the address that says that it happened."""
+DIED, CONTINUED = "died", "continued"
+"""The files at the address with the process that died, and the first frame of the process that came after it."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,7 @@ class DyingWorkers:
 class _Dying:
     def __init__(self, how: DyingWorkers) -> None:
         self._how = how
+        self._is_first = True
 
     def __enter__(self) -> Self:
         return self
@@ -42,8 +44,14 @@ class _Dying:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
 
+    def state(self) -> SinkState:
+        return SinkState(files={})
+
     def write(self, frame: FinishedFrame) -> None:
         remote = Remote(self._how.address)
+        if self._is_first and remote.has(DIED):
+            remote.write(CONTINUED, str(frame.record.frame).encode())
+        self._is_first = False
         if frame.record.frame == self._how.frame and not remote.has(DIED):
             remote.write(DIED, str(os.getpid()).encode())
             os.kill(os.getpid(), signal.SIGKILL)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,8 +14,10 @@ from harness.files import is_file
 from harness.remote import Remote
 from harness.run.clip_job import ClipJob, ClipOutcome
 from harness.run.directory import RunDirectory
-from harness.run.executors.contract import Progress
+from harness.run.executors.contract import Progress, StoppedError
 from harness.run.loop import run_clip
+from harness.run.remote_checkpoint import RemoteCheckpoint
+from vfoa.errors import VfoaError
 
 LEFT_SECONDS = 86_400.0
 """Age in seconds of the last change in a folder from which on it counts as left by a killed worker."""
@@ -22,6 +25,8 @@ LEFT_SECONDS = 86_400.0
 
 def run_elsewhere(address: str, job: ClipJob, progress: Progress) -> ClipOutcome:
     """Run a job in a folder of this machine, then copy its files to the run's directory at ``address``.
+
+    From time to time, and when the run is interrupted, the job's checkpoint is published there.
 
     Raises
     ------
@@ -32,11 +37,25 @@ def run_elsewhere(address: str, job: ClipJob, progress: Progress) -> ClipOutcome
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     _remove_left(folder)
     with tempfile.TemporaryDirectory(dir=folder) as scratch:
-        outcome = run_clip(replace(job, directory=RunDirectory(Path(scratch))), progress)
+        here = replace(job, directory=RunDirectory(Path(scratch)))
+        checkpoint = RemoteCheckpoint(address, here)
+        checkpoint.fetch()
+
+        def told(clip: str) -> None:
+            progress(clip)
+            checkpoint.publish_if_due()
+
+        try:
+            outcome = run_clip(here, told)
+        except StoppedError:
+            with suppress(VfoaError):  # then only the time since the last publication is lost
+                checkpoint.publish()
+            raise
         files = [path for path in Path(scratch).rglob("*") if is_file(path) and not path.name.startswith(".")]
         written = sorted(files, key=lambda path: (path.suffix == ".jsonl", path))  # these say "finished"
         names = [path.relative_to(scratch).as_posix() for path in written]
         Remote(address).upload(names, Path(scratch))
+        checkpoint.remove()
     return outcome
 
 

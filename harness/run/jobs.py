@@ -17,6 +17,7 @@ from harness.run.measured_sink import MeasuredSinks
 from harness.run.output_sink import OutputSinks
 from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, PreparedClip
+from harness.run.remote_checkpoint import RemoteCheckpoint
 from harness.run.saved_outputs import owned_slots, owns_scenes
 from harness.run.warm_up import GivenUpError, Perceived
 from harness.sources import Clip, MeasuredClip
@@ -75,6 +76,9 @@ def run_jobs(
         if not job.configurations:
             skip(job, progress)
     todo = [job for job in jobs if job.configurations]
+    if mirror and not executor.is_elsewhere:
+        for job in todo:
+            RemoteCheckpoint(mirror.address, job).fetch()
     begun = {job.manifest.name: first_frame(job, checkpoints(job, tell)) for job in todo}
     failures: dict[Pair, VfoaError] = {}
     if cache and not plan.save_outputs and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
@@ -83,6 +87,8 @@ def run_jobs(
     work: Work[ClipJob, ClipOutcome] = run_clip
     if mirror and executor.is_elsewhere:
         work = partial(run_elsewhere, mirror.address)
+        for job in todo:
+            RemoteCheckpoint(mirror.address, job).offer()
     for jobs in _rounds(todo):
         for job, outcome in zip(jobs, executor.run(work, jobs, progress, _lost), strict=True):
             failures.update(outcome.failures)

@@ -12,6 +12,7 @@ from harness.cached_values import write_value
 from harness.files import digest_files
 from harness.known_digests import KNOWN
 from harness.mirror import Mirror, forget_copies
+from harness.remote import Remote
 from harness.run import provenance
 from harness.run.directory import RunDirectory, locked
 from harness.run.executors import executor
@@ -20,6 +21,7 @@ from harness.run.experiment import Experiment
 from harness.run.jobs import Done, run_jobs, skip
 from harness.run.manifest import differences
 from harness.run.plan import Plan, PreparedClip, describe, prepare
+from harness.run.remote_checkpoint import UNFINISHED
 from harness.run.saved_outputs import write_experiment
 from harness.stages.cache.stage import cache_lines
 from harness.stages.cache.store import Store
@@ -108,13 +110,15 @@ def run_plan(
         except KeyboardInterrupt:
             kept = f"{directory.kept_frames()} frames are kept in {directory.path}"
             if mirror:
-                kept = f"finished clips are kept in {mirror.address}"
+                kept = f"finished clips and the last checkpoints are kept in {mirror.address}"
             tell(f"interrupted: {kept}; the same command continues")
             raise
         with KNOWN.used() as digests:
             _check_unchanged(plan, identity, done, cache)
         _finish(plan, directory, identity, done, started)
         write_value(directory.noted_inputs, digests)
+        if mirror and not done.failures:
+            Remote(f"{mirror.address}/{UNFINISHED}").remove_all()
     for line in cache_lines(done.account.rows()):
         tell(line)
     return directory

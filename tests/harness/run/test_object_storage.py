@@ -19,9 +19,11 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.mirror import Mirror, local_copy
+from harness.record import images
 from harness.remote import Remote
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
+from harness.run import checkpoint, remote_checkpoint
 from harness.run.directory import RunDirectory
 from harness.run.executors import cluster
 from harness.run.executors.cluster import Cluster, connect, local_cluster
@@ -33,7 +35,7 @@ from harness.stages.cache.store import open_store
 from tests import graphs
 from tests.alley import write_masks
 from tests.disk import sintel_scene, write_text
-from tests.dying_worker import DIED, DyingWorkers
+from tests.dying_worker import CONTINUED, DIED, DyingWorkers
 from vfoa.errors import VfoaError
 
 ROOT = Path(__file__).parents[3]
@@ -198,10 +200,13 @@ def _lost(job: str, why: str) -> int:
     raise AssertionError(why)
 
 
-def test_a_worker_that_dies_in_the_middle_of_a_clip_changes_nothing(
+def test_another_worker_continues_a_killed_one_from_its_checkpoint_with_the_same_results(
     experiment: Path, bucket: str, workers: Workers, alone: dict[str, bytes]
 ) -> None:
     address = f"{bucket}/runs/killed"
+    with connect(workers.scheduler) as client:  # a checkpoint after every frame
+        for module, name in ((checkpoint, "SECONDS"), (remote_checkpoint, "SECONDS"), (images, "KEY_FRAME_S")):
+            client.run(setattr, module, name, 0.0)
     loaded = load_experiment(str(experiment))
     sinks = [*composed_sinks(loaded.configurations, "light"), DyingWorkers(f"{bucket}/notes", "two", 3)]
     store = open_store(f"{bucket}/cache")
@@ -218,6 +223,7 @@ def test_a_worker_that_dies_in_the_middle_of_a_clip_changes_nothing(
     assert _tables(address) == alone
     dead = Remote(f"{bucket}/notes").read(DIED)
     assert dead is not None
+    assert Remote(f"{bucket}/notes").read(CONTINUED) == b"3"
     assert [process.pid for process in workers.processes if process.poll() is not None] == [int(dead)]
     recordings = {f"{clip}__{configuration.name}.rrd" for clip in CLIPS for configuration in loaded.configurations}
     assert recordings <= Remote(address).files().keys()
