@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import time
@@ -51,9 +52,15 @@ def connect(address: str) -> Iterator[Client]:
         client = Client(address, timeout=PATIENCE_SECONDS, set_as_default=False)
     except (OSError, ValueError) as error:
         raise VfoaError(f"--scheduler {address}: expected a Dask scheduler, found none: {error}") from None
-    with client:
-        _check_workers(client, address)
-        yield client
+    logger = logging.getLogger("distributed.client")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)  # what it logs with tracebacks is raised as well, and told in one line
+    try:
+        with client:
+            _check_workers(client, address)
+            yield client
+    finally:
+        logger.setLevel(level)
 
 
 @contextmanager
@@ -129,10 +136,10 @@ class Cluster:
                     yield future.result()
                 except KilledWorker:
                     yield lost(job, GIVEN_UP)
-                except (CancelledError, CommClosedError) as error:
+                except (CancelledError, CommClosedError):
                     raise VfoaError(
-                        f"--scheduler: the scheduler is gone ({error}); finished frames are kept: run the same command "
-                        "again with a scheduler"
+                        "--scheduler: the scheduler is gone; what is finished is kept: start a "
+                        "scheduler and workers, and run the same command again"
                     ) from None
         finally:
             with suppress(CommClosedError, CancelledError, TimeoutError, OSError):  # of a scheduler that is gone

@@ -263,7 +263,7 @@ def test_what_is_no_address_is_refused_at_once() -> None:
         connect("localhost").__enter__()
 
 
-def test_a_scheduler_that_dies_is_one_line() -> None:
+def test_a_scheduler_that_dies_is_one_line(caplog: pytest.LogCaptureFixture) -> None:
     def slow(job: str, progress: Callable[[str], None]) -> str:
         time.sleep(60)
         return job
@@ -281,6 +281,7 @@ def test_a_scheduler_that_dies_is_one_line() -> None:
                 threading.Timer(1.0, process.kill).start()
                 with pytest.raises(VfoaError, match="the scheduler is gone"):
                     next(outcomes)
+            assert not [each for each in caplog.records if each.name == "distributed.client"]
         finally:
             working.kill()
             working.wait()
