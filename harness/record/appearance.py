@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -100,19 +102,27 @@ def reach_m(attention: Attention, scene: Scene) -> float:
     boxes = [target.box for target in scene.targets if target.instance.id in attended and target.box is not None]
     if eyes is None or not boxes:
         return CONE_HEIGHT_M
-    return float(np.median([np.linalg.norm(box.center_m - eyes) for box in boxes]))
+    return statistics.median(math.dist(box.center_m, eyes) for box in boxes)
 
 
-def cone_wire(cone: Cone, reach_m: float, *, rim: int = RIM) -> Float:
-    """A cone as one line (N, 3) in the camera frame, metres: four ribs of length ``reach_m``, then the rim.
+def cone_wires(cones: Sequence[Cone], reach_m: float, *, rim: int = RIM) -> Float:
+    """Each cone as one line (cones, N, 3) in the camera frame, metres: four ribs of length ``reach_m``, then the rim.
 
     It is one line, because Rerun takes an array of lines ten times faster than a list of lines of several lengths.
     ``rim`` is the number of points on the rim, a multiple of four.
     """
-    half = cone.fov_rad / 2
+    apexes = np.array([cone.apex_left for cone in cones]).reshape(-1, 1, 3)
+    axes = np.array([cone.axis for cone in cones]).reshape(-1, 3)
+    halves = [cone.fov_rad / 2 for cone in cones]
+    widths = np.array([(math.sin(half), math.sin(half), math.cos(half)) for half in halves]).reshape(-1, 1, 3)
+    rings = apexes + reach_m * (_circle(rim) * widths) @ left_from_crop(axes).swapaxes(1, 2)
+    ribs = np.repeat(rings[:, : -1 : rim // _RIBS], 2, axis=1)
+    ribs[:, 1::2] = apexes
+    return np.concatenate([ribs, rings], axis=1)
+
+
+@cache
+def _circle(rim: int) -> Float:
+    """Points (rim + 1, 3) on the circle of radius 1 at z = 1; the last is the first."""
     turn = np.linspace(0, 2 * math.pi, rim + 1)
-    local = np.stack([math.sin(half) * np.cos(turn), math.sin(half) * np.sin(turn), np.full_like(turn, math.cos(half))])
-    ring = cone.apex_left + reach_m * (left_from_crop(cone.axis) @ local).T
-    ends = ring[: -1 : rim // _RIBS]
-    ribs = np.stack([ends, np.broadcast_to(cone.apex_left, ends.shape)], axis=1).reshape(-1, 3)
-    return np.concatenate([ribs, ring])
+    return np.stack([np.cos(turn), np.sin(turn), np.ones_like(turn)], axis=1)

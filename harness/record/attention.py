@@ -14,7 +14,7 @@ from harness.record.appearance import (
     Colour,
     Colours,
     attention_by_name,
-    cone_wire,
+    cone_wires,
     reach_m,
     subject_names,
     target_names,
@@ -58,12 +58,12 @@ def _log_eyes(log: FrameLog, path: str, attention: Attention) -> None:
 
 
 def _log_cones(log: FrameLog, path: str, attention: Attention, reach: float) -> None:
+    wires = cone_wires(attention.cones, reach).astype(np.float32)
     for cue in CUES:
-        wires = [cone_wire(cone, reach) for cone in attention.cones if cone.cue == cue]
-        if wires:
-            lines = np.stack(wires).astype(np.float32)
+        ours = [cone.cue == cue for cone in attention.cones]
+        if any(ours):
             log.keep(f"{path}/{cue}/cones", partial(_line_style, 0.75, _dim(CUE_COLOURS[cue], 0.7)), key="style")
-            log.row(f"{path}/{cue}/cones", rr.LineStrips3D, strips=lines)
+            log.row(f"{path}/{cue}/cones", rr.LineStrips3D, strips=wires[ours])
 
 
 def _log_rays(log: FrameLog, path: str, cones: Sequence[Cone], rays: Rays, reach: float) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import os
+from collections.abc import Sequence
+from itertools import compress
 from pathlib import Path
 from types import TracebackType
 from typing import BinaryIO, Self
@@ -10,9 +13,10 @@ from typing import BinaryIO, Self
 import cv2
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.files import replacing
-from harness.record.appearance import cone_wire, reach_m
+from harness.record.appearance import cone_wires, reach_m
 from harness.report.thumbnails import Box, Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.run.checkpoint import SinkState
 from harness.run.frame_sink import FinishedFrame
@@ -21,7 +25,9 @@ from vfoa.geometry import project
 from vfoa.types import CUES, Attention, Float, FrameResult, Image, Scene, StereoRig
 
 WIDTH_PX = 360
-QUALITY = 55
+QUALITY = 52
+METHOD = 2
+"""WebP's effort, 0 (fastest) to 6: the default, 4, takes twice as long for as many bytes and 0.5 dB less noise."""
 ARROW_M = 0.25
 NEAR_M = 0.05
 """A line that comes nearer to the camera's plane than this is not drawn: it would extend to infinity."""
@@ -76,11 +82,21 @@ class ThumbnailWriter:
 
 def picture(left: Image) -> bytes:
     """A left image as a small WebP file."""
-    height, width = left.shape[:2]
-    scale = min(1.0, WIDTH_PX / width)
-    small = cv2.resize(left, _size(width, height), interpolation=cv2.INTER_AREA) if scale < 1 else left
-    _, encoded = cv2.imencode(".webp", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
-    return encoded.tobytes()
+    from PIL import Image as Picture
+
+    file = io.BytesIO()
+    Picture.fromarray(_small(left)).save(file, "WEBP", quality=QUALITY, method=METHOD)
+    return file.getvalue()
+
+
+def _small(image: Image) -> NDArray[np.uint8]:
+    """An image in the size of its picture: halved while it is twice as large, which is fast, and then interpolated."""
+    height, width = image.shape[:2]
+    size = _size(width, height)
+    while width >= 2 * size[0]:
+        height, width = height // 2, width // 2
+        image = np.asarray(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
 
 
 def thumbnail(rig: StereoRig, result: FrameResult, record: FrameRecord) -> Thumbnail:
@@ -107,18 +123,21 @@ def thumbnail(rig: StereoRig, result: FrameResult, record: FrameRecord) -> Thumb
 
 def _lines(attention: Attention, scene: Scene, rig: StereoRig, scale: float) -> list[tuple[str, list[int]]]:
     """The cones and directions of a subject as seen in the picture."""
-    reach = reach_m(attention, scene)
-    lines: list[tuple[str, Float]] = [(each.cue, cone_wire(each, reach, rim=RIM)) for each in attention.cones]
-    eyes = attention.subject.person.eye_origin_left
-    for cue in CUES:
-        direction = attention.subject.direction(cue)
-        if eyes is not None and direction is not None:
-            lines.append((cue, np.stack([eyes, eyes + ARROW_M * direction])))
-    return [(cue, _projected(points, rig, scale)) for cue, points in lines if (points[:, 2] > NEAR_M).all()]
+    wires = cone_wires(attention.cones, reach_m(attention, scene), rim=RIM)
+    lines = _projected([cone.cue for cone in attention.cones], wires, rig, scale)
+    eyes, subject = attention.subject.person.eye_origin_left, attention.subject
+    seen = {cue: direction for cue in CUES if (direction := subject.direction(cue)) is not None}
+    if eyes is not None and seen:
+        arrows = np.array([(eyes, eyes + ARROW_M * direction) for direction in seen.values()])
+        lines += _projected(list(seen), arrows, rig, scale)
+    return lines
 
 
-def _projected(points_left: Float, rig: StereoRig, scale: float) -> list[int]:
-    return [int(value) for value in np.rint((project(points_left, rig) + 0.5) * scale - 0.5).ravel()]
+def _projected(cues: Sequence[str], lines: Float, rig: StereoRig, scale: float) -> list[tuple[str, list[int]]]:
+    """The lines (N, points, 3) in the camera frame, metres, as seen in the picture; N cues."""
+    far = np.asarray((lines[:, :, 2] > NEAR_M).all(axis=1))
+    points_px = np.rint((project(lines[far], rig) + 0.5) * scale - 0.5).astype(int)
+    return [(cue, line.ravel().tolist()) for cue, line in zip(compress(cues, far), points_px, strict=True)]
 
 
 def _size(width: int, height: int) -> tuple[int, int]:
