@@ -152,7 +152,7 @@ class Entity(Protocol):
     """Logs data of each frame, after the recorder's own data."""
 
     def __call__(self, log: FrameLog, frame: FinishedFrame, size: Size) -> None:
-        """Log one frame by ``log.log``, ``log.number`` or ``log.keep``; entities not logged again are cleared."""
+        """Log one frame by ``log.log``, ``row``, ``number`` or ``keep``; entities not logged again are cleared."""
         ...
 
 

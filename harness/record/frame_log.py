@@ -142,23 +142,23 @@ class _Rows:
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self._stream = stream
-        self._waiting: dict[tuple[str, Any], list[tuple[tuple[int, int], Mapping[str, Batch]]]] = {}
+        self._waiting: dict[tuple[str, Any, tuple[str, ...]], list[tuple[tuple[int, int], Mapping[str, Batch]]]] = {}
 
     @property
     def paths(self) -> set[str]:
         """The paths of all waiting rows."""
-        return {path for path, _ in self._waiting}
+        return {path for path, _, _ in self._waiting}
 
     def add(self, time: tuple[int, int], path: str, archetype: Any, fields: Mapping[str, Batch]) -> None:
-        """Add a row at a frame number and time, ns. All rows of an archetype at a path have the same fields."""
-        self._waiting.setdefault((path, archetype), []).append((time, fields))
+        """Add a row at a frame number and time, ns."""
+        self._waiting.setdefault((path, archetype, tuple(fields)), []).append((time, fields))
 
     def send(self) -> None:
         """Send every row."""
-        for (path, archetype), rows in self._waiting.items():
+        for (path, archetype, names), rows in self._waiting.items():
             times, fields = zip(*rows, strict=True)
             columns = [
-                column for name in fields[0] for column in _columns(archetype, name, [each[name] for each in fields])
+                column for name in names for column in _columns(archetype, name, [each[name] for each in fields])
             ]
             self._stream.send_columns(path, indexes=_time_columns(times), columns=columns)
         self._waiting = {}

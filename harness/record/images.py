@@ -127,8 +127,7 @@ def log_masks(
         log.log(path, rr.SegmentationImage(class_of_id[instances.ids], opacity=_OPACITY))
     else:
         picture = _painted(class_of_id[instances.ids[::2, ::2]], instances.ids.shape, list(known.values()))
-        media = ["image/png"]
-        log.row(path, rr.EncodedImage, blob=[picture], media_type=media, opacity=[_OPACITY], draw_order=[0])
+        log.row(path, rr.EncodedImage, blob=[picture], media_type=["image/png"], opacity=[_OPACITY], draw_order=[0])
 
 
 def _painted(classes: NDArray[np.uint16], shape: tuple[int, int], colours: Sequence[Colour]) -> bytes:
@@ -213,7 +212,7 @@ class VideoEncoder:
         odd = image.shape[0] % 2, image.shape[1] % 2
         if any(odd):  # the codec takes even sizes only
             image = np.pad(image, ((0, odd[0]), (0, odd[1]), (0, 0)), mode="edge")
-        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
+        frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(image), format="rgb24")
         frame.pts = self._count
         self._count += 1
         yield from self._packets(frame)

@@ -32,7 +32,7 @@ def log_disparity(log: FrameLog, name: str, frame: StereoFrame, percepts: Percep
     if frame.right is None:
         return
     disparity, rig = percepts.disparity, percepts.rig
-    longest = float(np.nanmax(disparity.disparity_px)) if disparity.known_share > 0 else 1.0
+    longest = float(np.nan_to_num(np.fmax.reduce(disparity.disparity_px, axis=None), nan=1.0))
     if size == "light":
         _log_light_disparity(log, entities.disparity(name), disparity, longest)
         return

@@ -40,6 +40,7 @@ class SharedLayers:
     ) -> None:
         self.files, self.size, self.watched_at = files, size, watched_at
         self.colours = Colours(names)
+        self.further = load_entities()
         self._images = LayerFile(files.images, files, watched_at=watched_at)
         self._image_log = ImageLog(self._images.part("images"), size, rate_hz, watched=watched_at is not None)
         self._reconstructions: dict[str, LayerFile] = {}
@@ -168,7 +169,6 @@ class Recorder:
         self._names = (*targets, *subjects)
         self._watched_at, self._judge = watched_at, judge
         self._judged = Judged(around=around)
-        self._extra = load_entities()
 
     @property
     def path(self) -> Path:
@@ -212,8 +212,8 @@ class Recorder:
         log = self._layer.part("attention")
         log.begin(record.frame, record.time_ns)
         log_attention(log, self._layers.configuration, frame.result, record, colours)
-        for log_extra in self._extra:
-            log_extra(log, frame, self._size)
+        for log_further in self._shared.further:
+            log_further(log, frame, self._size)
         if self._judge and (self._watched_at or self._judged.around is not None):
             verdicts = self._judge(record)
             self._judged.add(record, verdicts)
