@@ -6,6 +6,7 @@ zeros. Everything that the program reads in these formats goes through this file
 
 from __future__ import annotations
 
+import codecs
 import io
 import json
 import lzma
@@ -16,7 +17,7 @@ import zipfile
 import zlib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
 from harness.files import read_text
@@ -25,6 +26,7 @@ from vfoa.errors import VfoaError
 if TYPE_CHECKING:
     import yaml
 
+Kind = TypeVar("Kind")
 
 MOST_LEVELS = 100
 """Most levels of nested tables; real files have fewer than ten."""
@@ -102,6 +104,27 @@ def parse_json(data: str | bytes, where: object) -> Any:
     except RecursionError:
         raise _too_deep(where) from None
     except ValueError as error:
+        raise VfoaError(f"{where}: not JSON: {error}") from None
+
+
+def parse_json_as(kind: type[Kind], data: bytes, where: object) -> Kind:
+    """Parse a JSON document of known keys, a ``msgspec.Struct``; others are skipped. For files of many values.
+
+    Raises
+    ------
+    VfoaError
+        If it is not JSON or too deep, or a value is not of its type: where it is in the document.
+    """
+    import msgspec
+
+    try:
+        return msgspec.json.decode(data.removeprefix(codecs.BOM_UTF8), type=kind, strict=False)
+    except msgspec.ValidationError as error:
+        said, _, place = str(error).partition(" - at `$")
+        raise VfoaError(f"{where}: {place.strip('.`') or 'the document'}: {said}") from None
+    except RecursionError:
+        raise _too_deep(where) from None
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise VfoaError(f"{where}: not JSON: {error}") from None
 
 

@@ -65,6 +65,8 @@ DOORS = {
     "pandas": ("harness/api.py", "harness/bench/stages.py"),
     "msgspec": (
         "harness/cached_values.py",
+        "harness/bounded_parsing.py",
+        "harness/stages/outputs/coco_panoptic.py",
         "harness/run/results.py",
         "harness/record/verdict_layer.py",
         "harness/report/",

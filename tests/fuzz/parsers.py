@@ -98,7 +98,7 @@ def _drawn(path: Path) -> Any:
 
 
 def _signals(path: Path) -> Any:
-    return [each.numbers(("x", "y", "z")) for each in read_table(path, ("x", "y", "z"), range(9))]
+    return read_table(path, ("x", "y", "z"), range(9)).columns.group(("x", "y", "z"))
 
 
 def _video(path: Path) -> Any:

@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal, TypeVar
 
 import cv2
 import numpy as np
-from pydantic import AfterValidator, BaseModel, Field
+from msgspec import Meta, Struct
 
-from harness.bounded_parsing import parse_json
+from harness.bounded_parsing import parse_json_as
 from harness.data_folders import expand
 from harness.files import digest_files, file_digest, read_bytes
 from harness.safe_names import check_name
@@ -22,9 +22,8 @@ from harness.sources.media.segment_ids import present_ids, relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.types import Instance, Instances, StereoFrame
-from vfoa.validation import parse
 
-_Entry = TypeVar("_Entry", bound=BaseModel)
+_Entry = TypeVar("_Entry", bound=Struct)
 
 
 class CocoPanopticSettings(KeyFrameSettings):
@@ -128,26 +127,33 @@ class CocoPanoptic:
         )
 
 
-class _Segment(BaseModel):
-    id: int = Field(ge=0, lt=1 << 24)
+class _Segment(Struct, gc=False):
+    id: Annotated[int, Meta(ge=0, lt=1 << 24)]
     category_id: int
-    iscrowd: int = 0
-    score: float = Field(default=1.0, allow_inf_nan=False)
-    name: Annotated[str, AfterValidator(check_name)] | None = None
+    iscrowd: int | bool = 0
+    score: float = 1.0
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.name is not None:
+            check_name(self.name)
 
 
-class _Annotation(BaseModel):
+class _Annotation(Struct, gc=False):
     file_name: str
     segments_info: list[_Segment]
 
 
-class _Category(BaseModel):
+class _Category(Struct):
     id: int
-    name: Annotated[str, AfterValidator(check_name)]
-    isthing: int = 1
+    name: str
+    isthing: int | bool = 1
+
+    def __post_init__(self) -> None:
+        check_name(self.name)
 
 
-class _PanopticFile(BaseModel):
+class _PanopticFile(Struct):
     """The part of COCO's panoptic JSON that is used; the file may hold more."""
 
     annotations: list[_Annotation]
@@ -157,7 +163,7 @@ class _PanopticFile(BaseModel):
 @lru_cache(maxsize=2)
 def _read(path: Path, digest: str) -> _PanopticFile:
     """Read the file, once for a content: the stage reads it, and so does whoever describes the run."""
-    return parse(_PanopticFile, parse_json(read_bytes(path), path), str(path))
+    return parse_json_as(_PanopticFile, read_bytes(path), path)
 
 
 def _by_key(entries: Iterable[_Entry], key: str, where: str) -> dict[Any, _Entry]:

@@ -28,9 +28,8 @@ from harness.files import digest_files
 from harness.sources import Clip
 from harness.stages.ground_truth.oracle import LEAST_OVERLAP
 from harness.stages.outputs.heads import read_heads
-from harness.stages.outputs.tables import Row, read_table, write_table
+from harness.stages.outputs.tables import FrameTable, RowIndex, read_table, write_table
 from vfoa.crops import center
-from vfoa.errors import VfoaError
 from vfoa.geometry import box_iou, direction_from_crop, gaze_direction_crop, head_direction_crop, pixel_ray
 from vfoa.settings import Settings
 from vfoa.types import Float, Gaze, Head, HeadPose, StereoFrame
@@ -79,12 +78,12 @@ class FileHeadPose:
         if found is None:
             return None
         row, boxes = found
-        angles, direction = _angles(row, HEAD_ANGLES), _direction(row)
-        yaw, pitch, roll = (math.nan,) * 3 if angles is None else angles.tolist()
+        yaw, pitch, roll = self._rows.angles[row].tolist()
+        direction = self._rows.direction(row)
         if direction is None:
-            _required(angles, row, HEAD_ANGLES)
             direction = _from_crop(head_direction_crop(yaw, pitch), boxes, frame)
-        return HeadPose(direction=direction, yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll, sigma_rad=_sigma(row))
+        sigma = self._rows.sigma(row)
+        return HeadPose(direction=direction, yaw_rad=yaw, pitch_rad=pitch, roll_rad=roll, sigma_rad=sigma)
 
     def digest(self) -> str:
         """Hexadecimal sha256 of both tables."""
@@ -106,11 +105,11 @@ class FileGaze:
         if found is None:
             return None
         row, boxes = found
-        direction = _direction(row)
+        direction = self._rows.direction(row)
         if direction is None:
-            theta, phi = _required(_angles(row, GAZE_ANGLES), row, GAZE_ANGLES)
+            theta, phi = self._rows.angles[row].tolist()
             direction = _from_crop(gaze_direction_crop(theta, phi), boxes, frame)
-        return Gaze(direction=direction, sigma_rad=_sigma(row))
+        return Gaze(direction=direction, sigma_rad=self._rows.sigma(row))
 
     def digest(self) -> str:
         """Hexadecimal sha256 of both tables."""
@@ -137,7 +136,8 @@ def write_gazes(path: Path, rows: Sequence[tuple[int, str, Gaze]]) -> None:
 class _JoinedRows:
     """The rows of a table of directions, found by their heads. All rows are checked when the table is read.
 
-    ``angles_beside``: a row may have angles beside its direction.
+    ``angles`` (n, k), in radians, are NaN in rows without them. ``angles_beside``: a row may have angles beside its
+    direction.
     """
 
     def __init__(
@@ -146,61 +146,77 @@ class _JoinedRows:
         columns = (*DIRECTION, *(f"{name}{unit}" for name in (*angles, "sigma") for unit in _UNITS))
         self._paths = [("directions", path), ("heads", heads)]
         self._heads = read_heads(heads, clip)
-        self._rows: dict[tuple[int, str], Row] = {}
-        for row in read_table(path, columns, clip.frames):
-            if row.subject not in self._heads.get(row.frame, {}):
-                raise VfoaError(f"{row.where}: subject {row.subject!r} has no head in frame {row.frame} of {heads}")
-            found = _angles(row, angles)
-            if _direction(row) is None:
-                _required(found, row, angles)
-            elif found is not None and not angles_beside:
-                raise VfoaError(f"{row.where}: found x, y, z and {', '.join(angles)}; expected one of them")
-            _sigma(row)
-            self._rows[row.frame, row.subject] = row
+        table = read_table(path, columns, clip.frames)
+        table.reject(
+            ~self._heads.has(table.frames.tolist(), table.subjects),
+            lambda row: f"subject {table.subjects[row]!r} has no head in frame {table.frames[row]} of {heads}",
+        )
+        self.angles = _angles(table, angles)
+        self._directions = _directions(table)
+        self._sigmas = _sigmas(table)
+        self._subjects, self._rows = table.subjects, RowIndex(table.frames)
+        has_angles, has_direction = ~np.isnan(self.angles[:, 0]), ~np.isnan(self._directions[:, 0])
+        in_degrees = ", ".join(f"{name}_deg" for name in angles)
+        table.reject(~(has_angles | has_direction), lambda row: f"no direction; expected x, y, z or {in_degrees}")
+        table.reject(
+            has_angles & has_direction & (not angles_beside),
+            lambda row: f"found x, y, z and {', '.join(angles)}; expected one of them",
+        )
+
+    def direction(self, row: int) -> Float | None:
+        """The direction (3,) in a row; None if it has angles alone."""
+        found: Float = self._directions[row]
+        return None if math.isnan(found[0]) else found
+
+    def sigma(self, row: int) -> float | None:
+        """The claimed error in a row, radians."""
+        found = float(self._sigmas[row])
+        return None if math.isnan(found) else found
 
     def digest(self) -> str:
         """Hexadecimal sha256 of both tables."""
         return digest_files(self._paths)
 
-    def find(self, frame: int, head: Head) -> tuple[Row, Head] | None:
+    def find(self, frame: int, head: Head) -> tuple[int, Head] | None:
         """Return the row of a head and that subject's own boxes; None for a head that belongs to no subject."""
-        heads = self._heads.get(frame, {})
+        heads = self._heads.of(frame)
         # Of equal boxes, take the one with the same instance; if these are also equal, the first.
         overlaps = [
             (box_iou(each.box_px, head.box_px), each.instance_id == head.instance_id, subject)
             for subject, each in heads.items()
         ]
         overlap, _, subject = max(overlaps, key=lambda each: each[:2], default=(0.0, False, ""))
-        row = self._rows.get((frame, subject))
-        return (row, heads[subject]) if row and overlap >= LEAST_OVERLAP else None
+        row = next((row for row in self._rows.of(frame) if self._subjects[row] == subject), None)
+        return (row, heads[subject]) if row is not None and overlap >= LEAST_OVERLAP else None
 
 
-def _direction(row: Row) -> Float | None:
-    direction = row.numbers(DIRECTION)
-    if direction is not None and abs((length := math.hypot(*direction)) - 1) > _LENGTH_TOLERANCE:
-        raise VfoaError(f"{row.where}: x, y, z: expected a unit direction, found one of length {length:.4g}")
-    return direction
+def _directions(table: FrameTable) -> Float:
+    """Unit directions (n, 3), NaN where they are blank."""
+    found = table.columns.group(DIRECTION)
+    lengths = np.linalg.norm(found, axis=1)
+    table.reject(
+        np.abs(lengths - 1) > _LENGTH_TOLERANCE,
+        lambda row: f"x, y, z: expected a unit direction, found one of length {lengths[row]:.4g}",
+    )
+    return found
 
 
-def _angles(row: Row, names: Sequence[str]) -> Float | None:
-    """Angles in radians, from the columns in degrees or in radians; None if both are blank."""
-    degrees, radians = (row.numbers([f"{name}{unit}" for name in names]) for unit in _UNITS)
-    if degrees is not None and radians is not None:
-        raise VfoaError(f"{row.where}: {names[0]}: found degrees and radians; expected one of them")
-    return radians if degrees is None else np.radians(degrees)
+def _angles(table: FrameTable, names: Sequence[str]) -> Float:
+    """Angles (n, names) in radians, from the columns in degrees or in radians; NaN where both are blank."""
+    degrees, radians = (table.columns.group([f"{name}{unit}" for name in names]) for unit in _UNITS)
+    in_degrees, in_radians = ~np.isnan(degrees[:, :1]), ~np.isnan(radians[:, :1])
+    table.reject(
+        (in_degrees & in_radians)[:, 0],
+        lambda row: f"{names[0]}: found degrees and radians; expected one of them",
+    )
+    return np.where(in_degrees, np.radians(degrees), radians)
 
 
-def _sigma(row: Row) -> float | None:
-    found = _angles(row, ["sigma"])
-    if found is not None and found[0] < 0:
-        raise VfoaError(f"{row.where}: sigma: expected an angle of at least 0, found {found[0]:g} rad")
-    return None if found is None else float(found[0])
-
-
-def _required(angles: Float | None, row: Row, names: Sequence[str]) -> Float:
-    if angles is None:
-        raise VfoaError(f"{row.where}: no direction; expected x, y, z or {', '.join(f'{name}_deg' for name in names)}")
-    return angles
+def _sigmas(table: FrameTable) -> Float:
+    """Claimed errors (n,) in radians, NaN where they are blank."""
+    found: Float = _angles(table, ["sigma"])[:, 0]
+    table.reject(found < 0, lambda row: f"sigma: expected an angle of at least 0, found {found[row]:g} rad")
+    return found
 
 
 def _from_crop(direction_crop: Float, boxes: Head, frame: StereoFrame) -> Float:

@@ -11,15 +11,19 @@ without a row has no heads.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Collection, Iterable
 from functools import lru_cache
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from harness.data_folders import expand
 from harness.files import digest_files, file_digest
 from harness.sources import Clip
-from harness.stages.outputs.tables import Row, read_table, write_table
+from harness.stages.outputs.tables import RowIndex, read_table, write_table
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Float, Head, Instances, StereoFrame
@@ -53,15 +57,65 @@ class FileHeads:
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
         """Return the heads of one frame."""
-        return tuple(self._heads.get(frame.index, {}).values())
+        return tuple(self._heads.of(frame.index).values())
 
     def digest(self) -> str:
         """Hexadecimal sha256 of the table."""
         return digest_files([("heads", self._path)])
 
 
-def read_heads(path: Path, clip: Clip) -> dict[int, dict[str, Head]]:
-    """The heads of a table by frame and subject, in the order of the rows.
+class HeadTable:
+    """The heads of a table, as arrays: a head is made when its frame is asked for. All rows are checked before."""
+
+    def __init__(self, path: Path, frames: Collection[int]) -> None:
+        table = read_table(path, COLUMNS, frames)
+        columns = table.columns
+        self._boxes, self._faces, self._landmarks = (columns.group(names) for names in (BOX, FACE, LANDMARKS))
+        self._scores, self._instances = columns.numbers("score"), columns.numbers("instance_id")
+        self._frames, self._subjects = table.frames, table.subjects
+        self._rows = RowIndex(table.frames)
+        ids = self._instances
+        table.reject(np.isnan(self._boxes[:, 0]), lambda row: f"no box; expected {', '.join(BOX)}")
+        table.reject(
+            # the person's id need not be among the masks: a hidden person has no pixel there
+            ~np.isnan(ids) & ((ids != np.floor(ids)) | (ids <= 0) | (ids >= 2**16)),
+            lambda row: f"instance_id: expected 1 to 65535, found {columns.cells['instance_id'][row]!r}",
+        )
+        for row in np.flatnonzero(~_is_box(self._boxes) | ~(np.isnan(self._faces[:, 0]) | _is_box(self._faces))):
+            try:
+                self._head(int(row))
+            except ValueError as error:  # its text says which box has no area
+                raise VfoaError(f"{columns.where(int(row))}: {error}") from None
+
+    def of(self, frame: int) -> dict[str, Head]:
+        """The heads of a frame by subject, in the order of the rows."""
+        return {self._subjects[row]: self._head(row) for row in self._rows.of(frame)}
+
+    def has(self, frames: Iterable[int], subjects: Iterable[str]) -> NDArray[np.bool_]:
+        """Whether each pair of a frame and a subject has a head, as an array."""
+        known = {*zip(self._frames.tolist(), self._subjects, strict=True)}
+        return np.array([pair in known for pair in zip(frames, subjects, strict=True)], dtype=bool)
+
+    def _head(self, row: int) -> Head:
+        face, landmarks, score, instance = (
+            each[row] for each in (self._faces, self._landmarks, self._scores, self._instances)
+        )
+        return Head(
+            box_px=self._boxes[row],
+            score=1.0 if math.isnan(score) else float(score),
+            face_box_px=None if math.isnan(face[0]) else face,
+            landmarks_px=None if math.isnan(landmarks[0]) else landmarks.reshape(5, 2),
+            instance_id=None if math.isnan(instance) else int(instance),
+        )
+
+
+def _is_box(boxes: Float) -> NDArray[np.bool_]:
+    """Whether each box (n, 4) has an area."""
+    return (boxes[:, 0] < boxes[:, 2]) & (boxes[:, 1] < boxes[:, 3])
+
+
+def read_heads(path: Path, clip: Clip) -> HeadTable:
+    """The heads of a table.
 
     Raises
     ------
@@ -72,42 +126,14 @@ def read_heads(path: Path, clip: Clip) -> dict[int, dict[str, Head]]:
 
 
 @lru_cache(maxsize=2)
-def _read_heads(path: Path, digest: str, frames: tuple[int, ...]) -> dict[int, dict[str, Head]]:
+def _read_heads(path: Path, digest: str, frames: tuple[int, ...]) -> HeadTable:
     """As above, once for a content: several stages read it, and so does whoever describes the run."""
-    heads: dict[int, dict[str, Head]] = {}
-    for row in read_table(path, COLUMNS, frames):
-        heads.setdefault(row.frame, {})[row.subject] = _head(row)
-    return heads
+    return HeadTable(path, frames)
 
 
 def write_heads(path: Path, rows: list[tuple[int, str, Head]]) -> None:
     """Write heads by frame and subject, as :func:`read_heads` reads them."""
     write_table(path, COLUMNS, [(frame, subject, *_cells(head)) for frame, subject, head in rows])
-
-
-def _head(row: Row) -> Head:
-    box = row.numbers(BOX)
-    if box is None:
-        raise VfoaError(f"{row.where}: no box; expected {', '.join(BOX)}")
-    score, landmarks = row.number("score"), row.numbers(LANDMARKS)
-    try:
-        return Head(
-            box_px=box,
-            score=1.0 if score is None else score,
-            face_box_px=row.numbers(FACE),
-            landmarks_px=None if landmarks is None else landmarks.reshape(5, 2),
-            instance_id=_instance(row),
-        )
-    except ValueError as error:  # a box without an area; the error's text says which
-        raise VfoaError(f"{row.where}: {error}") from None
-
-
-def _instance(row: Row) -> int | None:
-    """The person's id. It need not be among the masks: a hidden person has no pixel there."""
-    value = row.number("instance_id")
-    if value is not None and (value != int(value) or not 0 < value < 2**16):
-        raise VfoaError(f"{row.where}: instance_id: expected 1 to 65535, found {row.cells['instance_id']!r}")
-    return None if value is None else int(value)
 
 
 def _cells(head: Head) -> list[float | int | None]:

@@ -8,26 +8,49 @@ not be a name of the manifest. The unit is in a column's name. A blank cell mean
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.strict_tables import TableRow, read_rows, write_rows
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.strict_tables import TableColumns, read_columns, write_rows
 from vfoa.errors import VfoaError
 
 KEYS = ("frame", "subject")
 
 
+class RowIndex:
+    """The rows of a table by frame: two numbers a row."""
+
+    def __init__(self, frames: NDArray[np.int64]) -> None:
+        self._order = np.argsort(frames, kind="stable")
+        self._frames = frames[self._order]
+
+    def of(self, frame: int) -> list[int]:
+        """The rows of a frame, in the file's order."""
+        begin, end = np.searchsorted(self._frames, (frame, frame + 1)).tolist()
+        found: list[int] = self._order[begin:end].tolist()
+        return found
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row(TableRow):
-    """One row with its keys."""
+class FrameTable:
+    """The columns of a table of stage outputs, with the frame (n,) and the subject of each row."""
 
-    frame: int
-    subject: str
+    columns: TableColumns
+    frames: NDArray[np.int64]
+    subjects: tuple[str, ...]
+
+    def reject(self, wrong: NDArray[np.bool_], said: Callable[[int], str]) -> None:
+        """Raise a :class:`VfoaError` for the first row that is wrong, with what is ``said`` of it."""
+        for row in np.flatnonzero(wrong)[:1].tolist():
+            raise VfoaError(f"{self.columns.where(row)}: {said(row)}")
 
 
-def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> list[Row]:
-    """Read the rows of a table, in the file's order.
+def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> FrameTable:
+    """Read a table.
 
     Parameters
     ----------
@@ -42,16 +65,18 @@ def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> l
         For the first mistake, with file and line: a column that is unknown, missing or repeated, a wrong number
         of cells, a frame that the clip does not have, a blank subject, or a repeated pair of frame and subject.
     """
-    rows: list[Row] = []
-    first_seen: dict[tuple[int, str], str] = {}
-    known_frames = frozenset(frames)
-    for cells in read_rows(path, (*KEYS, *columns), KEYS):
-        row = _row(cells, known_frames)
-        if before := first_seen.get((row.frame, row.subject)):
-            raise VfoaError(f"{row.where}: frame {row.frame}, subject {row.subject!r}: occurs twice, first at {before}")
-        first_seen[row.frame, row.subject] = row.where
-        rows.append(row)
-    return rows
+    found = read_columns(path, (*KEYS, *columns), KEYS)
+    table = FrameTable(columns=found, frames=found.integers("frame"), subjects=found.cells["subject"])
+    table.reject(
+        ~np.isin(table.frames, np.array([*frames], dtype=np.int64)),
+        lambda row: f"frame {table.frames[row]}: not in the clip; expected {min(frames)} to {max(frames)}",
+    )
+    table.reject(
+        np.array([not subject for subject in table.subjects], dtype=bool),
+        lambda row: "subject: found nothing; expected a word",
+    )
+    _check_once(table)
+    return table
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
@@ -59,13 +84,9 @@ def write_table(path: Path, columns: Sequence[str], rows: Sequence[Sequence[obje
     write_rows(path, (*KEYS, *columns), rows)
 
 
-def _row(row: TableRow, frames: Collection[int]) -> Row:
-    frame, subject = row.integer("frame"), row.cells.get("subject")
-    if frame is None:
-        raise VfoaError(f"{row.where}: frame: expected a whole number, found nothing")
-    if frame not in frames:
-        raise VfoaError(f"{row.where}: frame {frame}: not in the clip; expected {min(frames)} to {max(frames)}")
-    if not subject:
-        raise VfoaError(f"{row.where}: subject: found nothing; expected a word")
-    cells = {column: cell for column, cell in row.cells.items() if column not in KEYS}
-    return Row(where=row.where, frame=frame, subject=subject, cells=cells)
+def _check_once(table: FrameTable) -> None:
+    first: dict[tuple[int, str], int] = {}
+    for row, key in enumerate(zip(table.frames.tolist(), table.subjects, strict=True)):
+        if (before := first.setdefault(key, row)) != row:
+            where, earlier = table.columns.where(row), table.columns.where(before)
+            raise VfoaError(f"{where}: frame {key[0]}, subject {key[1]!r}: occurs twice, first at {earlier}")

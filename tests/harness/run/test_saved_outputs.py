@@ -160,7 +160,7 @@ def test_heads_are_read_back_to_the_last_bit(
         instance_id=instance,
     )
     write_heads(tmp_path / "heads.csv", [(70, "anna, the first", head)])
-    found = read_heads(tmp_path / "heads.csv", AnyClip())[70]["anna, the first"]  # type: ignore[arg-type]
+    found = read_heads(tmp_path / "heads.csv", AnyClip()).of(70)["anna, the first"]  # type: ignore[arg-type]
     assert np.array_equal(found.box_px, head.box_px)
     assert (found.score, found.instance_id) == (head.score, head.instance_id)
     for name in ("face_box_px", "landmarks_px"):

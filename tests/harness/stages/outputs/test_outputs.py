@@ -58,16 +58,19 @@ def _map() -> np.ndarray:
 
 
 def _coco(root: Path, segments: list[dict[str, Any]] = SEGMENTS, ids: np.ndarray | None = None) -> str:
-    ids = _map() if ids is None else ids
-    image = np.stack([ids & 255, ids >> 8 & 255, ids >> 16], axis=-1).astype(np.uint8)
-    for number in (4, 7):
-        write_image(root / "png" / f"frame_{number:04d}.png", image)
+    _coco_masks(root, _map() if ids is None else ids)
     annotations = [
         {"image_id": number, "file_name": f"frame_{number:04d}.png", "segments_info": segments} for number in (4, 7)
     ]
     content = {"images": [], "annotations": annotations, "categories": CATEGORIES}
     write_text(root / "panoptic.json", json.dumps(content))
     return str(root)
+
+
+def _coco_masks(root: Path, ids: np.ndarray) -> None:
+    image = np.stack([ids & 255, ids >> 8 & 255, ids >> 16], axis=-1).astype(np.uint8)
+    for number in (4, 7):
+        write_image(root / "png" / f"frame_{number:04d}.png", image)
 
 
 def test_things_are_read_and_stuff_only_by_name(clip: StereoFolderClip, tmp_path: Path) -> None:
@@ -104,7 +107,7 @@ def test_mistakes_in_the_masks_are_one_line(clip: StereoFolderClip, tmp_path: Pa
         segment("category", segments=[{"id": 3, "category_id": 2}, *SEGMENTS[1:]])
     with pytest.raises(VfoaError, match=r"frame_0004\.png: the masks are 64 x 47 pixels, the left image 64 x 48"):
         segment("size", ids=_map()[1:])
-    with pytest.raises(VfoaError, match=r"panoptic\.json: annotations\.0\.segments_info\.0\.category_id: missing"):
+    with pytest.raises(VfoaError, match=r"panoptic\.json: annotations\[0\]\.segments_info\[0\]: .*`category_id`"):
         segment("broken", segments=[{"id": 3}])
     with pytest.raises(VfoaError, match=r"panoptic\.json: frame_0004\.png: segments_info: id 3 occurs twice"):
         segment("twice", segments=[SEGMENTS[0], *SEGMENTS])
@@ -124,9 +127,10 @@ def test_mistakes_around_the_masks_are_one_line(clip: StereoFolderClip, tmp_path
         write_text(tmp_path / "coco" / "panoptic.json", json.dumps(twice))
         with pytest.raises(VfoaError, match=rf"panoptic\.json: {table}: {said} occurs twice; expected it once"):
             CocoPanoptic(CocoPanopticSettings(root=root), clip)
-    for content in ("{", "[" * 100_000):
-        write_text(tmp_path / "coco" / "panoptic.json", content)
-        with pytest.raises(VfoaError, match=r"panoptic\.json: (not JSON|nested)"):
+    deep = '{"info": ' + "[" * 100_000
+    for content, said in (("{", "not JSON"), ("[]", "the document"), (deep, "nested"), ("\ud800", "not JSON")):
+        (tmp_path / "coco" / "panoptic.json").write_bytes(content.encode(errors="surrogatepass"))
+        with pytest.raises(VfoaError, match=rf"panoptic\.json: {said}"):
             CocoPanoptic(CocoPanopticSettings(root=root), clip)
 
 
@@ -144,6 +148,35 @@ def test_the_masks_digest_follows_their_contents(clip: StereoFolderClip, tmp_pat
     other[0, 0] = 3
     assert digest("a") == digest("b")
     assert digest("c", ids=other) != digest("a")
+
+
+@pytest.mark.parametrize(
+    ("value", "place"),
+    [
+        ({"id": 1 << 24, "category_id": 1}, "id"),
+        ({"id": -1, "category_id": 1}, "id"),
+        ({"id": 1, "category_id": "person"}, "category_id"),
+        ({"id": 1, "category_id": 1, "score": float("nan")}, ""),
+        ({"id": 1, "category_id": 1, "name": "a,\nb"}, ""),
+    ],
+)
+def test_a_wrong_value_in_the_masks_is_named(
+    clip: StereoFolderClip, tmp_path: Path, value: dict[str, Any], place: str
+) -> None:
+    with pytest.raises(VfoaError, match=rf"panoptic\.json: .*{place}") as error:
+        CocoPanoptic(CocoPanopticSettings(root=_coco(tmp_path / "coco", [value])), clip)
+    assert "\n" not in str(error.value)
+
+
+def test_flags_whole_scores_and_other_keys_are_read(clip: StereoFolderClip, tmp_path: Path) -> None:
+    root = Path(_coco(tmp_path / "coco", [{"id": 3.0, "category_id": 1, "iscrowd": False, "score": 1, "area": 10**30}]))
+    document = json.loads((root / "panoptic.json").read_text())
+    document["categories"][0]["isthing"] = True
+    write_text(root / "panoptic.json", "\ufeff" + json.dumps(document))
+    ids = np.where(_map() == 3, 3, 0)
+    _coco_masks(root, ids)
+    (person,) = CocoPanoptic(CocoPanopticSettings(root=str(root)), clip).segment(clip.frame(4)).instances
+    assert (person.id, person.label, person.score) == (3, "person", 1.0)
 
 
 @given(st.sets(st.integers(0, (1 << 24) - 1), max_size=50))
