@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -77,6 +78,6 @@ def _by_time(folder: Path, colour: str, depth: str, tolerance_ms: float) -> Dept
     return DepthFrames(by_number=frames, notes=tuple(notes))
 
 
-def _span(files: dict[int, Path]) -> str:
+def _span(files: Mapping[int, Path]) -> str:
     numbers = list(files)
     return f"{numbers[0]} to {numbers[-1]}"

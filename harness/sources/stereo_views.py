@@ -108,7 +108,7 @@ class ImagePairs(_NumberedImages):
         If no number is on both sides.
     """
 
-    def __init__(self, left: dict[int, Path], right: dict[int, Path], tick_ns: int | None = None) -> None:
+    def __init__(self, left: Mapping[int, Path], right: Mapping[int, Path], tick_ns: int | None = None) -> None:
         super().__init__(tuple(sorted(left.keys() & right.keys())), tick_ns)
         if not self.frames:
             side = next(iter(left.values())), next(iter(right.values()))
@@ -141,7 +141,7 @@ class PackedImages(_NumberedImages):
 
     notes: tuple[str, ...] = ()
 
-    def __init__(self, files: dict[int, Path], packing: Packing, tick_ns: int | None = None) -> None:
+    def __init__(self, files: Mapping[int, Path], packing: Packing, tick_ns: int | None = None) -> None:
         super().__init__(tuple(files), tick_ns)
         self._files, self._packing = files, packing
 

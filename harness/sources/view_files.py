@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal, Self
 
@@ -85,7 +86,7 @@ class ViewFiles(Settings):
                 return PackedVideo(folder / both, packing)
 
 
-def find_sides(folder: Path, left: str, right: str) -> tuple[dict[int, Path], dict[int, Path]]:
+def find_sides(folder: Path, left: str, right: str) -> tuple[Mapping[int, Path], Mapping[int, Path]]:
     """The files of both sides by frame number; two single files (``im0.png`` and ``im1.png``) are one frame, 0.
 
     Raises

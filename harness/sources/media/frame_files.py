@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, KeysView, Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -17,9 +17,30 @@ _DIGITS = re.compile(r"\d+")
 _PRINTF = re.compile(r"%0?(\d*)d")
 _LARGEST = 2**63 - 1
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".ppm", ".pgm"})
+_IMAGE_ENDS = tuple(IMAGE_SUFFIXES)
 
 
-def find_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
+class FolderFiles(Mapping[int, Path]):
+    """Files of one folder by frame number. Only their names are kept: an hour of video has 90,000 of them."""
+
+    def __init__(self, folder: Path, names: dict[int, str]) -> None:
+        self._folder, self._names = folder, names
+
+    def __getitem__(self, number: int) -> Path:
+        return self._folder / self._names[number]
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    def keys(self) -> KeysView[int]:
+        """The frame numbers; those of a dictionary are faster than those of a mapping."""
+        return self._names.keys()
+
+
+def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
     """Return the files under ``root`` by frame number, ascending.
 
     ``pattern`` is a folder (all its images), a file, a glob (``left/*.png``), or has one printf field for the number
@@ -34,17 +55,15 @@ def find_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
     """
     folder = root / pattern
     if folder.is_dir():
-        names = (name for name in sorted(os.listdir(folder)) if not name.startswith("."))
-        files = [folder / name for name in names if os.path.splitext(name)[1].lower() in IMAGE_SUFFIXES]
-        expected = f"images in the folder {folder}"
-    elif folder.is_file():
+        return _folder_frames(folder, pattern, where)
+    if folder.is_file():
         files = [folder]
     elif _PRINTF.search(pattern):
         return _printf_frames(root, pattern, where)
     else:
         files = _glob(root, pattern)
-        expected = f"a folder of images, a glob or a pattern such as left/%06d.png under {root}"
     if not files:
+        expected = f"a folder of images, a glob or a pattern such as left/%06d.png under {root}"
         raise VfoaError(f"{where}: {pattern!r} matches no file; expected {expected}")
     by_name = {path.name: path for path in files}
     if len(by_name) != len(files):
@@ -82,6 +101,13 @@ def check_printf(pattern: str, where: str) -> None:
     """Reject a pattern without exactly one field for the frame number."""
     if len(_PRINTF.findall(pattern)) != 1:
         raise VfoaError(f"{where}: {pattern!r}; expected one field for the frame number, such as frame_%04d.png")
+
+
+def _folder_frames(folder: Path, pattern: str, where: str) -> FolderFiles:
+    names = [name for name in os.listdir(folder) if name.lower().endswith(_IMAGE_ENDS) and not name.startswith(".")]
+    if not names:
+        raise VfoaError(f"{where}: {pattern!r} matches no file; expected images in the folder {folder}")
+    return FolderFiles(folder, number_names(names, f"{where}: {pattern!r}"))
 
 
 def _printf_frames(root: Path, pattern: str, where: str) -> dict[int, Path]:
