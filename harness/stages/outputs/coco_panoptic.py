@@ -102,9 +102,12 @@ class CocoPanoptic:
     def digest(self) -> str:
         """Hexadecimal sha256 of the JSON and every PNG that it names."""
         maps = [(str(n), self._png / each.file_name) for n, each in self._annotations.items()]
-        if missing := next((path for _, path in maps if not path.is_file()), None):
-            raise VfoaError(f"{missing}: no such file; expected it, since {self._json} names it")
-        return digest_files([("json", self._json), *maps])
+        try:
+            return digest_files([("json", self._json), *maps])
+        except VfoaError:
+            if missing := next((path for _, path in maps if not path.is_file()), None):
+                raise VfoaError(f"{missing}: no such file; expected it, since {self._json} names it") from None
+            raise
 
     def _is_wanted(self, segment: _Segment) -> bool:
         if segment.category_id not in self._categories:

@@ -10,7 +10,9 @@ import pytest
 
 from harness import files
 from harness.bench import hours
+from harness.bench.generated_clip import FIXATION, write_clip, write_labels
 from harness.bench.overhead import measure_overhead, overhead_table
+from harness.bench.resuming import measure_resume, resume_table
 from harness.known_digests import KnownDigests
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
@@ -21,16 +23,16 @@ from harness.score import finished_run
 def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now = time.time_ns
     monkeypatch.setattr(time, "time_ns", lambda: now() + 60 * 10**9)
-    frames = 2 * hours.FIXATION
-    experiment = hours.write_clip(tmp_path, frames)
+    frames = 2 * FIXATION
+    experiment = write_clip(tmp_path, frames)
     hours.run_experiment(experiment, tmp_path / "run")
     first = rescore(RunDirectory(tmp_path / "run"))
     assert [row.configuration for row in first.by_clip()] == ["one-cone", "two-cones", "filtered", "nearest"]
     assert all(row.n == frames and row.predicted > frames / 4 for row in first.by_clip())
-    hours.write_labels(tmp_path, frames, edited=frames)
+    write_labels(tmp_path, frames, edited=frames)
     edited = rescore(RunDirectory(tmp_path / "run"))
     changed = [a.truth != b.truth for a, b in zip(first.verdicts, edited.verdicts, strict=True)]
-    assert sum(changed) == 4 * hours.FIXATION
+    assert sum(changed) == 4 * FIXATION
     assert not any("images" in note for note in edited.notes)
     # the run has noted the digests of the images: a new process reads none, until one has changed
     monkeypatch.setattr(files, "KNOWN", KnownDigests())
@@ -46,6 +48,14 @@ def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monke
     notes = rescore(RunDirectory(tmp_path / "run")).notes
     assert image in read
     assert any("images" in note for note in notes)
+
+
+def test_a_killed_run_is_continued_and_its_parts_are_timed(tmp_path: Path) -> None:
+    found = measure_resume(40, 25, tmp_path)
+    parts = (found.imported, found.opened, found.described, found.first_frame, found.finished)
+    assert [each.cpu_seconds for each in parts] == sorted(each.cpu_seconds for each in parts)
+    assert RunDirectory(tmp_path / "run").results.read_bytes().count(b"\n") == 4 * 40
+    assert resume_table([found]).rows[0][:2] == ("40", "25")
 
 
 def test_overhead_is_of_every_sink_and_of_the_scores() -> None:
