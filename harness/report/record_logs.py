@@ -4,7 +4,7 @@ The parts are in ``score_cache/`` in a run's directory, so that only changed res
 
     blocks.noted    the blocks of results.jsonl, each with the digest of its lines
     times.noted     the times of the stages from timings.csv
-    inputs.noted    digests of the clips' files, which the run notes
+    inputs.noted    digests of the inputs, which the run notes
     <key>.part      the logs of a block; the key depends on its lines, its labels and the code
 
 All of it can be removed at any time. A file is read again unless it looks as noted (:mod:`harness.known_digests`); a

@@ -75,7 +75,7 @@ class RunDirectory:
 
     @property
     def noted_inputs(self) -> Path:
-        """Digests of the clips' files by their look, for scoring (:mod:`harness.known_digests`)."""
+        """Digests of the inputs by their files' look, to continue and to score (:mod:`harness.known_digests`)."""
         return self.score_cache / "inputs.noted"
 
     @property
@@ -94,23 +94,6 @@ class RunDirectory:
     def checkpoint(self, pair: Pair) -> Path:
         """The checkpoint of an unfinished (clip, configuration) (:mod:`harness.run.checkpoint`)."""
         return self.partial(pair, "checkpoint")
-
-    @property
-    def digests(self) -> Path:
-        """Digests of the inputs of an unfinished run by the look of their files (:mod:`harness.known_digests`)."""
-        return self.path / "partial" / "digests.json"
-
-    def read_digests(self) -> dict[str, str]:
-        """Read the digests of the inputs; none if they are missing or damaged: then the inputs are read again."""
-        try:
-            found = json.loads(self.digests.read_bytes())
-        except (OSError, ValueError, RecursionError):
-            return {}
-        return {str(look): str(digest) for look, digest in found.items()} if isinstance(found, dict) else {}
-
-    def write_digests(self, known: Mapping[str, str]) -> None:
-        """Write the digests of the inputs."""
-        atomic_write(self.digests, json.dumps(dict(known), indent=2) + "\n")
 
     def is_finished(self, pair: Pair) -> bool:
         """Whether a (clip, configuration) is finished."""

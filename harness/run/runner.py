@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from harness.cached_values import write_value
+from harness.cached_values import read_value, write_value
 from harness.files import digest_files
 from harness.known_digests import KNOWN
 from harness.mirror import Mirror, forget_copies
@@ -73,7 +73,7 @@ def run_plan(
         If the run is interrupted, after ``tell`` was called with what is kept.
     """
     for candidate in itertools.takewhile(lambda each: not each.is_new(), _candidates(RunDirectory(out))):
-        KNOWN.add(candidate.read_digests())
+        KNOWN.add(read_value(candidate.noted_inputs, dict[str, str]) or {})
     with KNOWN.used() as digests:
         identity = describe(plan)
     directory = _choose(RunDirectory(out), identity, beside)
@@ -98,7 +98,7 @@ def run_plan(
                 directory.discard((failure["clip"], failure["configuration"]))
         started = now()
         directory.write_manifest(identity)
-        directory.write_digests(digests)
+        write_value(directory.noted_inputs, digests)
         if mirror:
             mirror.push()
         try:
@@ -113,10 +113,10 @@ def run_plan(
                 kept = f"finished clips and the last checkpoints are kept in {mirror.address}"
             tell(f"interrupted: {kept}; the same command continues")
             raise
-        with KNOWN.used() as digests:
+        with KNOWN.used() as checked:
             _check_unchanged(plan, identity, done, cache)
         _finish(plan, directory, identity, done, started)
-        write_value(directory.noted_inputs, digests)
+        write_value(directory.noted_inputs, {**digests, **checked})
         if mirror and not done.failures:
             Remote(f"{mirror.address}/{UNFINISHED}").remove_all()
     for line in cache_lines(done.account.rows()):

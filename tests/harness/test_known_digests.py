@@ -11,7 +11,6 @@ import pytest
 
 from harness import files
 from harness.known_digests import SETTLED_NS, KnownDigests
-from harness.run.directory import RunDirectory
 
 Parts = list[tuple[str, Path]]
 
@@ -123,22 +122,13 @@ def test_a_large_file_is_not_read_again(
     assert files.file_digest(path) == "read"
 
 
-def test_another_process_takes_what_was_used(tmp_path: Path, parts: Parts, later: Callable[..., None]) -> None:
+def test_another_process_takes_what_was_used(parts: Parts, later: Callable[..., None]) -> None:
     later(10)
-    known, directory = KnownDigests(), RunDirectory(tmp_path / "run")
+    known = KnownDigests()
     known.of(parts[:1], lambda: "before")
     with known.used() as used:
         known.of(parts, lambda: "digest")
-    directory.write_digests(used)
     other = KnownDigests()
-    other.add(directory.read_digests())
+    other.add(used)
     assert other.of(parts, lambda: "read") == "digest"
     assert other.of(parts[:1], lambda: "read") == "read"
-
-
-@pytest.mark.parametrize("damage", [b"", b"[1]", b"{", b"\xff", b'{"a": ' * 100_000])
-def test_damaged_digests_are_left_out(tmp_path: Path, damage: bytes) -> None:
-    directory = RunDirectory(tmp_path)
-    directory.digests.parent.mkdir()
-    directory.digests.write_bytes(damage)
-    assert directory.read_digests() == {}

@@ -203,6 +203,6 @@ def test_a_frame_that_cannot_be_read_leaves_no_table(tmp_path: Path, monkeypatch
         run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
     assert "\n" not in str(caught.value)
     left = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert left == ["manifest.json", "partial"]
+    assert left == ["manifest.json", "partial", "score_cache"]
     with pytest.raises(VfoaError, match="this run is not finished"):
         rescore(RunDirectory(tmp_path / "out"))
