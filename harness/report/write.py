@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from harness.files import write_together
-from harness.record.verdict_layer import write_verdict_layers
 from harness.report.behaviour import behaviour_csv
 from harness.report.comparisons import (
     ablation_csv,
@@ -140,14 +139,17 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     VfoaError
         If the run is not finished, no configuration ran on every clip, or a clip's manifest or labels cannot be read.
     """
-    run = FinishedRun.read(directory)
-    reference = run.reference(annotator, compare_content=True)
     with _collector_paused():
+        run = FinishedRun.read(directory)
+        reference = run.reference(annotator, compare_content=True)
         kept = KeptParts(run, reference, probabilistic(run.manifest))
         scores = write_scores(directory.results, kept.logs(), run.manifest, kept.times())
-    # last: a damaged run is refused before anything is written
-    write_verdict_layers(directory, reference.labels, kept.blocks)
-    run.note_labels(annotator)
+        # last: a damaged run is refused before anything is written
+        if any(directory.path.glob("*.rrd")):
+            from harness.record.verdict_layer import write_verdict_layers  # imports Rerun
+
+            write_verdict_layers(directory, reference.labels, kept.blocks)
+        run.note_labels(annotator)
     return scores
 
 

@@ -7,11 +7,13 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from harness.stages.configuration import Configuration
-from harness.stages.slots import StageChoice
 from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    from harness.stages.configuration import Configuration
+    from harness.stages.slots import StageChoice
 
 PRESET = "preset"
 """The only key of a configuration, beside its name, that is not in a table."""

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import sparse
 
 from harness.score.intervals import LEAST_CLIPS
 from harness.score.scored_frames import ScoredFrames
@@ -120,6 +119,8 @@ def _fit(
         from statsmodels.genmod.bayes_mixed_glm import BinomialBayesMixedGLM
     except ImportError:
         raise VfoaError('compare --model: needs statsmodels: pip install "vfoa[model]"') from None
+    from scipy import sparse  # not at the top: `vfoa score` imports this module, and never fits a model
+
     n, places = len(right), np.arange(len(right))
     design = sparse.hstack([sparse.csr_matrix((np.ones(n), (places, codes))) for codes in effects]).tocsr()
     kinds = np.concatenate([np.full(codes.max() + 1, kind) for kind, codes in enumerate(effects)])
