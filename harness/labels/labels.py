@@ -95,8 +95,9 @@ class Labels:
 
     def labelled(self, frames: Iterable[int]) -> Iterator[tuple[int, str, Label]]:
         """Every (frame, subject, label) among these frames, in their order, subjects sorted."""
+        subjects = self.subjects
         for frame in frames:
-            for subject in self.subjects:
+            for subject in subjects:
                 if (label := self.at(frame, subject)) is not None:
                     yield frame, subject, label
 

@@ -6,6 +6,7 @@ It is made from a run's results and the labels only, so that each scoring can re
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
+from functools import lru_cache
 
 import numpy as np
 import rerun as rr
@@ -215,6 +216,7 @@ def _numbers(value: AttentionRecord) -> str:
     return f"{value.total:.2f} ({gaze}, {head})"
 
 
+@lru_cache(maxsize=1024)
 def _cell(text: str) -> str:
     """A name in a Markdown table: characters that would end the cell or start a format are escaped."""
     return "".join(f"\\{sign}" if sign in "\\|*_`<[#" else sign for sign in text.replace("\n", " "))

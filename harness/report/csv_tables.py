@@ -121,7 +121,7 @@ class FrameRows:
         for key, subject, lines in self._rows:
             # removed when used: if tracks share a name, the first is the one that was judged
             end = _judgement(judged.pop((*key, subject), None) if subject is not None else None)
-            text.extend(f"{line}{end}" for line in lines)
+            text += (end.join(lines), end) if lines else ()
         for verdict in judged.values():
             start = _start(verdict.clip, verdict.configuration, verdict.frame, time="")
             text.append(f"{start}{_cell(verdict.subject)},,,,,,,,,{_judgement(verdict)}")

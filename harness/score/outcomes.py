@@ -84,6 +84,10 @@ class _Clip:
             self._by_frame[frame] = {subject: label for _, subject, label in found}
         return self._by_frame[frame]
 
+    def wanted_labels(self) -> list[tuple[int, str, Label]]:
+        """Every frame, subject and label of the wanted frames."""
+        return list(self.labels.labelled(self.wanted)) if self.labels else []
+
     def positions(self) -> dict[int, int]:
         """The place of every frame in the clip."""
         return {frame: place for place, frame in enumerate(sorted({*self.wanted, *self.times_ns}))}
@@ -137,8 +141,9 @@ class OutcomeLog:
         In order of clip, configuration (both as they first appear in the records) and subject (by name).
         """
         clips = self._clips
+        labels = {name: clip.wanted_labels() for name, clip in clips.items()}
         for (name, configuration), by_subject in self._tracks.items():
-            _judge_absent_frames(name, configuration, clips[name], by_subject)
+            _judge_absent_frames(name, configuration, labels[name], by_subject)
         codes: dict[str, int] = {}
         places = {name: clip.positions() for name, clip in clips.items()}
         rates = {name: clip.frames_per_second() for name, clip in clips.items()}
@@ -183,13 +188,14 @@ def _as_said(verdict: Verdict) -> Verdict:
     return replace(verdict, predicted=NOWHERE, error_type=error_type)
 
 
-def _judge_absent_frames(clip: str, configuration: str, known: _Clip, by_subject: dict[str, Judged]) -> None:
-    for frame in known.wanted:
-        for subject, label in known.labels_in(frame).items():
-            judged = by_subject.setdefault(subject, {})
-            if frame not in judged:
-                verdict = judge_absent(clip, configuration, frame, subject, label)
-                judged[frame] = Judgement(verdict, NO_HITS, label.is_blocked)
+def _judge_absent_frames(
+    clip: str, configuration: str, wanted: Iterable[tuple[int, str, Label]], by_subject: dict[str, Judged]
+) -> None:
+    for frame, subject, label in wanted:
+        judged = by_subject.setdefault(subject, {})
+        if frame not in judged:
+            verdict = judge_absent(clip, configuration, frame, subject, label)
+            judged[frame] = Judgement(verdict, NO_HITS, label.is_blocked)
 
 
 def _outcomes(

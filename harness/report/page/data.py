@@ -19,6 +19,8 @@ from harness.score.verdicts import ERROR_TYPES, Verdict, answered
 STATES = ("correct", "unscored", *ERROR_TYPES)
 """States of a frame of a timeline; the data holds the place in this list, -1 if there is no frame."""
 
+_STATE_CODES = {state: code for code, state in enumerate(STATES)}
+
 LETTERS = {
     "correct": "",
     "unscored": "·",
@@ -161,7 +163,7 @@ def _clip_data(
             for each in verdicts:
                 i = place[each.frame]
                 truth[i] = names.code(each.truth)
-                states[i] = STATES.index(each.error_type or each.outcome)
+                states[i] = _STATE_CODES[each.error_type or each.outcome]
                 predicted[i] = names.code(each.predicted)
                 answers[i] = -1 if each.outcome == "unscored" else names.code(answered(each))
             track = attention.track(clip, configuration, subject)

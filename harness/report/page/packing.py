@@ -11,8 +11,10 @@ import json
 import re
 import zlib
 from collections.abc import Iterable
-from itertools import groupby, pairwise
+from itertools import pairwise
 from pathlib import Path
+
+import numpy as np
 
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
 _EXPORT = re.compile(r"^export ((?:async )?(?:const|function) (\w+))", re.MULTILINE)
@@ -33,7 +35,10 @@ def pack_json(value: object) -> str:
 
 def runs(values: Iterable[int]) -> list[int]:
     """Run-length code: each value and its number of repetitions, ``[value, count, value, count, ...]``."""
-    return [number for value, same in groupby(values) for number in (value, sum(1 for _ in same))]
+    array = np.fromiter(values, dtype=np.int64)
+    begins = np.flatnonzero(np.diff(array, prepend=array[:1] - 1))
+    lengths = np.diff(begins, append=len(array))
+    return np.stack([array[begins], lengths], axis=1).ravel().tolist()
 
 
 def steps(numbers: Iterable[int]) -> list[int]:

@@ -12,7 +12,9 @@ then made without a clip or a model::
 from __future__ import annotations
 
 import base64
+import os
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -58,7 +60,11 @@ class Thumbnail:
 
 def picture_path(run: Path, clip: str, frame: int) -> Path:
     """The file of a frame's picture."""
-    return run / FOLDER / clip / f"{frame}.webp"
+    return run / FOLDER / clip / _picture_name(frame)
+
+
+def _picture_name(frame: int) -> str:
+    return f"{frame}.webp"
 
 
 def lines_path(run: Path, clip: str, configuration: str) -> Path:
@@ -115,10 +121,18 @@ def _lines(path: Path, frames: Mapping[int, None]) -> dict[int, bytes]:
     if path.is_file():
         with path.open("rb") as file:
             for line in file:
-                number = _decode(_Numbered, line, path).frame
-                if number in frames:
+                if (number := _number(line, path)) in frames:
                     found[number] = line
     return found
+
+
+_START = b'{"frame":'
+
+
+def _number(line: bytes, path: Path) -> int:
+    """The frame of a line: the digits at its beginning, as the writer puts them there, or else by decoding it."""
+    digits = line[len(_START) : line.find(b",")] if line.startswith(_START) else b""
+    return int(digits) if digits.isdigit() else _decode(_Numbered, line, path).frame
 
 
 def _sizes(run: Path, lines: Mapping[_Place, Mapping[int, bytes]]) -> dict[_Frame, int]:
@@ -128,11 +142,14 @@ def _sizes(run: Path, lines: Mapping[_Place, Mapping[int, bytes]]) -> dict[_Fram
         for frame, line in found.items():
             sizes[clip, frame] = sizes.get((clip, frame), 0) + len(line)
     weighed = {}
-    clips = list(dict.fromkeys(clip for clip, _ in lines))
-    for clip, frame in sorted(sizes, key=lambda each: (clips.index(each[0]), each[1])):
-        path = picture_path(run, clip, frame)
-        if path.is_file():
-            weighed[clip, frame] = sizes[clip, frame] + 4 * path.stat().st_size // 3
+    for clip in dict.fromkeys(clip for clip, _ in lines):
+        folder = str(
+            picture_path(run, clip, 0).parent
+        )  # as text: a path object for each picture costs more than its size
+        for frame in sorted(frame for of, frame in sizes if of == clip):
+            with suppress(OSError):  # no picture
+                size = os.stat(f"{folder}/{_picture_name(frame)}").st_size
+                weighed[clip, frame] = sizes[clip, frame] + 4 * size // 3
     return weighed
 
 

@@ -6,6 +6,8 @@ import json
 import os
 import random
 import shutil
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -175,3 +177,20 @@ def test_parts_of_older_labels_are_removed(run: RunDirectory) -> None:
         scoring._write_labels(run.path.parent, FRAMES, 2, len(target))
         rescore(run)
     assert len(list(run.score_cache.glob("*.part"))) == CONFIGURATIONS * FRAMES // BLOCK
+
+
+def test_scoring_imports_what_it_needs_alone() -> None:
+    heavy = {
+        "rerun",
+        "pandas",
+        "pyarrow",
+        "cv2",
+        "scipy",
+        "onnxruntime",
+        "vfoa.pipeline",
+        "harness.stages.configuration",
+    }
+    code = "import sys, harness.report.write; print(*sys.modules)"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.split()
+    assert "harness.report.record_logs" in found
+    assert heavy.isdisjoint(found)
