@@ -11,7 +11,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -112,8 +113,7 @@ class Mirror:
         files = {name: info for name, info in self._remote.files().items() if not is_hidden(name)}
         found = {name: _version(info) for name, info in files.items()}
         have = self._read_index()
-        for name in have.keys() - found.keys():
-            (self.folder / name).unlink(missing_ok=True)
+        self._remove(have.keys() - found.keys())
         kept = {name for name in found if name in have and have[name][0] == found[name]}
         kept = {name for name in kept if (self.folder / name).is_file()}
         self._remote.fetch({name: info["name"] for name, info in files.items() if name not in kept}, self.folder)
@@ -138,6 +138,14 @@ class Mirror:
             versions = {name: _version(info) for name, info in self._remote.files().items()}
             same = {name: each for name, each in have.items() if name in here}
             self._write_index(same | {name: [versions[name], stamps[name]] for name in changed if name in versions})
+
+    def _remove(self, names: Iterable[str]) -> None:
+        """Remove files here, and the folders that are empty then: object storage has no folders without files."""
+        for path in (self.folder / name for name in names):
+            path.unlink(missing_ok=True)
+            with suppress(OSError):  # not empty, or not there
+                for folder in path.parents[: len(path.relative_to(self.folder).parts) - 1]:
+                    folder.rmdir()
 
     def _read_index(self) -> dict[str, list[Any]]:
         """For each file that was the same in both places: its version on the storage, and its stamp here."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import platform
 import shutil
 import tempfile
 import time
@@ -31,8 +32,9 @@ def run_elsewhere(address: str, job: ClipJob, progress: Progress) -> ClipOutcome
     Raises
     ------
     VfoaError
-        If they cannot be written there.
+        If the run is not at the address as this machine sees it, or the files cannot be written there.
     """
+    _check_same_storage(address)
     folder = cache_root() / "jobs"
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     _remove_left(folder)
@@ -57,6 +59,22 @@ def run_elsewhere(address: str, job: ClipJob, progress: Progress) -> ClipOutcome
         Remote(address).upload(names, Path(scratch))
         checkpoint.remove()
     return outcome
+
+
+def _check_same_storage(address: str) -> None:
+    """Check that the address is the run's, and not one of the same name on another server.
+
+    Raises
+    ------
+    VfoaError
+        If the run's manifest is not there.
+    """
+    name = RunDirectory(Path()).manifest.name
+    if not Remote(address).has(name):
+        raise VfoaError(
+            f"{address}: no {name} of the run, as seen by the worker on {platform.node()}; expected the storage of the "
+            "machine that started the run: give the worker the same AWS_ENDPOINT_URL and keys"
+        )
 
 
 def _remove_left(folder: Path) -> None:

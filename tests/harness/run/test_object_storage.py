@@ -24,7 +24,9 @@ from harness.remote import Remote
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run import checkpoint, remote_checkpoint
+from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
+from harness.run.elsewhere import run_elsewhere
 from harness.run.executors import cluster
 from harness.run.executors.cluster import Cluster, connect, local_cluster
 from harness.run.experiment import load_experiment
@@ -245,6 +247,19 @@ def test_a_cache_that_workers_cannot_see_is_refused(experiment: Path, bucket: st
     assert "expected --cache on object storage, too, or --no-cache" in str(done.exception)
 
 
+def test_a_worker_that_sees_another_storage_of_the_same_name_refuses_its_job(
+    experiment: Path, bucket: str, tmp_path: Path
+) -> None:
+    one = prepare(load_experiment(str(experiment))).clips[0]
+    job = ClipJob(
+        manifest=one.manifest, frames=one.frames, labels=None, configurations=(), directory=RunDirectory(tmp_path)
+    )
+    with pytest.raises(
+        VfoaError, match=r"^s3://vfoa/runs/nowhere: no manifest\.json of the run, as seen by the worker"
+    ):
+        run_elsewhere(f"{bucket}/runs/nowhere", job, print)
+
+
 def test_a_second_run_at_an_address_is_refused(experiment: Path, bucket: str) -> None:
     address = f"{bucket}/runs/busy"
     with leased(address, print):
@@ -290,4 +305,7 @@ def test_what_a_run_removes_or_changes_here_is_removed_or_changed_there(bucket: 
     assert (folder / "new.txt").read_text() == "of a worker"
     assert not Remote(mirror.address).has("gone.txt")
     assert Remote(mirror.address).read("changed.txt") == b"longer than before"
-    assert RunDirectory(folder).path.name == "files"
+    Remote(mirror.address).remove_all()
+    mirror.pull()
+    assert list(folder.iterdir()) == [folder / ".lock"]  # so that another run can begin there
+    assert RunDirectory(folder).is_new()
