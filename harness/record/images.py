@@ -126,12 +126,12 @@ def log_masks(
         log.keep(path, lambda: class_context(known), key=tuple(known))
         log.log(path, rr.SegmentationImage(class_of_id[instances.ids], opacity=_OPACITY))
     else:
-        picture = _painted(class_of_id[instances.ids[::2, ::2]], instances.ids.shape, list(known.values()))
+        picture = painted(class_of_id[instances.ids[::2, ::2]], instances.ids.shape, list(known.values()))
         log.row(path, rr.EncodedImage, blob=[picture], media_type=["image/png"], opacity=[_OPACITY], draw_order=[0])
 
 
-def _painted(classes: NDArray[np.uint16], shape: tuple[int, int], colours: Sequence[Colour]) -> bytes:
-    """A PNG with a palette, of twice the size of ``classes``: 0 is transparent, k has the colour before ``k``."""
+def painted(classes: NDArray[np.uint16], shape: tuple[int, int], colours: Sequence[Colour]) -> bytes:
+    """A PNG of this shape from every second row and column of its classes: 0 is transparent, k has colour ``k - 1``."""
     from PIL import Image as Picture
 
     height, width = shape

@@ -291,3 +291,19 @@ def test_a_watching_viewer_gets_the_rows_of_each_frame_at_its_end(at_once, tmp_p
     log.end()
     stream.disconnect()
     assert read_back(tmp_path / "test.rrd").at("/curve", "Scalars:scalars") == ({1: [0.5]} if at_once else {})
+
+
+def test_rows_of_an_entity_may_have_different_fields_and_numbers_of_instances(tmp_path, read_back):
+    stream = rr.RecordingStream("test", recording_id="test")
+    stream.save(tmp_path / "test.rrd")
+    log = FrameLog(stream)
+    clouds = [np.ones((1, 3)), np.zeros((0, 3)), np.full((3, 3), 2.0)]
+    for frame, positions in enumerate(clouds):
+        log.begin(frame, 0)
+        log.row("/cloud", rr.Points3D, positions=positions, **({"class_ids": [4]} if frame == 2 else {}))
+        log.end()
+    log.send()
+    stream.disconnect()
+    columns = read_back(tmp_path / "test.rrd")
+    assert columns.at("/cloud", "Points3D:positions") == {frame: cloud.tolist() for frame, cloud in enumerate(clouds)}
+    assert columns.at("/cloud", "Points3D:class_ids") == {2: [4]}
