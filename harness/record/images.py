@@ -212,7 +212,8 @@ class VideoEncoder:
         odd = image.shape[0] % 2, image.shape[1] % 2
         if any(odd):  # the codec takes even sizes only
             image = np.pad(image, ((0, odd[0]), (0, odd[1]), (0, 0)), mode="edge")
-        frame = av.VideoFrame.from_numpy_buffer(np.ascontiguousarray(image), format="rgb24")
+        # a copy, because the encoder reads some bytes past the end of an image
+        frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
         frame.pts = self._count
         self._count += 1
         yield from self._packets(frame)
