@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from typing import Annotated
 
 import typer
@@ -26,5 +27,6 @@ def score(
 
     folder = run_folder(run)
     scores = rescore(RunDirectory(folder), annotator)
+    gc.freeze()  # the verdicts of all frames live to the end: without this, the collector visits them once more at exit
     publish(folder)
     print_scores(scores)
