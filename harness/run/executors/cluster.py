@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import logging
-import os
 import re
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from uuid import uuid4
 
-from harness.cache_folder import VARIABLE as CACHE_VARIABLE
 from harness.code_digest import code_digest
-from harness.mirror import bring_models, forget_copies
-from harness.run.executors.contract import GIVEN_UP, Job, Lost, Outcome, Progress, StoppedError, Work, compute_with
+from harness.run.executors.contract import GIVEN_UP, Job, Lost, Outcome, Progress, Work
+from harness.run.executors.worker import COUNTS, TOPIC, Surroundings, note_stopped, on_worker
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
     from distributed import Client, Future
 
-TOPIC = "vfoa"
-_COUNTS = "counts"
-"""The key of the counts in an event, to which Dask adds keys of its own."""
 _ADDRESS = re.compile(r"[a-z]+://.+:\d+")
 PATIENCE_SECONDS = 30
-TOLD_EVERY_SECONDS = 0.2
 
 
 @contextmanager
@@ -121,14 +114,14 @@ class Cluster:
         from distributed.comm import CommClosedError
 
         def heard(event: tuple[float, dict[str, dict[str, int]]]) -> None:
-            for word, count in event[1][_COUNTS].items():
+            for word, count in event[1][COUNTS].items():
                 for _ in range(count):
                     progress(word)
 
         self._client.subscribe_topic(TOPIC, heard)
         here = Surroundings()
         run = uuid4().hex
-        submit = partial(self._client.submit, _on_worker, here, self._code, self._sees, run, work, pure=False)
+        submit = partial(self._client.submit, on_worker, here, self._code, self._sees, run, work, pure=False)
         futures = [submit(job) for job in jobs]
         try:
             for job, future in zip(jobs, futures, strict=True):
@@ -152,110 +145,6 @@ def _end(client: Client, futures: Sequence[Future], run: str) -> None:
     """Stop the running jobs and wait for them: another run may begin at once with the same files."""
     deadline = time.monotonic() + PATIENCE_SECONDS
     while (running := [each for each in futures if not each.done()]) and time.monotonic() < deadline:
-        client.run(_note_stopped, run, on_error="ignore")  # repeatedly: a worker may have joined meanwhile
+        client.run(note_stopped, run, on_error="ignore")  # repeatedly: a worker may have joined meanwhile
         with suppress(TimeoutError):
             running[0].exception(timeout=1)
-
-
-_stopped: set[str] = set()
-"""In a worker: the runs whose jobs must stop."""
-
-
-def _note_stopped(run: str) -> None:
-    _stopped.add(run)
-
-
-_OWN_CACHE, _OWN_FOLDER = os.environ.get(CACHE_VARIABLE), Path.cwd()
-"""In a worker: the value of ``VFOA_CACHE`` and the folder that it was started with."""
-
-
-@dataclass(frozen=True, slots=True)
-class Surroundings:
-    """The folder and the environment variables that paths and weights depend on."""
-
-    folder: str = field(default_factory=lambda: str(Path.cwd()))
-    variables: dict[str, str] = field(
-        default_factory=lambda: {name: value for name, value in os.environ.items() if name.startswith("VFOA_")}
-    )
-
-    def enter(self) -> None:
-        """Set the folder and the variables in this process, as far as this machine has them."""
-        os.chdir(self.folder if Path(self.folder).is_dir() else _OWN_FOLDER)
-        variables = self.variables | ({CACHE_VARIABLE: _OWN_CACHE} if _OWN_CACHE else {})
-        for name in [name for name in os.environ if name.startswith("VFOA_") and name not in variables]:
-            del os.environ[name]
-        os.environ.update(variables)
-
-
-_run = ""
-"""In a worker: the run of the job before."""
-
-
-def _on_worker(
-    here: Surroundings,
-    code: tuple[tuple[str, ...], str],
-    sees: Path | None,
-    run: str,
-    work: Callable[[Any, Progress], Any],
-    job: Any,
-) -> Any:
-    from distributed import get_worker
-
-    global _run
-    here.enter()
-    if run != _run:  # a clip may have changed since the last one
-        forget_copies()
-        _run = run
-    bring_models()
-    compute_with(1)
-    worker = get_worker()
-    modules, digest = code
-    if code_digest(modules) != digest:
-        raise VfoaError(f"{worker.address}: runs another version of vfoa; expected the same source as here")
-    if sees is not None and not _appears(sees):
-        raise VfoaError(
-            f"{worker.address}: sees no {sees}; expected the disk of the run's directory, or --out and --cache on "
-            "object storage (s3://bucket/runs/name)"
-        )
-    told = _Told(lambda words: worker.log_event(TOPIC, {_COUNTS: words}))
-
-    def progress(word: str) -> None:
-        told.add(word)
-        if run in _stopped:
-            raise StoppedError
-
-    if run in _stopped:
-        raise StoppedError
-    try:
-        return work(job, progress)
-    finally:
-        told.send()
-
-
-def _appears(path: Path) -> bool:
-    """Whether a file that was just written exists here: shared disks may show it after a delay."""
-    deadline = time.monotonic() + PATIENCE_SECONDS
-    while not path.exists():
-        if time.monotonic() > deadline:
-            return False
-        time.sleep(TOLD_EVERY_SECONDS)
-    return True
-
-
-class _Told:
-    """Counts progress words and sends them in batches: a message costs as much as a small frame."""
-
-    def __init__(self, send: Callable[[dict[str, int]], object]) -> None:
-        self._send, self._counts, self._sent_s = send, dict[str, int](), time.monotonic()
-
-    def add(self, word: str) -> None:
-        """Count a word."""
-        self._counts[word] = self._counts.get(word, 0) + 1
-        if time.monotonic() - self._sent_s >= TOLD_EVERY_SECONDS:
-            self.send()
-
-    def send(self) -> None:
-        """Send the counts since the last call."""
-        if self._counts:
-            self._send(self._counts)
-        self._counts, self._sent_s = {}, time.monotonic()

@@ -196,6 +196,16 @@ def test_a_worker_of_a_cluster_that_dies_is_replaced(scheduler: str, tmp_path: P
         assert list(cluster.run(_die_once, jobs, lambda word: None, _give_up)) == ["a done", "b done"]
 
 
+def _refuse(number: int, progress: Callable[[str], None]) -> tuple[int, int]:
+    raise VfoaError("s3://bucket: cannot be read")
+
+
+def test_an_error_of_a_worker_names_the_worker(scheduler: str) -> None:
+    with executor(1, scheduler) as cluster:  # noqa: SIM117
+        with pytest.raises(VfoaError, match=r"^tcp://[0-9.:]+: s3://bucket: cannot be read$"):
+            list(cluster.run(_refuse, [1], lambda word: None, _no_number))
+
+
 def _endless(marker: Path, progress: Callable[[str], None]) -> str:
     """Goes on until it is stopped, and says so; a job called "short" is done at once."""
     if marker.name == "short":

@@ -27,7 +27,7 @@ from harness.run import checkpoint, remote_checkpoint
 from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
 from harness.run.elsewhere import run_elsewhere
-from harness.run.executors import cluster
+from harness.run.executors import worker
 from harness.run.executors.cluster import Cluster, connect, local_cluster
 from harness.run.experiment import load_experiment
 from harness.run.lease import leased
@@ -192,7 +192,7 @@ def test_workers_share_a_clip_through_the_cache_and_its_run_is_scored_and_contin
 
 def test_a_worker_that_does_not_see_the_directory_says_what_to_do(workers: Workers, tmp_path: Path) -> None:
     with connect(workers.scheduler) as client:
-        client.run(setattr, cluster, "PATIENCE_SECONDS", 0)
+        client.run(setattr, worker, "PATIENCE_SECONDS", 0)
         work = Cluster(client, (), tmp_path / "run" / "manifest.json").run(len, ["a"], print, _lost)
         with pytest.raises(VfoaError, match=r"tcp://.*: sees no .*manifest\.json; expected the disk .* or --out and"):
             list(work)
