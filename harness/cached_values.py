@@ -54,7 +54,7 @@ def write_value(path: Path, value: object) -> None:
 def settled_look(path: Path) -> str | None:
     """The look of a file before it is read; None if it is missing, or has changed too recently to be known by it."""
     began_ns = time.time_ns()
-    look = look_at([("file", path)])
+    look = look_at([("file", str(path))])
     return look.digest if look and look.newest_ns <= began_ns - SETTLED_NS else None
 
 

@@ -198,7 +198,7 @@ def file_digest(path: Path) -> str:
                 return hashlib.sha256(file.read()).hexdigest()
     except (OSError, ValueError) as error:
         raise unreadable(path, error) from None
-    return KNOWN.of([("large", path)], partial(_digest_of_large, path))
+    return KNOWN.of([("large", os.fspath(path))], partial(_digest_of_large, path))
 
 
 def _digest_of_large(path: Path) -> str:
@@ -214,12 +214,12 @@ def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
 
     The files are not read again while they look the same (:mod:`harness.known_digests`).
     """
-    files = list(parts)
+    files = [(role, os.fspath(path)) for role, path in parts]  # text takes a third of the memory of paths
     return KNOWN.of(files, partial(_digest_of_all, files))
 
 
-def _digest_of_all(parts: Sequence[tuple[str, Path]]) -> str:
+def _digest_of_all(parts: Sequence[tuple[str, str]]) -> str:
     total = hashlib.sha256()
     for role, path in parts:
-        total.update(f"{role}\0{file_digest(path)}\n".encode())
+        total.update(f"{role}\0{file_digest(Path(path))}\n".encode())
     return total.hexdigest()

@@ -15,7 +15,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 
 SETTLED_NS = 3 * 10**9
 """Age of the last change, ns, from which on a file counts as left alone: the coarsest clock (FAT) ticks every 2 s."""
@@ -29,7 +28,7 @@ class Look:
     newest_ns: int
 
 
-def look_at(parts: Sequence[tuple[str, Path]]) -> Look | None:
+def look_at(parts: Sequence[tuple[str, str]]) -> Look | None:
     """The look of (role, file) pairs in order; None if one of them is missing."""
     total, newest_ns = hashlib.blake2b(digest_size=20), 0
     try:
@@ -50,7 +49,7 @@ class KnownDigests:
         self._by_look: dict[str, str] = {}
         self._used: dict[str, str] = {}
 
-    def of(self, parts: Sequence[tuple[str, Path]], read: Callable[[], str]) -> str:
+    def of(self, parts: Sequence[tuple[str, str]], read: Callable[[], str]) -> str:
         """The digest of (role, file) pairs: a known one, else that of ``read``, which reads the files."""
         began_ns = time.time_ns()
         look = look_at(parts)

@@ -125,10 +125,11 @@ def test_a_large_file_is_not_read_again(
 def test_another_process_takes_what_was_used(parts: Parts, later: Callable[..., None]) -> None:
     later(10)
     known = KnownDigests()
-    known.of(parts[:1], lambda: "before")
+    both = [(role, str(path)) for role, path in parts]
+    known.of(both[:1], lambda: "before")
     with known.used() as used:
-        known.of(parts, lambda: "digest")
+        known.of(both, lambda: "digest")
     other = KnownDigests()
     other.add(used)
-    assert other.of(parts, lambda: "read") == "digest"
-    assert other.of(parts[:1], lambda: "read") == "read"
+    assert other.of(both, lambda: "read") == "digest"
+    assert other.of(both[:1], lambda: "read") == "read"
