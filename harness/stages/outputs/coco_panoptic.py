@@ -61,17 +61,9 @@ class CocoPanoptic:
     def __init__(self, settings: CocoPanopticSettings, clip: Clip) -> None:
         root = expand(settings.root, Path.cwd(), "segmentation.root")
         self._json, self._png = root / settings.annotations, root / settings.masks
-        file = _read(self._json, file_digest(self._json))
-        self._categories = _by_key(file.categories, "id", f"{self._json}: categories")
-        self._stuff = _named_stuff(settings.stuff, file, self._json)
-        by_name = _by_key(file.annotations, "file_name", f"{self._json}: annotations")
-        for annotation in file.annotations:
-            _by_key(annotation.segments_info, "id", f"{self._json}: {annotation.file_name}: segments_info")
-        numbers = number_names(by_name, f"{self._json}: annotations") if by_name else {}
-        self._annotations = {number: by_name[name] for number, name in numbers.items()}
-        every_id = (segment.id for annotation in file.annotations for segment in annotation.segments_info)
-        self._small = small_ids(every_id, str(self._json))
-        missing = [number for number in clip.frames if number not in self._annotations]
+        self._masks = _read(self._json, file_digest(self._json))
+        self._stuff = _named_stuff(settings.stuff, self._masks.categories.values(), self._json)
+        missing = [number for number in clip.frames if number not in self._masks.files]
         if missing and not settings.partial:
             raise VfoaError(f"{self._json}: no annotation for frame {missing[0]} ({len(missing)} frames are missing)")
 
@@ -83,25 +75,25 @@ class CocoPanoptic:
         VfoaError
             If the frame has none, its size is not the image's, or it holds ids that are not in the JSON.
         """
-        if frame.index not in self._annotations:
+        if frame.index not in self._masks.files:
             raise VfoaError(f"{self._json}: no annotation for frame {frame.index}")
-        annotation = self._annotations[frame.index]
-        path = self._png / annotation.file_name
+        path = self._png / self._masks.files[frame.index]
+        segments = self._masks.segments(frame.index)
         ids = _read_ids(path)
         if ids.shape != frame.left.shape[:2]:
             raise VfoaError(
                 f"{path}: the masks are {_size(ids.shape)} pixels, the left image {_size(frame.left.shape)}"
             )
         drawn = set(present_ids(ids).tolist()) - {0}
-        if unknown := drawn - {segment.id for segment in annotation.segments_info}:
+        if unknown := drawn - {segment.id for segment in segments}:
             raise VfoaError(f"{path}: holds segment {min(unknown)}, which is not in {self._json.name}'s segments_info")
-        kept = [segment for segment in annotation.segments_info if segment.id in drawn and self._is_wanted(segment)]
-        small = {segment.id: self._small[segment.id] for segment in kept}
+        kept = [segment for segment in segments if segment.id in drawn and self._is_wanted(segment)]
+        small = {segment.id: self._masks.small[segment.id] for segment in kept}
         return Instances(ids=relabel(ids, small), instances=tuple(self._instance(segment) for segment in kept))
 
     def digest(self) -> str:
         """Hexadecimal sha256 of the JSON and every PNG that it names."""
-        maps = [(str(n), self._png / each.file_name) for n, each in self._annotations.items()]
+        maps = [(str(number), self._png / name) for number, name in self._masks.files.items()]
         try:
             return digest_files([("json", self._json), *maps])
         except VfoaError:
@@ -110,18 +102,18 @@ class CocoPanoptic:
             raise
 
     def _is_wanted(self, segment: _Segment) -> bool:
-        if segment.category_id not in self._categories:
+        if segment.category_id not in self._masks.categories:
             raise VfoaError(
                 f"{self._json}: segment {segment.id} has category_id {segment.category_id}; "
-                f"expected one of the categories' ids: {sorted(self._categories)}"
+                f"expected one of the categories' ids: {sorted(self._masks.categories)}"
             )
-        category = self._categories[segment.category_id]
+        category = self._masks.categories[segment.category_id]
         return not segment.iscrowd and (bool(category.isthing) or category.name in self._stuff)
 
     def _instance(self, segment: _Segment) -> Instance:
-        category = self._categories[segment.category_id]
+        category = self._masks.categories[segment.category_id]
         return Instance(
-            id=self._small[segment.id],
+            id=self._masks.small[segment.id],
             label=category.name,
             category_id=category.id,
             is_thing=bool(category.isthing),
@@ -132,7 +124,7 @@ class CocoPanoptic:
 
 class _Segment(Struct, gc=False):
     id: Annotated[int, Meta(ge=0, lt=1 << 24)]
-    category_id: int
+    category_id: Annotated[int, Meta(ge=-(1 << 63), le=(1 << 63) - 1)]
     iscrowd: int | bool = 0
     score: float = 1.0
     name: str | None = None
@@ -163,10 +155,45 @@ class _PanopticFile(Struct):
     categories: list[_Category]
 
 
+_PACKED = np.dtype([("id", np.uint32), ("category_id", np.int64), ("iscrowd", np.bool_), ("score", np.float64)])
+
+
+class _Masks:
+    """The content of a file: the categories by id, the names of the PNG files by frame, and the segments.
+
+    ``small`` are the 16-bit ids. Segments are packed: an hour of four objects has 360,000 of them.
+    """
+
+    def __init__(self, file: _PanopticFile, path: Path) -> None:
+        self.categories: dict[int, _Category] = _by_key(file.categories, "id", f"{path}: categories")
+        by_name = _by_key(file.annotations, "file_name", f"{path}: annotations")
+        for each in file.annotations:
+            _by_key(each.segments_info, "id", f"{path}: {each.file_name}: segments_info")
+        self.files = number_names(by_name, f"{path}: annotations") if by_name else {}
+        in_order = [by_name[name].segments_info for name in self.files.values()]
+        every = [segment for segments in in_order for segment in segments]
+        self.small = small_ids((segment.id for segment in every), str(path))
+        self._numbers = np.array([*self.files], dtype=np.int64)
+        self._begins = np.cumsum([0, *map(len, in_order)])
+        self._packed = np.fromiter(
+            ((each.id, each.category_id, bool(each.iscrowd), each.score) for each in every), _PACKED, len(every)
+        )
+        self._names = {place: each.name for place, each in enumerate(every) if each.name is not None}
+
+    def segments(self, frame: int) -> list[_Segment]:
+        """The segments of a frame, in the file's order."""
+        place = int(np.searchsorted(self._numbers, frame))
+        begin, end = self._begins[place : place + 2].tolist()
+        return [
+            _Segment(id=id_, category_id=category, iscrowd=crowd, score=score, name=self._names.get(begin + offset))
+            for offset, (id_, category, crowd, score) in enumerate(self._packed[begin:end].tolist())
+        ]
+
+
 @lru_cache(maxsize=2)
-def _read(path: Path, digest: str) -> _PanopticFile:
+def _read(path: Path, digest: str) -> _Masks:
     """Read the file, once for a content: the stage reads it, and so does whoever describes the run."""
-    return parse_json_as(_PanopticFile, read_bytes(path), path)
+    return _Masks(parse_json_as(_PanopticFile, read_bytes(path), path), path)
 
 
 def _by_key(entries: Iterable[_Entry], key: str, where: str) -> dict[Any, _Entry]:
@@ -177,8 +204,10 @@ def _by_key(entries: Iterable[_Entry], key: str, where: str) -> dict[Any, _Entry
     return found
 
 
-def _named_stuff(stuff: Literal["all"] | tuple[str, ...], file: _PanopticFile, path: Path) -> frozenset[str]:
-    names = [category.name for category in file.categories if not category.isthing]
+def _named_stuff(
+    stuff: Literal["all"] | tuple[str, ...], categories: Iterable[_Category], path: Path
+) -> frozenset[str]:
+    names = [category.name for category in categories if not category.isthing]
     if stuff == "all":
         return frozenset(names)
     if unknown := next((name for name in stuff if name not in names), None):
