@@ -16,23 +16,27 @@ from harness.run.executors.contract import compute_with
 from harness.run.experiment import load_experiment
 from harness.stages.configuration import Configuration
 from harness.stages.prefetch import prefetch
-from harness.stages.slots import SLOTS
-from vfoa.onnx import Provider
+from harness.stages.slots import SLOTS, StageChoice
+from vfoa.errors import VfoaError
+from vfoa.onnx import Provider, RuntimeSettings
 from vfoa.pipeline import Memory, Stages, attend, perceive, reconstruct
 from vfoa.types import Disparity, Instances, Percepts, StereoFrame
+from vfoa.weights import check_located, weights_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """The name of a row and its content: a matcher under a preset, with the experiment's models or without any.
+    """The name of a row and its content: a matcher under a preset, with the default models of heads or without any.
 
-    ``changes`` are settings over those of the preset, as of ``vfoa run --set``.
+    ``changes`` are settings over those of the preset, as of ``vfoa run --set``. ``has_segmenter``: the experiment's
+    segmenter runs on the frames; otherwise their masks are in memory.
     """
 
     what: str
     matcher: str
     preset: str
     has_models: bool = False
+    has_segmenter: bool = False
     changes: tuple[str, ...] = ()
 
 
@@ -50,6 +54,21 @@ ROWS = (
     Row(what="SGBM, realtime", matcher="sgbm", preset="realtime"),
     Row(what="SGBM, realtime, with models", matcher="sgbm", preset="realtime", has_models=True),
 )
+
+_SEGMENTED = Row(
+    what="SGBM, realtime, with models and segmenter",
+    matcher="sgbm",
+    preset="realtime",
+    has_models=True,
+    has_segmenter=True,
+)
+SEGMENTER_ROWS = (
+    _SEGMENTED,
+    replace(_SEGMENTED, what=f"{_SEGMENTED.what} on every frame", changes=("segmentation.every=1",)),
+)
+"""Further rows, if the experiment's segmenter is a network."""
+
+_HEAD_SLOTS = ("heads", "head_pose", "gaze")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,31 +129,60 @@ def measure_speed(
     frames: Sequence[int],
     threads: int,
     *,
+    rows: Sequence[Row] = ROWS,
     provider: Provider = "cpu",
+    overrides: tuple[str, ...] = (),
     rounds: int = 3,
 ) -> list[Speed]:
     """Run the frames through matching, models, reconstruction and attention, with this many threads.
 
-    The configuration is the first one of the ``experiment``, with the changes of each row. Images and masks are read
-    before; the first frame is left out. All rows are measured in several rounds; each row's fastest round counts.
+    The ``rows`` are those of :func:`rows_at_hand`. Their configuration is the first one of the ``experiment`` with its
+    ``overrides`` (as of ``vfoa run --set``) and the changes of each row. Images and masks are read before; the first
+    frame is left out. All rows are measured in several rounds; each row's fastest round counts.
     """
     compute_with(threads)
-    configurations = [_configuration(experiment, manifest.name, row).on(provider) for row in ROWS]
+    configurations = [_configuration(experiment, manifest.name, row, overrides).on(provider) for row in rows]
     held = _hold(manifest, configurations[0], frames)
     measured = [
-        [_measure(row.what, manifest, each, held, threads) for row, each in zip(ROWS, configurations, strict=True)]
+        [_measure(row, manifest, each, held, threads) for row, each in zip(rows, configurations, strict=True)]
         for _ in range(rounds)
     ]
     return [max(same, key=lambda speed: speed.fps) for same in zip(*measured, strict=True)]
 
 
-def _configuration(experiment: str, clip: str, row: Row) -> Configuration:
-    overrides = (f"stereo.matcher={row.matcher}", *row.changes)
+def rows_at_hand(experiment: str, clip: str, overrides: tuple[str, ...] = ()) -> tuple[list[Row], list[str]]:
+    """The rows that can be measured, and a note if those with models are left out: one is not on this machine."""
+    rows = [*ROWS]
+    if _is_network(_configuration(experiment, clip, ROWS[0], overrides).choices["segmentation"]):
+        rows += SEGMENTER_ROWS
+    with_models = next(row for row in ROWS if row.has_models)
+    choices = _configuration(experiment, clip, with_models, overrides).choices
+    try:
+        check_located(name for slot in _HEAD_SLOTS if (each := choices[slot]) for name in weights_of(each.settings))
+    except VfoaError as error:
+        return [row for row in rows if not row.has_models], [f"Rows with models are left out: {error}"]
+    return rows, []
+
+
+def _is_network(choice: StageChoice | None) -> bool:
+    return choice is not None and isinstance(choice.settings, RuntimeSettings)
+
+
+def _configuration(experiment: str, clip: str, row: Row, given: tuple[str, ...]) -> Configuration:
+    """The experiment's first configuration with the heads, poses and gazes of the default models, or of none.
+
+    Its own may be the ground truth, whose rendering takes longer than any model.
+    """
+    overrides = (*given, f"stereo.matcher={row.matcher}", *row.changes)
     first = load_experiment(experiment, clips=(clip,), overrides=overrides, preset=row.preset).configurations[0]
-    if not row.has_models:
-        heads = SLOTS["heads"].parse({"detector": "person_mask"}, "bench")
-        first = replace(first, choices={**first.choices, "heads": heads, "head_pose": None, "gaze": None})
-    return first.for_clip(clip)
+    heads: dict[str, StageChoice | None]
+    if row.has_models:
+        (default,) = load_experiment("default", clips=(clip,), preset=row.preset).configurations
+        heads = {slot: default.choices[slot] for slot in _HEAD_SLOTS}
+    else:
+        person_mask = SLOTS["heads"].parse({"detector": "person_mask"}, "bench")
+        heads = {**dict.fromkeys(_HEAD_SLOTS), "heads": person_mask}
+    return replace(first, choices={**first.choices, **heads}).for_clip(clip)
 
 
 def _hold(manifest: ClipManifest, configuration: Configuration, frames: Sequence[int]) -> _Held:
@@ -147,16 +195,16 @@ def _hold(manifest: ClipManifest, configuration: Configuration, frames: Sequence
     return _Held(frames=read, instances=masks, truths=[clip.truth(number).disparity for number in frames])
 
 
-def _measure(what: str, manifest: ClipManifest, configuration: Configuration, held: _Held, threads: int) -> Speed:
+def _measure(row: Row, manifest: ClipManifest, configuration: Configuration, held: _Held, threads: int) -> Speed:
     clip = manifest.open_images()
     built: dict[str, Any] = {
-        slot: SLOTS[slot].build(choice, clip) if choice and slot != "segmentation" else None
+        slot: SLOTS[slot].build(choice, clip) if choice and (slot != "segmentation" or row.has_segmenter) else None
         for slot, choice in configuration.choices.items()
     }
     matcher = _TimedMatcher(built["stereo"])
     stages = Stages(
         matcher=matcher,
-        segmenter=held,
+        segmenter=built["segmentation"] or held,
         heads=built["heads"],
         head_pose=built["head_pose"],
         gaze=built["gaze"],
@@ -168,7 +216,7 @@ def _measure(what: str, manifest: ClipManifest, configuration: Configuration, he
     ms = matcher.milliseconds[1:]
     pairs = [(found, true) for found, true in zip(matcher.found, held.truths, strict=True) if true is not None]
     return Speed(
-        what=what,
+        what=row.what,
         match_ms=(float(np.median(ms)), float(np.percentile(ms, 95))),
         fps=fps,
         cpu_ms=cpu_ms,

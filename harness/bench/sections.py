@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 class Bench:
     """An experiment by name, the clip to measure, its frames, and the provider of networks.
 
-    ``limit`` is the requested number of frames, for a section that makes a clip of that length.
+    ``limit`` is the requested number of frames, for a section that makes a clip of that length. ``overrides`` are
+    changed settings, for a section that loads the experiment again.
     """
 
     name: str
@@ -28,6 +29,7 @@ class Bench:
     frames: tuple[int, ...]
     limit: int
     provider: Provider = "cpu"
+    overrides: tuple[str, ...] = ()
 
 
 def _stages(bench: Bench) -> list[Table]:
@@ -51,12 +53,15 @@ def _stereo(bench: Bench) -> list[Table]:
 
 
 def _realtime(bench: Bench) -> list[Table]:
-    from harness.bench.realtime import measure_speed
+    from harness.bench.realtime import measure_speed, rows_at_hand
     from harness.bench.tables import speed_table
 
     threads = os.cpu_count() or 1
-    speeds = measure_speed(bench.name, bench.manifest, bench.frames, threads, provider=bench.provider)
-    return [speed_table(bench.manifest.name, threads, speeds)]
+    rows, notes = rows_at_hand(bench.name, bench.manifest.name, bench.overrides)
+    speeds = measure_speed(
+        bench.name, bench.manifest, bench.frames, threads, rows=rows, provider=bench.provider, overrides=bench.overrides
+    )
+    return [speed_table(bench.manifest.name, threads, speeds, notes)]
 
 
 def _naive(bench: Bench) -> list[Table]:

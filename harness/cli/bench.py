@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from harness.cli.completion import setting_assignments
 from harness.cli.options import ProviderName, Replace
 
 ONLY_HELP = "Measure only this: stages, stereo, attention, memory ... (several times for more)."
@@ -25,6 +26,15 @@ def bench(
     provider: Annotated[
         ProviderName, typer.Option(help="Run the networks on this provider of ONNX Runtime.")
     ] = ProviderName.cpu,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change a setting in every configuration (`vfoa settings` lists all).",
+            autocompletion=setting_assignments,
+        ),
+    ] = None,
     only: Annotated[list[str] | None, typer.Option(metavar="SECTION", help=ONLY_HELP)] = None,
     out: Annotated[Path | None, typer.Option(help="Also write the tables to this Markdown file.")] = None,
     overwrite: Replace = False,
@@ -46,7 +56,8 @@ def bench(
     if out:
         check_new(out, replace=overwrite, hint=", or another --out")
     check_provider(provider.value)
-    loaded = load_experiment(experiment, clips=(clip,) if clip else ())
+    changes = tuple(overrides or ())
+    loaded = load_experiment(experiment, clips=(clip,) if clip else (), overrides=changes)
     chosen = replace(loaded, configurations=tuple(each.on(provider.value) for each in loaded.configurations))
     manifest = load_manifest(chosen.clips[0])
     frames = tuple(manifest.open().frames[:limit])
@@ -57,6 +68,7 @@ def bench(
         frames=frames,
         limit=limit,
         provider=provider.value,
+        overrides=changes,
     )
     tables = []
     for name in only or SECTIONS:
@@ -66,7 +78,12 @@ def bench(
     if out:
         machine = ", ".join(f"{key} {value}" for key, value in {**provenance.host(), **provenance.versions()}.items())
         on = [] if provider is ProviderName.cpu else ["--provider", provider.value]
-        options = [*(["--clip", clip] if clip else []), *on, *(f"--only {name}" for name in only or ())]
+        options = [
+            *(["--clip", clip] if clip else []),
+            *on,
+            *(f"--set {each}" for each in changes),
+            *(f"--only {name}" for name in only or ()),
+        ]
         command = " ".join(["vfoa bench", experiment, "--limit", str(limit), *options])
         load = f"Load of the machine at the end, in processes: {os.getloadavg()[0]:.1f}."
         head = f"# Benchmark\n\n`{command}`: {machine}. {load}\n\n"

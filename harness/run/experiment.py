@@ -63,9 +63,14 @@ PRESETS: dict[str, dict[str, dict[str, Any]]] = {
         "head_pose": {"model": "none"},
         "gaze": {"model": "none"},
     },
-    # half the disparities of a quarter of the pixels, where objects and heads are; in an image 1024 px wide, faces are
-    # found from 25 px on
-    "realtime": {"stereo": {"resolution": "half", "region": "needed"}, "heads": {"max_size_px": 416}},
+    # half the disparities of a quarter of the pixels, where objects and heads are; masks carried by optical flow; in an
+    # image 1024 px wide, faces are found from 25 px on; clouds and heads of fewer points
+    "realtime": {
+        "stereo": {"resolution": "half", "region": "needed"},
+        "segmentation": {"every": 5},
+        "heads": {"max_size_px": 416},
+        "reconstruction": {"max_points": 400, "max_eye_points": 1000},
+    },
     # all pixels where objects and heads are, each in a bounded range of disparities
     "guided": {"stereo": {"search": "guided", "region": "needed"}},
 }
@@ -191,8 +196,10 @@ def _configurations(
     found = []
     used: set[tuple[str, str]] = set()
     for variant in variants(file.grid, file.configuration, where):
+        of_file = dotted_tables(variant.differences, where)
         own = dotted_tables([*variant.differences, *changes], where)
-        used |= {(table, key) for table, settings in inherited(file.defaults, own).items() for key in settings}
+        for each in (of_file, own):  # a stage that a change exchanges has still used its defaults
+            used |= {(table, key) for table, settings in inherited(file.defaults, each).items() for key in settings}
         bundle = _bundle(preset, variant.preset or file.preset, where)
         method = {**file.defaults.get("attention", {}), **own.get("attention", {})}.get("method")
         bundle = bayes_only(bundle, method)

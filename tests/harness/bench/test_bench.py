@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from harness.bench.baselines import compare_with_naive
 from harness.bench.naive import naive_clouds
-from harness.bench.realtime import ROWS, measure_speed
+from harness.bench.realtime import ROWS, SEGMENTER_ROWS, measure_speed, rows_at_hand
 from harness.bench.sections import SECTIONS
 from harness.cli import main
 from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
+from tests import graphs
 from tests.scenes import make_box, make_rig, rendered_boxes
 from vfoa.reconstruction import ReconstructionSettings, place_targets
+from vfoa.segmentation.yolo_seg import YoloSeg
+from vfoa.weights import weights_of
 
 CLIP = "studio_table"
 FRAMES = (1, 2, 3)
@@ -32,13 +38,41 @@ def test_naive_clouds_are_those_of_the_reconstruction_before_it_cleans_them() ->
 
 
 def test_speed_is_measured_of_every_row_on_the_same_frames() -> None:
-    speeds = {speed.what: speed for speed in measure_speed("demo", load_manifest(CLIP), FRAMES, 2, rounds=1)}
-    assert list(speeds) == [row.what for row in ROWS]
+    rows, _ = rows_at_hand("demo", CLIP)
+    speeds = {each.what: each for each in measure_speed("demo", load_manifest(CLIP), FRAMES, 2, rows=rows, rounds=1)}
+    assert list(speeds) == [row.what for row in rows]
     for speed in speeds.values():
         assert speed.match_ms[1] >= speed.match_ms[0] > 0
         assert speed.fps > 0
         assert speed.stereo is not None
         assert speed.stereo.frames == len(FRAMES)
+
+
+def test_a_network_that_segments_has_rows_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (default,) = load_experiment("default", clips=(CLIP,)).configurations
+    for slot in ("heads", "head_pose", "gaze"):
+        for name in weights_of(default.choices[slot].settings):
+            (tmp_path / name).touch()
+    monkeypatch.setenv("VFOA_MODELS", str(tmp_path))
+    weights = Path(graphs.yolo_seg(tmp_path / "yolo.onnx", np.zeros((1, 116, 1)))).as_posix()
+    changes = ("segmentation.model=yolo_seg", f'segmentation.weights="{weights}"')
+    assert rows_at_hand("demo", CLIP, changes) == ([*ROWS, *SEGMENTER_ROWS], [])
+    segmented: list[int] = []
+    segment = YoloSeg.segment
+    monkeypatch.setattr(YoloSeg, "segment", lambda self, frame: segmented.append(frame.index) or segment(self, frame))
+    rows = [replace(row, has_models=False) for row in (ROWS[1], *SEGMENTER_ROWS)]
+    measure_speed("demo", load_manifest(CLIP), FRAMES, 1, rows=rows, overrides=changes, rounds=1)
+    held, on_key_frames, on_every_frame = list(FRAMES), [FRAMES[0]], list(FRAMES)
+    assert segmented == [*held, *on_key_frames, *on_every_frame]
+
+
+def test_rows_whose_models_are_not_here_are_left_out_with_a_note(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("vfoa.weights.directories", lambda: [tmp_path])
+    rows, (note,) = rows_at_hand("demo", CLIP)
+    assert rows == [row for row in ROWS if not row.has_models]
+    assert "yunet_n_dynamic.onnx" in note
 
 
 def test_every_network_of_a_configuration_runs_on_the_provider() -> None:
