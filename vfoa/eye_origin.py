@@ -13,7 +13,7 @@ then the median of the person's points in the box.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -30,53 +30,62 @@ EYE_PATCH = 0.2
 """Side of the patch, in widths of the head's box (the paper's value)."""
 
 
+class PointLimits(NamedTuple):
+    """Least points that an eye origin needs, and most that it is computed from (None: all)."""
+
+    least: int
+    most: int | None = None
+
+
 def eye_origin(
-    view: HeadView, instance_id: int | None, seen: Seen, *, method: EyeMethod, min_points: int
+    view: HeadView, instance_id: int | None, seen: Seen, *, method: EyeMethod, points: PointLimits
 ) -> Float | None:
     """Return the point (3,) between a head's eyes, metres, camera frame; None where too few points are known.
 
     ``instance_id`` is the person's: pixels of other instances do not count. None: the person is not known, all count.
     """
     if method == "head" and view.head_pose is not None:
-        ball = _ball(view.head, instance_id, seen, min_points)
+        ball = _ball(view.head, instance_id, seen, points)
         if ball is not None:
             center, radius = ball
             return center + radius * view.head_pose.direction
-    return _patch(view.head, instance_id, seen, min_points)
+    return _patch(view.head, instance_id, seen, points)
 
 
-def _ball(head: Head, instance_id: int | None, seen: Seen, min_points: int) -> tuple[Float, float] | None:
+def _ball(head: Head, instance_id: int | None, seen: Seen, limits: PointLimits) -> tuple[Float, float] | None:
     """Middle (3,) and radius of the ball in a head's box, metres; None if the ball would contain the camera."""
     u0, v0, u1, v1 = head.box_px
     rig = seen.rig
-    points = _points_in((u0, v0, u1, v1), instance_id, seen)
+    points = _points_in((u0, v0, u1, v1), instance_id, seen, limits.most)
     middle, half = np.array([u0 + u1, v0 + v1]) / 2, np.array([u1 - u0, v1 - v0]) / 2
     from_middle = (((project(points, rig) - middle) / half) ** 2).sum(axis=1)
     inside = from_middle <= 1
     radius_per_m = float((half / [rig.fx_px, rig.fy_px]).mean())
-    if np.count_nonzero(inside) < min_points or radius_per_m >= 1:
+    if np.count_nonzero(inside) < limits.least or radius_per_m >= 1:
         return None
     # the surface is sqrt(1 - rho^2) radii in front of the middle, and the radius is proportional to the middle's depth
     depth = float(np.median(points[inside, 2] / (1 - radius_per_m * np.sqrt(1 - from_middle[inside]))))
     return back_project(middle[0], middle[1], depth, rig), radius_per_m * depth
 
 
-def _patch(head: Head, instance_id: int | None, seen: Seen, min_points: int) -> Float | None:
+def _patch(head: Head, instance_id: int | None, seen: Seen, limits: PointLimits) -> Float | None:
     """Median (3,) of the points of the patch, else of a patch twice as wide, else of the person in the head's box."""
     u0, v0, u1, v1 = head.box_px
     center_u, center_v, side = (u0 + u1) / 2, v0 + EYE_HEIGHT * (v1 - v0), EYE_PATCH * (u1 - u0)
     patches = [(center_u - half, center_v - half, center_u + half, center_v + half) for half in (side / 2, side)]
     regions = patches if instance_id is None else [*patches, (u0, v0, u1, v1)]
     for region in regions:
-        points = _points_in(region, instance_id, seen)
-        if len(points) >= min_points:
+        points = _points_in(region, instance_id, seen, limits.most)
+        if len(points) >= limits.least:
             return np.median(points, axis=0)
     return None
 
 
-def _points_in(region: tuple[float, float, float, float], instance_id: int | None, seen: Seen) -> Float:
-    """Points (N, 3) of the person's pixels in a region; of all its pixels if the person is not known."""
+def _points_in(
+    region: tuple[float, float, float, float], instance_id: int | None, seen: Seen, most: int | None
+) -> Float:
+    """At most so many points (N, 3) of the person's pixels in a region; of all pixels if the person is not known."""
     window = window_of(*region, seen.rig)
     ids = seen.instances.ids[window]
     mask = np.full(ids.shape, True) if instance_id is None else np.equal(ids, instance_id)
-    return points_of(known_pixels(mask, window, seen), seen)
+    return points_of(known_pixels(mask, window, seen, most=most), seen)

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from vfoa.boxes import axis_aligned_box, oriented_box
-from vfoa.eye_origin import EyeMethod, eye_origin
+from vfoa.eye_origin import EyeMethod, PointLimits, eye_origin
 from vfoa.pixels import Seen, Window, known_pixels, points_of, window_of
 from vfoa.settings import Settings
 from vfoa.types import (
@@ -44,7 +44,8 @@ class ReconstructionSettings(Settings):
     points nearer to the median depth than ``gate_mads`` times the median absolute deviation, or than the object's width
     or height. An outlier is ``outlier_ratio`` times as far from its ``outlier_neighbours`` nearest points as is usual.
     A cloud of fewer than ``min_points`` has no box; one of more than ``max_points`` is thinned out. ``eyes``: the eye
-    origin, from the head's direction or the paper's patch (:mod:`vfoa.eye_origin`), of at least ``min_eye_points``.
+    origin, from the head's direction or the paper's patch (:mod:`vfoa.eye_origin`), of at least ``min_eye_points`` and
+    at most ``max_eye_points``.
     """
 
     stuff: tuple[str, ...] = ()
@@ -69,11 +70,16 @@ class ReconstructionSettings(Settings):
     """Eye origin from the ``head``'s direction, or from the paper's ``patch`` of the head's box."""
     min_eye_points: int = Field(default=9, ge=1)
     """Least points of a head with an eye origin."""
+    max_eye_points: int | None = Field(default=None, ge=1)
+    """Most points that an eye origin is computed from; more are thinned out. Not set: all of the head's."""
 
     @model_validator(mode="after")
     def _reachable(self) -> Self:
         if self.min_points > self.max_points:
             raise ValueError(f"min_points: expected at most max_points = {self.max_points}, found {self.min_points}")
+        if self.max_eye_points is not None and self.min_eye_points > self.max_eye_points:
+            most = self.max_eye_points
+            raise ValueError(f"min_eye_points: expected at most max_eye_points = {most}, found {self.min_eye_points}")
         return self
 
 
@@ -185,7 +191,8 @@ def _person(view: HeadView, seen: Seen, settings: ReconstructionSettings) -> Per
     instance_id = view.head.instance_id
     if instance_id is None:
         instance_id = _covering_person(view.head, seen, settings)
-    origin = eye_origin(view, instance_id, seen, method=settings.eyes, min_points=settings.min_eye_points)
+    limits = PointLimits(settings.min_eye_points, settings.max_eye_points)
+    origin = eye_origin(view, instance_id, seen, method=settings.eyes, points=limits)
     return Person(view=view, instance_id=instance_id, eye_origin_left=origin)
 
 

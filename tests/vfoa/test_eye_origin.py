@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.scenes import make_rig
-from vfoa.eye_origin import eye_origin
+from vfoa.eye_origin import PointLimits, eye_origin
 from vfoa.geometry import back_project, disparity_from_depth, unit
 from vfoa.types import Disparity, Float, Head, HeadPose, HeadView, Instance, Instances, Percepts
 
@@ -48,7 +48,7 @@ def view(percepts: Percepts, direction: Float | None) -> HeadView:
 
 
 def found(percepts: Percepts, direction: Float | None, *, of: Percepts | None = None, **changes) -> Float | None:
-    given = {"instance_id": 1, "method": "head", "min_points": 9} | changes
+    given = {"instance_id": 1, "method": "head", "points": PointLimits(9)} | changes
     return eye_origin(view(of or percepts, direction), given.pop("instance_id"), percepts, **given)
 
 
@@ -83,6 +83,13 @@ def test_the_patch_is_far_off_for_a_head_turned_away() -> None:
     assert by_patch is not None
     assert np.linalg.norm(by_head - truth) < 0.01
     assert np.linalg.norm(by_patch - truth) > 0.07
+
+
+def test_thinned_out_points_give_nearly_the_same_eyes() -> None:
+    origin = found(ball(), SIDEWAYS, points=PointLimits(9, 100))
+    assert origin is not None
+    assert np.linalg.norm(origin - (CENTER + RADIUS_M * SIDEWAYS)) < 0.01
+    assert found(ball(), SIDEWAYS, points=PointLimits(9, 5)) is None
 
 
 def test_half_a_head_is_enough() -> None:
@@ -161,6 +168,6 @@ def test_the_patch_is_a_fifth_of_the_box_wide_and_needs_exactly_so_many_points()
     depths = [
         origin[2]
         for least in (14, 15)
-        if (origin := eye_origin(head, None, percepts, method="patch", min_points=least)) is not None
+        if (origin := eye_origin(head, None, percepts, method="patch", points=PointLimits(least))) is not None
     ]
     assert depths == pytest.approx([2.0, 5.0])

@@ -11,7 +11,13 @@ from onnx import helper
 
 from tests import graphs
 from vfoa.errors import VfoaError
+from vfoa.gaze import MODELS as GAZES
+from vfoa.head_pose import MODELS as HEAD_POSES
+from vfoa.heads import DETECTORS
 from vfoa.onnx import Model, RuntimeSettings, Signature, blob, check_provider
+from vfoa.registry import Registry
+from vfoa.segmentation import SEGMENTERS
+from vfoa.stereo import MATCHERS
 
 SIGNATURE = Signature(inputs={"image": (1, 3, 8, 8)}, outputs={"angles": (1, 3)})
 
@@ -136,6 +142,14 @@ def test_a_provider_that_is_not_there_is_an_error(weights: str) -> None:
     model = Model(weights, SIGNATURE, RuntimeSettings.model_validate({"provider": absent}))
     with pytest.raises(VfoaError, match=f"provider: '{absent}'.*expected one of: .*cpu"):
         model.check()
+
+
+@pytest.mark.parametrize("registry", [MATCHERS, SEGMENTERS, DETECTORS, HEAD_POSES, GAZES], ids=lambda each: each.kind)
+def test_every_stage_with_weights_runs_on_a_provider(registry: Registry) -> None:
+    settings = [registry.load(name).Settings for name in registry.names()]
+    networks = [each for each in settings if any("weights" in name for name in each.model_fields)]
+    assert networks
+    assert all(issubclass(each, RuntimeSettings) for each in networks)
 
 
 def test_a_missing_gpu_build_names_its_package(monkeypatch: pytest.MonkeyPatch) -> None:

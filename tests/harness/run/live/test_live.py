@@ -41,6 +41,7 @@ from tests.disk import HEIGHT, WIDTH, moving_picture, picture, sintel_scene, wri
 from tests.harness.record.test_viewer import needs_vulkan
 from tests.recordings import recorder, rectified_camera
 from vfoa.errors import VfoaError
+from vfoa.estimator import rectified_rig
 from vfoa.types import StereoFrame
 
 CAMERA = {"fx_px": 50.0, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.1}
@@ -199,6 +200,42 @@ def test_a_failing_stage_ends_the_run_although_the_source_waits(experiment: Expe
     failing = replace(configuration, choices={**configuration.choices, "heads": heads})
     with pytest.raises(VfoaError, match=r"heads|people"):
         _run(source, replace(experiment, configurations=(failing,)), tmp_path / "run", threads=2)
+
+
+class Stills:
+    """One picture again and again: frames 1, 3, 5, ..., each ready when it is asked for."""
+
+    rate_hz = None
+
+    def begin(self) -> None:
+        self.begun = True
+
+    def arrivals(self, stopped: Event) -> Iterator[Arrival]:
+        image = moving_picture(0)
+        rig = rectified_rig(image, fx_px=50.0, cx_px=31.5, cy_px=23.5, baseline_m=0.1)
+        for number in range(1, 2000, 2):
+            frame = StereoFrame(index=number, time_ns=number, left=image, right=image, rig=rig)
+            yield Arrival(number=number, time_ns=number, arrived_s=time.monotonic(), read=partial(_itself, frame))
+            time.sleep(0.005)
+            if stopped.is_set():
+                return
+
+
+def _itself(frame: StereoFrame) -> StereoFrame:
+    return frame
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_key_frames_are_counted_among_the_frames_that_were_taken(tmp_path: Path, threads: int) -> None:
+    masks = write_masks(tmp_path / "masks", range(2000))
+    file = write_text(tmp_path / "key_frames.toml", EXPERIMENT.format(masks=masks))
+    experiment = load_experiment(str(file), overrides=("segmentation.every=3",))
+    _run(Stills(), experiment, tmp_path / "run", limit=7, threads=threads)
+    records = list(read_results(tmp_path / "run" / "results.jsonl"))
+    keys = [records[place - place % 3].frame for place in range(len(records))]
+    expected = [None if each.frame == key else key for each, key in zip(records, keys, strict=True)]
+    assert len(records) == 7
+    assert [each.masks_from for each in records] == expected
 
 
 # Recordings that are being written
