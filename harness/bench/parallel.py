@@ -69,7 +69,7 @@ class _Bench:
         """Time a run, in a directory and a cache of its own, unless they are given."""
         plan = prepare(experiment, limit=self.limit, sinks=recordings(experiment.configurations, recording))
         store = Store(self.folder / (cache or f"cache of {what}"), PLENTY)
-        cpu_before, started = _cpu_seconds(scheduler), time.perf_counter()
+        cpu_before, started = used_cpu_seconds(scheduler), time.perf_counter()
         directory = run_plan(
             plan,
             self.folder / (out or what),
@@ -82,13 +82,13 @@ class _Bench:
         return Timed(
             what=what,
             seconds=seconds,
-            cpu_seconds=_cpu_seconds(scheduler) - cpu_before,
+            cpu_seconds=used_cpu_seconds(scheduler) - cpu_before,
             compared_with=compared_with,
             results=directory.results.read_bytes(),
         )
 
 
-def _cpu_seconds(scheduler: str | None) -> float:
+def used_cpu_seconds(scheduler: str | None) -> float:
     """CPU seconds of this process, of its children that have ended, and of a cluster's workers."""
     uses = (resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(use.ru_utime + use.ru_stime for use in uses) + (cpu_seconds(scheduler) if scheduler else 0.0)
