@@ -23,7 +23,7 @@ import numpy as np
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatcherSettings, SemiGlobalMatcherSettings
 from vfoa.stereo.cut import cropped, cut, enlarged, gray, in_frame
-from vfoa.stereo.guided import FACTOR, REMAINDER, GuidedSearch
+from vfoa.stereo.guided import FACTOR, GuidedSearch, pays, remainder_range
 from vfoa.stereo.opencv_pair import SIXTEENTHS, Gray, PairMatcher, Sixteenths
 from vfoa.stereo.region import Region, whole
 from vfoa.stereo.search import DisparityRange, disparity_range
@@ -174,15 +174,19 @@ class SemiGlobalMatcher(_Matcher):
 
     def _prepare(self, rig: StereoRig) -> None:
         super()._prepare(rig)
-        if self._settings.search == "full":
+        self._guided = None
+        filtered = self._settings.wls
+        if self._settings.search == "full" or not pays(self._pair.searched, filtered=filtered):
             return
         # without OpenCV's own checks, as for the filter
         raw = SemiGlobalMatcher(self._settings.model_copy(update={"wls": True}))
-        remainder = raw._create(REMAINDER)
-        remainder.setUniquenessRatio(self._settings.guided_uniqueness_percent)
+        remainder = remainder_range(filtered=filtered)
+        remainder_matcher = raw._create(remainder)
+        remainder_matcher.setUniquenessRatio(self._settings.guided_uniqueness_percent)
         self._guided = GuidedSearch(
             full=self._pair,
             coarse=raw._pair_matcher(self._pair.searched.shrunk(FACTOR)),
+            remainder_matcher=remainder_matcher,
             remainder=remainder,
             left_right_px=self._settings.left_right_px,
         )

@@ -77,8 +77,9 @@ class SemiGlobalMatcherSettings(BlockMatchingSettings):
     p2: int = Field(default=32, ge=1)
     """Penalty of a larger step, per pixel of the block; above ``p1``."""
     search: Literal["full", "guided"] = "full"
-    """``guided``: bound each pixel's search by a match at half the resolution."""
-    guided_uniqueness_percent: int = Field(default=25, ge=0, le=100)
+    """``guided``: bound each pixel's search by a match at half the resolution. A short range, in which this would take
+    longer (below 112 disparities without ``wls``), is searched in full."""
+    guided_uniqueness_percent: int = Field(default=33, ge=0, le=100)
     """With a guided search: how much more the next best match must cost, in percent."""
 
     @model_validator(mode="after")

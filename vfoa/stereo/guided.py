@@ -2,21 +2,26 @@
 
 1. Both views are matched at half the resolution, over the whole range of disparities.
 2. The right view is warped by this coarse disparity. The remaining disparity is small everywhere.
-3. The left view is matched against the warped one over 32 disparities, 16 to either side of the coarse one.
+3. The left view is matched against the warped one over 16 disparities, 8 to either side of the coarse one. Without the
+   WLS filter it is 32: uniqueness among few disparities says too little where there is no texture, and there the filter
+   rejects what is left.
 
 The bound is smooth within a surface and has steps at its edges. It is not rounded to whole pixels: with steps on a
 slanted surface, blocks across a step would not match, which costs up to 0.1 px of accuracy.
 
-A pixel is unknown where the coarse maps of the two views disagree, and where its match is not unique among the 32
-disparities. The map of the right view is the enlarged coarse one; it serves to check the left one.
+A pixel is unknown where the coarse maps of the two views disagree, and where its match is not unique in the remaining
+range. The map of the right view is the enlarged coarse one; it serves to check the left one.
 
 The bound is unsure where the texture is too fine for half the resolution. There, both views are matched over the whole
 range at full resolution. If that is more than half of the region, all of the region is matched in this way, and the
 result is bit for bit that of a full search.
 
 Each pixel, and not each tile, has its own bound because OpenCV's semi-global matching costs about as much per pixel as
-44 disparities, whatever its range is, and because a tile with near and far objects needs a range for both. Rectangles
-with ranges of their own would take 55 to 90 % of the time of a full search on Sintel's bandage_2 and on rendered clips.
+44 disparities, whatever its range is (:data:`PIXEL_COST`), and because a tile with near and far objects needs a range
+for both. Rectangles with ranges of their own would take 55 to 90 % of the time of a full search on Sintel's bandage_2
+and on rendered clips. The same cost decides whether guiding pays (:func:`pays`). One level more, at a quarter of the
+resolution, would save a tenth of the time, and leave 5 % more of the pixels of bandage_2 unknown. Taking the coarse
+right map from the left one would save a sixth, and leave more wrong pixels among fewer known ones.
 """
 
 from __future__ import annotations
@@ -38,8 +43,11 @@ from vfoa.types import Map, Mask
 FACTOR = 2
 """Factor by which the coarse match has fewer rows and columns."""
 
-REMAINDER = DisparityRange(first_px=-16, count=32)
-"""Range that is searched around the coarse disparity."""
+PIXEL_COST = 44
+"""Cost of a pixel in OpenCV's semi-global matching beside that of its range, in disparities."""
+
+PASSES_COST = 20
+"""Cost per pixel of all that a guided search does beside matching, in disparities."""
 
 MEDIAN_PX = 5
 """Width of the median filter that removes single wrong pixels from the coarse disparity."""
@@ -54,18 +62,35 @@ MARGIN_PX = 16
 """Margin matched around an area that needs the whole range: semi-global matching depends on more than a block."""
 
 
+def remainder_range(*, filtered: bool) -> DisparityRange:
+    """Return the range that is searched around the coarse disparity, with or without the WLS filter after it."""
+    reach_px = 8 if filtered else 16
+    return DisparityRange(first_px=-reach_px, count=2 * reach_px)
+
+
+def pays(searched: DisparityRange, *, filtered: bool) -> bool:
+    """Whether a guided search costs less than matching the whole range, in both views if a filter compares them.
+
+    It depends on the range alone: all costs grow alike with the size of the image.
+    """
+    full = (2 if filtered else 1) * (PIXEL_COST + searched.count)
+    coarse = 2 * (PIXEL_COST + searched.shrunk(FACTOR).count) / FACTOR**2
+    return coarse + PIXEL_COST + remainder_range(filtered=filtered).count + PASSES_COST < full
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuidedSearch:
     """Matches the left view within the bounds of a coarse match.
 
-    ``full`` searches the whole range at full resolution, and ``coarse`` at half of it. ``remainder`` is OpenCV's
-    matcher for :data:`REMAINDER`. Coarse disparities of the two views agree if they differ by at most
-    ``left_right_px`` pixels of the full resolution.
+    ``full`` searches the whole range at full resolution, and ``coarse`` at half of it. ``remainder_matcher`` is
+    OpenCV's matcher for the ``remainder``, the range around the coarse disparity. Coarse disparities of the two views
+    agree if they differ by at most ``left_right_px`` pixels of the full resolution.
     """
 
     full: PairMatcher
     coarse: PairMatcher
-    remainder: Any
+    remainder_matcher: Any
+    remainder: DisparityRange
     left_right_px: int
 
     def both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
@@ -107,23 +132,27 @@ class GuidedSearch:
         return np.asarray(agree & (columns >= 0))
 
     def _around(self, left: Gray, right: Gray, matched: Region, bound: Map) -> Sixteenths:
-        """Disparities of the left view in ``matched``, at most 16 px from a ``bound`` in pixels."""
-        given = with_edge(matched, self.full.block_size_px, before=REMAINDER.count // 2, after=REMAINDER.count // 2)
+        """Disparities of the left view in ``matched``, within the remainder around a ``bound`` in pixels."""
+        reach_px = self.remainder.count // 2
+        given = with_edge(matched, self.full.block_size_px, before=reach_px, after=reach_px)
         beyond = (matched.v0 - given.v0, given.v1 - matched.v1, matched.u0 - given.u0, given.u1 - matched.u1)
         offsets = np.asarray(cv2.copyMakeBorder(bound, *beyond, cv2.BORDER_REPLICATE), dtype=np.float32)
-        rows = cut(right, Region(u0=0, v0=given.v0, u1=right.shape[1], v1=given.v1))
+        in_right = cut(right, Region(u0=0, v0=given.v0, u1=right.shape[1], v1=given.v1))
         columns = np.arange(given.u0, given.u1, dtype=np.float32)
-        warped = _sampled(rows, columns - offsets, cv2.INTER_CUBIC)
+        rows = np.repeat(np.arange(len(offsets), dtype=np.float32)[:, None], len(columns), axis=1)
+        warped = _sampled(in_right, columns - offsets, rows)
 
-        remainder = self.remainder.compute(cut(left, given), warped)
+        remainder = self.remainder_matcher.compute(cut(left, given), warped)
         # the column of the match in the warped view, which is moved by the offset there
-        found_in = columns - np.float32(given.u0) - remainder * np.float32(1 / SIXTEENTHS)
-        moved = _sampled(offsets, found_in, cv2.INTER_LINEAR) * np.float32(SIXTEENTHS)
-        found = remainder + np.rint(moved).astype(np.int16)
-        unmatched = remainder < REMAINDER.first_px * SIXTEENTHS
+        found_in = remainder * np.float32(-1 / SIXTEENTHS)
+        found_in += columns - np.float32(given.u0)
+        moved = _sampled(offsets, found_in, rows)
+        moved *= np.float32(SIXTEENTHS)
+        found = remainder + np.rint(moved, out=moved).astype(np.int16)
+        unmatched = remainder < self.remainder.first_px * SIXTEENTHS
         unmatched |= found < self.full.searched.first_px * SIXTEENTHS
         unmatched |= found >= self.full.searched.reach_px * SIXTEENTHS
-        found[unmatched] = self._unknown
+        np.copyto(found, self._unknown, where=unmatched)
         return cropped(found, given, matched)
 
 
@@ -143,10 +172,9 @@ def _bound(coarse: Sixteenths) -> Map:
     return found * np.float32(FACTOR / SIXTEENTHS)
 
 
-def _sampled(values: NDArray[Any], columns: Map, interpolation: int) -> NDArray[Any]:
-    """Values (H, W) interpolated at other columns (H, N) of their row; beyond the last column its value is repeated."""
-    rows = np.repeat(np.arange(len(values), dtype=np.float32)[:, None], columns.shape[1], axis=1)
-    return np.asarray(cv2.remap(values, columns, rows, interpolation, borderMode=cv2.BORDER_REPLICATE))
+def _sampled(values: NDArray[Any], columns: Map, rows: Map) -> NDArray[Any]:
+    """Values interpolated linearly at other places (H, N); beyond the last one its value is repeated."""
+    return np.asarray(cv2.remap(values, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
 
 def _whole_pixels(disparities: Sixteenths) -> NDArray[np.int32]:

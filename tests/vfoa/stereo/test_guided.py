@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -14,11 +16,14 @@ from tests.scenes import make_rig, stereo_planes
 from tests.vfoa.stereo.test_stereo import bandage_2, errors, matcher  # noqa: F401
 from vfoa.stereo.cut import gray
 from vfoa.stereo.fine_texture import TILE_PX, too_fine_areas
+from vfoa.stereo.guided import pays
 from vfoa.stereo.region import Region
+from vfoa.stereo.search import DisparityRange
 from vfoa.types import Image, StereoFrame
 
 RIG = make_rig(256, 128)
-NEAR_M = 0.3
+NEAR_M = 0.13
+"""128 disparities: guiding pays with and without the WLS filter."""
 
 
 def searched(frame, search, region=None, **settings):
@@ -69,7 +74,6 @@ def test_a_guided_match_is_that_of_the_full_search_wherever_a_step_is(far_px, st
 @few
 @given(disparity=st.integers(2, 47), seed=st.integers(0, 9), wls=st.booleans())
 def test_odd_and_near_disparities_are_found_as_by_the_full_search(disparity, seed, wls):
-    """47 px, 0.34 m, is near the end of the range."""
     frame = shifted(blurred_texture(seed), disparity)
     found = {search: searched(frame, search, wls=wls) for search in ("full", "guided")}
     for each in found.values():
@@ -134,6 +138,40 @@ def test_flat_pairs_have_no_disparity():
     frame = StereoFrame(index=1, time_ns=0, left=flat, right=flat, rig=RIG)
     assert np.isnan(searched(frame, "guided", wls=False)).all()
     assert np.isnan(searched(frame, "guided", wls=True)).all()
+
+
+@pytest.mark.parametrize(("wls", "longest"), [(False, 96), (True, 0)])
+def test_a_range_is_searched_in_full_where_guiding_costs_more(wls, longest):
+    counts = range(16, 321, 16)
+    full = [count for count in counts if not pays(DisparityRange(first_px=0, count=count), filtered=wls)]
+    assert full == list(range(16, longest + 1, 16))
+
+
+@pytest.mark.parametrize(("near_m", "is_full"), [(0.3, True), (NEAR_M, False)])
+def test_a_short_range_has_the_disparities_of_the_full_search_bit_for_bit(near_m, is_full):
+    frame, _, _ = stereo_planes(RIG, far_px=8, near_px=30, window=(slice(30, 90), slice(80, 180)), noise=3)
+    found = [matcher("sgbm", search=each, min_depth_m=near_m, wls=False).match(frame) for each in ("full", "guided")]
+    assert np.array_equal(*(each.disparity_px for each in found), equal_nan=True) == is_full
+
+
+def test_another_rig_decides_anew_whether_guiding_pays():
+    chosen = matcher("sgbm", search="guided", min_depth_m=NEAR_M, wls=False)
+    long = shifted(blurred_texture(), 12)
+    rig = make_rig(256, 128, fx_px=60)
+    short = replace(long, rig=rig)
+    chosen.match(long)
+    full = matcher("sgbm", min_depth_m=NEAR_M, wls=False).match(short)
+    np.testing.assert_array_equal(chosen.match(short).disparity_px, full.disparity_px)
+
+
+def test_a_wall_has_no_seam():
+    """An odd disparity is between two of the coarse map. No row or column of the wall is off from its neighbours."""
+    frame = shifted(blurred_texture(), 21)
+    found = searched(frame, "guided")[8:-8, 40:-24]
+    for axis in (0, 1):
+        of_lines = np.nanmedian(found, axis=axis)
+        assert np.abs(np.diff(of_lines)).max() <= 1 / 8
+        assert np.abs(of_lines - 21).max() <= 1 / 4
 
 
 @few

@@ -25,7 +25,7 @@ NEAR_M = 0.5
 
 
 def found(name: str, frame=FRAME, region: Region | None = None, **options):
-    chosen = matcher(name, min_depth_m=NEAR_M, **options)
+    chosen = matcher(name, **{"min_depth_m": NEAR_M, **options})
     return chosen.match(frame) if region is None else chosen.match_region(frame, region)
 
 
@@ -164,7 +164,15 @@ def threads_restored() -> Iterator[None]:
 
 @pytest.mark.usefixtures("threads_restored")
 @pytest.mark.parametrize("resolution", ["full", "half"])
-@pytest.mark.parametrize(("name", "options"), [("bm", {}), ("sgbm", {}), ("sgbm", {"search": "guided"})])
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("bm", {}),
+        ("sgbm", {}),
+        ("sgbm", {"search": "guided"}),
+        ("sgbm", {"search": "guided", "wls": False, "min_depth_m": 0.13}),  # a range in which guiding pays
+    ],
+)
 def test_several_threads_find_the_same(name, options, resolution):
     if "search" in options and resolution != "full":
         pytest.skip("a guided search needs the full resolution")
