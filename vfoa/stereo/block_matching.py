@@ -23,7 +23,7 @@ import numpy as np
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatcherSettings, SemiGlobalMatcherSettings
 from vfoa.stereo.cut import cropped, cut, enlarged, gray, in_frame
-from vfoa.stereo.guided import FACTOR, GuidedSearch, pays, remainder_range
+from vfoa.stereo.guided import COARSE_UNIQUENESS_PERCENT, FACTOR, REMAINDER, GuidedSearch, pays
 from vfoa.stereo.opencv_pair import SIXTEENTHS, Gray, PairMatcher, Sixteenths
 from vfoa.stereo.region import Region, whole
 from vfoa.stereo.search import DisparityRange, disparity_range
@@ -174,32 +174,29 @@ class SemiGlobalMatcher(_Matcher):
 
     def _prepare(self, rig: StereoRig) -> None:
         super()._prepare(rig)
+        settings = self._settings
         self._guided = None
-        filtered = self._settings.wls
-        if self._settings.search == "full" or not pays(self._pair.searched, filtered=filtered):
+        if settings.search == "full" or not pays(self._pair.searched, filtered=settings.wls):
             return
-        # without OpenCV's own checks, as for the filter
-        raw = SemiGlobalMatcher(self._settings.model_copy(update={"wls": True}))
-        remainder = remainder_range(filtered=filtered)
-        remainder_matcher = raw._create(remainder)
-        remainder_matcher.setUniquenessRatio(self._settings.guided_uniqueness_percent)
+        remainder = SemiGlobalMatcher(settings.model_copy(update={"wls": True}))._create(REMAINDER)  # unchecked
+        remainder.setUniquenessRatio(_guided_uniqueness_percent(settings))
+        coarse = SemiGlobalMatcher(settings.model_copy(update={"speckle_size_px": 0}))
+        coarse_pair = coarse._pair_matcher(self._pair.searched.shrunk(FACTOR))
+        if settings.wls:
+            coarse_pair.left_matcher.setUniquenessRatio(COARSE_UNIQUENESS_PERCENT)
         self._guided = GuidedSearch(
             full=self._pair,
-            coarse=raw._pair_matcher(self._pair.searched.shrunk(FACTOR)),
-            remainder_matcher=remainder_matcher,
+            coarse=coarse_pair,
             remainder=remainder,
-            left_right_px=self._settings.left_right_px,
+            left_right_px=settings.left_right_px,
+            speckle_size_px=settings.speckle_size_px,
+            speckle_range_px=settings.speckle_range_px,
         )
 
     def _match_left(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
         if self._guided is None:
             return super()._match_left(left, right, matched, reached)
-        found, _ = self._guided.both(left, right, matched, reached)
-        settings = self._settings
-        if settings.speckle_size_px:
-            unknown = (self._pair.searched.first_px - 1) * SIXTEENTHS
-            cv2.filterSpeckles(found, unknown, settings.speckle_size_px, settings.speckle_range_px * SIXTEENTHS)
-        return found
+        return self._guided.left(left, right, matched, reached)
 
     def _match_both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
         return (self._guided or self._pair).both(left, right, matched, reached)
@@ -224,3 +221,9 @@ class SemiGlobalMatcher(_Matcher):
             matcher.setSpeckleWindowSize(settings.speckle_size_px)
             matcher.setSpeckleRange(settings.speckle_range_px)
         return matcher
+
+
+def _guided_uniqueness_percent(settings: SemiGlobalMatcherSettings) -> int:
+    """Without the WLS filter's confidence, more must be asked of a match among few disparities."""
+    chosen = settings.guided_uniqueness_percent
+    return chosen if chosen is not None else (25 if settings.wls else 40)

@@ -78,9 +78,9 @@ class SemiGlobalMatcherSettings(BlockMatchingSettings):
     """Penalty of a larger step, per pixel of the block; above ``p1``."""
     search: Literal["full", "guided"] = "full"
     """``guided``: bound each pixel's search by a match at half the resolution. A short range, in which this would take
-    longer (below 112 disparities without ``wls``), is searched in full."""
-    guided_uniqueness_percent: int = Field(default=33, ge=0, le=100)
-    """With a guided search: how much more the next best match must cost, in percent."""
+    longer (up to 64 disparities, 16 with ``wls``), is searched in full."""
+    guided_uniqueness_percent: int | None = Field(default=None, ge=0, le=100)
+    """With a guided search: how much more the next best match must cost. None is 25, and 40 without ``wls``."""
 
     @model_validator(mode="after")
     def _penalties(self) -> Self:

@@ -13,8 +13,8 @@ from vfoa.types import Mask
 TILE_PX = 32
 """Rows and columns of a tile."""
 
-SURE_SHARE = 0.1
-"""A tile with a greater share of sure pixels needs no match at full resolution."""
+FOUND_SHARE = 0.1
+"""A tile with a greater share of matched pixels needs no search of the whole range."""
 
 LEAST_GRADIENT = 8.0
 """Mean horizontal gradient, in gray levels a pixel, above which a tile has texture rather than noise."""
@@ -26,8 +26,8 @@ An edge or a ramp keeps all of it or gains; pixel noise keeps half.
 """
 
 
-def too_fine_areas(image: NDArray[np.uint8], sure: Mask) -> list[Region]:
-    """Return rectangles of an image (H, W) around tiles with fine texture and few ``sure`` pixels (H, W).
+def too_fine_areas(image: NDArray[np.uint8], found: Mask) -> list[Region]:
+    """Return rectangles of an image (H, W) around tiles with fine texture and few pixels that are ``found`` (H, W).
 
     They bound groups of adjacent tiles, so two of them can overlap.
     """
@@ -36,7 +36,7 @@ def too_fine_areas(image: NDArray[np.uint8], sure: Mask) -> list[Region]:
     too_fine = (full > LEAST_GRADIENT) & (half < LOST_GRADIENT * full)
     if not too_fine.any():
         return []
-    too_fine &= averaged(sure.astype(np.uint8) * np.uint8(255), TILE_PX) <= SURE_SHARE * 255
+    too_fine &= averaged(found.astype(np.uint8) * np.uint8(255), TILE_PX) <= FOUND_SHARE * 255
     height, width = image.shape
     _, _, boxes, _ = cv2.connectedComponentsWithStats(too_fine.astype(np.uint8))
     return [

@@ -1,27 +1,28 @@
 """Guided search: a match at half the resolution bounds the search of every pixel at full resolution.
 
-1. Both views are matched at half the resolution, over the whole range of disparities.
+1. The pair is matched at half the resolution, over the whole range of disparities.
 2. The right view is warped by this coarse disparity. The remaining disparity is small everywhere.
-3. The left view is matched against the warped one over 16 disparities, 8 to either side of the coarse one. Without the
-   WLS filter it is 32: uniqueness among few disparities says too little where there is no texture, and there the filter
-   rejects what is left.
+3. The left view is matched against the warped one over 16 disparities, 8 to either side of the coarse one.
 
 The bound is smooth within a surface and has steps at its edges. It is not rounded to whole pixels: with steps on a
 slanted surface, blocks across a step would not match, which costs up to 0.1 px of accuracy.
 
-A pixel is unknown where the coarse maps of the two views disagree, and where its match is not unique in the remaining
-range. The map of the right view is the enlarged coarse one; it serves to check the left one.
+A pixel is unknown where its match is not unique among the 16 disparities, and where the coarse match is not unique or
+not the same in both views. Without the WLS filter, OpenCV makes these checks of the coarse match. The filter needs the
+maps of both views: both are matched and compared here. The map of the right view is the enlarged coarse one; it serves
+to check the left one.
 
-The bound is unsure where the texture is too fine for half the resolution. There, both views are matched over the whole
-range at full resolution. If that is more than half of the region, all of the region is matched in this way, and the
-result is bit for bit that of a full search.
+The bound is unsure where the texture is too fine for half the resolution and few matches are found. There, the whole
+range is searched at full resolution. If that is more than half of the region, all of the region is matched in this way,
+and the result is bit for bit that of a full search. The same holds if the range is so short that guiding would not save
+time (:func:`pays`).
 
 Each pixel, and not each tile, has its own bound because OpenCV's semi-global matching costs about as much per pixel as
 44 disparities, whatever its range is (:data:`PIXEL_COST`), and because a tile with near and far objects needs a range
 for both. Rectangles with ranges of their own would take 55 to 90 % of the time of a full search on Sintel's bandage_2
-and on rendered clips. The same cost decides whether guiding pays (:func:`pays`). One level more, at a quarter of the
-resolution, would save a tenth of the time, and leave 5 % more of the pixels of bandage_2 unknown. Taking the coarse
-right map from the left one would save a sixth, and leave more wrong pixels among fewer known ones.
+and on rendered clips. One level more, at a quarter of the resolution, would save a tenth of the time, and leave 5 %
+more of the pixels of bandage_2 unknown. For the filter, taking the coarse right map from the left one would save a
+sixth, and leave more wrong pixels among fewer known ones.
 """
 
 from __future__ import annotations
@@ -46,8 +47,14 @@ FACTOR = 2
 PIXEL_COST = 44
 """Cost of a pixel in OpenCV's semi-global matching beside that of its range, in disparities."""
 
-PASSES_COST = 20
+PASSES_COST = 25
 """Cost per pixel of all that a guided search does beside matching, in disparities."""
+
+REMAINDER = DisparityRange(first_px=-8, count=16)
+"""Range that is searched around the coarse disparity."""
+
+COARSE_UNIQUENESS_PERCENT = 15
+"""With the WLS filter: how much more the next best coarse match must cost for a pixel to be known."""
 
 MEDIAN_PX = 5
 """Width of the median filter that removes single wrong pixels from the coarse disparity."""
@@ -62,53 +69,72 @@ MARGIN_PX = 16
 """Margin matched around an area that needs the whole range: semi-global matching depends on more than a block."""
 
 
-def remainder_range(*, filtered: bool) -> DisparityRange:
-    """Return the range that is searched around the coarse disparity, with or without the WLS filter after it."""
-    reach_px = 8 if filtered else 16
-    return DisparityRange(first_px=-reach_px, count=2 * reach_px)
-
-
 def pays(searched: DisparityRange, *, filtered: bool) -> bool:
-    """Whether a guided search costs less than matching the whole range, in both views if a filter compares them.
+    """Whether a guided search saves a tenth or more of matching the whole range, in both views for the filter.
 
     It depends on the range alone: all costs grow alike with the size of the image.
     """
-    full = (2 if filtered else 1) * (PIXEL_COST + searched.count)
-    coarse = 2 * (PIXEL_COST + searched.shrunk(FACTOR).count) / FACTOR**2
-    return coarse + PIXEL_COST + remainder_range(filtered=filtered).count + PASSES_COST < full
+    views = 2 if filtered else 1
+    full = views * (PIXEL_COST + searched.count)
+    coarse = views * (PIXEL_COST + searched.shrunk(FACTOR).count) / FACTOR**2
+    return coarse + PIXEL_COST + REMAINDER.count + PASSES_COST <= 0.9 * full
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GuidedSearch:
     """Matches the left view within the bounds of a coarse match.
 
-    ``full`` searches the whole range at full resolution, and ``coarse`` at half of it. ``remainder_matcher`` is
-    OpenCV's matcher for the ``remainder``, the range around the coarse disparity. Coarse disparities of the two views
-    agree if they differ by at most ``left_right_px`` pixels of the full resolution.
+    ``full`` searches the whole range at full resolution, and ``coarse`` at half of it. ``remainder`` is OpenCV's
+    matcher for :data:`REMAINDER`. Coarse disparities of the two views agree if they differ by at most ``left_right_px``
+    pixels of the full resolution. In a map of the left view alone, speckles are unknown: regions of fewer than
+    ``speckle_size_px`` pixels, whose disparities differ by at most ``speckle_range_px`` between neighbours.
     """
 
     full: PairMatcher
     coarse: PairMatcher
-    remainder_matcher: Any
-    remainder: DisparityRange
+    remainder: Any
     left_right_px: int
+    speckle_size_px: int
+    speckle_range_px: int
+
+    def left(self, left: Gray, right: Gray, matched: Region, reached: Region) -> Sixteenths:
+        """Disparities of the left view in ``reached`` (see :meth:`PairMatcher.left`)."""
+        small = averaged(left, FACTOR), averaged(right, FACTOR)
+        coarse_matched = matched.shrunk(FACTOR)
+        coarse = self.coarse.left(*small, coarse_matched, coarse_matched)
+        known = self._known(coarse)
+        origin = coarse_matched.times(FACTOR)
+        sure = cropped(_repeated(known), origin, matched)
+
+        bound = cropped(_bound(_filled(coarse, known)), origin, matched)
+        found = self._bounded(left, right, matched, reached, bound, sure)
+        if self.speckle_size_px:
+            cv2.filterSpeckles(found, self._unknown, self.speckle_size_px, self.speckle_range_px * SIXTEENTHS)
+        unsure = self._unsure(left, matched, cropped(found, reached, matched))
+        if unsure is None:
+            return self.full.left(left, right, matched, reached)
+        for area in unsure:
+            margin = area.grown(MARGIN_PX, matched)
+            anew = self.full.left(left, right, margin, margin)
+            cropped(found, reached, area)[:] = cropped(anew, margin, area)
+        return found
 
     def both(self, left: Gray, right: Gray, matched: Region, reached: Region) -> tuple[Sixteenths, Sixteenths]:
         """Disparities of both views in ``reached`` (see :meth:`PairMatcher.both`)."""
+        small = averaged(left, FACTOR), averaged(right, FACTOR)
         coarse_matched = matched.shrunk(FACTOR)
         coarse_reached = self.coarse.reached(coarse_matched)
-        small = averaged(left, FACTOR), averaged(right, FACTOR)
         coarse_left, coarse_right = self.coarse.both(*small, coarse_matched, coarse_reached)
-
+        known = self._known(coarse_left)
+        coarse_left = _filled(coarse_left, known)
         origin = coarse_reached.times(FACTOR)
-        sure = cropped(_repeated(self._agree(coarse_left, coarse_right)), origin, matched)
-        unsure = [area.moved(matched.u0, matched.v0) for area in too_fine_areas(cut(left, matched), sure)]
-        if 2 * sum(area.size for area in unsure) > matched.size:
-            return self.full.both(left, right, matched, reached)
+        sure = cropped(_repeated(known & self._agree(coarse_left, coarse_right)), origin, matched)
 
         bound = cropped(_bound(coarse_left), origin, matched)
-        of_left = np.full((reached.v1 - reached.v0, reached.u1 - reached.u0), self._unknown, np.int16)
-        np.copyto(cropped(of_left, reached, matched), self._around(left, right, matched, bound), where=sure)
+        of_left = self._bounded(left, right, matched, reached, bound, sure)
+        unsure = self._unsure(left, matched, cropped(of_left, reached, matched))
+        if unsure is None:
+            return self.full.both(left, right, matched, reached)
         of_right = np.ascontiguousarray(cropped(enlarged(coarse_right, FACTOR), origin, reached))
         for area in unsure:
             margin = area.grown(MARGIN_PX, matched)
@@ -124,6 +150,10 @@ class GuidedSearch:
         """The disparity, in sixteenths, that OpenCV gives to a pixel without a match."""
         return (self.full.searched.first_px - 1) * SIXTEENTHS
 
+    def _known(self, coarse: Sixteenths) -> Mask:
+        """Whether each pixel (H, W) has a coarse match."""
+        return np.asarray(coarse >= self.coarse.searched.first_px * SIXTEENTHS)
+
     def _agree(self, of_left: Sixteenths, of_right: Sixteenths) -> Mask:
         """Whether the disparity of each pixel (H, W) of the left view agrees with that of its match."""
         columns = np.arange(of_left.shape[1], dtype=np.int32) - _whole_pixels(of_left)
@@ -131,33 +161,44 @@ class GuidedSearch:
         agree = np.abs(of_left + of_match) * FACTOR <= self.left_right_px * SIXTEENTHS
         return np.asarray(agree & (columns >= 0))
 
-    def _around(self, left: Gray, right: Gray, matched: Region, bound: Map) -> Sixteenths:
-        """Disparities of the left view in ``matched``, within the remainder around a ``bound`` in pixels."""
-        reach_px = self.remainder.count // 2
-        given = with_edge(matched, self.full.block_size_px, before=reach_px, after=reach_px)
+    def _unsure(self, left: Gray, matched: Region, found: Sixteenths) -> list[Region] | None:
+        """Areas that need the whole range; None if these are more than half of ``matched``."""
+        areas = too_fine_areas(cut(left, matched), found >= self.full.searched.first_px * SIXTEENTHS)
+        areas = [area.moved(matched.u0, matched.v0) for area in areas]
+        return None if 2 * sum(area.size for area in areas) > matched.size else areas
+
+    def _bounded(self, left: Gray, right: Gray, matched: Region, reached: Region, bound: Map, sure: Mask) -> Sixteenths:
+        """Disparities of the left view in ``reached``, near a ``bound`` in sixteenths, where the bound is ``sure``."""
+        found = np.full((reached.v1 - reached.v0, reached.u1 - reached.u0), self._unknown, np.int16)
+        around, is_matched = self._around(left, right, matched, bound)
+        np.copyto(cropped(found, reached, matched), around, where=is_matched & sure)
+        return found
+
+    def _around(self, left: Gray, right: Gray, matched: Region, bound: Map) -> tuple[Sixteenths, Mask]:
+        """Disparities of the left view in ``matched``, at most 8 px from a ``bound``, and where there is a match."""
+        given = with_edge(matched, self.full.block_size_px, before=REMAINDER.count // 2, after=REMAINDER.count // 2)
         beyond = (matched.v0 - given.v0, given.v1 - matched.v1, matched.u0 - given.u0, given.u1 - matched.u1)
         offsets = np.asarray(cv2.copyMakeBorder(bound, *beyond, cv2.BORDER_REPLICATE), dtype=np.float32)
         in_right = cut(right, Region(u0=0, v0=given.v0, u1=right.shape[1], v1=given.v1))
         columns = np.arange(given.u0, given.u1, dtype=np.float32)
         rows = np.repeat(np.arange(len(offsets), dtype=np.float32)[:, None], len(columns), axis=1)
-        warped = _sampled(in_right, columns - offsets, rows)
+        warped = _sampled(in_right, columns - offsets * np.float32(1 / SIXTEENTHS), rows)
 
-        remainder = self.remainder_matcher.compute(cut(left, given), warped)
+        remainder = self.remainder.compute(cut(left, given), warped)
         # the column of the match in the warped view, which is moved by the offset there
         found_in = remainder * np.float32(-1 / SIXTEENTHS)
         found_in += columns - np.float32(given.u0)
         moved = _sampled(offsets, found_in, rows)
-        moved *= np.float32(SIXTEENTHS)
-        found = remainder + np.rint(moved, out=moved).astype(np.int16)
-        unmatched = remainder < self.remainder.first_px * SIXTEENTHS
-        unmatched |= found < self.full.searched.first_px * SIXTEENTHS
-        unmatched |= found >= self.full.searched.reach_px * SIXTEENTHS
-        np.copyto(found, self._unknown, where=unmatched)
-        return cropped(found, given, matched)
+        found = np.asarray(cv2.add(remainder, moved, dtype=cv2.CV_16S), dtype=np.int16)
+        searched = self.full.searched
+        is_matched = remainder >= REMAINDER.first_px * SIXTEENTHS
+        is_matched &= found >= searched.first_px * SIXTEENTHS
+        is_matched &= found < searched.reach_px * SIXTEENTHS
+        return cropped(found, given, matched), cropped(is_matched, given, matched)
 
 
 def _bound(coarse: Sixteenths) -> Map:
-    """Enlarge a coarse map to full resolution, in pixels: smooth within a surface, with steps at its edges."""
+    """Enlarge a coarse map to full resolution, in sixteenths: smooth within a surface, with steps at its edges."""
     steady = cv2.medianBlur(coarse, MEDIAN_PX).reshape(coarse.shape)
     window = np.ones((SMOOTHED_PX, SMOOTHED_PX), np.uint8)
     has_edge = cv2.dilate(steady, window) - cv2.erode(steady, window) > EDGE
@@ -169,7 +210,22 @@ def _bound(coarse: Sixteenths) -> Map:
     found: Map = cv2.resize(smooth, size, interpolation=cv2.INTER_LINEAR)
     stepped = cv2.resize(smooth, size, interpolation=cv2.INTER_NEAREST)
     np.copyto(found, stepped, where=cv2.resize(edge, size, interpolation=cv2.INTER_NEAREST) > 0)
-    return found * np.float32(FACTOR / SIXTEENTHS)
+    return found * np.float32(FACTOR)
+
+
+def _filled(coarse: Sixteenths, known: Mask) -> Sixteenths:
+    """Give each unknown pixel (H, W) the farther one of the next known disparities in its row; 0 if there is none.
+
+    Beside an edge, the unknown pixels are those of the background, which the other camera does not see.
+    """
+    width = coarse.shape[1]
+    places = np.arange(width, dtype=np.int32)
+    before = np.maximum.accumulate(np.where(known, places, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, places, width)[:, ::-1], axis=1)[:, ::-1]
+    none = np.iinfo(np.int16).max
+    edged = cv2.copyMakeBorder(coarse, 0, 0, 1, 1, cv2.BORDER_CONSTANT, value=none)
+    found = np.minimum(_looked_up(edged, before + 1), _looked_up(edged, after + 1))
+    return np.asarray(np.where(found == none, np.int16(0), found))
 
 
 def _sampled(values: NDArray[Any], columns: Map, rows: Map) -> NDArray[Any]:
