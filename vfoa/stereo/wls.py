@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from threading import Lock
 from typing import Any
 
 import cv2
@@ -12,6 +15,24 @@ from vfoa.types import Image, Map
 
 CONFIDENCE_SCALE = 255.0
 """OpenCV's confidence runs from 0 to 255."""
+
+
+PARTS = 2
+"""OpenCV divides the image among its threads, and pixels beside a division differ by a sixteenth: it is always two."""
+
+_in_parts = Lock()
+
+
+@contextmanager
+def _parts() -> Iterator[None]:
+    """Let OpenCV divide an image into :data:`PARTS` in this block, whatever the number of its threads is."""
+    with _in_parts:
+        threads = cv2.getNumThreads()
+        cv2.setNumThreads(PARTS)
+        try:
+            yield
+        finally:
+            cv2.setNumThreads(threads)
 
 
 class WlsFilter:
@@ -42,5 +63,6 @@ class WlsFilter:
         The filtered map in sixteenths, every pixel filled, and its confidence (H, W) in [0, 1].
         """
         height, width = left.shape
-        filtered = self._filter.filter(left, guide, disparity_map_right=right, ROI=(0, 0, width, height))
+        with _parts():
+            filtered = self._filter.filter(left, guide, disparity_map_right=right, ROI=(0, 0, width, height))
         return filtered, self._filter.getConfidenceMap() / np.float32(CONFIDENCE_SCALE)
