@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from harness.files import replacing
-from harness.known_digests import SETTLED_NS, look_at
+from harness.known_digests import SETTLED_NS, stamp_of
 
 if TYPE_CHECKING:
     import msgspec
@@ -51,11 +51,11 @@ def write_value(path: Path, value: object) -> None:
         draft.write_bytes(_checksum(body) + body)
 
 
-def settled_look(path: Path) -> str | None:
-    """The look of a file before it is read; None if it is missing, or has changed too recently to be known by it."""
+def settled_stamp(path: Path) -> str | None:
+    """The stamp of a file before it is read; None if it is missing, or has changed too recently to be known by it."""
     began_ns = time.time_ns()
-    look = look_at([("file", str(path))])
-    return look.digest if look and look.newest_ns <= began_ns - SETTLED_NS else None
+    stamp = stamp_of([("file", str(path))])
+    return stamp.digest if stamp and stamp.newest_ns <= began_ns - SETTLED_NS else None
 
 
 def kept_while_unchanged(path: Path, source: Path, kind: type[Value], code: str, read: Callable[[], Value]) -> Value:
@@ -64,20 +64,20 @@ def kept_while_unchanged(path: Path, source: Path, kind: type[Value], code: str,
     Parameters
     ----------
     path
-        Where the value is kept, with the look of ``source`` (:mod:`harness.known_digests`).
+        Where the value is kept, with the stamp of ``source`` (:mod:`harness.known_digests`).
     kind
         The type of the value.
     code
         The digest of the code that reads it.
     """
-    look = settled_look(source)
+    stamp = settled_stamp(source)
     found = read_value(path, tuple[str, str, kind])  # type: ignore[valid-type]
-    if found is not None and found[:2] == (look, code):
+    if found is not None and found[:2] == (stamp, code):
         value: Value = found[2]
         return value
     value = read()
-    if look is not None:
-        write_value(path, (look, code, value))
+    if stamp is not None:
+        write_value(path, (stamp, code, value))
     return value
 
 

@@ -189,7 +189,7 @@ def replacing(path: Path) -> Iterator[Path]:
 def file_digest(path: Path) -> str:
     """Hexadecimal sha256 of a file's content; raises a :class:`VfoaError` that names it if it cannot be read.
 
-    A large file is not read again while it looks the same (:mod:`harness.known_digests`).
+    A large file is not read again while its stamp is the same (:mod:`harness.known_digests`).
     """
     check_readable(path)
     try:
@@ -212,7 +212,7 @@ def _digest_of_large(path: Path) -> str:
 def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
     """Hexadecimal sha256 of (role, file) pairs in order: of the roles and the contents, not of the paths.
 
-    The files are not read again while they look the same (:mod:`harness.known_digests`).
+    The files are not read again while their stamps are the same (:mod:`harness.known_digests`).
     """
     files = [(role, os.fspath(path)) for role, path in parts]  # text takes a third of the memory of paths
     return KNOWN.of(files, partial(_digest_of_all, files))

@@ -1,8 +1,8 @@
-"""Digests of files that need not be read again, because the files look as they did when they were read.
+"""Digests of files that need not be read again, because the files have the stamp that they had when they were read.
 
-The look of a set of files is the path, size, times, inode and device of each. A change of content sets the time of the
-last change (ctime), which no program can set back, so the same look means the same content. Only a file that changes
-again within one tick of its file system's clock keeps its look; therefore, as in git's index, a digest is only kept if
+The stamp of a set of files is the path, size, times, inode and device of each. A change of content sets the time of the
+last change (ctime), which no program can set back, so the same stamp means the same content. Only a file that changes
+again within one tick of its file system's clock keeps its stamp; therefore, as in git's index, a digest is only kept if
 the files had been left alone for some time before they were read. Memory-mapped writes may show late, and a file
 server whose clock is behind by more than that time is not noticed.
 """
@@ -21,15 +21,15 @@ SETTLED_NS = 3 * 10**9
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
-    """The look of a set of files, as a digest, and the newest of their times, ns since 1970."""
+class Stamp:
+    """The stamp of a set of files, as a digest, and the newest of their times, ns since 1970."""
 
     digest: str
     newest_ns: int
 
 
-def look_at(parts: Sequence[tuple[str, str]]) -> Look | None:
-    """The look of (role, file) pairs in order; None if one of them is missing."""
+def stamp_of(parts: Sequence[tuple[str, str]]) -> Stamp | None:
+    """The stamp of (role, file) pairs in order; None if one of them is missing."""
     total, newest_ns = hashlib.blake2b(digest_size=20), 0
     try:
         for role, path in parts:
@@ -39,36 +39,36 @@ def look_at(parts: Sequence[tuple[str, str]]) -> Look | None:
             total.update(f"{role}\0{path}\0{found.st_size} {times} {found.st_ino} {found.st_dev}\n".encode())
     except (OSError, ValueError):  # reading them gives the error
         return None
-    return Look(total.hexdigest(), newest_ns)
+    return Stamp(total.hexdigest(), newest_ns)
 
 
 class KnownDigests:
-    """Digests by the look of their files: those of this process, and those that an earlier one has kept."""
+    """Digests by the stamp of their files: those of this process, and those that an earlier one has kept."""
 
     def __init__(self) -> None:
-        self._by_look: dict[str, str] = {}
+        self._by_stamp: dict[str, str] = {}
         self._used: dict[str, str] = {}
 
     def of(self, parts: Sequence[tuple[str, str]], read: Callable[[], str]) -> str:
         """The digest of (role, file) pairs: a known one, else that of ``read``, which reads the files."""
         began_ns = time.time_ns()
-        look = look_at(parts)
-        digest = self._by_look.get(look.digest) if look else None
+        stamp = stamp_of(parts)
+        digest = self._by_stamp.get(stamp.digest) if stamp else None
         if digest is None:
             digest = read()
-            if look is None or look.newest_ns > began_ns - SETTLED_NS:
+            if stamp is None or stamp.newest_ns > began_ns - SETTLED_NS:
                 return digest
-        if look:
-            self._by_look[look.digest] = self._used[look.digest] = digest
+        if stamp:
+            self._by_stamp[stamp.digest] = self._used[stamp.digest] = digest
         return digest
 
     def add(self, known: Mapping[str, str]) -> None:
-        """Add digests by look."""
-        self._by_look.update(known)
+        """Add digests by stamp."""
+        self._by_stamp.update(known)
 
     @contextmanager
     def used(self) -> Iterator[Mapping[str, str]]:
-        """Yield the digests by look that are used in the ``with`` block, for another process to add."""
+        """Yield the digests by stamp that are used in the ``with`` block, for another process to add."""
         before, self._used = self._used, {}
         try:
             yield self._used

@@ -7,8 +7,8 @@ The parts are in ``score_cache/`` in a run's directory, so that only changed res
     inputs.noted    digests of the inputs, which the run notes
     <key>.part      the logs of a block; the key depends on its lines, its labels and the code
 
-All of it can be removed at any time. A file is read again unless it looks as noted (:mod:`harness.known_digests`); a
-damaged part is rebuilt.
+All of it can be removed at any time. A file is read again unless it has the stamp noted
+(:mod:`harness.known_digests`); a damaged part is rebuilt.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from pathlib import Path
 
 import harness
 import vfoa
-from harness.cached_values import kept_while_unchanged, read_value, settled_look, write_value
+from harness.cached_values import kept_while_unchanged, read_value, settled_stamp, write_value
 from harness.files import file_digest
 from harness.report.csv_tables import FrameLines, FrameRows
 from harness.report.formats import Table
@@ -168,15 +168,15 @@ class KeptParts:
 
 def _indexed(results: Path, index: Path) -> list[Block]:
     """Return the blocks of the results: those of the index if every line is the same, otherwise divided again."""
-    look = settled_look(results)
+    stamp = settled_stamp(results)
     noted: tuple[str | None, list[Block]] | None = read_value(index, tuple[str | None, list[Block]])
     before, blocks = noted or (None, [])
-    if look is not None and look == before:
+    if stamp is not None and stamp == before:
         return blocks
     size = results.stat().st_size if results.is_file() else None
     if not (blocks and blocks[-1].end == size and all(_is_unchanged(results, block) for block in blocks)):
         blocks = find_blocks(results)
-    write_value(index, (look, blocks))
+    write_value(index, (stamp, blocks))
     return blocks
 
 

@@ -75,7 +75,7 @@ class RunDirectory:
 
     @property
     def noted_inputs(self) -> Path:
-        """Digests of the inputs by their files' look, to continue and to score (:mod:`harness.known_digests`)."""
+        """Digests of the inputs by their files' stamps, to continue and to score (:mod:`harness.known_digests`)."""
         return self.score_cache / "inputs.noted"
 
     @property

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from harness.cached_values import kept_while_unchanged, read_value, settled_look, write_value
+from harness.cached_values import kept_while_unchanged, read_value, settled_stamp, write_value
 from harness.known_digests import SETTLED_NS
 from tests.disk import write_bytes
 
 
-def test_a_file_has_a_settled_look_once_it_cannot_change_within_the_same_tick(
+def test_a_file_has_a_settled_stamp_once_it_cannot_change_within_the_same_tick(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = write_bytes(tmp_path / "a", b"1")
@@ -21,9 +21,9 @@ def test_a_file_has_a_settled_look_once_it_cannot_change_within_the_same_tick(
     ages = {}
     for age in (-SETTLED_NS, SETTLED_NS - 1, SETTLED_NS):
         monkeypatch.setattr(time, "time_ns", lambda age=age: changed + age)
-        ages[age] = settled_look(path) is not None
+        ages[age] = settled_stamp(path) is not None
     assert ages == {-SETTLED_NS: False, SETTLED_NS - 1: False, SETTLED_NS: True}
-    assert settled_look(tmp_path / "missing") is None
+    assert settled_stamp(tmp_path / "missing") is None
 
 
 def test_a_value_is_read_again_if_its_file_or_the_code_changes_or_it_is_damaged(
