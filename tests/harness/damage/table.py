@@ -303,7 +303,12 @@ _STAGE_OUTPUTS = [
     case("panoptic.json empty", empty("stage_outputs/panoptic.json"), "panoptic.json"),
     case("panoptic.json cut", cut("stage_outputs/panoptic.json"), "panoptic.json"),
     case("panoptic.json is a list", text("stage_outputs/panoptic.json", "[1, 2]"), "panoptic.json"),
-    case("panoptic.json of many brackets", text("stage_outputs/panoptic.json", 10_000 * "["), "levels deep"),
+    case(
+        "panoptic.json of many brackets",
+        text("stage_outputs/panoptic.json", '{"annotations": ' + 10_000 * "["),
+        "panoptic.json",
+        "annotations",
+    ),
     case("panoptic.json without categories", _no_categories, "panoptic.json", "categories"),
     case("disparity empty", empty(DISPARITY), "frame_0002.npy"),
     case("disparity cut", cut(DISPARITY), "frame_0002.npy"),
