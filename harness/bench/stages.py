@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from harness.clips.manifest import ClipManifest
 from harness.record import Size
+from harness.record.layers import ClipFiles, layer_names
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
@@ -40,7 +41,8 @@ STAGES = (
 class StageCosts:
     """One configuration's milliseconds per frame, as if it ran alone: by stage (median, 95th percentile) and in total.
 
-    ``frames_per_second`` is from the medians of whole frames. ``recording_bytes`` is the recording's size per frame.
+    ``frames_per_second`` is from the medians of whole frames. ``recording_bytes`` is the size per frame of
+    all files that show the configuration, those that it shares with others included.
     """
 
     configuration: str
@@ -89,11 +91,12 @@ def _costs(directory: RunDirectory, job: ClipJob) -> list[StageCosts]:
 
     table = pd.read_csv(directory.timings)
     table = table[table["frame"] != job.frames[0]] if len(job.frames) > 1 else table
+    layers = layer_names({each.name: each.plain() for each in job.configurations})
     costs = []
     for clip, configuration in job.pairs:
         own = table[table["configuration"] == configuration]
         by_stage = {stage: _typical(rows["ms"]) for stage, rows in own.groupby("stage")}
-        files = [*directory.path.glob(f"{clip}*.rrd")]
+        files = ClipFiles(run=directory.path, clip=clip).of(layers[configuration])
         costs.append(
             StageCosts(
                 configuration=configuration,
