@@ -32,7 +32,7 @@ FRAMES = 120
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two clips of the same images, slow enough to be interrupted."""
+    """Two clips of the same images."""
     folder = tmp_path_factory.mktemp("interrupted")
     manifest = write_clip(folder, range(1, FRAMES + 1))
     masks = write_masks(folder / "masks", range(1, FRAMES + 1))
@@ -47,10 +47,17 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_text(folder / "interrupted.toml", stages)
 
 
-def _start(experiment: Path, out: Path, workers: int) -> subprocess.Popen[str]:
+def _start(experiment: Path, out: Path, workers: int, *, pause_s: float = 0.0) -> subprocess.Popen[str]:
+    """Start a run that waits before each match, also in its workers: they import this script."""
     words = ["run", str(experiment), "--out", str(out), "--workers", str(workers), "--no-cache", "--recording", "none"]
     code = (
-        f"import sys; sys.argv = ['vfoa', *{words!r}]\nfrom harness.cli import main\nif __name__ == '__main__': main()"
+        "import sys, time\n"
+        "from harness.cli import main\n"
+        "from vfoa.stereo.block_matching import SemiGlobalMatcher\n"
+        "match = SemiGlobalMatcher.match\n"
+        f"SemiGlobalMatcher.match = lambda self, frame: (time.sleep({pause_s}), match(self, frame))[1]\n"
+        f"sys.argv = ['vfoa', *{words!r}]\n"
+        "if __name__ == '__main__': main()\n"
     )
     script = write_text(out.with_name(f"{out.name}.py"), code)
     return subprocess.Popen(
@@ -68,7 +75,7 @@ def _start(experiment: Path, out: Path, workers: int) -> subprocess.Popen[str]:
 def test_an_interrupted_run_says_what_is_kept_and_goes_on(
     name: str, workers: int, experiment: Path, tmp_path: Path
 ) -> None:
-    process = _start(experiment, tmp_path / "out", workers)
+    process = _start(experiment, tmp_path / "out", workers, pause_s=0.5)  # a minute: it cannot end by itself
     while process.poll() is None and not any(
         path.stat().st_size for path in (tmp_path / "out").glob("partial/*.jsonl.partial")
     ):
