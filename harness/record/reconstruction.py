@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import rerun as rr
-from scipy.spatial.transform import Rotation
 
 from harness.record import Size, entities
 from harness.record.appearance import Colours, target_names
 from harness.record.frame_log import FrameLog
 from harness.record.images import class_context, encoded_depth, png
 from harness.run.records import FrameRecord
-from vfoa.geometry import depth_from_disparity
-from vfoa.types import Box3D, Disparity, Float, Map, Percepts, Scene, StereoFrame
+from vfoa.geometry import depth_from_disparity, quaternion
+from vfoa.types import Box3D, Disparity, Map, Percepts, Scene, StereoFrame
 
 LIGHT_POINTS = 120
 """Most points of a cloud in a light recording: enough to show its shape and its outliers."""
@@ -104,14 +103,7 @@ def _log_box(log: FrameLog, path: str, box: Box3D, name: str, class_id: int) -> 
         rr.Boxes3D,
         centers=box.center_m[None],
         half_sizes=box.half_size_m[None],
-        quaternions=_quaternion(box.left_from_box)[None],
+        quaternions=[quaternion(box.left_from_box)],
         labels=[name],
         class_ids=[class_id],
     )
-
-
-def _quaternion(rotation: Float) -> Float:
-    """The quaternion (4,), as (x, y, z, w); boxes along the camera's axes take a shortcut."""
-    if np.array_equal(rotation, np.eye(3)):
-        return np.array([0.0, 0.0, 0.0, 1.0])
-    return np.asarray(Rotation.from_matrix(rotation).as_quat())
