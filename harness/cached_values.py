@@ -7,14 +7,13 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import time
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from harness.files import replacing
-from harness.known_digests import SETTLED_NS, stamp_of
+from harness.known_digests import stamp_of
 
 if TYPE_CHECKING:
     import msgspec
@@ -53,9 +52,8 @@ def write_value(path: Path, value: object) -> None:
 
 def settled_stamp(path: Path) -> str | None:
     """The stamp of a file before it is read; None if it is missing, or has changed too recently to be known by it."""
-    began_ns = time.time_ns()
     stamp = stamp_of([("file", str(path))])
-    return stamp.digest if stamp and stamp.newest_ns <= began_ns - SETTLED_NS else None
+    return stamp.digest if stamp and stamp.is_settled else None
 
 
 def kept_while_unchanged(path: Path, source: Path, kind: type[Value], code: str, read: Callable[[], Value]) -> Value:

@@ -22,14 +22,15 @@ SETTLED_NS = 3 * 10**9
 
 @dataclass(frozen=True, slots=True)
 class Stamp:
-    """The stamp of a set of files, as a digest, and the newest of their times, ns since 1970."""
+    """The stamp of a set of files, as a digest, and whether they had been left alone before it was taken."""
 
     digest: str
-    newest_ns: int
+    is_settled: bool
 
 
 def stamp_of(parts: Sequence[tuple[str, str]]) -> Stamp | None:
     """The stamp of (role, file) pairs in order; None if one of them is missing."""
+    settled_ns = time.time_ns() - SETTLED_NS
     total, newest_ns = hashlib.blake2b(digest_size=20), 0
     try:
         for role, path in parts:
@@ -39,7 +40,7 @@ def stamp_of(parts: Sequence[tuple[str, str]]) -> Stamp | None:
             total.update(f"{role}\0{path}\0{found.st_size} {times} {found.st_ino} {found.st_dev}\n".encode())
     except (OSError, ValueError):  # reading them gives the error
         return None
-    return Stamp(total.hexdigest(), newest_ns)
+    return Stamp(total.hexdigest(), newest_ns <= settled_ns)
 
 
 class KnownDigests:
@@ -51,12 +52,11 @@ class KnownDigests:
 
     def of(self, parts: Sequence[tuple[str, str]], read: Callable[[], str]) -> str:
         """The digest of (role, file) pairs: a known one, else that of ``read``, which reads the files."""
-        began_ns = time.time_ns()
         stamp = stamp_of(parts)
         digest = self._by_stamp.get(stamp.digest) if stamp else None
         if digest is None:
             digest = read()
-            if stamp is None or stamp.newest_ns > began_ns - SETTLED_NS:
+            if stamp is None or not stamp.is_settled:
                 return digest
         if stamp:
             self._by_stamp[stamp.digest] = self._used[stamp.digest] = digest
