@@ -6,27 +6,14 @@ import json
 import subprocess
 import sys
 import threading
-import uuid
-from collections.abc import Iterator
 from typing import Any
 
-import fsspec
 import pytest
 
 from harness.remote import Remote
 from harness.run import lease
 from harness.run.lease import LOCK, leased
 from vfoa.errors import VfoaError
-
-
-@pytest.fixture
-def address() -> Iterator[str]:
-    """An empty folder on a storage in memory."""
-    name = f"/{uuid.uuid4().hex}"
-    yield f"memory:/{name}"
-    storage = fsspec.filesystem("memory")
-    if storage.exists(name):
-        storage.rm(name, recursive=True)
 
 
 @pytest.fixture

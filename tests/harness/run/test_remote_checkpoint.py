@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import uuid
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import fsspec
 import pytest
 
 from harness.clips.naming import SubjectNames
@@ -23,16 +20,6 @@ from vfoa.pipeline import Memory
 
 PAIR = "alley", "bm"
 LINES = "partial/alley__bm.jsonl.partial"
-
-
-@pytest.fixture
-def address() -> Iterator[str]:
-    """An empty folder on a storage in memory."""
-    name = f"/{uuid.uuid4().hex}"
-    yield f"memory:/{name}"
-    storage = fsspec.filesystem("memory")
-    if storage.exists(name):
-        storage.rm(name, recursive=True)
 
 
 def _job(folder: Path) -> ClipJob:
