@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.completion import setting_assignments
-from harness.cli.options import ProviderName, Replace
+from harness.cli.options import Overrides, ProviderName, Replace
 
 ONLY_HELP = "Measure only this: stages, stereo, attention, memory ... (several times for more)."
 
@@ -26,15 +25,7 @@ def bench(
     provider: Annotated[
         ProviderName, typer.Option(help="Run the networks on this provider of ONNX Runtime.")
     ] = ProviderName.cpu,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change a setting in every configuration (`vfoa settings` lists all).",
-            autocompletion=setting_assignments,
-        ),
-    ] = None,
+    overrides: Overrides = None,
     only: Annotated[list[str] | None, typer.Option(metavar="SECTION", help=ONLY_HELP)] = None,
     out: Annotated[Path | None, typer.Option(help="Also write the tables to this Markdown file.")] = None,
     overwrite: Replace = False,

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.completion import clip_names, configuration_names, run_directories
+from harness.cli.completion import clip_names, configuration_names, run_directories, setting_assignments
 
 
 def run_folder(run: str) -> Path:
@@ -65,6 +65,15 @@ Out = Annotated[
         metavar="DIRECTORY",
         help="Directory of the run. Default: runs/<experiment>, or the next free runs/<experiment>-N if that holds "
         "another run. May be on object storage: s3://bucket/runs/name.",
+    ),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a setting in every configuration (`vfoa settings` lists all).",
+        autocompletion=setting_assignments,
     ),
 ]
 Workers = Annotated[int, typer.Option(min=0, help="Number of processes, one thread each; 0: one per core.")]

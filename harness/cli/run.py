@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.completion import clip_names, experiment_and_clip_names, preset_names, setting_assignments
-from harness.cli.options import Cache, Out, Workers
+from harness.cli.completion import clip_names, experiment_and_clip_names, preset_names
+from harness.cli.options import Cache, Out, Overrides, Workers
 from harness.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -54,15 +54,7 @@ def run(
             autocompletion=experiment_and_clip_names,
         ),
     ],
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change a setting in every configuration (`vfoa settings` lists all).",
-            autocompletion=setting_assignments,
-        ),
-    ] = None,
+    overrides: Overrides = None,
     preset: Annotated[
         str | None,
         typer.Option(
