@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -88,25 +89,35 @@ def on_worker(
     """
     from distributed import get_worker
 
-    address = get_worker().address
+    worker = get_worker()
+    with _naming(worker.address):
+        _prepare(here, code, sees, run)
+        told = _Told(lambda words: worker.log_event(TOPIC, {COUNTS: words}))
+
+        def progress(word: str) -> None:
+            told.add(word)
+            _check_goes_on(run)
+
+        _check_goes_on(run)
+        try:
+            return work(job, progress)
+        finally:
+            told.send()
+
+
+@contextmanager
+def _naming(address: str) -> Iterator[None]:
+    """Name the worker in an error of the block, such as that of a storage that only this worker cannot read."""
     try:
-        return _in_surroundings(here, code, sees, run, work, job)
+        yield
     except VfoaError as error:
-        if type(error) is VfoaError:  # such as a storage that only this worker cannot read
+        if type(error) is VfoaError:
             raise VfoaError(f"{address}: {error}") from None
         raise
 
 
-def _in_surroundings(
-    here: Surroundings,
-    code: tuple[tuple[str, ...], str],
-    sees: Path | None,
-    run: str,
-    work: Callable[[Any, Progress], Any],
-    job: Any,
-) -> Any:
-    from distributed import get_worker
-
+def _prepare(here: Surroundings, code: tuple[tuple[str, ...], str], sees: Path | None, run: str) -> None:
+    """Take on the surroundings of a run, and check that this worker can work for it; see :func:`on_worker`."""
     global _run
     here.enter()
     if run != _run:  # a clip may have changed since the last one
@@ -114,7 +125,6 @@ def _in_surroundings(
         _run = run
     bring_models()
     compute_with(1)
-    worker = get_worker()
     modules, digest = code
     if code_digest(modules) != digest:
         raise VfoaError("runs another version of vfoa; expected the same source as here")
@@ -123,19 +133,11 @@ def _in_surroundings(
             f"sees no {sees}; expected the disk of the run's directory, or --out and --cache on "
             "object storage (s3://bucket/runs/name)"
         )
-    told = _Told(lambda words: worker.log_event(TOPIC, {COUNTS: words}))
 
-    def progress(word: str) -> None:
-        told.add(word)
-        if run in _stopped:
-            raise StoppedError
 
+def _check_goes_on(run: str) -> None:
     if run in _stopped:
         raise StoppedError
-    try:
-        return work(job, progress)
-    finally:
-        told.send()
 
 
 def _appears(path: Path) -> bool:
