@@ -104,10 +104,7 @@ class GuidedSearch:
         coarse = self.coarse.left(*small, coarse_matched, coarse_matched)
         known = self._known(coarse)
         origin = coarse_matched.times(FACTOR)
-        sure = cropped(_repeated(known), origin, matched)
-
-        bound = cropped(_bound(_filled(coarse, known)), origin, matched)
-        found = self._bounded(left, right, matched, reached, bound, sure)
+        found = self._bounded(left, right, matched, reached, origin, _filled(coarse, known), known)
         if self.speckle_size_px:
             cv2.filterSpeckles(found, self._unknown, self.speckle_size_px, self.speckle_range_px * SIXTEENTHS)
         unsure = self._unsure(left, matched, cropped(found, reached, matched))
@@ -128,10 +125,8 @@ class GuidedSearch:
         known = self._known(coarse_left)
         coarse_left = _filled(coarse_left, known)
         origin = coarse_reached.times(FACTOR)
-        sure = cropped(_repeated(known & self._agree(coarse_left, coarse_right)), origin, matched)
-
-        bound = cropped(_bound(coarse_left), origin, matched)
-        of_left = self._bounded(left, right, matched, reached, bound, sure)
+        sure = known & self._agree(coarse_left, coarse_right)
+        of_left = self._bounded(left, right, matched, reached, origin, coarse_left, sure)
         unsure = self._unsure(left, matched, cropped(of_left, reached, matched))
         if unsure is None:
             return self.full.both(left, right, matched, reached)
@@ -167,11 +162,19 @@ class GuidedSearch:
         areas = [area.moved(matched.u0, matched.v0) for area in areas]
         return None if 2 * sum(area.size for area in areas) > matched.size else areas
 
-    def _bounded(self, left: Gray, right: Gray, matched: Region, reached: Region, bound: Map, sure: Mask) -> Sixteenths:
-        """Disparities of the left view in ``reached``, near a ``bound`` in sixteenths, where the bound is ``sure``."""
+    def _bounded(
+        self, left: Gray, right: Gray, matched: Region, reached: Region, origin: Region, coarse: Sixteenths, sure: Mask
+    ) -> Sixteenths:
+        """Disparities of the left view in ``reached``, near the ``coarse`` ones, where these are ``sure``.
+
+        ``origin`` is the region of the coarse maps, in pixels of the full resolution.
+        """
+        bound = cropped(_bound(coarse), origin, matched)
         found = np.full((reached.v1 - reached.v0, reached.u1 - reached.u0), self._unknown, np.int16)
         around, is_matched = self._around(left, right, matched, bound)
-        np.copyto(cropped(found, reached, matched), around, where=is_matched & sure)
+        np.copyto(
+            cropped(found, reached, matched), around, where=is_matched & cropped(_repeated(sure), origin, matched)
+        )
         return found
 
     def _around(self, left: Gray, right: Gray, matched: Region, bound: Map) -> tuple[Sixteenths, Mask]:
