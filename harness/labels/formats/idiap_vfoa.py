@@ -1,7 +1,8 @@
 """Ground truth of idiap/vfoa (github.com/idiap/vfoa, ``tests/test_runVfoaModule.py``; read, not used).
 
-``*_gt.npz``: an array for each person (``Person 1``, ...), a code for each frame: 0 unfocused, 1 robot, 2 the other
-person. Or a CSV with the header ``time_ns,person,looks_at``, where ``looks_at`` is one of these in words.
+``*_gt.npz``: an array (frames, 1) for each person (``Person 1``, ...), a code for each frame: 0 unfocused, 1 robot,
+2 the other person. An array (frames,) is read, too. Or a CSV with the header ``time_ns,person,looks_at``, where
+``looks_at`` is one of these in words.
 """
 
 from __future__ import annotations
@@ -84,9 +85,10 @@ def _arrays(path: Path) -> dict[str, Sequence[int]]:
     except Exception as error:  # errors of the archive, and of each array's header, which is Python
         raise VfoaError(f"{path}: not a file of arrays: {error}") from None
     for name, array in found.items():
-        if array.ndim != 1 or array.dtype.kind not in "iuf" or not np.array_equal(array, array.astype(int)):
+        is_column = array.ndim == 1 or array.shape == (len(array), 1)
+        if not is_column or array.dtype.kind not in "iuf" or not np.array_equal(array, array.astype(int)):
             raise VfoaError(f"{path}: {name}: found {array.dtype} of {array.shape}; expected one code for each frame")
-    return {name: [int(code) for code in array] for name, array in found.items()}
+    return {name: [int(code) for code in array.ravel()] for name, array in found.items()}
 
 
 def _of_table(path: Path, exchange: Exchange) -> Iterator[_Found]:

@@ -27,7 +27,7 @@ from vfoa.errors import VfoaError
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
     """Two files under upstream's names, whose checksums are the expected ones."""
     codes = io.BytesIO()
-    np.savez(codes, **{"Person 1": [1] * 6, "Person 2": [0, 0, 0, 2, 2, 2]})
+    np.savez(codes, **{"Person 1": [[1]] * 6, "Person 2": [[0], [0], [0], [2], [2], [2]]})  # as upstream: (frames, 1)
     contents = {"HEADS": idiap_file(tmp_path / "made").read_bytes(), "LABELS": codes.getvalue()}
     with serve() as running:
         for constant, content in contents.items():

@@ -32,9 +32,20 @@ def _exchange(folder: Path, subjects: tuple[str, ...] = ("1", "2")) -> Exchange:
     return Exchange(clip=clip, subjects=subjects, targets=("robot",))
 
 
-def test_the_arrays_hold_a_code_for_each_frame(tmp_path: Path) -> None:
-    np.savez(tmp_path / "a_gt.npz", **CODES)
+@pytest.mark.parametrize("columns", [(), (1,)])
+def test_the_arrays_hold_a_code_for_each_frame(tmp_path: Path, columns: tuple[int, ...]) -> None:
+    arrays = {name: np.reshape(codes, (6, *columns)).astype(np.uint32) for name, codes in CODES.items()}
+    np.savez(tmp_path / "a_gt.npz", **arrays)
     assert IdiapGroundTruth().read(tmp_path / "a_gt.npz", _exchange(tmp_path)).labels == EXPECTED
+
+
+def test_the_genuine_arrays_say_what_the_table_says(shared_data: Path) -> None:
+    folder = shared_data / "idiap_vfoa"
+    clip = open_measured("idiap_vfoa", folder, file="heads.csv")
+    exchange = Exchange(clip=clip, subjects=("1", "2"), targets=("robot",))
+    arrays, table = (IdiapGroundTruth().read(folder / name, exchange) for name in ("gt_first_half.npz", "labels.csv"))
+    assert arrays.labels == table.labels
+    assert sum(each.last_frame - each.first_frame + 1 for each in arrays.labels.ranges) == 1060
 
 
 def test_the_table_says_it_in_words(tmp_path: Path) -> None:
