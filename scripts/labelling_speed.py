@@ -1,10 +1,9 @@
-"""Measure the labelling page in Chromium: true speed and pictures a second while it plays, seeks, memory, sound.
+"""Measure the labelling page in Chromium: true speed and pictures a second while it plays, seeks, memory.
 
     python -m scripts.labelling_speed [FOLDER]
 
-Clips are written to FOLDER (kept there; without one, to a temporary folder): 4K at 30 Hz, 18,000 frames of 640 x 360 at
-30 Hz, and one that flashes when it beeps. Needs the packages of the tests, Debian's chromium and chromium-driver; the
-sound is measured where there is PulseAudio (pulseaudio, pulseaudio-utils), by recording what the browser plays.
+Clips are written to FOLDER (kept there; without one, to a temporary folder): 4K at 30 Hz, and 18,000 frames of
+640 x 360 at 30 Hz. Needs the packages of the tests, Debian's chromium and chromium-driver.
 """
 
 from __future__ import annotations
@@ -20,9 +19,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from scripts.recorded_sound import Recording, recorded
 from tests.annotating import MANIFEST, serve, shown, wait_for
-from tests.beeps import write_beeping_video
 from tests.browser import chromium, set_width
 
 if TYPE_CHECKING:
@@ -67,54 +64,12 @@ def write_clip(folder: Path, frames: int, size_px: tuple[int, int]) -> Path:
     return manifest
 
 
-def write_flashing(folder: Path) -> Path:
-    """Eight seconds that flash and beep, at x.5 s."""
-    manifest = folder / "datasets" / "flashing.toml"
-    if not manifest.is_file():
-        flashes = [number % RATE_HZ == RATE_HZ // 2 for number in range(8 * RATE_HZ)]
-        for side in ("left", "right"):
-            write_beeping_video(folder / "flashing" / f"{side}.mkv", flashes, rate_hz=RATE_HZ)
-        text = MANIFEST.replace('"noise"', '"flashing"').replace("../pairs", "../flashing")
-        text = text.replace('"left"', '"left.mkv"\nlayout = "videos"').replace('"right"', '"right.mkv"')
-        manifest.parent.mkdir(exist_ok=True)
-        manifest.write_text(text)
-    return manifest
-
-
 def write_labels(path: Path, frames: int) -> None:
     """A label of another target every nine frames."""
     rows = [f"{at},{min(at + 8, frames - 1)},ann,{('cup', 'book', 'none')[at // 9 % 3]}," for at in range(0, frames, 9)]
     head = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note"
     path.parent.mkdir(exist_ok=True)
     path.write_text("\n".join([head, *rows]) + "\n")
-
-
-def measure_sound(browser: Chrome, recording: Recording) -> None:
-    """From a flash on the screen to the beep that is played with it, for each of eight."""
-    press(browser, "+")
-    browser.execute_script(FLASHES)
-    start = recording.length
-    press(browser, " ")
-    wait_for(lambda: browser.execute_script("return document.body.classList.contains('playing')"))
-    wait_for(lambda: not browser.execute_script("return document.body.classList.contains('playing')"))
-    flashes = browser.execute_script("return window.flashes")
-    beeps = recording.beeps_ms(start)
-    said = ", ".join(f"{min(beeps - flash, key=abs, default=float('nan')):.0f}" for flash in flashes)
-    say(f"  {len(beeps)} beeps after {len(flashes)} flashes by {said} ms")
-
-
-FLASHES = """
-window.flashes = [];
-let bright = false;
-new MutationObserver(() => {
-    const canvas = document.querySelector("#picture canvas");
-    requestAnimationFrame((begins) => {
-        const isBright = canvas.getContext("2d").getImageData(8, 8, 1, 1).data[0] > 128;
-        if (isBright && !bright) window.flashes.push(performance.timeOrigin + begins);
-        bright = isBright;
-    });
-}).observe(document.body, {attributeFilter: ["data-frame"]});
-"""
 
 
 def measure_playing(browser: Chrome, speeds: dict[str, str], seconds: float = 8.0) -> None:
@@ -184,14 +139,6 @@ def open_page(browser: Chrome, address: str) -> None:
 
 def main(folder: Path) -> None:
     """Measure and print."""
-    with recorded(folder / "pulse") as recording:
-        say("a flash and a beep once a second:" if recording else "no PulseAudio: the sound is not measured")
-        for _ in range(3 if recording else 0):
-            with chromium(folder / "profile") as browser, serve(clip=str(write_flashing(folder))) as page:
-                set_width(browser, 1280)
-                open_page(browser, page.address)
-                assert recording is not None
-                measure_sound(browser, recording)
     with chromium(folder / "profile") as browser:
         set_width(browser, 1280)
         manifest = write_clip(folder, 300, (3840, 2160))

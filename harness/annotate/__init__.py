@@ -8,8 +8,6 @@ store       the three together with the CSV: checked, never lost, never overwrit
 suggestions a run's predictions, and their confidence
 scene       outlines, heads and names in a frame
 pictures    the views as JPEG
-speech      speaking turns
-sound       the sound of a video, as WAV and as loudness
 clip_stores the stores of a clip's annotators
 targets     new, renamed and deleted targets, written into the manifest
 session     all of it for one clip

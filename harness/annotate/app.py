@@ -11,7 +11,7 @@ from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from harness.annotate.drawing import Draw
@@ -77,17 +77,6 @@ class Shown(Settings):
         return u0, v0, u1, v1
 
 
-class Turn(Settings):
-    """A subject speaks, or is silent, from one position to another; ``undo``: take the last such change back."""
-
-    id: str = Field(default="", max_length=64)
-    undo: bool = False
-    subject: str = ""
-    at: int = 0
-    last: int = 0
-    speaks: bool = True
-
-
 class Seen(Settings):
     """The last position up to which a subject's frames were seen."""
 
@@ -136,24 +125,6 @@ def create_app(session: Session) -> Starlette:
 
     def scene(request: Request) -> Response:
         return JSONResponse(session.scene(request.path_params["at"]))
-
-    def sound(request: Request) -> Response:
-        return JSONResponse(session.sound.about())
-
-    def speech(request: Request) -> Response:
-        return JSONResponse(session.speech.state())
-
-    def speak(body: bytes) -> Response:
-        turn = Turn.model_validate_json(body)
-        if turn.undo:
-            return JSONResponse(session.speech.undo(turn.id))
-        return JSONResponse(session.speech.mark(turn.id, turn.subject, turn.at, turn.last, speaks=turn.speaks))
-
-    def wav(request: Request) -> Response:
-        path = session.sound.wav()
-        if path is None:
-            raise HTTPException(404, "no sound")
-        return FileResponse(path, media_type="audio/wav")
 
     def picture(request: Request) -> Response:
         view = request.path_params["view"]
@@ -216,10 +187,6 @@ def create_app(session: Session) -> Starlette:
             Route("/api/clip", about),
             Route("/api/state", state),
             Route("/api/scene/{at:int}", scene),
-            Route("/api/sound", sound),
-            Route("/sound.wav", wav),
-            Route("/api/speech", speech),
-            Route("/api/speech", _posted(speak), methods=["POST"]),
             Route("/picture/{view}/{at:int}", picture),
             Route("/api/change", _posted(change), methods=["POST"]),
             Route("/api/drawn", drawn),

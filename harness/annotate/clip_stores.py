@@ -11,7 +11,7 @@ from harness.annotate.store import LabelStore
 from harness.clips.manifest import ClipManifest
 from harness.data_folders import came_with_program
 from harness.labels.files import target_names
-from harness.labels.labels import RESERVED, SPEAKS
+from harness.labels.labels import RESERVED
 from harness.labels.timeline import Timeline
 
 
@@ -36,21 +36,6 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
         subjects=tuple(manifest.subjects),
         targets=[*manifest.targets, *left],
         origin=_origin(manifest, path, found),
-    )
-
-
-def open_speech(manifest: ClipManifest, timeline: Timeline) -> LabelStore:
-    """Open a clip's speaking turns, the same for all annotators. Raises as :func:`open_store`."""
-    files = manifest.annotations
-    path, found = files.place_speech(), files.find_speech()
-    return LabelStore(
-        path,
-        _journal_of(path),
-        timeline=timeline,
-        subjects=tuple(manifest.subjects),
-        targets=(SPEAKS,),
-        origin=_origin(manifest, path, found),
-        fill_gaps=False,
     )
 
 

@@ -16,7 +16,6 @@ from harness.labels.files import write_annotations
 from harness.labels.formats import FORMATS, AnnotationFormat
 from harness.labels.formats.cvat_drawn import read_cvat_drawn, write_cvat_drawn
 from harness.labels.formats.exchange import Exchange, Imported
-from harness.labels.formats.speech import of_speech
 from harness.labels.labels import Labels
 from harness.labels.timeline import timeline_of
 from harness.run.clip_records import read_clip_records
@@ -127,36 +126,6 @@ def export_drawn(manifest: ClipManifest, name: str, exchange: Exchange, to: Path
 def _check_draws(name: str) -> None:
     if name != "cvat":
         raise VfoaError(f"--drawn: found --format {name}; expected --format cvat, the only one of drawn boxes")
-
-
-def import_speech(
-    source: Path, name: str, exchange: Exchange, manifest: ClipManifest, *, replace: bool
-) -> tuple[Path, Imported]:
-    """Import speaking turns of another program: every annotation with words is a turn of its tier's subject.
-
-    Raises
-    ------
-    VfoaError
-        As :func:`import_labels`.
-    """
-    place = manifest.annotations.place_speech()
-    check_new(place, replace=replace)
-    chosen: AnnotationFormat = FORMATS.load(name)()
-    imported = chosen.read(source, of_speech(exchange))
-    if not imported.labels.ranges:
-        raise VfoaError(f"{source}: no turn of a subject in this clip; {' '.join(imported.notes) or 'it is empty'}")
-    write_annotations(place, imported.labels)
-    return place, imported
-
-
-def export_speech(manifest: ClipManifest, name: str, exchange: Exchange, to: Path, *, replace: bool) -> list[str]:
-    """Write the speaking turns in the format called ``name``. Returns and raises as :func:`export_labels`."""
-    check_new(to, replace=replace)
-    turns = manifest.speech(timeline_of(exchange.clip))
-    if turns is None:
-        raise VfoaError(f"{manifest.name}: no speaking turns; expected {manifest.annotations.place_speech()}")
-    chosen: AnnotationFormat = FORMATS.load(name)()
-    return [f"{to}: {each}" for each in chosen.write(to, turns, exchange)]
 
 
 def export_labels(

@@ -52,8 +52,8 @@ class Change:
 class History:
     """Tracks by subject, the position up to which each was seen, the undo and redo lists, and the revision number."""
 
-    def __init__(self, subjects: Sequence[str], frames: Sequence[int], *, fill_gaps: bool = True) -> None:
-        self._frames, self._fill_gaps = tuple(frames), fill_gaps
+    def __init__(self, subjects: Sequence[str], frames: Sequence[int]) -> None:
+        self._frames = tuple(frames)
         self.subjects = tuple(subjects)
         self.revision = 0
         self._clear()
@@ -65,7 +65,7 @@ class History:
 
     def copy(self) -> History:
         """Return an independent copy of the state."""
-        copied = History(self.subjects, self._frames, fill_gaps=self._fill_gaps)
+        copied = History(self.subjects, self._frames)
         copied.revision, copied.seen = self.revision, dict(self.seen)
         copied.tracks = {name: list(track) for name, track in self.tracks.items()}
         copied.undo = self.undo.copy()
@@ -115,7 +115,7 @@ class History:
 
     def content(self) -> Labels:
         """The labels for the CSV."""
-        return to_labels(self.tracks, self.seen, self._frames, fill_gaps=self._fill_gaps)
+        return to_labels(self.tracks, self.seen, self._frames)
 
     def parts(self) -> dict[str, tuple[Stretch, ...]]:
         """Every subject's whole track."""

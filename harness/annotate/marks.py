@@ -110,12 +110,9 @@ def labelled(part: Stretch, seen: int) -> int:
     return max(last - part.first + 1, 0)
 
 
-def to_labels(
-    tracks: dict[str, Track], seen: dict[str, int], frames: Sequence[int], *, fill_gaps: bool = True
-) -> Labels:
+def to_labels(tracks: dict[str, Track], seen: dict[str, int], frames: Sequence[int]) -> Labels:
     """The labels for the file. Gaps between labels, which the file does not allow, become ``ignore`` with a note."""
-    rows = (row for subject in tracks for row in _rows(subject, tracks[subject], seen[subject], frames))
-    return Labels(row for row in rows if fill_gaps or row.label != _label(None))
+    return Labels(row for subject in tracks for row in _rows(subject, tracks[subject], seen[subject], frames))
 
 
 def _rows(subject: str, track: Track, seen: int, frames: Sequence[int]) -> Iterator[LabelRange]:

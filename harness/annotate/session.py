@@ -13,11 +13,9 @@ from typing import Any
 from harness.annotate import edits, pictures, targets
 from harness.annotate.clip_stores import open_drawing, open_store, with_others
 from harness.annotate.drawing import Draw
-from harness.annotate.sound import Sound
-from harness.annotate.speech import Speech
 from harness.annotate.suggestions import Predictions
 from harness.annotate.target_change import TargetChange, finish_change
-from harness.annotate.views import views_of
+from harness.annotate.views import Views
 from harness.clips.looks import COLOURS, KEYS, looks
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.manifest_checks import known_categories
@@ -26,7 +24,7 @@ from harness.data_folders import came_with_program
 from harness.files import digest_files
 from harness.labels.labels import RESERVED, TO_DECIDE
 from harness.labels.timeline import timeline_of
-from harness.sources import Clip, MeasuredClip
+from harness.sources import Clip
 from vfoa.errors import VfoaError
 
 
@@ -49,7 +47,7 @@ class Session:
     Raises
     ------
     VfoaError
-        If one of these is missing or wrong, or the clip names no subject.
+        If one of these is missing or wrong, or the clip has no images or no subject.
     """
 
     def __init__(
@@ -61,7 +59,7 @@ class Session:
         annotator: str | None = None,
         blind: bool = False,
         uncertain_first: bool = False,
-        open_clip: Callable[[ClipManifest], Clip | MeasuredClip] = ClipManifest.open,
+        open_clip: Callable[[ClipManifest], Clip] = ClipManifest.open_images,
     ) -> None:
         _check_choices(run, configuration, blind, uncertain_first)
         self.manifest = load_manifest(clip)
@@ -73,12 +71,10 @@ class Session:
             raise VfoaError(f"{self.manifest.path}: the clip has no frames")
         self._annotator, self._blind, self._uncertain_first = annotator, blind, uncertain_first
         self._predictions = Predictions(run, self.manifest.name, configuration) if run else None
-        self.sound = Sound(self._clip)
         self._reading, self._changing = threading.Lock(), threading.RLock()
         self._timeline = timeline_of(self._clip)
         self.manifest = finish_change(self.manifest, self._timeline)
-        self._views = views_of(self._clip, self.manifest, self._predictions, run)
-        self.speech = Speech(self.manifest, self._timeline)
+        self._views = Views(self._clip, self.manifest, self._predictions, run)
         self._drawing = open_drawing(self.manifest, self._frames)
         try:
             self._store = open_store(self.manifest, annotator, self._timeline)
@@ -128,7 +124,6 @@ class Session:
             "order": {name: shown.order(self._frames, name) for name in self._store.subjects} if shown else None,
             "uncertain_first": self._uncertain_first,
             "blind": self._blind,
-            "has_images": self._views.has_images,
             "to_decide": TO_DECIDE,
         }
 
@@ -188,10 +183,8 @@ class Session:
         Raises
         ------
         VfoaError
-            If the clip has no images, or the action is wrong.
+            If the action is wrong.
         """
-        if not self._views.has_images:
-            raise VfoaError(f"{self.manifest.name}: found measurements; expected images to draw on")
         with self._changing:
             self._drawing.make(draw)
 
@@ -255,8 +248,6 @@ class Session:
         """Close the files."""
         self._store.close()
         self._drawing.close()
-        self.speech.close()
-        self.sound.close()
 
     def _edit(
         self,

@@ -38,8 +38,6 @@ class LabelStore:
         The clip's frames and the manifest's names. A subject may be a target, too.
     origin
         The labels to read while there is no CSV: those that came with the program. The first change copies them.
-    fill_gaps
-        Write gaps between labels as ``ignore``. For speaking turns, gaps are silence.
 
     Raises
     ------
@@ -56,13 +54,12 @@ class LabelStore:
         subjects: Sequence[str],
         targets: Iterable[str],
         origin: Path | None = None,
-        fill_gaps: bool = True,
         clock: Callable[[], float] = time.time,
     ) -> None:
         self.path, self._timeline = path, timeline
         self._subjects, self._targets = tuple(subjects), list(targets)
         self._frames = tuple(timeline.frames)
-        history = History(subjects, self._frames, fill_gaps=fill_gaps)
+        history = History(subjects, self._frames)
         opened = Journal(journal, of=path)
         try:
             self._kept = Journaled(path, opened, history, _File(self), origin=origin, clock=clock)

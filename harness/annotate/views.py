@@ -1,18 +1,16 @@
-"""The views of a frame on the labelling page: the images of a clip with outlines, or the plan of one without images."""
+"""The views of a frame on the labelling page: the images of a clip with outlines."""
 
 from __future__ import annotations
 
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from harness.annotate import pictures
-from harness.annotate.plan import Plan
 from harness.annotate.scene import Scenes, saved_folder
 from harness.annotate.suggestions import Predictions
 from harness.clips.manifest import ClipManifest
-from harness.sources import Clip, LeftClip, MeasuredClip
-from vfoa.errors import VfoaError
+from harness.sources import Clip, LeftClip
 from vfoa.types import Image, StereoFrame
 
 _CACHED_FRAMES = 2
@@ -21,42 +19,8 @@ _CACHED_PICTURES = 256
 _CACHED_SCENES = 2048
 
 
-class Views(Protocol):
-    """The views of a clip, by the source's own frame numbers. Not for several threads at once."""
-
-    @property
-    def has_images(self) -> bool:
-        """Whether there are pictures, not only scenes."""
-        ...
-
-    def use(self, manifest: ClipManifest) -> None:
-        """Use the names of a changed manifest."""
-        ...
-
-    def scene(self, number: int) -> dict[str, Any]:
-        """Outlines and heads in pixels, and the size of the image or plan, as JSON."""
-        ...
-
-    def picture(
-        self, view: pictures.View, number: int, subject: str | None, region: pictures.RegionPx | None, width: int | None
-    ) -> bytes | None:
-        """A region of a view, or all of it, as JPEG of at most this width; None for a head where there is none."""
-        ...
-
-
-def views_of(
-    clip: Clip | MeasuredClip, manifest: ClipManifest, predictions: Predictions | None, run: Path | None
-) -> Views:
-    """The views of a clip of either kind."""
-    if isinstance(clip, MeasuredClip):
-        return PlanViews(clip, manifest)
-    return ImageViews(clip, manifest, predictions, run)
-
-
-class ImageViews:
-    """The images of a clip, and its disparity."""
-
-    has_images = True
+class Views:
+    """The images of a clip, and its disparity. Not for several threads at once."""
 
     def __init__(self, clip: Clip, manifest: ClipManifest, predictions: Predictions | None, run: Path | None) -> None:
         self._clip, self._manifest = clip, manifest
@@ -105,32 +69,3 @@ class ImageViews:
             return pictures.jpeg(pictures.shrunk(disparity, region, width))
         image = self._left(number) if view == "left" else self._frame(number).right
         return None if image is None else pictures.jpeg(pictures.shrunk(image, region, width))
-
-
-class PlanViews:
-    """The plan of a clip of measurements, which the page draws itself."""
-
-    has_images = False
-
-    def __init__(self, clip: MeasuredClip, manifest: ClipManifest) -> None:
-        self._plan, self._manifest = Plan(clip), manifest
-
-    def use(self, manifest: ClipManifest) -> None:
-        """Use the names of a changed manifest."""
-        self._manifest = manifest
-
-    def scene(self, number: int) -> dict[str, Any]:
-        """Outlines, heads and directions in the plan."""
-        return self._plan.at(number, self._manifest)
-
-    def picture(
-        self, view: pictures.View, number: int, subject: str | None, region: pictures.RegionPx | None, width: int | None
-    ) -> bytes | None:
-        """Refuse: there are no pictures.
-
-        Raises
-        ------
-        VfoaError
-            Always.
-        """
-        raise VfoaError(f"{self._manifest.name}: found measurements; expected images for a picture of the {view}")

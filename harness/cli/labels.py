@@ -59,9 +59,6 @@ Fps = Annotated[
 Offset = Annotated[
     float, typer.Option(help="Where the clip begins in the other program: seconds, or frames if it counts frames.")
 ]
-Speech = Annotated[
-    bool, typer.Option("--speech", help="Speaking turns (CLIP.speech.csv): an annotation with words is a turn.")
-]
 Drawn = Annotated[bool, typer.Option("--drawn", help="CVAT: boxes and points of CLIP.drawn.csv, not the labels.")]
 FromRun = Annotated[
     str | None,
@@ -92,13 +89,12 @@ def import_(
         bool, typer.Option("--confirm", help="Confirm suggestions (a run's predictions), so that they are scored.")
     ] = False,
     drawn: Drawn = False,
-    speech: Speech = False,
     run: FromRun = None,
     config: RunConfiguration = None,
     replace: Replace = False,
 ) -> None:
     """Read the labels of another program; print what is left out."""
-    from harness.annotate.convert import import_drawn, import_labels, import_speech, open_exchange
+    from harness.annotate.convert import import_drawn, import_labels, open_exchange
     from harness.clips.manifest import load_manifest
 
     manifest = load_manifest(clip)
@@ -119,12 +115,6 @@ def import_(
         for note in notes:
             say(f"- {note}", err=True)
         say(f"{path}: {sum(len(each.keys) for each in found.tracks)} key frames of {', '.join(found.names)}")
-        return
-    if speech:
-        path, turns = import_speech(file, format_, exchange, manifest, replace=replace)
-        for note in turns.notes:
-            say(f"- {note}", err=True)
-        say(f"{path}: {len(turns.labels.ranges)} turns of {', '.join(turns.labels.subjects)}")
         return
     place = manifest.annotations.place(annotator)
     imported = import_labels(file, format_, exchange, place, replace=replace, confirm=confirm)
@@ -149,7 +139,6 @@ def export(
     fps: Fps = None,
     offset: Offset = 0.0,
     drawn: Drawn = False,
-    speech: Speech = False,
     run: FromRun = None,
     config: RunConfiguration = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")] = False,
@@ -164,7 +153,7 @@ def export(
 
     folder = run_folder(source)
     if is_run(folder):
-        given = {"--annotator": annotator, "--run": run, "--speech": speech, "--drawn": drawn}
+        given = {"--annotator": annotator, "--run": run, "--drawn": drawn}
         for option in [name for name, value in given.items() if value]:
             raise VfoaError(f"{option}: found it for the predictions of a run; expected it for a clip's labels")
         for each in export_predictions(
@@ -175,8 +164,8 @@ def export(
         return
     if to is None:
         raise VfoaError(f"{source}: no run's directory; expected FILE, the file to write the clip's labels to")
-    if speech or drawn:
-        _export_by_kind(source, to, format_, fps, offset, replace, is_drawn=drawn)
+    if drawn:
+        _export_drawn(source, to, format_, fps, offset, replace)
     else:
         _export_clip(source, to, format_, annotator, fps, offset, run, config, replace)
 
@@ -202,17 +191,14 @@ def _export_clip(
     _print_export(to, export_labels(manifest, annotator, format_, exchange, to, replace=replace))
 
 
-def _export_by_kind(
-    name: str, to: Path, format_: str, fps: float | None, offset: float, replace: bool, *, is_drawn: bool
-) -> None:
-    """Write speaking turns or the drawing, which are the same for all annotators."""
-    from harness.annotate.convert import export_drawn, export_speech, open_exchange
+def _export_drawn(name: str, to: Path, format_: str, fps: float | None, offset: float, replace: bool) -> None:
+    """Write the drawing, which is the same for all annotators."""
+    from harness.annotate.convert import export_drawn, open_exchange
     from harness.clips.manifest import load_manifest
 
     manifest = load_manifest(name)
     exchange = open_exchange(manifest, fps=fps, offset=offset)
-    write = export_drawn if is_drawn else export_speech
-    _print_export(to, write(manifest, format_, exchange, to, replace=replace))
+    _print_export(to, export_drawn(manifest, format_, exchange, to, replace=replace))
 
 
 def _print_export(path: Path, notes: Iterable[str]) -> None:

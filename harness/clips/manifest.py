@@ -15,7 +15,7 @@ from harness.clips.naming import NameRule
 from harness.data_folders import expand, find, folders, names
 from harness.labels.drawn import Drawn, read_drawn
 from harness.labels.files import AnnotationFiles, read_annotations
-from harness.labels.labels import RESERVED, SPEAKS, Labels
+from harness.labels.labels import RESERVED, Labels
 from harness.labels.timeline import Timeline
 from harness.safe_names import check_name
 from harness.sources import ADAPTERS, Clip, MeasuredClip
@@ -160,19 +160,6 @@ class ClipManifest(Settings):
         if path is None:
             return None
         return read_drawn(path, frames=frames, subjects=self.subjects, targets=self.targets)
-
-    def speech(self, timeline: Timeline | None) -> Labels | None:
-        """Read the speaking turns: ranges of the target ``speaks``; None if there is no such file.
-
-        Raises
-        ------
-        VfoaError
-            If the file has an error.
-        """
-        path = self.annotations.find_speech()
-        if path is None:
-            return None
-        return read_annotations(path, timeline=timeline, subjects=self.subjects, targets=(SPEAKS,), allow_gaps=True)
 
     def read(self, path: Path, timeline: Timeline | None, *, allow_gaps: bool = False) -> Labels:
         """Read one of the clip's annotation files; parameters and errors are those of :func:`read_annotations`."""

@@ -186,14 +186,6 @@ class AnnotationFiles:
         """The path for writing drawn shapes: in the folder of :meth:`place`."""
         return self.place().with_name(f"{self.clip}.drawn.csv")
 
-    def find_speech(self) -> Path | None:
-        """Return the file of speaking turns, the same for all annotators; None if there is none."""
-        return self._find(f"{self.clip}.speech.csv")
-
-    def place_speech(self) -> Path:
-        """The path for writing speaking turns: in the folder of :meth:`place`."""
-        return self.place().with_name(f"{self.clip}.speech.csv")
-
     def _find(self, name: str) -> Path | None:
         return next((folder / name for folder in self._folders if stands(folder / name)), None)
 

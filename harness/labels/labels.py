@@ -12,8 +12,6 @@ NOWHERE = "none"
 IGNORED = "ignore"
 """The target of a frame that is not scored."""
 RESERVED = (NOWHERE, IGNORED)
-SPEAKS = "speaks"
-"""The target of a turn in ``<clip>.speech.csv``, which says who speaks."""
 UNLABELLED = "not labelled yet"
 """The note of an ``ignore`` for frames that nobody has labelled yet."""
 BLOCKED = "blocked"

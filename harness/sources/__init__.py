@@ -139,16 +139,6 @@ class LeftClip(Protocol):
         ...
 
 
-@runtime_checkable
-class SoundClip(Protocol):
-    """An optional part of a clip: videos whose sound belongs to its frames."""
-
-    @property
-    def sound_files(self) -> tuple[Path, ...]:
-        """The videos, the preferred one first; sound and frames begin together."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recognised:
     """One way to read a path as a clip: the values that ``vfoa clips add`` writes into a manifest.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
@@ -170,13 +169,6 @@ class StereoFolderClip:
             return self._optics((left.shape[1], left.shape[0])).rectify_left(left)
         except VfoaError as error:
             raise VfoaError(f"{self._views.where(number)}: {error}") from None
-
-    @property
-    def sound_files(self) -> tuple[Path, ...]:
-        """The videos; none if the manifest's rate differs from theirs, so that they would not be synchronous."""
-        told, own = self._settings.rate_hz, self._views.rate_hz
-        in_step = told is None or (own is not None and math.isclose(told, own, rel_tol=1e-4))
-        return self._settings.videos(self._folder) if in_step else ()
 
     def truth(self, number: int) -> Truth:
         """The source has no ground truth."""

@@ -63,11 +63,6 @@ class ViewFiles(Settings):
         views = self._views(folder)
         return Swapped(views) if self.swap else views
 
-    def videos(self, folder: Path) -> tuple[Path, ...]:
-        """The videos under a folder, the left view's first; none if the views are images."""
-        names = [self.left, self.right] if self.layout == "videos" else [self.both]
-        return tuple(folder / str(name) for name in names) if "video" in self.layout else ()
-
     def _views(self, folder: Path) -> Views:
         left, right, both = (str(name) for name in (self.left, self.right, self.both))
         packing: Packing = "top_bottom" if self.layout.endswith("top_bottom") else "side_by_side"

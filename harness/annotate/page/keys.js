@@ -25,20 +25,16 @@ const rows = (page) => [
   ["begin", ["b"], "begin a range here", "", () => page.bound(false)],
   ["end", ["e"], "end the range here", "", () => page.bound(true)],
   ["loop", ["o"], "play the range over and over, or no more", "loop", () => page.loop()],
-  ["speaks", ["c"], "the subject begins to speak here; again: ends", "speaks", () => page.speech.press()],
-  ["silent", ["Shift+c"], "no turn here: the turn here, or the range, is silence", "", () => page.speech.silence()],
-  ["speech-undo", ["f"], "undo the last change of turns", "", () => page.speech.undo()],
-  ["mute", ["q"], "the sound off or on", "", () => page.mute()],
   ["subject", ["s"], "the next subject", "next subject", () => page.nextSubject(1), "several"],
   ["subject-before", ["Shift+s"], "the subject before", "", () => page.nextSubject(-1), "several"],
   ["confirm", ["Enter"], "confirm the suggestion here, go to the next", "confirm", () => page.said.confirm(), "run"],
   ["accept", ["a"], "take over suggestions with high attention", "accept", () => page.said.accept(), "run"],
   ["unsure", ["u"], "from the least sure suggestion to surer ones, and round again", "unsure", () => page.unsure(1), "run"],
   ["unsure-before", ["Shift+u"], "back to the one before", "", () => page.unsure(-1), "run"],
-  ["right", ["r"], "the right view", "right", () => page.beside("right"), "images"],
-  ["disparity", ["d"], "the disparity", "disparity", () => page.beside("disparity"), "images"],
-  ["head", ["h"], "the head, enlarged", "head", () => page.head(), "images"],
-  ["drawing", ["p"], "draw boxes, points and heads that no model finds", "draw", () => page.drawing.toggle(), "images"],
+  ["right", ["r"], "the right view", "right", () => page.beside("right")],
+  ["disparity", ["d"], "the disparity", "disparity", () => page.beside("disparity")],
+  ["head", ["h"], "the head, enlarged", "head", () => page.head()],
+  ["drawing", ["p"], "draw boxes, points and heads that no model finds", "draw", () => page.drawing.toggle()],
   ["closer", ["v"], "enlarge the image; so does the wheel, and dragging moves it", "", () => page.stage.view.zoom(1.5)],
   ["farther", ["Shift+v"], "the image smaller again", "", () => page.stage.view.zoom(1 / 1.5)],
   ["strip-closer", ["w"], "enlarge the timeline", "", () => page.zoomStrip(2)],
@@ -71,7 +67,7 @@ export const onPress = (button, run) => button.addEventListener("click", (event)
 
 // The keyboard and the tool bar; returns the handler of a key press.
 export function bind(page, names) {
-  const possible = { run: page.hasRun, several: page.about.subjects.length > 1, images: page.about.has_images };
+  const possible = { run: page.hasRun, several: page.about.subjects.length > 1 };
   const actions = rows(page).filter((row) => possible[row[5]] ?? true);
   const byKey = new Map(actions.flatMap((row) => row[1].map((key) => [key, row[4]])));
   const press = (event) => {

@@ -14,5 +14,3 @@ const press = bind(page, page.names);
 page.draw();
 page.go(page.start(), true);
 early.forEach(press);
-page.speech.load();
-page.hear(await get("/api/sound"));

@@ -1,7 +1,6 @@
 // The labelling page: the current frame and subject, and the display.
 
 import { Lost, Queue, get, post } from "./api.js";
-import { SoundClock } from "./clock.js";
 import { Drawing } from "./drawing.js";
 import { Hands } from "./hands.js";
 import { Names } from "./names.js";
@@ -9,7 +8,6 @@ import * as panel from "./panel.js";
 import { Player } from "./player.js";
 import { Said } from "./said.js";
 import { Seen } from "./seen.js";
-import { Speech } from "./speech.js";
 import { Stage } from "./stage.js";
 import { Strips } from "./strips.js";
 import { Undo } from "./undo.js";
@@ -27,13 +25,12 @@ export class Page {
     this.seen = new Seen((seen) => this.queue.add(async () => this.update(await post("/api/seen", seen))));
     this.said = new Said(this);
     this.undo = new Undo(this);
-    this.speech = new Speech(this);
     this.names = new Names({
       look: (name) => this.hands.press(() => this.said.look(name)),
       changed: (answer) => this.renew(answer),
       failed: (error) => panel.say(error.message),
     });
-    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.said.chosen(each, point), changed: () => this.go(this.wanted), hasImages: about.has_images });
+    this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.said.chosen(each, point), changed: () => this.go(this.wanted) });
     this.total = about.frames.length;
     this.drawing = new Drawing(this, { press: (run) => this.hands.press(run), look: (name) => this.said.look(name) });
     this.player = new Player(this, about);
@@ -63,16 +60,6 @@ export class Page {
 
   // The frame that a key refers to: the one on the screen while playing, else the one reached by the last step.
   get here() { return this.player.playing ? this.shown : this.wanted; }
-
-  // The clip's sound is the clock while it plays, and is drawn on the timeline.
-  hear(sound) {
-    if (!sound) return;
-    const audio = Object.assign(document.getElementById("sound"), { preload: "auto", src: "/sound.wav" });
-    this.player.stop();
-    this.player.clock = new SoundClock(audio);
-    this.strips.hear(sound);
-    this.draw();
-  }
 
   take(about) {
     this.about = about;
@@ -241,12 +228,6 @@ export class Page {
     this.select([Math.min(other, this.here), Math.max(other, this.here)]);
   }
 
-  mute() {
-    const audio = document.getElementById("sound");
-    audio.muted = !audio.muted;
-    panel.say(audio.src && audio.muted ? "The sound is off; q turns it on." : "");
-  }
-
   zoomStrip(by) {
     this.strips.zoom(by);
     this.draw();
@@ -304,7 +285,7 @@ export class Page {
     panel.drawUnlabelled(subject, open(this.track, state.seen[subject]));
     panel.drawTools(this.undo, this.stage, player);
     this.names.draw(subject, here.target);
-    this.strips.draw(shown, { ...state, subjects, subject, names, suggestions, loop: player.loop, said, turns: this.speech.turns });
+    this.strips.draw(shown, { ...state, subjects, subject, names, suggestions, loop: player.loop, said });
     this.stage.draw(subject, names);
     this.drawing.draw();
   }

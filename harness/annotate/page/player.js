@@ -1,13 +1,18 @@
 // Playing by the clock: shows the frame of the current time; frames that cannot be drawn in time are skipped.
 
 import { Lost } from "./api.js";
-import { SystemClock } from "./clock.js";
 import { Film } from "./film.js";
 import * as panel from "./panel.js";
 
 const USUAL_HZ = 10; // where the source does not know its rate
 const SLOWEST = 1 / 16;
 const FASTEST = 8;
+
+// The time in the clip while it plays.
+class Clock {
+  start(timeS, speed) { Object.assign(this, { timeS, speed, since: performance.now() }); }
+  now() { return this.timeS + (performance.now() - this.since) / 1000 * this.speed; }
+}
 
 export class Player {
   constructor(page, about) {
@@ -17,7 +22,7 @@ export class Player {
     this.stepS = 1 / (about.rate_hz || USUAL_HZ);
     this.speed = .5;
     this.direction = 1;
-    this.clock = new SystemClock();
+    this.clock = new Clock();
     this.run = null;
     this.loop = null; // [first, last]
     this.film = new Film({
@@ -45,7 +50,6 @@ export class Player {
 
   end() {
     this.run = null;
-    this.clock.stop();
     this.film.clear();
     document.body.classList.remove("playing");
   }
@@ -106,8 +110,7 @@ export class Player {
   // Whether the clock waits for a picture, as a film that is not there yet; it goes on from the one that came.
   stalls() {
     const { isLate } = this.film;
-    if (isLate && !this.isStalled) this.clock.stop();
-    else if (this.isStalled && !isLate) {
+    if (this.isStalled && !isLate) {
       this.film.showNewest();
       this.anchor(this.times[this.page.shown]);
     }

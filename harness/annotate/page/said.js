@@ -48,7 +48,7 @@ export class Said {
   chosen(object, point) {
     const { page } = this;
     if (!page.names.names.includes(object.name)) page.names.forms.ask(object, page.stage.scene.objects);
-    else this.look(object.name, page.about.has_images && page.about.shared.includes(object.name) ? point : null, page.shown);
+    else this.look(object.name, page.about.shared.includes(object.name) ? point : null, page.shown);
   }
 
   clear() {

@@ -1,8 +1,7 @@
-// The left image (or the plan of a clip without images) with outlines, and the other views beside it.
+// The left image with outlines, and the other views beside it.
 
 import { get } from "./api.js";
 import { Kept, loadPicture, place } from "./pictures.js";
-import { Plan } from "./plan.js";
 import { shape } from "./svg.js";
 import { View } from "./view.js";
 
@@ -13,14 +12,12 @@ const LETTER = .6; // width over height
 const narrow = matchMedia("(max-width: 600px)");
 
 export class Stage {
-  // name(object): its name and style; choose(object, point): it was clicked; changed(): another part is shown;
-  // hasImages: whether there are pictures, or scenes alone.
-  constructor({ name, choose, changed, hasImages }) {
-    Object.assign(this, { name, choose, hasImages });
+  // name(object): its name and style; choose(object, point): it was clicked; changed(): another part is shown.
+  constructor({ name, choose, changed }) {
+    Object.assign(this, { name, choose });
     this.pictures = new Kept(loadPicture, PICTURES, (bitmap) => bitmap.close());
     this.scenes = new Kept((at) => get(`/api/scene/${at}`), SCENES);
     this.picture = document.getElementById("picture");
-    this.plan = new Plan(this.picture);
     this.overlay = document.getElementById("overlay");
     this.extra = document.getElementById("extra");
     this.head = document.getElementById("head");
@@ -32,8 +29,7 @@ export class Stage {
   }
 
   load(at) {
-    const image = this.hasImages ? this.pictures.get(`/picture/left/${at}${this.view.query}`) : null;
-    return Promise.all([image, this.scenes.get(at)]);
+    return Promise.all([this.pictures.get(`/picture/left/${at}${this.view.query}`), this.scenes.get(at)]);
   }
 
   // One frame after the other: a browser has few connections, and a change must not wait behind pictures.
@@ -48,7 +44,7 @@ export class Stage {
   stay() { this.from = null; }
 
   show(bitmap, scene, at, subject) {
-    if (bitmap) place(this.picture, bitmap, "left view");
+    place(this.picture, bitmap, "left view");
     this.view.size = scene.size_px;
     const [u0, v0, u1, v1] = this.bounds = this.view.region || [0, 0, ...scene.size_px];
     this.overlay.setAttribute("viewBox", `${u0} ${v0} ${u1 - u0} ${v1 - v0}`);
@@ -65,7 +61,6 @@ export class Stage {
     if (!scene || now.every((each, place) => each === this.drawn[place])) return;
     this.drawn = now;
     this.overlay.style.setProperty("--letter", `${this.letter}px`);
-    if (scene.plan) this.plan.draw(scene, this.bounds, subject, this.letter);
     this.taken = [];
     const objects = scene.objects.map((each) => this.object(each, each.name === subject));
     const box = scene.heads_px[subject];

@@ -3,7 +3,6 @@
 
 import { Axis } from "./axis.js";
 import { coarse, pieces } from "./tracks.js";
-import { Wave } from "./wave.js";
 
 const DRAG_PX = 5;
 const FINEST = 600; // pieces a row: more are narrower than can be seen
@@ -36,14 +35,8 @@ export class Strip {
     root.addEventListener("pointerdown", (event) => this.press(event));
   }
 
-  // Show the loudness of the clip's sound.
-  hear(sound) {
-    this.sound = sound;
-    this.wave = new Wave(this.times);
-  }
-
   // A row is rebuilt only when its content has changed: a long clip has hundreds of pieces.
-  draw(position, { subjects, subject, tracks, seen, names, suggestions, loop, said, turns }) {
+  draw(position, { subjects, subject, tracks, seen, names, suggestions, loop, said }) {
     if (!this.isHeld) this.first = Math.max(Math.min(position - Math.floor(this.count / 2), this.frames.length - this.count), 0);
     const window = `${this.first} ${this.count}`;
     this.axis.draw(this.first, this.count, position, said);
@@ -51,11 +44,7 @@ export class Strip {
       name, [window, names, tracks[name], seen[name]], () => this.labels(name, tracks[name], seen[name]),
     ))];
     for (const row of rows) row.classList.toggle("current", row.dataset.subject === subject);
-    for (const name of subjects.filter((each) => turns[each]?.length)) {
-      rows.push(this.keep(`${name} speaks`, [window, turns[name]], () => this.spoken(name, turns[name])));
-    }
     if (suggestions) rows.push(this.keep("", [window, names, suggestions], () => this.suggested(suggestions)));
-    if (this.sound) rows.splice(1, 0, this.wave.row);
     rows.push(this.overlay);
     this.cursor.style.left = `${100 * (position + .5 - this.first) / this.count}%`;
     this.mark(this.selection);
@@ -63,7 +52,6 @@ export class Strip {
     if (rows.length !== this.root.children.length || rows.some((row, place) => row !== this.root.children[place])) {
       this.root.replaceChildren(...rows);
     }
-    if (this.sound) this.wave.draw(this.sound, this.first, this.count);
   }
 
   keep(name, shows, make) {
@@ -105,14 +93,6 @@ export class Strip {
     if (found.length > SPOKEN) said.push(`and ${found.length - SPOKEN} more`);
     row.setAttribute("role", "img");
     row.setAttribute("aria-label", `${name}: ${said.join(", ") || "not labelled"}`);
-    return row;
-  }
-
-  spoken(name, turns) {
-    const found = turns.map(([first, last]) => ({ first, last, target: "speaks" }));
-    const row = this.fill(this.row(name, `${name} speaks`, "speech"), found);
-    row.setAttribute("role", "img");
-    row.setAttribute("aria-label", `${name} speaks ${turns.slice(0, SPOKEN).map(([first, last]) => `${this.frames[first]} to ${this.frames[last]}`).join(", ")}`);
     return row;
   }
 

@@ -13,11 +13,6 @@ export class Strips {
     this.near = new Strip(this.nearRoot, { ...handlers, count: this.total > 2 * NEAR ? NEAR : this.total });
   }
 
-  hear(sound) {
-    this.whole.hear(sound);
-    this.near.hear(sound);
-  }
-
   // Zoom in or out by a factor of two.
   zoom(by) {
     this.near.count = Math.min(Math.max(Math.round(this.near.count / by), Math.min(NEAREST, this.total)), this.total);

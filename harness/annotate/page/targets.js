@@ -23,7 +23,7 @@ export class TargetForms {
 
   // Ask for the name of an unnamed instance, or of a new target.
   ask(object, objects) {
-    this.rule = object ? ruleOf(object, objects, this.about.has_images) : {};
+    this.rule = object ? ruleOf(object, objects) : {};
     find("rule").textContent = this.rule.at_px ? `the one nearest to ${this.rule.at_px.join(", ")} px` : "";
     this.newForm.open({ name: "", category: object ? object.label : "" });
   }
@@ -69,10 +69,8 @@ export class TargetForms {
   }
 }
 
-// The category identifies the target if there is only one of it; otherwise the place does. Without images, the source's own
-// number does.
-function ruleOf(object, objects, hasImages) {
-  if (!hasImages) return { instance: object.instance_id };
+// The category identifies the target if there is only one of it; otherwise the place does.
+function ruleOf(object, objects) {
   if (objects.filter((each) => each.label === object.label).length < 2) return {};
   const [u0, v0, u1, v1] = object.box_px;
   return { at_px: [Math.round((u0 + u1) / 2), Math.round((v0 + v1) / 2)] };
