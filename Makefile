@@ -2,80 +2,100 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+# What running needs, and what tests, checks and documents need beside it.
 READY  := $(VENV)/.ready
+DEV    := $(VENV)/.ready-dev
+PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # What `vfoa models export` needs beside the lock, which leaves it out for its size.
 TORCH  := torch==2.13.0
 
-.PHONY: demo test explore fuzz faults test-export export-extra coverage check lint types format lock docs release-notes wheel clean
+.PHONY: demo test test-versions explore fuzz faults test-export export-extra coverage check lint types format lock docs release-notes wheel clean
 
 demo: $(READY)
 	$(BIN)/vfoa demo
 
 # One process per core, each with one thread for linear algebra: more threads than cores wait for each other. The tests
 # of one file stay together, and so do the fixtures they share.
-test: $(READY)
+test: $(DEV)
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=auto --dist=loadfile
+
+# The same under the newest versions that pyproject.toml allows, or the lowest (VERSIONS=lowest-direct), in build/.
+VERSIONS ?= highest
+test-versions:
+	$(PYTHON) -m venv build/$(VERSIONS)
+	build/$(VERSIONS)/bin/python -m pip install --quiet --disable-pip-version-check "uv>=0.5"
+	VIRTUAL_ENV=build/$(VERSIONS) build/$(VERSIONS)/bin/uv pip install --quiet --resolution $(VERSIONS) --group dev --editable .
+	sh system-libraries.sh build/$(VERSIONS)/bin/python --dev
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 build/$(VERSIONS)/bin/python -m pytest --numprocesses=auto --dist=loadfile $(TESTS)
 
 test-export: export-extra
 	$(BIN)/python -m pytest tests/harness/stages/export
 
-export-extra: $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check "$(TORCH)"
+export-extra: $(DEV)
+	$(PIP) "$(TORCH)"
 
 # How often intervals hold the truth, and tests call equal configurations different: writes reports/coverage.md.
-coverage: $(READY)
+coverage: $(DEV)
 	$(BIN)/python -m harness.bench.coverage
 
 # The properties alone, on other examples than the suite's, and twenty times as many.
-explore: $(READY)
+explore: $(DEV)
 	$(BIN)/python -m pytest -m hypothesis --hypothesis-profile=explore --timeout=3600
 
 # Every parser on files that are almost right, CASES of them each, with a table of what was found; FUZZ="--only labels --seed 2" for more.
 CASES  ?= 100000
-fuzz: $(READY)
+fuzz: $(DEV)
 	$(BIN)/python -m tests.fuzz.campaign --cases $(CASES) $(FUZZ)
 
 # Every verb that writes, under kills, a full disk, limits ..., as root where it is to mount file systems: a table.
 SEED   ?= 1
-faults: $(READY)
+faults: $(DEV)
 	$(BIN)/python -m tests.faults.plan --seed $(SEED) --out reports/faults.md $(FAULTS)
 
 check: lint types docs test
 
-lint: $(READY)
+lint: $(DEV)
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 
-types: $(READY)
+types: $(DEV)
 	$(BIN)/mypy
 
-format: $(READY)
+format: $(DEV)
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
-# The lock holds exact versions for every platform and names no registry.
-lock: $(READY)
-	$(BIN)/python -m pip install --quiet "uv>=0.5"
-	$(BIN)/uv pip compile --quiet pyproject.toml --group dev --universal --python-version 3.11 \
-	    --no-header --no-annotate --output-file requirements.lock
+# Exact versions for every platform, with hashes and without addresses: what running needs, and all that developing needs.
+lock: $(DEV)
+	$(PIP) "uv>=0.5"
+	$(BIN)/uv pip compile $(LOCKED) --output-file requirements.lock pyproject.toml
+	$(BIN)/uv pip compile $(LOCKED) --output-file requirements-dev.lock --constraints requirements.lock --group dev pyproject.toml
+
+LOCKED := --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
 
 # The site, into build/site; a warning is an error. Nothing is read from the network.
-docs: $(READY)
+docs: $(DEV)
 	NO_MKDOCS_2_WARNING=1 PYTHONPATH=. $(BIN)/mkdocs build --strict --quiet
 
 # make release-notes VERSION=0.1.0; without VERSION, what is unreleased.
 release-notes:
 	@$(PYTHON) scripts/release_notes.py $(VERSION)
 
-wheel: $(READY)
+wheel: $(DEV)
 	$(BIN)/python -m hatchling build --target wheel
 
+# Modules are compiled when they are first imported: to compile all of them takes longer than to install them.
 $(READY): requirements.lock pyproject.toml system-libraries.sh
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "vfoa needs Python 3.11 or newer: make PYTHON=python3.12 ...")'
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --requirement requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --editable .
+	$(PIP) --no-compile --require-hashes --requirement requirements.lock
+	$(PIP) --no-deps --editable .
 	sh system-libraries.sh $(BIN)/python
+	touch $@
+
+$(DEV): $(READY) requirements-dev.lock
+	$(PIP) --no-compile --require-hashes --requirement requirements-dev.lock
+	sh system-libraries.sh $(BIN)/python --dev
 	touch $@
 
 clean:

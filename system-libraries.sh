@@ -1,17 +1,20 @@
 #!/bin/sh
-# Installs the libraries and the browser that Python packages cannot carry, where they are missing and Debian's tools are at hand.
-# Usage: system-libraries.sh PYTHON
+# Installs what Python packages cannot carry, where it is missing and Debian's tools are at hand.
+# Usage: system-libraries.sh PYTHON [--dev]
 set -eu
 
 python=$1
+role=${2:-}
 open3d="libgl1 libx11-6 libgomp1 libegl1 libusb-1.0-0"   # import open3d
-browser="chromium chromium-driver"                       # the tests that look at report.html in a browser
-viewer="mesa-vulkan-drivers libvulkan1"                  # the Rerun viewer without a display (vfoa view --screenshot)
+browser="chromium chromium-driver"                       # --dev: the tests that press the pages' buttons
+viewer="mesa-vulkan-drivers libvulkan1"                  # --dev: the Rerun viewer without a display (vfoa view --screenshot)
 
 missing=""
 "$python" -c 'import open3d' >/dev/null 2>&1 || missing="$open3d"
-ldconfig -p 2>/dev/null | grep -q 'libvulkan\.so\.1' || missing="$missing $viewer"
-{ command -v chromium && command -v chromedriver; } >/dev/null || missing="$missing $browser"
+if [ "$role" = --dev ]; then
+    ldconfig -p 2>/dev/null | grep -q 'libvulkan\.so\.1' || missing="$missing $viewer"
+    { command -v chromium && command -v chromedriver; } >/dev/null || missing="$missing $browser"
+fi
 [ -n "$missing" ] || exit 0
 
 sudo=""

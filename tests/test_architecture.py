@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import ast
+import re
+import sys
+import tomllib
 from functools import cache
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -114,6 +118,25 @@ def test_an_outside_package_has_one_door(package: str) -> None:
         if any(name.split(".")[0] == package for name in _imports(path))
     ]
     assert [path for path in importers if not _within(path, DOORS[package])] == []
+
+
+def test_what_is_imported_is_declared() -> None:
+    """A package that comes with another one is declared as well: the other may stop bringing it."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    declared = [
+        *project["dependencies"],
+        *(each for extra in project["optional-dependencies"].values() for each in extra),
+    ]
+    names = {re.split(r"[^\w.-]", line, maxsplit=1)[0].replace("_", "-").lower() for line in declared}
+    shipped = [path for path in _modules().values() if not _within(path, ("harness/bench/",))]  # which needs a browser
+    imported = {name.split(".")[0] for path in shipped for name in _imports(path)}
+    outside = imported - sys.stdlib_module_names - {"vfoa", "harness"}
+    providers = {
+        module: {name.replace("_", "-").lower() for name in packages_distributions().get(module, [module])}
+        for module in outside
+    }
+    assert len(outside) > 20
+    assert {module: found for module, found in providers.items() if not found & names} == {}
 
 
 def _name(path: Path) -> str:
