@@ -7,7 +7,9 @@ import re
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import httpx
 import pytest
@@ -21,10 +23,19 @@ from harness.annotate.correction_page import PATH, correction_routes
 from harness.annotate.server import PageServer
 from harness.cli import app, failures
 from harness.record import entities, viewer
+from harness.record.composed import served_recordings
 from harness.record.layers import ClipFiles
+from harness.record.web_app import site
+from harness.record.web_viewer import page_files
+from harness.report.write import report_page
+from tests.annotating import wait_for
+from tests.browser import chromium, set_width, wait_until_drawn
 from tests.repository import REPOSITORY
 from tests.web import running
 from vfoa.errors import VfoaError
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
 
 EXPERIMENT = """
 clips = ["{clip}"]
@@ -136,6 +147,76 @@ def test_the_label_is_set_right_in_a_form_of_the_served_report(run: RunResults) 
         _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
         assert "tables, page and recordings are updated" in client.post(address, data=wanted).text
     _agree(run, {1: "mug", 2: "vase", 3: "vase", 4: "mug"})
+
+
+@pytest.fixture
+def report(run: RunResults, tmp_path: Path) -> Iterator[Chrome]:
+    """The served report of the run in a browser; frames 2 and 3 are wrong."""
+    correct(run.directory, Correction(clip="desk", subject="anna", target="vase", first=2, last=3))
+    recordings = served_recordings(run.path)
+    page = partial(report_page, run.directory, {pair: each.name for pair, each in recordings.items()})
+    app = site(
+        {each.name: each for each in recordings.values()},
+        page_files(),
+        page=page,
+        more=correction_routes(run.directory),
+    )
+    with running(app) as server, chromium(tmp_path / "profile") as browser:
+        set_width(browser, 1400)
+        browser.get(server.address)
+        wait_until_drawn(browser)
+        yield browser
+
+
+def test_the_buttons_of_the_served_report_lead_to_a_written_label(run: RunResults, report: Chrome) -> None:
+    def press(way: str, name: str) -> None:
+        wait_for(lambda: report.find_elements(way, name))
+        report.find_element(way, name).click()
+
+    report.find_element("id", "timeline").send_keys("n")
+    press("link text", "The label is wrong")
+    report.find_element("css selector", "select").send_keys("mug")
+    last = report.find_element("name", "last")
+    last.clear()
+    last.send_keys("3")
+    press("xpath", "//button[text()='Write the label']")
+    wait_for(lambda: "tables, page and recordings are updated" in report.find_element("tag name", "body").text)
+    _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
+    press("link text", "Back to the report")
+    wait_until_drawn(report)
+    assert [each for each in report.get_log("browser") if each["level"] == "SEVERE"] == []
+
+
+WATCH = """
+window.did = 0;
+new MutationObserver((all) => { window.did += all.length; }).observe(document, {
+    subtree: true, childList: true, attributes: true, characterData: true});
+Object.defineProperty(navigator, 'clipboard', {value: {
+    write: async () => { window.did += 1; }, writeText: async () => { window.did += 1; }}});
+"""
+
+
+def test_no_button_of_the_report_is_dead(report: Chrome) -> None:
+    report.execute_script("document.querySelectorAll('details').forEach((each) => { each.open = true; })")
+    report.find_element("id", "timeline").send_keys("n")
+    report.execute_script(WATCH)
+    dead = []
+    report.execute_script("window.all = ['button', 'summary'].flatMap((tag) => [...document.querySelectorAll(tag)])")
+    for number in range(report.execute_script("return window.all.length")):
+        button = report.execute_script(
+            "const each = window.all[arguments[0]]; return each.isConnected && each.offsetParent && each", number
+        )
+        if not button:
+            continue  # pressing another one has closed or replaced it
+        name = button.get_attribute("aria-label") or button.text
+        report.execute_script("window.did = 0; arguments[0].scrollIntoView({block: 'center'})", button)
+        button.click()
+        try:
+            wait_for(lambda: report.execute_script("return window.did"), at_most_s=5)
+        except AssertionError:
+            dead.append(name)
+    assert dead == []
+    assert [each for each in report.get_log("browser") if each["level"] == "SEVERE"] == []
 
 
 def test_a_person_can_look_at_everything_but_herself(run: RunResults) -> None:
