@@ -77,7 +77,7 @@ def _run(program: Path, cwd: Path, *arguments: str) -> str:
 def test_a_wheel_runs_the_demo_outside_the_checkout(installed: Path, tmp_path: Path) -> None:
     where = _run(installed.with_name("python"), tmp_path, "-c", "import vfoa, harness; print(vfoa.__file__)")
     assert str(REPOSITORY) not in where
-    printed = _run(installed, tmp_path, "demo", "--limit", "5", "--workers", "1")
+    printed = _run(installed, tmp_path, "demo", "--limit", "2", "--workers", "1")
     assert "Focus recognition rate" in printed
     rows = (tmp_path / "runs/demo/frr.csv").read_text(encoding="utf-8").splitlines()
-    assert sum(",(all),sgbm-two," in row for row in rows) == 5  # four clips, and all together
+    assert sum(",(all),sgbm-two," in row for row in rows) == 11  # ten clips, and all together

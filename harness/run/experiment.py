@@ -4,6 +4,7 @@ An experiment is a TOML file::
 
     clips = ["studio_table", "studio_talk"]
     notes = ["Heads and masks are the truth; gaze and head pose are simulated."]
+    limit = 20                              # take the first 20 frames of each of these clips; --limit overrides it
     seeds = 20                              # repeat configurations with a simulated error under 20 seeds
     preset = "realtime"                     # settings over the defaults, see PRESETS below
     annotator = "anna"                      # score <clip>@anna.csv instead of <clip>.csv
@@ -104,14 +105,16 @@ class SweepView(Settings):
 class Experiment:
     """Clips x configurations. ``notes`` are printed with the table.
 
-    ``annotator`` names the annotator whose labels are scored; None for ``annotations/<clip>.csv``. ``sweep``: keep only
-    scores; None for a run. ``published`` are published figures for these configurations.
+    ``limit`` is the number of frames to take of each clip; None for all. ``annotator`` names the annotator whose labels
+    are scored; None for ``annotations/<clip>.csv``. ``sweep``: keep only scores; None for a run. ``published`` are
+    published figures for these configurations.
     """
 
     name: str
     clips: tuple[str, ...]
     configurations: tuple[Configuration, ...]
     notes: tuple[str, ...] = ()
+    limit: int | None = None
     annotator: str | None = None
     sweep: SweepView | None = None
     published: Published | None = None
@@ -120,6 +123,7 @@ class Experiment:
 class _File(Settings):
     clips: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    limit: int | None = Field(default=None, ge=1)
     annotator: str | None = None
     preset: str | None = None
     seeds: int = Field(default=1, ge=1, le=1000)
@@ -138,7 +142,7 @@ def load_experiment(
     Parameters
     ----------
     clips
-        Run these instead of the file's own.
+        Run these instead of the file's own, and all of their frames.
     overrides
         ``"stereo.min_depth_m=0.5"``: a dotted key and a TOML value (a bare word is a string), set in every
         configuration, over its defaults and its grid.
@@ -169,6 +173,7 @@ def load_experiment(
         name=path.stem,
         clips=chosen,
         configurations=configurations,
+        limit=None if clips else file.limit,
         notes=(*file.notes, *_fitted_notes(file, preset, chosen)),
         annotator=file.annotator,
         sweep=file.sweep,

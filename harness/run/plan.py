@@ -77,7 +77,7 @@ def prepare(
     Parameters
     ----------
     limit
-        Take only the first frames of each clip.
+        Take only the first frames of each clip; the experiment's own limit if None.
     sinks
         Sinks of the finished frames, beside the results.
     save_outputs
@@ -88,6 +88,7 @@ def prepare(
     VfoaError
         For the first thing that is missing or wrong.
     """
+    limit = experiment.limit if limit is None else limit
     clips = tuple(_prepare_clip(name, limit, experiment) for name in experiment.clips)
     if all(isinstance(one.clip, MeasuredClip) for one in clips):
         experiment = replace(

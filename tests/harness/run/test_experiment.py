@@ -1,11 +1,13 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
+from harness.run.plan import prepare
 from harness.stages.configuration import Configuration
 from vfoa.errors import VfoaError
 
@@ -56,6 +58,16 @@ def test_a_default_holds_for_the_stages_that_have_it(tmp_path: Path) -> None:
     found = _by_name(load_experiment(path).configurations)
     assert found["sgbm"]["stereo"]["min_depth_m"] == 0.8  # type: ignore[index]
     assert found["truth"]["stereo"] == {"matcher": "truth"}
+
+
+def test_a_limit_holds_for_the_clips_of_the_file_alone(tmp_path: Path) -> None:
+    path = _write(tmp_path, "limit = 5\n" + HEAD)
+    own, another = load_experiment(path), load_experiment(path, clips=("studio_table",))
+    assert (own.limit, another.limit) == (5, None)
+    assert [len(each.frames) for each in prepare(replace(another, limit=5)).clips] == [5]
+    assert [len(each.frames) for each in prepare(replace(another, limit=5), limit=7).clips] == [7]
+    with pytest.raises(VfoaError, match=r"limit: .*greater than or equal to 1"):
+        load_experiment(_write(tmp_path, "limit = 0\n" + HEAD))
 
 
 def test_an_experiment_may_name_whose_labels_are_scored(tmp_path: Path) -> None:
