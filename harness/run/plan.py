@@ -92,7 +92,7 @@ def prepare(
     clips = tuple(_prepare_clip(name, limit, experiment) for name in experiment.clips)
     if all(isinstance(one.clip, MeasuredClip) for one in clips):
         experiment = replace(
-            experiment, configurations=tuple(each.without_stages() for each in experiment.configurations)
+            experiment, configurations=tuple(each.without_images() for each in experiment.configurations)
         )
     said = (
         *_said_of_names(clips, experiment.configurations),

@@ -15,6 +15,7 @@ from vfoa.types import Box3D, Disparity, Float, Image, Instances, Scene, StereoF
 class PersonTruth:
     """Ground truth of one person in one frame (camera frame, metres, unit directions). None: not known.
 
+    ``head_box_px`` (4,) is NaN in a clip without images.
     ``target`` is the name of the target that the person looks at, ``"none"`` for nothing in the scene.
     """
 
@@ -204,6 +205,7 @@ ADAPTERS = Registry(
         "sintel": "harness.sources.sintel:SintelClip",
         "stereo_folder": "harness.sources.stereo_folder:StereoFolderClip",
         "studio": "harness.studio:StudioClip",
+        "vr_objects": "harness.sources.measured.vr_objects:VrObjectsClip",
     },
     group="vfoa.adapters",
 )

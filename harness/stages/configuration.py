@@ -77,9 +77,12 @@ class Configuration:
         choices = {slot: choice.on(provider) if choice else None for slot, choice in self.choices.items()}
         return replace(self, choices=choices)
 
-    def without_stages(self) -> Configuration:
-        """Return the configuration for clips of measurements, which need no stage of perception."""
-        return replace(self, choices=dict.fromkeys(self.choices))
+    def without_images(self) -> Configuration:
+        """Return the configuration for clips of measurements: only stages that answer from the truth of a person."""
+        choices = {
+            slot: choice if choice and SLOTS[slot].is_true(choice) else None for slot, choice in self.choices.items()
+        }
+        return replace(self, choices=choices)
 
     def plain(self) -> dict[str, Any]:
         """Return the configuration as JSON values, with every default, as a run's manifest records it."""

@@ -85,6 +85,10 @@ class Slot:
         cls = self.stage_class(choice.name)
         return cls(choice.settings, clip) if choice.name in self.of_clip else cls(choice.settings)
 
+    def is_true(self, choice: StageChoice) -> bool:
+        """Whether the stage answers from the ground truth of a person, without an image."""
+        return hasattr(self.stage_class(choice.name), "of_person")
+
     def is_temporal(self, choice: StageChoice) -> bool:
         """Whether the stage is a gaze model that looks at several frames."""
         return hasattr(self.stage_class(choice.name), "estimate_sequence")

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from pydantic import Field, field_validator
 
-from harness.sources import Truth
+from harness.sources import PersonTruth, Truth
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Person, Scene, Target
@@ -84,12 +84,17 @@ class MeasuredSettings(Settings):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeasuredPerson:
-    """One person in one frame: the point between the eyes (3,), and the cues. None: not measured."""
+    """One person in one frame: the point between the eyes (3,), and the cues. None: not measured.
+
+    ``true_gaze`` (3,) and ``true_target`` are ground truth, which configurations do not see.
+    """
 
     name: str
     eyes_m: Float | None
     head_pose: HeadPose | None = None
     gaze: Gaze | None = None
+    true_gaze: Float | None = None
+    true_target: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -224,9 +229,29 @@ class FramesOfMeasurements:
         )
 
     def truth(self, number: int) -> Truth:
-        """The source has no ground truth."""
-        self._frame(number)
-        return Truth()
+        """Return the true gaze and target of people, where a source knows them; their heads are as measured."""
+        people = self._frame(number).people
+        if not self._knows_truth:
+            return Truth()
+        return Truth(
+            people=tuple(
+                PersonTruth(
+                    name=person.name,
+                    instance_id=self.people[person.name],
+                    head_box_px=np.full(4, np.nan),
+                    eye_origin_left=person.eyes_m,
+                    head_direction=None if person.head_pose is None else person.head_pose.direction,
+                    gaze_direction=person.true_gaze,
+                    target=person.true_target,
+                )
+                for person in people
+            )
+        )
+
+    @cached_property
+    def _knows_truth(self) -> bool:
+        people = (person for frame in self._frames.values() for person in frame.people)
+        return any(each.true_gaze is not None or each.true_target is not None for each in people)
 
     def digest(self) -> str:
         """Digest of the files' content and the settings."""

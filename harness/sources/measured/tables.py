@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from pydantic import Field
@@ -57,10 +58,15 @@ _UNIT_TOLERANCE = 0.01
 
 
 class MeasuredTablesSettings(MeasuredSettings):
-    """The tables under the manifest's root. Without ``objects_file``, only static objects are used."""
+    """The tables under the manifest's root. Without ``objects_file``, only static objects are used.
+
+    ``gaze``: whether the gaze in the table is a cue, or the ``truth`` of an eye tracker, which only the stages
+    ``truth`` and ``simulated`` see.
+    """
 
     people_file: str = Field(default="people.csv", min_length=1)
     objects_file: str | None = Field(default=None, min_length=1)
+    gaze: Literal["cue", "truth"] = "cue"
 
 
 class MeasuredTables(FramesOfMeasurements):
@@ -81,7 +87,7 @@ class MeasuredTables(FramesOfMeasurements):
         super().__init__(
             {
                 number: MeasuredFrame(time_ns=time_ns, people=found, objects=tuple(moving.get(number, ())))
-                for (number, time_ns), found in zip(times.items(), _people(rows, times), strict=True)
+                for (number, time_ns), found in zip(times.items(), _people(rows, times, settings), strict=True)
             },
             (*settings.fixed_objects(), *fixed),
             settings,
@@ -136,7 +142,9 @@ def _time_ns(row: TableRow) -> int:
     return round(1e9 * seconds) if seconds is not None else stamp or 0
 
 
-def _people(rows: list[TableRow], times: Mapping[int, int]) -> list[tuple[MeasuredPerson, ...]]:
+def _people(
+    rows: list[TableRow], times: Mapping[int, int], settings: MeasuredTablesSettings
+) -> list[tuple[MeasuredPerson, ...]]:
     """The people of each frame in the order of the frames, and in that of the rows."""
     found: dict[int, dict[str, MeasuredPerson]] = {number: {} for number in times}
     for row in rows:
@@ -146,11 +154,13 @@ def _people(rows: list[TableRow], times: Mapping[int, int]) -> list[tuple[Measur
         if name in found[frame]:
             raise VfoaError(f"{row.where}: frame {frame}, person {name!r}: occurs twice")
         head, gaze = (_direction(row, cue) for cue in CUES)
+        true_gaze = gaze if settings.gaze == "truth" else None
         found[frame][name] = MeasuredPerson(
             name=name,
             eyes_m=row.numbers(POSITION),
             head_pose=None if head is None else HeadPose(direction=head, sigma_rad=_sigma(row, "head")),
-            gaze=None if gaze is None else Gaze(direction=gaze, sigma_rad=_sigma(row, "gaze")),
+            gaze=None if gaze is None or true_gaze is not None else Gaze(direction=gaze, sigma_rad=_sigma(row, "gaze")),
+            true_gaze=true_gaze,
         )
     return [tuple(people.values()) for people in found.values()]
 

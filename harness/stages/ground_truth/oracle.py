@@ -12,7 +12,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from harness.labels.labels import BLOCKED, IGNORED, Label, LabelRange, Labels
-from harness.sources import Clip, PersonTruth, SightTruth, Truth
+from harness.sources import AnyClip, Clip, PersonTruth, SightTruth, Truth
 from vfoa.errors import VfoaError
 from vfoa.geometry import box_iou
 from vfoa.segmentation.key_frames import KeyFrameSettings
@@ -29,11 +29,11 @@ class OracleSettings(Settings):
     """The ground truth has no settings."""
 
 
-_last_truths: WeakKeyDictionary[Clip, tuple[int, Truth]] = WeakKeyDictionary()
+_last_truths: WeakKeyDictionary[AnyClip, tuple[int, Truth]] = WeakKeyDictionary()
 """Each clip's last ground truth: several stages ask for it, some of them once for every head."""
 
 
-def truth_of(clip: Clip, frame: int) -> Truth:
+def truth_of(clip: AnyClip, frame: int) -> Truth:
     """Return a clip's ground truth of one frame. The last one is kept, if clips of this class allow it."""
     try:
         last = _last_truths.get(clip)
@@ -47,7 +47,7 @@ def truth_of(clip: Clip, frame: int) -> Truth:
 class KnownTruth:
     """The parts of a clip's ground truth that one stage needs; a missing part is an error."""
 
-    def __init__(self, clip: Clip, needed_by: str) -> None:
+    def __init__(self, clip: AnyClip, needed_by: str) -> None:
         self._clip, self._needed_by = clip, needed_by
 
     def disparity(self, frame: int) -> Disparity:
@@ -166,7 +166,11 @@ class TruthHeadPose:
     def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
         """Return the true direction of one head."""
         person = self._truth.person(frame.index, head)
-        return None if person is None else HeadPose(direction=self._truth.head_direction(frame.index, person))
+        return None if person is None else self.of_person(frame.index, person)
+
+    def of_person(self, frame: int, person: PersonTruth) -> HeadPose:
+        """Return the true direction of one person's head."""
+        return HeadPose(direction=self._truth.head_direction(frame, person))
 
 
 class TruthGaze:
@@ -180,13 +184,17 @@ class TruthGaze:
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
         """Return the true gaze of one head."""
         person = self._truth.person(frame.index, head)
-        return None if person is None else Gaze(direction=self._truth.gaze_direction(frame.index, person))
+        return None if person is None else self.of_person(frame.index, person)
+
+    def of_person(self, frame: int, person: PersonTruth) -> Gaze:
+        """Return the true gaze of one person."""
+        return Gaze(direction=self._truth.gaze_direction(frame, person))
 
 
-def true_labels(clip: Clip) -> Labels:
-    """Return labels made from a clip's ground truth: the target of each person, ``ignore`` during a saccade.
+def true_labels(clip: AnyClip, unknown: str = "saccade") -> Labels:
+    """Return labels made from a clip's ground truth: the target of each person, ``ignore`` where it is not known.
 
-    If the clip knows that something blocks the line of sight, the note says so.
+    ``unknown`` is the note of those. If the clip knows that something blocks the line of sight, the note says so.
 
     Raises
     ------
@@ -200,7 +208,7 @@ def true_labels(clip: Clip) -> Labels:
         blockers = clip.blockers(frame) if isinstance(clip, SightTruth) else {}
         for person in truth.people(frame):
             note = f"{BLOCKED} by {blockers[person.name]}" if person.name in blockers else ""
-            label = Label(target=person.target, note=note) if person.target else Label(target=IGNORED, note="saccade")
+            label = Label(target=person.target, note=note) if person.target else Label(target=IGNORED, note=unknown)
             before = current.get(person.name)
             first = before.first_frame if before and before.label == label else frame
             if before and first == frame:

@@ -16,7 +16,7 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from harness.sources import Clip, PersonTruth
+from harness.sources import AnyClip, PersonTruth
 from harness.stages.ground_truth.oracle import KnownTruth
 from harness.stages.slots import CLIP_VARIABLE
 from vfoa.geometry import angle_between, perturb, unit
@@ -153,17 +153,19 @@ class SimulatedHeadPose:
 
     Settings = SimulatedHeadPoseSettings
 
-    def __init__(self, settings: SimulatedHeadPoseSettings, clip: Clip) -> None:
+    def __init__(self, settings: SimulatedHeadPoseSettings, clip: AnyClip) -> None:
         self._truth = KnownTruth(clip, 'head_pose.model = "simulated"')
         self._error = AngularError(settings, stream=1)
 
     def estimate(self, frame: StereoFrame, head: Head) -> HeadPose | None:
         """Return the direction of one head with its error; None for a head that is nobody's."""
         person = self._truth.person(frame.index, head)
-        if person is None:
-            return None
-        direction = self._truth.head_direction(frame.index, person)
-        found = self._error.apply(direction, person.instance_id, frame.index, _towards_camera(person))
+        return None if person is None else self.of_person(frame.index, person)
+
+    def of_person(self, frame: int, person: PersonTruth) -> HeadPose:
+        """Return the direction of one person's head with its error."""
+        direction = self._truth.head_direction(frame, person)
+        found = self._error.apply(direction, person.instance_id, frame, _towards_camera(person))
         return HeadPose(direction=found, sigma_rad=self._error.claimed_sigma_rad)
 
 
@@ -175,17 +177,19 @@ class SimulatedGaze:
 
     Settings = SimulatedGazeSettings
 
-    def __init__(self, settings: SimulatedGazeSettings, clip: Clip) -> None:
+    def __init__(self, settings: SimulatedGazeSettings, clip: AnyClip) -> None:
         self._truth = KnownTruth(clip, 'gaze.model = "simulated"')
         self._error = AngularError(settings, stream=2)
 
     def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
         """Return the gaze of one head with its error; None for a head that is nobody's."""
         person = self._truth.person(frame.index, head)
-        if person is None:
-            return None
-        direction = self._truth.gaze_direction(frame.index, person)
-        found = self._error.apply(direction, person.instance_id, frame.index, _towards_camera(person))
+        return None if person is None else self.of_person(frame.index, person)
+
+    def of_person(self, frame: int, person: PersonTruth) -> Gaze:
+        """Return the gaze of one person with its error."""
+        direction = self._truth.gaze_direction(frame, person)
+        found = self._error.apply(direction, person.instance_id, frame, _towards_camera(person))
         return Gaze(direction=found, sigma_rad=self._error.claimed_sigma_rad)
 
 

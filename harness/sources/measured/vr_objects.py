@@ -1,0 +1,274 @@
+"""People who look at ten things in a virtual room (github.com/ischtz/jov2023-vr-objects; read, not used).
+
+Schuetz, Baltaretu and Fiehler, Journal of Vision 24(7):10, 2024, MIT. One session of one person is a folder::
+
+    data/kitchen_laser/9/S003/trial_results.csv             a row for each trial: target and its box, phases
+    data/kitchen_laser/9/S003/trackers/VR_move_T001.csv     90 Hz: head_pos_* (m), head_rot_* (degrees)
+    data/kitchen_laser/9/S003/trackers/Eye_gaze_T001.csv    dir_*: gaze in the head; gaze_*, gaze_object: its hit
+
+Unity's axes are left-handed with y up, and a rotation is Ry Rx Rz; here y is negated. The frames are the first samples
+of each tenth of a second of the previews, in which all things are in place, and of the responses, in which the trial's
+target is missing. Between them are gaps in time.
+
+The head is the cue. The gaze is ground truth, and so is its target: the thing whose collider it hits, ``none`` for
+another collider; unknown for an invalid gaze, a copy of a thing, a cursor, and a look under 0.1 s.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+from scipy.spatial.transform import Rotation
+
+from harness.files import digest_files, read_text
+from harness.sources import Recognised
+from harness.sources.measured.clip import (
+    FramesOfMeasurements,
+    MeasuredFrame,
+    MeasuredObject,
+    MeasuredPerson,
+    MeasuredSettings,
+)
+from vfoa.errors import VfoaError
+from vfoa.geometry import unit
+from vfoa.types import Float, HeadPose
+
+RATE_HZ = 10
+SHORTEST_LOOK_S = 0.1
+NOWHERE = "none"
+_INVALID_M = -9000.0
+"""A point of the gaze below this is not valid: upstream writes -99999."""
+_FLIP = np.array([1.0, -1.0, 1.0])
+_XYZ = ("x", "y", "z")
+_PHASES = (("t_scene_preview_start", "t_scene_preview_end"), ("t_response_start", "t_response_end"))
+_COPY = re.compile("clone|cursor", re.IGNORECASE)
+
+Columns = Mapping[str, list[str]]
+
+
+class VrObjectsSettings(MeasuredSettings):
+    """The first trials of a session; those whose trackers are not here are left out, and a note says which."""
+
+    trials: int = Field(default=20, ge=1)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trial:
+    """One trial's samples: times (n,) s, and in this project's axes the head, its direction and the gaze (n, 3).
+
+    ``hits`` (n, 3) are the points that the gaze hits, m, NaN where it is not valid; ``colliders`` their names, blank
+    there. ``phases`` are the preview and the response as slices of the samples; ``target`` is missing in the response.
+    """
+
+    number: int
+    target: str
+    times_s: Float
+    heads_m: Float
+    directions: Float
+    gazes: Float
+    hits: Float
+    colliders: tuple[str, ...]
+    phases: tuple[slice, slice]
+
+
+class VrObjectsClip(FramesOfMeasurements):
+    """A clip from one person's session; the root is its folder."""
+
+    Settings = VrObjectsSettings
+
+    def __init__(self, settings: VrObjectsSettings, root: Path | None) -> None:
+        folder = root if root is not None else Path.cwd()
+        results = folder / "trial_results.csv"
+        columns = _columns(results, ("ppid", "trial_num", "target", *itertools.chain(*_PHASES)))
+        things = _things(results, settings)
+        here, absent = _split(folder, settings, columns)
+        if not here:
+            raise VfoaError(
+                f"{folder / 'trackers'}: no trial from 1 to {settings.trials}; expected VR_move_T001.csv ..."
+            )
+        self.trials = tuple(read_trial(folder, columns, row) for row in here)
+        self._absent = f"trials without trackers here: {', '.join(map(str, absent))}" if absent else None
+        files = [path for trial in self.trials for path in _trackers(folder, trial.number)]
+        super().__init__(
+            dict(enumerate(_frames(self.trials, things, f"p{columns['ppid'][0]}"), start=1)),
+            settings.fixed_objects(),
+            settings,
+            str(folder),
+            digest_files([("results", results), *(("tracker", path) for path in files)]),
+        )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """The trials that are not here."""
+        return (self._absent,) if self._absent else ()
+
+    @classmethod
+    def recognise(cls, path: Path) -> tuple[Recognised, ...]:
+        """Recognise the folder of one person's session."""
+        if not (path / "trial_results.csv").is_file() or not (path / "trackers").is_dir():
+            return ()
+        return (
+            Recognised(
+                root=path,
+                source={},
+                layout="a session of vr-objects: head, true gaze and boxes of things",
+                name="_".join((path.parent.parent.name, f"p{path.parent.name}")),
+                calibration="not needed",
+                licence="MIT",
+            ),
+        )
+
+
+def read_trial(folder: Path, results: Columns, row: int) -> Trial:
+    """Read the trial in a row of the results.
+
+    Raises
+    ------
+    VfoaError
+        If a tracker's file is missing or damaged, or the two differ in their times: file, line, found, expected.
+    """
+    number = int(results["trial_num"][row])
+    move, eye = _trackers(folder, number)
+    heads = _columns(move, ("time", *(f"head_{what}_{axis}" for what in ("pos", "rot") for axis in _XYZ)))
+    gazes = _columns(eye, ("time", *(f"{what}_{axis}" for what in ("dir", "gaze") for axis in _XYZ), "gaze_object"))
+    times_s = _numbers(eye, gazes, ("time",))[:, 0]
+    if not np.array_equal(times_s, _numbers(move, heads, ("time",))[:, 0]):
+        raise VfoaError(f"{eye}: its times are not those of {move.name}; expected the same in both")
+    rotations = Rotation.from_euler("YXZ", _numbers(move, heads, _of("head_rot", "yxz")), degrees=True)
+    hits = _numbers(eye, gazes, _of("gaze")) * _FLIP
+    hits[hits[:, 0] < _INVALID_M] = np.nan
+    bounds_s = [[float(results[edge][row]) for edge in phase] for phase in _PHASES]
+    return Trial(
+        number=number,
+        target=results["target"][row],
+        times_s=times_s,
+        heads_m=_numbers(move, heads, _of("head_pos")) * _FLIP,
+        directions=rotations.apply([0.0, 0.0, 1.0]) * _FLIP,
+        gazes=rotations.apply(_numbers(eye, gazes, _of("dir"))) * _FLIP,
+        hits=hits,
+        colliders=tuple(
+            "" if np.isnan(hit) else name for hit, name in zip(hits[:, 0], gazes["gaze_object"], strict=True)
+        ),
+        phases=(_between(times_s, *bounds_s[0]), _between(times_s, *bounds_s[1])),
+    )
+
+
+def _frames(trials: Sequence[Trial], things: Mapping[str, MeasuredObject], person: str) -> Iterator[MeasuredFrame]:
+    start_s = next(float(trial.times_s[phase.start]) for trial in trials for phase in trial.phases)
+    last = -1
+    for trial in trials:
+        in_place = tuple(things.values())
+        for phase, objects in zip(
+            trial.phases, (in_place, tuple(each for key, each in things.items() if key != trial.target)), strict=True
+        ):
+            names = {key: each.name for key, each in things.items()}
+            targets = looked_at(trial.times_s[phase], trial.colliders[phase], names)
+            for sample, target in zip(range(phase.start, phase.stop), targets, strict=True):
+                tenth = int((trial.times_s[sample] - start_s) * RATE_HZ)
+                if tenth == last:
+                    continue
+                last = tenth
+                is_valid = bool(trial.colliders[sample])
+                yield MeasuredFrame(
+                    time_ns=round(1e9 * (trial.times_s[sample] - start_s)),
+                    people=(
+                        MeasuredPerson(
+                            name=person,
+                            eyes_m=trial.heads_m[sample],
+                            head_pose=HeadPose(direction=unit(trial.directions[sample])),
+                            true_gaze=unit(trial.gazes[sample]) if is_valid else None,
+                            true_target=target,
+                        ),
+                    ),
+                    objects=objects,
+                )
+
+
+def looked_at(times_s: Float, colliders: Sequence[str], things: Mapping[str, str]) -> list[str | None]:
+    """The target of each sample of one phase, from the collider that it hits; None: not known.
+
+    ``things`` are names by upstream's id (``K01_L15``), with which the names of a thing's colliders begin.
+    """
+    found = [_target(name, things) for name in colliders]
+    targets: list[str | None] = []
+    for target, samples in itertools.groupby(range(len(found)), key=found.__getitem__):
+        first, *rest = samples
+        last = rest[-1] if rest else first
+        is_long = times_s[last] - times_s[first] >= SHORTEST_LOOK_S
+        targets += [target if is_long else None] * (last - first + 1)
+    return targets
+
+
+def _target(collider: str, things: Mapping[str, str]) -> str | None:
+    if not collider or _COPY.search(collider):
+        return None
+    return next((name for key, name in things.items() if f"{collider}_".startswith(f"{key}_")), NOWHERE)
+
+
+def _things(path: Path, settings: MeasuredSettings) -> dict[str, MeasuredObject]:
+    """The boxes of all things by upstream's id, in its order: every thing is the target of some trial."""
+    center, size = _of("target_bbox_center"), _of("target_bbox_size")
+    columns = _columns(path, ("target", "target_label", *center, *size))
+    boxes = np.concatenate([_numbers(path, columns, center) * _FLIP, _numbers(path, columns, size)], axis=1)
+    return {
+        key: MeasuredObject(name=name, category=name, box=settings.box(box[:3], box[3:]))
+        for key, name, box in sorted(
+            zip(columns["target"], columns["target_label"], boxes, strict=True), key=lambda it: it[0]
+        )
+    }
+
+
+def _split(folder: Path, settings: VrObjectsSettings, results: Columns) -> tuple[list[int], list[int]]:
+    """The rows of the wanted trials whose trackers are here, and the numbers of those whose are not."""
+    wanted = {row: int(text) for row, text in enumerate(results["trial_num"]) if text.isdigit()}
+    wanted = {row: number for row, number in wanted.items() if number <= settings.trials}
+    here = [row for row, number in wanted.items() if all(path.is_file() for path in _trackers(folder, number))]
+    return here, [number for row, number in wanted.items() if row not in here]
+
+
+def _trackers(folder: Path, trial: int) -> tuple[Path, Path]:
+    place = folder / "trackers"
+    return place / f"VR_move_T{trial:03}.csv", place / f"Eye_gaze_T{trial:03}.csv"
+
+
+def _between(times_s: Float, first_s: float, last_s: float) -> slice:
+    return slice(int(np.searchsorted(times_s, first_s)), int(np.searchsorted(times_s, last_s, side="right")))
+
+
+def _of(what: str, axes: str = "xyz") -> tuple[str, ...]:
+    return tuple(f"{what}_{axis}" for axis in axes)
+
+
+def _columns(path: Path, names: Sequence[str]) -> Columns:
+    """The texts of some columns of a table with a header; others are not read."""
+    rows = list(csv.reader(io.StringIO(read_text(path), newline="")))
+    header = rows[0] if rows else []
+    if missing := next((name for name in names if name not in header), None):
+        raise VfoaError(f"{path}:1: no column {missing!r}; expected {', '.join(names)}")
+    for line, cells in enumerate(rows, start=1):
+        if len(cells) != len(header):
+            raise VfoaError(f"{path}:{line}: found {len(cells)} cells; expected {len(header)}, as in the header")
+    if len(rows) == 1:
+        raise VfoaError(f"{path}: no row below the header; expected at least one")
+    return {name: [cells[header.index(name)] for cells in rows[1:]] for name in names}
+
+
+def _numbers(path: Path, columns: Columns, names: Sequence[str]) -> NDArray[np.float64]:
+    """Columns as finite numbers (n, columns)."""
+    try:
+        found = np.array([columns[name] for name in names], dtype=np.float64).T
+    except ValueError as error:
+        raise VfoaError(f"{path}: {error}; expected numbers in {', '.join(names)}") from None
+    if not np.isfinite(found).all():
+        line = int(np.flatnonzero(~np.isfinite(found).all(axis=1))[0]) + 2
+        raise VfoaError(f"{path}:{line}: expected finite numbers in {', '.join(names)}")
+    return found
