@@ -78,5 +78,42 @@ def open_measured(adapter: str, root: Path, **source: object) -> MeasuredClip:
     return clip
 
 
+def vr_session(folder: Path) -> Path:
+    """A session as jov2023-vr-objects lays it out: at 90 Hz a head looks ahead (z), the gaze at a cup, then at a wall.
+
+    Of 1.2 s of preview, the gaze is 0.4 s on the cup, 0.05 s on the wall, 0.3 s invalid, then on the wall; in 0.5 s of
+    response on a copy of the cup.
+    """
+    session = folder / "kitchen_laser" / "3" / "S001"
+    (session / "trackers").mkdir(parents=True)
+    box = "0.0,1.5,2.0,0.2,0.3,0.2"
+    (session / "trial_results.csv").write_text(
+        "ppid,trial_num,target,target_label,"
+        + ",".join(f"target_bbox_{what}_{axis}" for what in ("center", "size") for axis in "xyz")
+        + ",t_scene_preview_start,t_scene_preview_end,t_response_start,t_response_end\n"
+        f"3,1,K01_L02,cup,{box},10.5,11.69,13,13.49\n3,2,K01_L20,lamp,1,1,1,0.1,0.1,0.1,20,21,22,23\n"
+    )
+    spans = (
+        (10.9, "K01_L02_01", 0.0),
+        (10.95, "Wall", 1.0),
+        (11.25, "", 0.0),
+        (12.0, "Wall", 1.0),
+        (20, "K01_L02(Clone)", 0),
+    )
+    moves, gazes = [], []
+    for sample in range(360):
+        time_s = 10 + sample / 90
+        name, right = next((name, right) for end_s, name, right in spans if time_s < end_s)
+        moves.append(f"{time_s:.5f},0,1.5,0,0,0,0")
+        hit = f"{2 * right},1.5,2" if name else "-99999,-99999,-99999"
+        gazes.append(f"{time_s:.5f},{_cells(unit(np.array([2 * right, 0.0, 2.0])))},{hit},{name}")
+    for name, columns, rows in (
+        ("VR_move", "head_pos_x,head_pos_y,head_pos_z,head_rot_x,head_rot_y,head_rot_z", moves),
+        ("Eye_gaze", "dir_x,dir_y,dir_z,gaze_x,gaze_y,gaze_z,gaze_object", gazes),
+    ):
+        (session / "trackers" / f"{name}_T001.csv").write_text("\n".join([f"time,{columns}", *rows]) + "\n")
+    return session
+
+
 def _cells(vector: np.ndarray) -> str:
     return ",".join(repr(float(value)) for value in vector)

@@ -79,5 +79,5 @@ def _journal_of(path: Path) -> Path:
 
 
 def _origin(manifest: ClipManifest, path: Path, found: Path | None) -> Path | None:
-    """The file that came with the program, from which one that is to be written at ``path`` begins."""
-    return found if found != path and came_with_program(manifest.path) else None
+    """The file that came with the program or the clip, from which one that is to be written at ``path`` begins."""
+    return found if found != path and (came_with_program(manifest.path) or manifest.labels_file) else None

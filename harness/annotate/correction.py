@@ -38,7 +38,7 @@ def choices(directory: RunDirectory, clip: str, subject: str) -> tuple[str, ...]
     VfoaError
         If the run has no such clip, or the clip no such subject.
     """
-    manifest = load_manifest(_place(directory, clip))
+    manifest = load_manifest(_place(directory, clip), clip)
     if subject not in manifest.subjects:
         raise VfoaError(f"{clip}: unknown subject {subject!r}; {did_you_mean(subject, manifest.subjects)}")
     others = (name for name in manifest.subjects if name != subject)
@@ -60,7 +60,7 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
     VfoaError
         If a name or a frame is not the clip's, or another process labels the clip.
     """
-    manifest = load_manifest(_place(directory, correction.clip))
+    manifest = load_manifest(_place(directory, correction.clip), correction.clip)
     timeline = timeline_of(manifest.open())
     frames = list(timeline.frames)
     for frame in (correction.first, correction.last):

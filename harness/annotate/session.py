@@ -287,7 +287,7 @@ class Session:
         return sorted(known_categories(self._clip) | {each.label for record in records for each in record.targets})
 
     def _read_manifest(self) -> None:
-        self.manifest = load_manifest(str(self.manifest.path))
+        self.manifest = load_manifest(self.manifest.path, self.manifest.name)
         with self._reading:
             self._views.use(self.manifest)
 

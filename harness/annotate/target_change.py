@@ -86,7 +86,7 @@ def finish_change(manifest: ClipManifest, timeline: Timeline) -> ClipManifest:
     change = parse(TargetChange, parse_json(read_bytes(place), str(place)), str(place))
     if change.name in {**manifest.targets, **manifest.subjects} and change.name != change.new_name:
         change.in_manifest(manifest.path)
-        manifest = load_manifest(str(manifest.path))
+        manifest = load_manifest(manifest.path, manifest.name)
     with ExitStack() as stack:
         change.in_labels(stack.enter_context(closing(each)) for each in open_stores(manifest, timeline))
     with closing(open_drawing(manifest, timeline.frames, also=(change.name,))) as drawing:

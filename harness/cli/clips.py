@@ -61,20 +61,21 @@ def check_clips(
         raise typer.Exit(2)
 
 
-@app.command(name="fetch", short_help="Download MPI Sintel, or Idiap's conversation.")
+@app.command(name="fetch", short_help="Download MPI Sintel, Idiap's conversation or people in virtual rooms.")
 def fetch_clips(
-    source: Annotated[str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel or idiap_vfoa.")],
+    source: Annotated[str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel, idiap_vfoa or vr_objects.")],
     out: Annotated[Path | None, typer.Option(help="The folder; $VFOA_DATA/SOURCE if not given.")] = None,
 ) -> None:
     """Download clips from their original sites. An interrupted download resumes.
 
     ``sintel``: the official archives of MPI Sintel, unpacked. ``idiap_vfoa``: two files of idiap/vfoa, and its ground
-    truth as labels of the clip ``idiap_vfoa``.
+    truth as labels of the clip ``idiap_vfoa``. ``vr_objects``: 83 MB of jov2023-vr-objects, and the clips
+    ``kitchen_p09`` ... ``office_p19`` as tables of measurements with labels.
     """
     from harness.data_folders import expand
     from vfoa.errors import VfoaError, did_you_mean
 
-    fetchers = {"sintel": _fetch_sintel, "idiap_vfoa": _fetch_idiap}
+    fetchers = {"sintel": _fetch_sintel, "idiap_vfoa": _fetch_idiap, "vr_objects": _fetch_vr_objects}
     if source not in fetchers:
         raise VfoaError(f"clips fetch: no {source!r}; {did_you_mean(source, fetchers)}")
     root = out or expand(f"${{VFOA_DATA}}/{source}", Path.cwd(), "clips fetch")
@@ -94,14 +95,14 @@ def _fetch_sintel(root: Path) -> None:
 def _fetch_idiap(root: Path) -> None:
     from harness.annotate.convert import import_labels, open_exchange
     from harness.cli.terminal import bytes_bar
-    from harness.clips.idiap_files import HEADS, LABELS, LICENCE, fetch_idiap_file
     from harness.clips.manifest import load_manifest
+    from harness.clips.repository_files import HEADS, IDIAP_HOME, IDIAP_LICENCE, LABELS, fetch_files
 
-    say(f"licence: {LICENCE}")
+    say(f"licence: {IDIAP_LICENCE}")
+    with bytes_bar("idiap_vfoa") as progress:
+        fetch_files(root, (HEADS, LABELS), IDIAP_HOME, progress)
     for file in (HEADS, LABELS):
-        with bytes_bar(file.name) as progress:
-            path = fetch_idiap_file(root, file, progress=progress)
-        say(f"{path}: sha256 {file.sha256}")
+        say(f"{root / file.name}: sha256 {file.sha256}")
     manifest = load_manifest("idiap_vfoa")
     place = manifest.annotations.place()
     if place.exists():
@@ -110,6 +111,28 @@ def _fetch_idiap(root: Path) -> None:
     manifest = manifest.with_root(root)
     imported = import_labels(root / LABELS.name, "idiap_vfoa", open_exchange(manifest), place, replace=False)
     say(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
+
+
+def _fetch_vr_objects(root: Path) -> None:
+    from harness.cli.terminal import bytes_bar
+    from harness.clips.repository_files import VR_HOME, VR_LICENCE, fetch_files, vr_objects_files
+    from harness.labels.files import write_annotations
+    from harness.sources.measured.vr_objects import VrObjectsClip
+    from harness.sources.measured.write import write_measured
+    from harness.stages.ground_truth.oracle import true_labels
+
+    say(f"licence: {VR_LICENCE}")
+    files = vr_objects_files()
+    with bytes_bar("vr_objects") as progress:
+        fetch_files(root / "data", files, VR_HOME, progress)
+    for session in sorted({Path(file.name).parts[:3] for file in files}):
+        room, person, _ = session
+        clip = VrObjectsClip(VrObjectsClip.Settings(), root.joinpath("data", *session))
+        place = root / f"{room.removesuffix('_laser')}_p{int(person):02}"
+        place.mkdir(exist_ok=True)
+        write_measured(place, clip.measurements)
+        write_annotations(place / "labels.csv", true_labels(clip, unknown=""))
+        say(f"{place}: {len(clip.frames)} frames")
 
 
 def _print_list(rows: list[ClipRow]) -> None:

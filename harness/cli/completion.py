@@ -14,16 +14,17 @@ import typer
 
 def clip_names(incomplete: str) -> list[str]:
     """Clips by name."""
-    from harness.data_folders import names
+    from harness.clips.manifest import clip_files
 
-    return _matching(names("datasets"), incomplete)
+    return _matching(clip_files(), incomplete)
 
 
 def experiment_and_clip_names(incomplete: str) -> list[str]:
-    """Experiments and clips by name."""
+    """Experiments, clips and families of clips by name."""
+    from harness.clips.manifest import clip_files
     from harness.data_folders import names
 
-    return _matching([*names("experiments"), *names("datasets")], incomplete)
+    return _matching([*names("experiments"), *names("datasets"), *clip_files()], incomplete)
 
 
 def preset_names(incomplete: str) -> list[str]:

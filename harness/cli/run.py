@@ -164,7 +164,7 @@ def run(
             )
         scores = rescore(directory)
     print_scores(scores)
-    for notice in notices:
+    for notice in (*experiment.missing, *notices):
         say(notice)
     if save_outputs:
         say(f"\nStage outputs: {directory.stage_outputs}  (run from them: its {experiment.name}.toml says how)")
@@ -225,7 +225,7 @@ def _report_failures(directory: RunDirectory) -> None:
 
 def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...], preset: str | None) -> Experiment:
     """The experiment: one by name or file, or the default one on the named clips."""
-    from harness.data_folders import find
+    from harness.clips.manifest import clip_files, families
     from harness.run.experiment import is_experiment, load_experiment
     from vfoa.errors import VfoaError
 
@@ -235,8 +235,9 @@ def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, .
         raise VfoaError(
             f"run: expected one experiment, or clips; found {' '.join(what)} ({both[0]!r} is an experiment)"
         )
+    known = {*clip_files(), *families()}
     for name in what:
-        if not name.endswith(".toml") and find("datasets", name) is None:
+        if not name.endswith(".toml") and name not in known:
             raise VfoaError(_said_of_unknown(name))
     default = load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
     return replace(default, name=Path(what[0]).stem) if len(default.clips) == 1 else default
@@ -245,9 +246,10 @@ def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, .
 def _said_of_unknown(name: str) -> str:
     from difflib import get_close_matches
 
+    from harness.clips.manifest import clip_files, families
     from harness.data_folders import names
 
-    experiments, clips = names("experiments"), names("datasets")
+    experiments, clips = names("experiments"), [*clip_files(), *families()]
     near = get_close_matches(name, [*experiments, *clips], n=1)
     hint = f"did you mean {near[0]!r}? " if near else ""
     return (

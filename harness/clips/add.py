@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.bounded_parsing import parse_toml
-from harness.clips.manifest import ClipManifest, as_clip_name, make_manifest
+from harness.clips.manifest import ClipManifest, as_clip_name, clip_files, make_manifest
 from harness.clips.manifest_checks import unknown_categories
 from harness.clips.recognition import recognise
 from harness.data_folders import find
@@ -130,7 +130,7 @@ def add_clip(
 
 def _free_paths(name: str) -> tuple[Path, Path]:
     """Return the paths of the two files, after checking that no clip of that name exists."""
-    for taken in (find("datasets", name), find("annotations", name)):
+    for taken in (clip_files().get(name), find("annotations", name)):
         if taken is not None and not _is_left_over(taken):
             raise VfoaError(f"{taken}: a clip of this name exists; expected another name: --name NAME")
     return Path.cwd() / "datasets" / f"{name}.toml", Path.cwd() / "annotations" / f"{name}.csv"

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from harness.clips import frame_checks
-from harness.clips.manifest import ClipManifest, load_manifest
+from harness.clips.manifest import ClipManifest, clip_files, load_manifest
 from harness.clips.manifest_checks import manifest_notes, manifest_problems
 from harness.clips.matching import matched_offsets_px
 from harness.clips.measured import measurement_problems
 from harness.clips.near_limit import first_middle_last, near_notes
-from harness.data_folders import folders, names, unset_variables
+from harness.data_folders import folders, unset_variables
 from harness.labels.labels import IGNORED
 from harness.labels.timeline import timeline_of
 from harness.sources import Clip, MeasuredClip
@@ -59,7 +59,7 @@ class ClipCheck:
 
 def list_clips() -> list[ClipRow]:
     """Return every clip that can be found, by name."""
-    return [_row(name, path) for name, path in names("datasets").items()]
+    return [_row(name, path) for name, path in clip_files().items()]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,13 +77,13 @@ class AtHand:
 
 def clips_at_hand() -> AtHand:
     """Return the clips that ``vfoa clips check`` checks by default; a manifest that cannot be read is included."""
-    found = names("datasets")
+    found = clip_files()
     own = {name: path for name, path in found.items() if path.parent == folders("datasets")[0]}
     here: list[str] = []
     elsewhere: dict[str, list[str]] = {}
     for name, path in (own or found).items():
         try:
-            root = load_manifest(path).root or ""
+            root = load_manifest(path, name).root or ""
         except VfoaError:
             root = ""
         if unset := unset_variables(root):
@@ -162,7 +162,7 @@ def _drawn_problems(manifest: ClipManifest, clip: Clip) -> tuple[str, ...]:
 
 def _row(name: str, path: Path) -> ClipRow:
     try:
-        manifest = load_manifest(path)
+        manifest = load_manifest(path, name)
     except VfoaError as error:
         return ClipRow(name=name, problem=str(error))
     clip, problem = _open(manifest)

@@ -1,10 +1,22 @@
-"""Clip manifests: ``datasets/<clip>.toml``, one clip each, checked and opened."""
+"""Clip manifests: ``datasets/<clip>.toml``, checked and opened.
+
+A file with a table ``clips`` is a family: it makes a clip of each key, whose values replace ``${KEY}`` in the rest of
+the file. ``${CLIP}`` is the clip's name. A family's name stands for those of its clips whose files are here::
+
+    # datasets/talks.toml
+    adapter = "measured"
+    root = "${VFOA_DATA}/talks/${CLIP}"
+    subjects = { "${PERSON}" = { category = "person" } }
+    [clips]
+    talk_1 = { PERSON = "anna" }
+    talk_2 = { PERSON = "ben" }
+"""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -12,7 +24,8 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from harness.bounded_parsing import read_toml
 from harness.clips.naming import NameRule
-from harness.data_folders import expand, find, folders, names
+from harness.data_folders import expand, folders, names
+from harness.files import read_text
 from harness.labels.drawn import Drawn, read_drawn
 from harness.labels.files import AnnotationFiles, read_annotations
 from harness.labels.labels import RESERVED, Labels
@@ -27,13 +40,15 @@ from vfoa.validation import parse
 class ClipManifest(Settings):
     """One clip: the source of its frames, the people and objects in it, and its licence.
 
-    ``source`` holds the adapter's own settings, ``notes`` are for readers of the tables.
+    ``source`` holds the adapter's own settings, ``notes`` are for readers of the tables. ``labels_file`` is an
+    annotation file below the root, which counts as long as there is no ``annotations/<clip>.csv``.
     """
 
     # two underscores separate clip and configuration in the names of a run's files
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9.-]*(_[A-Za-z0-9.-]+)*$")
     adapter: str
     root: str | None = None
+    labels_file: str | None = None
     licence: str | None = None
     citation: str | None = None
     notes: tuple[str, ...] = ()
@@ -87,7 +102,8 @@ class ClipManifest(Settings):
     @property
     def annotations(self) -> AnnotationFiles:
         """The clip's annotation files, one for each annotator."""
-        return AnnotationFiles(clip=self.name, manifest=self._path)
+        with_clip = f"{self.root or '.'}/{self.labels_file}" if self.labels_file else None
+        return AnnotationFiles(clip=self.name, manifest=self._path, with_clip=with_clip)
 
     def resolve_root(self) -> Path | None:
         """Return the root with its variables filled in, relative to the manifest; it need not exist."""
@@ -173,8 +189,10 @@ def as_clip_name(text: str, *, default: str) -> str:
     return re.sub(r"[^A-Za-z0-9.-]+", "_", text).strip("._-") or default
 
 
-def load_manifest(name_or_path: str | os.PathLike[str]) -> ClipManifest:
+def load_manifest(name_or_path: str | os.PathLike[str], clip: str | None = None) -> ClipManifest:
     """Read a manifest by the clip's name, or by its path (anything that ends in ``.toml``).
+
+    ``clip`` is the name of one clip of a family, if the path is that of a family.
 
     Raises
     ------
@@ -182,28 +200,100 @@ def load_manifest(name_or_path: str | os.PathLike[str]) -> ClipManifest:
         If there is none, or it has an unknown key or a wrong value: file, dotted key, found, expected.
     """
     text = os.fspath(name_or_path)
-    path = Path(text) if text.endswith(".toml") else _find(text)
-    return make_manifest(read_toml(path), path)
+    by_path = text.endswith(".toml")
+    path = Path(text) if by_path else _find(text)
+    return make_manifest(read_toml(path), path, clip if by_path else text)
 
 
-def make_manifest(data: dict[str, Any], path: Path) -> ClipManifest:
-    """Return the manifest with a file's content; the file need not exist yet.
+def make_manifest(data: dict[str, Any], path: Path, clip: str | None = None) -> ClipManifest:
+    """Return the manifest with a file's content; the file need not exist yet. ``clip``: one of a family's.
 
     Raises
     ------
     VfoaError
         As :func:`load_manifest`.
     """
+    if "clips" in data:
+        data = _member(data, path, clip)
     manifest = parse(ClipManifest, data, str(path))
-    if manifest.name != path.stem:
+    if manifest.name not in (path.stem, clip):
         raise VfoaError(f"{path}: name: found {manifest.name!r}; expected {path.stem!r}, the name of the file")
     manifest._path = path.absolute()
     return manifest
 
 
+def clip_files() -> dict[str, Path]:
+    """The manifest's file of every clip by name, sorted; a file of its own comes before a family."""
+    files = names("datasets")
+    of_families = {clip: files[family] for family, clips in families().items() for clip in clips}
+    return dict(sorted({**of_families, **{name: path for name, path in files.items() if not _clips_of(path)}}.items()))
+
+
+def families() -> dict[str, tuple[str, ...]]:
+    """The clips of each family by its name."""
+    return {name: clips for name, path in names("datasets").items() if (clips := _clips_of(path))}
+
+
+def clips_here(chosen: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Replace each family by its clips; return those to use, and those of families whose root is not here.
+
+    Raises
+    ------
+    VfoaError
+        If no clip of a family is here, or a root needs a variable that is not set.
+    """
+    known = families()
+    here: list[str] = []
+    absent: list[str] = []
+    for name in chosen:
+        if name not in known:
+            here.append(name)
+            continue
+        roots = {clip: load_manifest(clip).resolve_root() for clip in known[name]}
+        found = [clip for clip, root in roots.items() if root is None or root.exists()]
+        if not found:
+            first = next(iter(roots.values()))
+            raise VfoaError(f"{name}: none of its {len(roots)} clips is here; expected the first one at {first}")
+        here += found
+        absent += [clip for clip in roots if clip not in found]
+    return tuple(here), tuple(absent)
+
+
+def _clips_of(path: Path) -> tuple[str, ...]:
+    """The clips of a family; none for the manifest of one clip, and for a file that cannot be read."""
+    try:
+        found = read_toml(path).get("clips", {}) if "[clips]" in read_text(path) else {}
+    except VfoaError:
+        return ()
+    return tuple(found) if isinstance(found, dict) else ()
+
+
+def _member(data: dict[str, Any], path: Path, clip: str | None) -> dict[str, Any]:
+    """The manifest of one clip of a family."""
+    clips = data["clips"]
+    if not isinstance(clips, dict) or not all(isinstance(values, dict) for values in clips.values()):
+        raise VfoaError(f"{path}: clips: expected a table of values for each clip")
+    if clip not in clips:
+        hint = f"expected one of its clips by name: {', '.join(clips)}" if clip is None else did_you_mean(clip, clips)
+        raise VfoaError(f"{path}: {'a family' if clip is None else f'no clip {clip!r}'}; {hint}")
+    values = {"CLIP": clip, **clips[clip]}
+    filled = {key: _filled(value, values) for key, value in data.items() if key != "clips"}
+    return {"name": clip, **filled}
+
+
+def _filled(value: Any, values: Mapping[str, Any]) -> Any:
+    """A value with the variables filled in everywhere; other variables are those of the environment, and stay."""
+    if isinstance(value, str):
+        return re.sub(r"\$\{(\w+)\}", lambda match: str(values.get(match[1], match[0])), value)
+    if isinstance(value, dict):
+        return {_filled(key, values): _filled(each, values) for key, each in value.items()}
+    return [_filled(each, values) for each in value] if isinstance(value, list) else value
+
+
 def _find(name: str) -> Path:
-    if path := find("datasets", name):
+    files = clip_files()
+    if path := files.get(name):
         return path
-    raise VfoaError(
-        f"no clip {name!r}; {did_you_mean(name, names('datasets'))} (in {folders('datasets')[0]} or built in)"
-    )
+    if clips := families().get(name):
+        raise VfoaError(f"{name}: a family; expected one of its clips: {', '.join(clips)}")
+    raise VfoaError(f"no clip {name!r}; {did_you_mean(name, files)} (in {folders('datasets')[0]} or built in)")

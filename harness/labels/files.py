@@ -17,7 +17,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.data_folders import came_with_program, folders
+from harness.data_folders import came_with_program, expand, folders
 from harness.files import atomic_write, read_text, stands
 from harness.labels.labels import LabelRange, Labels
 from harness.labels.rows import (
@@ -168,15 +168,27 @@ class AnnotationFiles:
     """The annotation files of one clip. An annotator of None means ``<clip>.csv``.
 
     They are searched in ``annotations`` beside the manifest's folder, then in that of the working directory. Labels
-    that came with the program belong only to clips that did, never to another clip of the same name.
+    that came with the program belong only to clips that did, never to another clip of the same name. ``with_clip`` is
+    the configured path of labels among the clip's own files, which is searched last.
     """
 
     clip: str
     manifest: Path
+    with_clip: str | None = None
 
     def find(self, annotator: str | None = None) -> Path | None:
-        """Return an annotator's file; None if there is none."""
-        return self._find(f"{self._stem(annotator)}.csv")
+        """Return an annotator's file; None if there is none.
+
+        Raises
+        ------
+        VfoaError
+            If the path of the labels among the clip's files needs a variable that is not set.
+        """
+        found = self._find(f"{self._stem(annotator)}.csv")
+        if found is not None or annotator is not None or self.with_clip is None:
+            return found
+        path = expand(self.with_clip, self.manifest.parent, f"{self.manifest}: root")
+        return path if stands(path) else None
 
     def find_drawn(self) -> Path | None:
         """Return the file of drawn shapes, the same for all annotators; None if there is none."""

@@ -16,6 +16,7 @@ An experiment is a TOML file::
     [grid]                                  # every combination; a value is named by itself ...
     "stereo.matcher" = ["bm", "sgbm"]
     "attention.cones_cm" = { one = [10], two = [10, 25] }     # ... or by its key
+    gaze = { none = { model = "none" }, truth = { model = "truth" } }      # several settings of one table
 
 or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and the tables in which it differs.
 
@@ -36,6 +37,7 @@ from typing import Any
 from pydantic import Field
 
 from harness.bounded_parsing import read_toml
+from harness.clips.manifest import clips_here
 from harness.data_folders import find, names
 from harness.run.fitted_settings import bayes_only, fitted_note, read_fitted
 from harness.run.grid import base_of, repeated, variants
@@ -107,7 +109,7 @@ class Experiment:
 
     ``limit`` is the number of frames to take of each clip; None for all. ``annotator`` names the annotator whose labels
     are scored; None for ``annotations/<clip>.csv``. ``sweep``: keep only scores; None for a run. ``published`` are
-    published figures for these configurations.
+    published figures for these configurations. ``missing`` says which clips of a family are not here.
     """
 
     name: str
@@ -118,6 +120,7 @@ class Experiment:
     annotator: str | None = None
     sweep: SweepView | None = None
     published: Published | None = None
+    missing: tuple[str, ...] = ()
 
 
 class _File(Settings):
@@ -163,6 +166,11 @@ def load_experiment(
         raise VfoaError(f"{where}: clips: expected at least one clip, found none")
     if twice := next((each for each in chosen if chosen.count(each) > 1), None):
         raise VfoaError(f"{where}: clips: {twice!r} occurs twice; expected each clip once")
+    try:
+        present, absent = clips_here(chosen)
+    except VfoaError as error:
+        raise VfoaError(f"{where}: clips: {error}") from None
+    missing = (f"Not here, and not run: {', '.join(absent)}.",) if absent else ()
     changes = [parse_assignment(text, "stereo.matcher=sgbm") for text in overrides]
     _check_sweep(file, where)
     configurations = _configurations(file, changes, preset, where)
@@ -171,13 +179,14 @@ def load_experiment(
     _check_published(file, [base_of(each.name) for each in configurations], where)
     return Experiment(
         name=path.stem,
-        clips=chosen,
+        clips=present,
         configurations=configurations,
         limit=None if clips else file.limit,
-        notes=(*file.notes, *_fitted_notes(file, preset, chosen)),
+        notes=(*file.notes, *missing, *_fitted_notes(file, preset, present)),
         annotator=file.annotator,
         sweep=file.sweep,
         published=file.published,
+        missing=missing,
     )
 
 

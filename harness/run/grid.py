@@ -48,7 +48,8 @@ def variants(grid: Mapping[str, Any], configurations: Sequence[Mapping[str, Any]
     for combination in itertools.product(*axes):
         name = "-".join(label for label, _, _ in combination) or "default"
         factors = {key: label for label, key, _ in combination}
-        yield _variant(_checked(name, where), factors, [(key, value) for _, key, value in combination])
+        differences = [each for _, key, value in combination for each in _flattened({key: value})]
+        yield _variant(_checked(name, where), factors, differences)
 
 
 def _named(configurations: Sequence[Mapping[str, Any]], where: str) -> Iterator[Variant]:

@@ -203,7 +203,7 @@ def _left_out(run: dict[str, Any]) -> tuple[set[str], set[str], list[str]]:
 def _manifest(clip: dict[str, Any]) -> ClipManifest:
     """Read the clip's manifest where the run found it or, if it has moved since, by name."""
     place = Path(clip.get("manifest", ""))
-    return load_manifest(place if is_file(place) else clip["name"])
+    return load_manifest(place, clip["name"]) if is_file(place) else load_manifest(clip["name"])
 
 
 def _timeline(clip: dict[str, Any]) -> Timeline | None:

@@ -145,6 +145,11 @@ class FramesOfMeasurements:
         """The frames' numbers, ascending."""
         return tuple(self._frames)
 
+    @property
+    def measurements(self) -> Mapping[int, MeasuredFrame]:
+        """All measurements by frame."""
+        return self._frames
+
     @cached_property
     def rate_hz(self) -> float | None:
         """One over the median time step, Hz; None for a single frame."""

@@ -21,7 +21,10 @@ Cells = list[object]
 
 
 def write_measured(folder: Path, frames: Mapping[int, MeasuredFrame]) -> None:
-    """Write ``people.csv`` and ``objects.csv``. Reading them gives the same bits, except for rotated boxes."""
+    """Write ``people.csv`` and ``objects.csv``. Reading them gives the same bits, except for rotated boxes.
+
+    A true gaze is written in place of a measured one: it is read with ``gaze = "truth"``.
+    """
     numbered = sorted(frames.items())
     write_rows(folder / "people.csv", _PEOPLE, [row for each in numbered for row in _people(*each)])
     write_rows(
@@ -35,14 +38,14 @@ def _people(number: int, frame: MeasuredFrame) -> Iterator[Cells]:
     for person in frame.people:
         yield [
             *(number, frame.time_ns, person.name, *_vector(person.eyes_m)),
-            *(*_direction(person.head_pose), *_direction(person.gaze)),
+            *(*_direction(person.head_pose), *_direction(person.gaze, person.true_gaze)),
         ]
     if not frame.people:
         yield [number, frame.time_ns, *[None] * (len(_PEOPLE) - 2)]
 
 
-def _direction(cue: HeadPose | Gaze | None) -> Cells:
-    return [None] * 4 if cue is None else [*_vector(cue.direction), cue.sigma_rad]
+def _direction(cue: HeadPose | Gaze | None, truth: Float | None = None) -> Cells:
+    return [*_vector(truth), None] if cue is None else [*_vector(cue.direction), cue.sigma_rad]
 
 
 def _object(number: int, each: MeasuredObject) -> Cells:

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from harness.clips.manifest import load_manifest
-from harness.data_folders import expand, names
+from harness.clips.manifest import clip_files, clips_here, load_manifest
+from harness.data_folders import expand
 from harness.labels.timeline import timeline_of
+from harness.run.experiment import load_experiment
 from tests.disk import sintel_scene, write_text
+from tests.measured import measured_tables, true_labels
 from vfoa.errors import VfoaError
 
 GOOD = """
@@ -146,8 +148,11 @@ def test_a_clip_without_labels_has_none(folder: Path) -> None:
     assert load_manifest(_write(folder)).labels(None) is None
 
 
-@pytest.mark.parametrize("name", names("datasets"))
-def test_every_manifest_that_comes_along_is_right_with_its_labels(name: str) -> None:
+@pytest.mark.parametrize("name", clip_files())
+def test_every_manifest_that_comes_along_is_right_with_its_labels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setenv("VFOA_DATA", str(tmp_path))
     manifest = load_manifest(name)
     assert manifest.licence
     manifest.labels(None)
@@ -156,3 +161,64 @@ def test_every_manifest_that_comes_along_is_right_with_its_labels(name: str) -> 
 def test_a_user_whom_nobody_knows_has_no_home(tmp_path: Path) -> None:
     assert expand("~nobody-knows/data", tmp_path, "root") == tmp_path / "~nobody-knows/data"
     assert expand("~/data", tmp_path, "root") == Path.home() / "data"
+
+
+FAMILY = """
+adapter = "measured"
+root = "files/${CLIP}"
+labels_file = "labels.csv"
+subjects = { "${WHO}" = { category = "person" } }
+[clips]
+talk_1 = { WHO = "anna" }
+talk_2 = { WHO = "ben" }
+"""
+
+
+def test_a_family_makes_a_clip_of_each_key(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "datasets" / "talks.toml", FAMILY)
+    manifest = load_manifest("talk_2")
+    assert (manifest.name, list(manifest.subjects), manifest.root) == ("talk_2", ["ben"], "files/talk_2")
+    assert load_manifest(manifest.path, "talk_1").name == "talk_1"
+    assert {"talk_1", "talk_2"} <= clip_files().keys()
+    assert "talks" not in clip_files()
+    measured_tables(tmp_path / "datasets" / "files" / "talk_2")
+    assert clips_here(["talks", "other"]) == (("talk_2", "other"), ("talk_1",))
+    assert load_experiment("conversation", clips=("talks",)).missing == ("Not here, and not run: talk_1.",)
+
+
+def test_labels_among_the_files_count_until_there_are_annotations(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "datasets" / "talks.toml", FAMILY)
+    manifest = load_manifest("talk_1")
+    assert manifest.annotations.find() is None
+    with_clip = write_text(tmp_path / "datasets" / "files" / "talk_1" / "labels.csv", true_labels())
+    assert manifest.annotations.find() == with_clip
+    own = write_text(tmp_path / "annotations" / "talk_1.csv", true_labels())
+    assert manifest.annotations.find() == own
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("talks", "talks: a family; expected one of its clips: talk_1, talk_2"),
+        ("datasets/talks.toml", "talks.toml: a family; expected one of its clips by name: talk_1, talk_2"),
+        ("talk_3", "no clip 'talk_3'; did you mean 'talk_"),
+    ],
+)
+def test_a_family_is_not_a_clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, message: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "datasets" / "talks.toml", FAMILY)
+    with pytest.raises(VfoaError, match=message):
+        load_manifest(name)
+
+
+def test_a_family_without_a_clip_here_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_text(tmp_path / "datasets" / "talks.toml", FAMILY)
+    with pytest.raises(
+        VfoaError, match=r"clips: talks: none of its 2 clips is here; expected the first one at .*talk_1"
+    ):
+        load_experiment("conversation", clips=("talks",))

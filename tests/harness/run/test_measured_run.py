@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rerun.chunk import RrdReader
 from typer.testing import CliRunner
@@ -30,6 +31,7 @@ from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, open_measured, true_labels
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
+from vfoa.geometry import angle_between
 
 STAGES = """
 clips = ["studio_talk"]
@@ -203,3 +205,25 @@ def test_a_clip_with_images_needs_its_stages(talk: Path) -> None:
     write_text(talk / "mixed.toml", EXPERIMENT.replace("talk", "studio_table"))
     with pytest.raises(VfoaError, match=r'stereo\.matcher: found "none"; a clip with images needs it'):
         _run(talk, "mixed.toml")
+
+
+def test_a_true_gaze_is_seen_only_through_its_stages(talk: Path) -> None:
+    manifest = talk / "datasets" / "talk.toml"
+    manifest.write_text(manifest.read_text().replace("[source]", '[source]\ngaze = "truth"'))
+    write_text(
+        talk / "gaze.toml",
+        'clips = ["talk"]\npreset = "measured"\n[[configuration]]\nname = "heads"\n[[configuration]]\nname = "true"\n'
+        'gaze.model = "truth"\n[[configuration]]\nname = "wrong"\ngaze = { model = "simulated", error_deg = 20 }\n',
+    )
+    directory = _run(talk, "gaze.toml")
+    found: dict[str, list[object]] = {"heads": [], "true": [], "wrong": []}
+    for record in read_results(directory.results):
+        found[record.configuration] += [each.gaze for each in record.subjects if each.name == "anna"]
+    clip = load_manifest("talk").open()
+    truth = [
+        person.gaze_direction for n in range(1, 13) for person in clip.truth(n).people or () if person.name == "anna"
+    ]
+    assert found["heads"] == [None] * 12
+    assert np.allclose(np.array(found["true"]), np.array(truth))
+    assert 5 < np.degrees(angle_between(np.array(found["wrong"]), np.array(truth))).mean() < 40
+    assert directory.read_manifest()["configurations"]["wrong"]["gaze"]["error_deg"] == 20

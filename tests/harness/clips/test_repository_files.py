@@ -1,4 +1,4 @@
-"""`vfoa clips fetch idiap_vfoa` from a server on this machine."""
+"""`vfoa clips fetch` of files of a repository, from a server on this machine."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 
 from harness.cli.clips import fetch_clips
-from harness.clips import idiap_files
+from harness.clips import repository_files
 from harness.clips.check import check_clip
-from harness.clips.idiap_files import HEADS, fetch_idiap_file
-from harness.clips.manifest import load_manifest
-from tests.measured import idiap_file
+from harness.clips.manifest import clips_here, load_manifest
+from harness.clips.repository_files import HEADS, fetch_files, vr_objects_files
+from harness.files import file_digest
+from tests.measured import idiap_file, vr_session
 from tests.repository import REPOSITORY
 from tests.web import Site, serve
 from vfoa.errors import VfoaError
@@ -31,10 +32,10 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
     contents = {"HEADS": idiap_file(tmp_path / "made").read_bytes(), "LABELS": codes.getvalue()}
     with serve() as running:
         for constant, content in contents.items():
-            file = replace(getattr(idiap_files, constant), sha256=hashlib.sha256(content).hexdigest())
-            monkeypatch.setattr(idiap_files, constant, file)
+            file = replace(getattr(repository_files, constant), sha256=hashlib.sha256(content).hexdigest())
+            monkeypatch.setattr(repository_files, constant, file)
             running.files[f"/{file.name}"] = content
-        monkeypatch.setitem(fetch_idiap_file.__kwdefaults__ or {}, "home", running.url("/"))
+        monkeypatch.setattr(repository_files, "IDIAP_HOME", running.url("/"))
         yield running
 
 
@@ -55,8 +56,8 @@ def test_a_fetched_clip_is_labelled_and_passes_the_check(
     fetch_clips("idiap_vfoa")
     shown = capsys.readouterr().out
     assert "licence: BSD 3-Clause" in shown
-    assert idiap_files.HEADS.sha256 in shown
-    assert idiap_files.LABELS.sha256 in shown
+    assert repository_files.HEADS.sha256 in shown
+    assert repository_files.LABELS.sha256 in shown
     checked = check_clip("idiap_vfoa")
     assert (checked.problems, checked.frames, checked.labels) == ((), 6, 12)
     labels = load_manifest("idiap_vfoa").labels(None)
@@ -76,8 +77,38 @@ def test_what_is_there_is_neither_fetched_again_nor_overwritten(site: Site, work
 def test_another_content_than_that_of_the_commit_is_refused(site: Site, tmp_path: Path) -> None:
     site.files[f"/{HEADS.name}"] += b"1,2,3\n"
     with pytest.raises(VfoaError, match=HEADS.name):
-        fetch_idiap_file(tmp_path / "data", idiap_files.HEADS)
+        fetch_files(tmp_path / "data", [repository_files.HEADS], site.url("/"))
     assert not (tmp_path / "data" / HEADS.name).exists()
+
+
+def test_people_in_virtual_rooms_become_labelled_clips(
+    work: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    made = vr_session(tmp_path / "made")
+    files = [path for path in made.rglob("*.csv") if path.is_file()]
+    shutil.copy(REPOSITORY / "datasets" / "vr_kitchen.toml", work / "datasets")
+    manifest = work / "datasets" / "vr_kitchen.toml"
+    above = manifest.read_text().partition("[targets]")[0]
+    manifest.write_text(f'{above}[targets.cup]\ncategory = "cup"\n[clips]\nkitchen_p03 = {{ SUBJECT = "p3" }}\n')
+    rows = [f"{path.relative_to(tmp_path / 'made')},{path.stat().st_size},{file_digest(path)}" for path in files]
+    (work / "datasets" / "vr_objects.csv").write_text("\n".join(["path,bytes,sha256", *rows]) + "\n")
+    with serve() as running:
+        monkeypatch.setattr(repository_files, "VR_HOME", running.url("/"))
+        running.files.update({f"/{path.relative_to(tmp_path / 'made')}": path.read_bytes() for path in files})
+        fetch_clips("vr_objects")
+        asked = len(running.asked)
+        fetch_clips("vr_objects")
+        assert len(running.asked) == asked
+    checked = check_clip("kitchen_p03")
+    assert (checked.problems, checked.frames, checked.labels) == ((), 17, 8)
+    assert clips_here(["vr_kitchen"])[0] == ("kitchen_p03",)
+
+
+def test_the_list_of_files_is_that_of_all_people() -> None:
+    files = vr_objects_files()
+    assert len(files) == 656
+    assert len({Path(file.name).parts[1] for file in files}) == 16
+    assert sum(file.n_bytes or 0 for file in files) == 83_259_830
 
 
 def test_an_unknown_source_is_named() -> None:
