@@ -18,7 +18,7 @@ from rerun.chunk import RrdReader
 from harness.record import entities
 from harness.record.frame_log import FrameLog
 from harness.record.layers import ClipFiles
-from harness.record.writing_out import GO_ON, write_out
+from harness.record.writing_out import GO_ON, StreamFile
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
@@ -56,7 +56,7 @@ class LayerFile:
         self._files = files
         self._layout: rrb.Blueprint | None = None
         self._logs: dict[str, FrameLog] = {}
-        self._opened = self._broken = False
+        self._file: StreamFile | None = None
         self._frames = 0
 
     @property
@@ -69,15 +69,15 @@ class LayerFile:
         """Return the state for another run: the bytes of each flushed partial file, and its parts."""
         parts = {name: log.state() for name, log in self._logs.items()}
         files = {path.name: size for path, size in self._kept}
-        if self._opened:
-            self._flush()
+        if self._file:
+            self._file.flush()
             files[self._partial.name] = self._partial.stat().st_size
         return {"files": files, "parts": parts}
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Continue after partial files, unless it already continues after more of them; call it before :meth:`open`."""
         kept = [(self._path.with_name(name), size) for name, size in state["files"].items()]
-        if not self._opened and sum(size for _, size in kept) > sum(size for _, size in self._kept):
+        if not self._file and sum(size for _, size in kept) > sum(size for _, size in self._kept):
             self._kept = kept
             for name, part in state["parts"].items():
                 self.part(name).resume(part)
@@ -85,22 +85,19 @@ class LayerFile:
     @property
     def is_open(self) -> bool:
         """Whether the file has been begun."""
-        return self._opened
+        return self._file is not None
 
     def open(self, layout: rrb.Blueprint | None = None) -> None:
         """Begin the file, with the layout in which the viewer opens it; nothing if it is open."""
-        if self._opened:
+        if self._file:
             return
-        self._opened, self._layout = True, layout
+        self._layout = layout
         rr.set_strict_mode(True)  # without it, Rerun drops bad data with only a warning
         self._path.parent.mkdir(parents=True, exist_ok=True)
         self._check_room()
         for path, size in self._kept:
             os.truncate(path, size)
-        if self._watched_at is None:
-            self.stream.save(self._partial, default_blueprint=layout)
-        else:
-            self.stream.set_sinks(rr.FileSink(self._partial), rr.GrpcSink(self._watched_at), default_blueprint=layout)
+        self._file = StreamFile(self.stream, self._partial, layout, watched_at=self._watched_at)
         self.stream.send_recording_name(self._files.clip)
         self.stream.log(entities.WORLD, rr.ViewCoordinates.RDF, static=True)
 
@@ -118,29 +115,31 @@ class LayerFile:
         OSError
             If the disk is full, or cannot be written.
         """
+        assert self._file
         self._check_room()
+        self._file.check()
         self._frames += 1
         if self._frames % SENT_EVERY == 0:
             self._send_rows()
-            self._flush()
+            self._file.flush()
 
     def close(self, *, complete: bool, whole: Whole | None = None) -> None:
         """Close the file; a complete one is moved to its place, thinned outside of ``whole`` if that is given.
 
         Raises the errors of :meth:`end_frame` if it is to be complete.
         """
-        try:
-            if complete:
-                self.open()
-            if self._opened and not self._broken:
+        if complete:
+            self.open()
+        if self._file is None:
+            self.stream.disconnect()
+            return
+        with nullcontext() if complete else suppress(OSError):  # another error is already being reported
+            try:
                 self._send_rows()
                 if complete:
                     self._take_in()
-                with nullcontext() if complete else suppress(OSError):  # another error is already being reported
-                    self._flush()
-        finally:
-            if not self._broken:
-                self.stream.disconnect()
+            finally:
+                self._file.close()
         if complete:
             if whole:
                 from harness.record.thinning import thin
@@ -156,13 +155,6 @@ class LayerFile:
         if free < LEAST_FREE_BYTES:
             said = f"{os.strerror(errno.ENOSPC)}: {free // 2**20} MB are free; {GO_ON}"
             raise OSError(errno.ENOSPC, said, str(self._partial))
-
-    def _flush(self) -> None:
-        try:
-            write_out(self.stream, self._partial)
-        except OSError:
-            self._broken = True
-            raise
 
     def _take_in(self) -> None:
         """Write the partial files of earlier runs into the file, chunk by chunk."""

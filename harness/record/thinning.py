@@ -20,7 +20,7 @@ from rerun.chunk import Chunk, RrdReader
 
 from harness.record import entities
 from harness.record.layers import ClipFiles
-from harness.record.writing_out import write_out
+from harness.record.writing_out import StreamFile
 from harness.run.records import FrameRecord
 from harness.score.verdicts import Verdict
 
@@ -94,10 +94,11 @@ def thin(path: Path, files: ClipFiles, layout: rrb.Blueprint | None, whole: Whol
     stream = rr.RecordingStream(files.application_id, recording_id=files.recording_id)
     stream.set_log_time_enabled(False)
     stream.set_log_tick_enabled(False)
-    stream.save(draft, default_blueprint=layout)
-    stream.send_chunks(_thinned(RrdReader(path).stream(), whole.frames, whole.ends_ns()))
-    write_out(stream, draft)
-    stream.disconnect()
+    file = StreamFile(stream, draft, layout)
+    try:
+        stream.send_chunks(_thinned(RrdReader(path).stream(), whole.frames, whole.ends_ns()))
+    finally:
+        file.close()
     draft.replace(path)
 
 
