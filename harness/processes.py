@@ -1,12 +1,21 @@
-"""Child processes of this program: they import nothing from the working directory."""
+"""The process of this program, and its child processes, which import nothing from the working directory."""
 
 from __future__ import annotations
 
 import os
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnContext
+
+
+def main() -> None:
+    """Run the command line; Ctrl-C ends it without a traceback, also while it is still imported."""
+    try:
+        import_module("harness.cli").main()
+    except KeyboardInterrupt:
+        raise SystemExit(130) from None
 
 
 def keep_working_directory_out() -> None:

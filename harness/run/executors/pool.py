@@ -1,4 +1,4 @@
-"""A pool of spawned processes."""
+"""A pool of spawned processes, which end within seconds when the run is interrupted, whatever they are doing."""
 
 from __future__ import annotations
 
@@ -6,14 +6,18 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from ctypes import c_bool
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
-from multiprocessing.synchronize import Event
-from typing import Self
+from multiprocessing.context import SpawnContext, SpawnProcess
+from typing import Any, Self
 
-from harness.processes import spawning
+from harness.processes import keep_working_directory_out
 from harness.run.executors.contract import (
     ATTEMPTS,
     GIVEN_UP,
@@ -27,10 +31,25 @@ from harness.run.executors.contract import (
     compute_with,
 )
 
-_SPAWN = spawning()
 _FLUSH, _END = b"\0flush", b"\0end"
 _told: Connection | None = None
-_stop: Event | None = None
+_stop: c_bool | None = None
+
+GRACE_S = 2.0
+"""Seconds that the workers of an interrupted run have for their current frame; then they are killed."""
+
+
+class _Spawning(SpawnContext):
+    """The context of one pool, which knows its processes, also one whose start was interrupted."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.started: list[SpawnProcess] = []
+
+    def Process(self, *args: Any, **options: Any) -> SpawnProcess:  # type: ignore[override]  # noqa: N802
+        """Make a process and note it."""
+        self.started.append(SpawnProcess(*args, **options))
+        return self.started[-1]
 
 
 class Pool:
@@ -47,15 +66,19 @@ class Pool:
         self._listener: _Listener | None = None
         self._processes: ProcessPoolExecutor | None = None
         self._started = 0
-        self._ending = _SPAWN.Event()
+        keep_working_directory_out()
+        self._context = _Spawning()
+        with _ignored_by_children():
+            self._ending = self._context.RawValue(c_bool, False)  # no Event: a killed worker may hold its lock
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
-        if error[0] is not None:
-            self._ending.set()  # running jobs stop after the current frame
-        self._stop()
+        if error[0] is None:
+            self._stop()
+        else:
+            self._give_up()
         if self._listener:
             self._listener.close()
 
@@ -89,8 +112,9 @@ class Pool:
         broken, futures = False, dict[int, Future[Outcome]]()
         try:
             processes, listener = self._start(len(jobs), progress)
-            for number, job in jobs.items():
-                futures[number] = processes.submit(_in_worker, work, job)
+            with _ignored_by_children():
+                for number, job in jobs.items():
+                    futures[number] = processes.submit(_in_worker, work, job)
         except BrokenProcessPool:
             broken = True
         try:
@@ -113,12 +137,12 @@ class Pool:
         wanted = min(self.workers, jobs)
         if self._started < wanted:
             self._stop()
-        self._listener = self._listener or _Listener(progress)
+        self._listener = self._listener or _Listener(self._context, progress)
         self._listener.progress = progress
         if self._processes is None:
             self._started = wanted
             self._processes = ProcessPoolExecutor(
-                wanted, mp_context=_SPAWN, initializer=_begin, initargs=(self._listener.told, self._ending)
+                wanted, mp_context=self._context, initializer=_begin, initargs=(self._listener.told, self._ending)
             )
         return self._processes, self._listener
 
@@ -127,15 +151,47 @@ class Pool:
             self._processes.shutdown(cancel_futures=True)
         self._processes, self._started = None, 0
 
+    def _give_up(self) -> None:
+        """End the workers: those that do not stop after their current frame, or are still importing, are killed."""
+        self._ending.value = True
+        if self._processes:
+            self._processes.shutdown(wait=False, cancel_futures=True)
+        workers, deadline = [each for each in self._context.started if each.is_alive()], time.monotonic() + GRACE_S
+        try:
+            for worker in workers:
+                worker.join(max(deadline - time.monotonic(), 0))
+        finally:  # also after a second Ctrl-C
+            for worker in workers:
+                worker.kill()
+                worker.join(GRACE_S)
+
+
+@contextmanager
+def _ignored_by_children() -> Iterator[None]:
+    """Let processes that start in the block never see the signals that a terminal sends to all: the parent decides.
+
+    A worker sets its own handlers only after its imports, and multiprocessing's tracker ignores no SIGHUP.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGHUP))
+    try:
+        resource_tracker.ensure_running()
+        signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))  # starting the tracker unblocks it
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
 
 class _Listener:
     """Receives the progress of workers. No lock is needed: each message is short enough to be written atomically."""
 
-    def __init__(self, progress: Progress) -> None:
+    def __init__(self, context: SpawnContext, progress: Progress) -> None:
         self.progress = progress
-        self._heard, self.told = _SPAWN.Pipe(duplex=False)
+        self._heard, self.told = context.Pipe(duplex=False)
         self._flushed = threading.Event()
-        self._thread = threading.Thread(target=self._listen)
+        self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
 
     def _listen(self) -> None:
@@ -159,7 +215,7 @@ class _Listener:
         self.told.close()
 
 
-def _begin(told: Connection, stop: Event) -> None:
+def _begin(told: Connection, stop: c_bool) -> None:
     global _told, _stop
     _told, _stop = told, stop
     for name in ("SIGINT", "SIGHUP"):  # a terminal sends Ctrl-C to all processes; the parent decides
@@ -184,9 +240,9 @@ def _in_worker(work: Work[Job, Outcome], job: Job) -> Outcome:
 
     def progress(word: str) -> None:
         told.send_bytes(word.encode())
-        if stop.is_set():
+        if stop.value:
             raise StoppedError
 
-    if stop.is_set():
+    if stop.value:
         raise StoppedError
     return work(job, progress)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -129,6 +130,22 @@ def test_a_worker_does_not_run_what_lies_in_the_working_directory(
     with executor(2) as pool:
         assert list(pool.run(_die_once, jobs, lambda word: None, _give_up)) == ["a done", "b done"]
     assert not (tmp_path / "executed").exists()
+
+
+def _sleep(marker: Path, progress: Callable[[str], None]) -> None:
+    if marker.name != "short":
+        marker.write_text(str(os.getpid()))
+        time.sleep(600)
+
+
+def test_workers_that_do_not_answer_end_with_an_interrupted_run(tmp_path: Path) -> None:
+    jobs = [tmp_path / "short", tmp_path / "long"]
+    with suppress(KeyboardInterrupt), executor(2) as pool:
+        next(pool.run(_sleep, jobs, lambda word: None, _give_up))
+        while not (jobs[1].exists() and jobs[1].read_text()):
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+    assert not _runs(int(jobs[1].read_text()))
 
 
 def _linger(folder: Path, progress: Callable[[str], None]) -> None:

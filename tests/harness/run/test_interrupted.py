@@ -7,7 +7,8 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
@@ -47,35 +48,51 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_text(folder / "interrupted.toml", stages)
 
 
-def _start(experiment: Path, out: Path, workers: int, *, pause_s: float = 0.0) -> subprocess.Popen[str]:
-    """Start a run that waits before each match, also in its workers: they import this script."""
-    words = ["run", str(experiment), "--out", str(out), "--workers", str(workers), "--no-cache", "--recording", "none"]
-    code = (
-        "import sys, time\n"
-        "from harness.cli import main\n"
-        "from vfoa.stereo.block_matching import SemiGlobalMatcher\n"
-        "match = SemiGlobalMatcher.match\n"
-        f"SemiGlobalMatcher.match = lambda self, frame: (time.sleep({pause_s}), match(self, frame))[1]\n"
-        f"sys.argv = ['vfoa', *{words!r}]\n"
-        "if __name__ == '__main__': main()\n"
-    )
-    script = write_text(out.with_name(f"{out.name}.py"), code)
-    return subprocess.Popen(
-        [sys.executable, script],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+Start = Callable[..., subprocess.Popen[str]]
+
+
+@pytest.fixture
+def start(experiment: Path, tmp_path: Path) -> Iterator[Start]:
+    """Start a run that waits before each match, also in its workers: they import this script. No process is left."""
+    started: list[subprocess.Popen[str]] = []
+
+    def start(out: Path, workers: int, *, pause_s: float = 0.0) -> subprocess.Popen[str]:
+        words = ["run", str(experiment), "--out", str(out), "--workers", str(workers)]
+        code = (
+            "import sys, time\n"
+            "from harness.cli import main\n"
+            "from vfoa.stereo.block_matching import SemiGlobalMatcher\n"
+            "match = SemiGlobalMatcher.match\n"
+            f"SemiGlobalMatcher.match = lambda self, frame: (time.sleep({pause_s}), match(self, frame))[1]\n"
+            f"sys.argv = ['vfoa', *{words!r}, '--no-cache', '--recording', 'none']\n"
+            "if __name__ == '__main__': main()\n"
+        )
+        process = subprocess.Popen(
+            [sys.executable, write_text(out.with_name(f"{out.name}.py"), code)],
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+            # a suite in the background ignores SIGINT, and so would all that it starts
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
 @pytest.mark.parametrize(("name", "workers"), [("SIGINT", 2), ("SIGHUP", 1)])
 def test_an_interrupted_run_says_what_is_kept_and_goes_on(
-    name: str, workers: int, experiment: Path, tmp_path: Path
+    name: str, workers: int, start: Start, tmp_path: Path
 ) -> None:
-    process = _start(experiment, tmp_path / "out", workers, pause_s=0.5)  # a minute: it cannot end by itself
+    process = start(tmp_path / "out", workers, pause_s=0.5)  # a minute: it cannot end by itself
     while process.poll() is None and not any(
         path.stat().st_size for path in (tmp_path / "out").glob("partial/*.jsonl.partial")
     ):
@@ -87,7 +104,7 @@ def test_an_interrupted_run_says_what_is_kept_and_goes_on(
     assert len(said.splitlines()) == 1
     kept = {path: path.read_bytes() for path in (tmp_path / "out").glob("partial/*.jsonl*")}
     assert any(kept.values())
-    again = _start(experiment, tmp_path / "out", workers)
+    again = start(tmp_path / "out", workers)
     _, said = again.communicate(timeout=120)
     assert again.returncode == 0, said
     results = (tmp_path / "out" / "results.jsonl").read_bytes()

@@ -1,0 +1,209 @@
+"""Interrupts at random instants of a run, from its start on: ``python -m tests.faults.interrupts --times 500``.
+
+Every run gets one signal, as a terminal, a closed terminal or a batch system sends it. A trial holds if all processes
+end within 5 s without a traceback, and if the run, continued after some interrupts, writes the tables of a run without
+any. Tracebacks of Python's own start, before it imports anything of this program, are not counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+
+from tests.alley import write_clip, write_masks
+from tests.disk import write_text
+from tests.repository import REPOSITORY
+
+LONGEST_S = 5.0
+FRAMES = range(1, 9)
+TABLES = ("results.jsonl", "frr.csv", "verdicts.csv")
+IN_A_ROW = 8
+"""Interrupts of one run before it is left to end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One signal: what was sent, when (s after the start), how the run ended, and after how many seconds."""
+
+    workers: int
+    sent: str
+    at_s: float
+    code: int | None
+    took_s: float
+    wrong: str
+
+
+def write_experiment(folder: Path) -> Path:
+    """An experiment of two clips with the same images."""
+    manifest = write_clip(folder, FRAMES)
+    second = manifest.with_name("second.toml")
+    second.write_text(manifest.read_text().replace('name = "alley"', 'name = "second"'))
+    masks = write_masks(folder / "masks", FRAMES)
+    return write_text(
+        folder / "interrupted.toml",
+        f'clips = ["{manifest.as_posix()}", "{second.as_posix()}"]\n[[configuration]]\nname = "only"\n'
+        'stereo = { matcher = "sgbm", min_depth_m = 1.0 }\nheads.detector = "person_mask"\n'
+        f'segmentation = {{ model = "coco_panoptic", root = "{masks}" }}\n'
+        'head_pose.model = "none"\ngaze.model = "none"\n',
+    )
+
+
+class Runs:
+    """Runs of one experiment."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self._experiment = folder, write_experiment(folder)
+        self.seconds: dict[int, float] = {}
+        self._expected = self._tables(self._finish(1))
+        for workers in (2, 4):
+            self._finish(workers)
+
+    def start(self, out: Path, workers: int, rng: Random) -> subprocess.Popen[bytes]:
+        """Start a run in a process group of its own."""
+        cache = rng.choice([["--no-cache"], ["--cache", str(self._folder / f"cache{rng.random()}")]])
+        words = ["run", str(self._experiment), "--out", str(out), "--workers", str(workers), "--recording", "none"]
+        return subprocess.Popen(
+            [Path(sys.executable).with_name("vfoa"), *words, *cache],
+            env={**os.environ, "PYTHONPATH": str(REPOSITORY)},
+            stdout=subprocess.DEVNULL,
+            stderr=(self._folder / "said").open("wb"),
+            start_new_session=True,
+            preexec_fn=_expect_signals,
+        )
+
+    def interrupt(self, out: Path, workers: int, rng: Random) -> Trial:
+        """Start or continue a run, and interrupt it at a random instant."""
+        at_s = rng.uniform(0, self.seconds[workers])
+        name, to_all = rng.choice([("SIGINT", True), ("SIGINT", True), ("SIGHUP", True), ("SIGTERM", False)])
+        process = self.start(out, workers, rng)
+        time.sleep(at_s)
+        sent_s = time.monotonic()
+        if process.poll() is None:
+            (os.killpg if to_all else os.kill)(process.pid, getattr(signal, name))
+        code, left = wait_for_all(process, sent_s + 12 * LONGEST_S)
+        took_s = time.monotonic() - sent_s
+        said = (self._folder / "said").read_text()
+        wrong = f"still there: {left}" if left else ""
+        if took_s > LONGEST_S:
+            wrong = wrong or "too long"
+        is_started = not said or "harness" in said or "vfoa:" in said
+        if is_started and (len(said.splitlines()) > 1 or code not in (0, 130, -getattr(signal, name))):
+            wrong = wrong or f"exit {code}: {said}"
+        return Trial(workers, name, round(at_s, 3), code, round(took_s, 2), wrong)
+
+    def what_differs(self, out: Path, workers: int) -> str:
+        """Let an interrupted run end; return the tables that are not as they should be."""
+        found = self._tables(self._finish(workers, out))
+        return ", ".join(name for name in TABLES if found.get(name) != self._expected.get(name))
+
+    def _finish(self, workers: int, out: Path | None = None) -> Path:
+        begun = time.monotonic()
+        process = self.start(out or self._folder / f"whole-{workers}", workers, Random(workers))
+        process.wait(timeout=600)
+        self.seconds.setdefault(workers, time.monotonic() - begun)
+        if process.returncode:
+            raise SystemExit(f"exit {process.returncode}: {(self._folder / 'said').read_text()}")
+        return out or self._folder / f"whole-{workers}"
+
+    def _tables(self, out: Path) -> dict[str, bytes]:
+        return {name: (out / name).read_bytes() for name in TABLES if (out / name).is_file()}
+
+
+def _expect_signals() -> None:
+    """Undo what a job in the background inherits: it ignores Ctrl-C, and under nohup a closed terminal."""
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_DFL)
+
+
+def wait_for_all(process: subprocess.Popen[bytes], until_s: float) -> tuple[int | None, list[str]]:
+    """Wait for a process and all of its group; kill what is left, and return its exit code and what was left."""
+    left: list[str] = []
+    while time.monotonic() < until_s:
+        left = _group(process.pid)
+        if process.poll() is not None and not left:
+            return process.returncode, []
+        time.sleep(0.02)
+    if shutil.which("py-spy"):
+        for each in left:
+            subprocess.run(["py-spy", "dump", "--pid", each.split()[0]], check=False)
+    os.killpg(process.pid, signal.SIGKILL)
+    return process.wait(), left
+
+
+def _group(number: int) -> list[str]:
+    """The processes of a group that have not ended, each with its command."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            state, _, group = place.joinpath("stat").read_text().rpartition(")")[2].split()[:3]
+            if int(group) == number and state != "Z":
+                found.append(f"{place.name} {place.joinpath('cmdline').read_text().replace(chr(0), ' ')[:150]}")
+        except OSError:
+            continue
+    return found
+
+
+@contextmanager
+def load(processes: int) -> Iterator[None]:
+    """Keep this many processors busy."""
+    busy = [multiprocessing.Process(target=_count, daemon=True) for _ in range(processes)]
+    for each in busy:
+        each.start()
+    try:
+        yield
+    finally:
+        for each in busy:
+            each.kill()
+            each.join()
+
+
+def _count() -> None:
+    while True:
+        pass
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Interrupt runs; 1 if a trial did not hold."""
+    options = argparse.ArgumentParser(prog="python -m tests.faults.interrupts")
+    options.add_argument("--times", type=int, default=500)
+    options.add_argument("--seed", type=int, default=1)
+    options.add_argument("--workers", type=int, nargs="+", default=[1, 2, 4])
+    options.add_argument("--load", type=int, default=0, help="Processes that keep processors busy.")
+    given = options.parse_args(words)
+    rng, trials, differing = Random(given.seed), [], []
+    with tempfile.TemporaryDirectory() as folder, load(given.load):
+        runs = Runs(Path(folder))
+        while len(trials) < given.times:
+            out, workers = Path(folder) / f"out-{len(trials)}", rng.choice(given.workers)
+            for _ in range(IN_A_ROW):
+                trials.append(runs.interrupt(out, workers, rng))
+                print(json.dumps([getattr(trials[-1], name) for name in Trial.__slots__]), file=sys.stderr, flush=True)  # noqa: T201
+                if trials[-1].code == 0:
+                    break
+            if found := runs.what_differs(out, workers):
+                differing.append(f"{out.name}: {found}")
+            shutil.rmtree(out)
+    wrong = [each for each in trials if each.wrong]
+    for workers in given.workers:
+        took_s = sorted(each.took_s for each in trials if each.workers == workers) or [0.0]
+        middle_s, worst_s = took_s[len(took_s) // 2], took_s[-1]
+        print(f"{workers} workers: {len(took_s)} interrupts, median {middle_s} s, worst {worst_s} s")  # noqa: T201
+    print(f"{len(wrong)} of {len(trials)} did not hold; tables that differ: {differing or 'none'}")  # noqa: T201
+    return int(bool(wrong or differing))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
