@@ -56,7 +56,7 @@ class AttentionSettings(Settings):
     of 1.10 m (``cones_cm``). One of the two, never both; without either it is one cone of 10 cm. Each cone has
     ``n_rays`` rays evenly on its surface and, with ``axis_ray``, one along its axis.
 
-    ``method`` tells these settings from those of :mod:`vfoa.bayes` and :mod:`vfoa.nearest`.
+    ``method`` tells these settings from those of :mod:`vfoa.bayes`, :mod:`vfoa.logit` and :mod:`vfoa.nearest`.
 
     ``weighting``: ``adaptive`` is the paper's. The others are ablations; ``gaze`` and ``head`` rest on that cue
     alone, so that a subject without it has no direction.
@@ -66,7 +66,7 @@ class AttentionSettings(Settings):
     """
 
     method: Literal["cones"] = "cones"
-    """``cones`` of rays, ``bayes``, a posterior over the objects, or ``nearest``, the target nearest in angle."""
+    """``cones`` of rays; ``bayes``, a posterior over the objects; ``logit``, weights fitted to labels; ``nearest``."""
     cones_deg: tuple[Annotated[float, Field(gt=0, lt=180)], ...] | None = Field(default=None, min_length=1)
     """Full apex angles of the cones. Set this or ``cones_cm``; one cone of 10 cm without either."""
     cones_cm: tuple[Annotated[float, Field(gt=0)], ...] | None = Field(default=None, min_length=1)

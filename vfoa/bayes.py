@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from pydantic import Field
@@ -49,6 +49,20 @@ class BayesSettings(PosteriorSettings, SurfaceSettings):
     def frames_awaited(self) -> int:
         """Number of later frames that a frame's answer needs, at ``frame_rate_hz``."""
         return math.ceil(self.look_ahead_s * self.frame_rate_hz) if self.smoothing in ("both", "viterbi") else 0
+
+
+class LooksAhead(Protocol):
+    """Settings of a method whose answers can wait for later frames."""
+
+    @property
+    def look_ahead_s(self) -> float:
+        """How far ahead of a frame its answer looks, seconds."""
+        ...
+
+    @property
+    def frames_awaited(self) -> int:
+        """Number of later frames that a frame's answer needs, at the settings' frame rate."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +104,7 @@ def infer_attentions(
     return tuple(results), BeliefState(by_track=beliefs)
 
 
-def frames_awaited(results: Sequence[FrameResult], settings: BayesSettings) -> int:
+def frames_awaited(results: Sequence[FrameResult], settings: LooksAhead) -> int:
     """Number of later frames that a frame's answer needs, at the rate of these frames."""
     seconds = (results[-1].scene.time_ns - results[0].scene.time_ns) / 1e9
     if not settings.frames_awaited or seconds <= 0:

@@ -18,6 +18,7 @@ from vfoa.bayes import BayesSettings
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.estimate import Estimate
 from vfoa.gaze_filter import GazeFilterSettings
+from vfoa.logit import LogitSettings
 from vfoa.nearest import NearestSettings
 from vfoa.pipeline import AttendSettings, Memory, Stages, attend, perceive, reconstruct
 from vfoa.reconstruction import ReconstructionSettings
@@ -49,7 +50,11 @@ _REGISTRIES = {
     )
 }
 _OPTIONAL = ("head_pose.model", "gaze.model")
-_ATTENTION: dict[str | None, type[Settings]] = {"bayes": BayesSettings, "nearest": NearestSettings}
+_ATTENTION: dict[str | None, type[Settings]] = {
+    "bayes": BayesSettings,
+    "logit": LogitSettings,
+    "nearest": NearestSettings,
+}
 _STEPS: dict[str, type[Settings]] = {
     "reconstruction": ReconstructionSettings,
     "tracking": TrackingSettings,

@@ -23,6 +23,7 @@ from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
 from vfoa.heads import HeadDetector
+from vfoa.logit import LogitSettings, Traces, weigh_attentions
 from vfoa.nearest import NearestSettings, look_at_nearest
 from vfoa.reconstruction import reconstruct
 from vfoa.segmentation import Segmenter
@@ -33,6 +34,9 @@ from vfoa.tracking import TrackerState, TrackingSettings, track_people
 from vfoa.types import Disparity, FrameResult, Head, HeadView, Instances, Percepts, Scene, StereoFrame
 
 __all__ = ["AttendSettings", "Memory", "Stages", "attend", "perceive", "reconstruct"]
+
+PROBABILISTIC = ("bayes", "logit")
+"""The methods of attention whose totals are probabilities; "nowhere" has the rest up to 1."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +115,7 @@ class AttendSettings(Settings):
 
     tracking: TrackingSettings = TrackingSettings()
     gaze_filter: GazeFilterSettings = GazeFilterSettings()
-    attention: AttentionSettings | BayesSettings | NearestSettings = AttentionSettings()
+    attention: AttentionSettings | BayesSettings | LogitSettings | NearestSettings = AttentionSettings()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,19 +125,24 @@ class Memory:
     tracker: TrackerState = field(default_factory=TrackerState)
     gaze_filter: GazeFilterState = field(default_factory=GazeFilterState)
     beliefs: BeliefState = field(default_factory=BeliefState)
+    traces: Traces = field(default_factory=Traces)
 
 
 def attend(scene: Scene, memory: Memory, settings: AttendSettings) -> tuple[FrameResult, Memory]:
     """Follow the people of one frame and compute the attention of each."""
     tracked, tracker = track_people(scene.people, memory.tracker, settings.tracking)
     subjects, gaze_filter = filter_cues(tracked, memory.gaze_filter, settings.gaze_filter)
-    beliefs = memory.beliefs
+    beliefs, traces = memory.beliefs, memory.traces
+    followed = {track.id for track in tracker.tracks}
     if isinstance(settings.attention, BayesSettings):
         attentions, beliefs = infer_attentions(subjects, scene.targets, beliefs, settings.attention, scene.time_ns)
-        beliefs = beliefs.of({track.id for track in tracker.tracks})
+        beliefs = beliefs.of(followed)
+    elif isinstance(settings.attention, LogitSettings):
+        attentions, traces = weigh_attentions(subjects, scene.targets, traces, settings.attention, scene.time_ns)
+        traces = traces.of(followed)
     elif isinstance(settings.attention, NearestSettings):
         attentions = tuple(look_at_nearest(subject, scene.targets, settings.attention) for subject in subjects)
     else:
         attentions = tuple(pay_attention(subject, scene.targets, settings.attention) for subject in subjects)
-    memory = Memory(tracker=tracker, gaze_filter=gaze_filter, beliefs=beliefs)
+    memory = Memory(tracker=tracker, gaze_filter=gaze_filter, beliefs=beliefs, traces=traces)
     return FrameResult(scene=scene, attentions=attentions), memory

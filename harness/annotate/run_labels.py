@@ -16,6 +16,7 @@ from harness.run.clip_records import read_clip_records
 from harness.run.directory import RunDirectory
 from harness.sources import Truth
 from vfoa.errors import VfoaError, did_you_mean
+from vfoa.pipeline import PROBABILISTIC
 from vfoa.types import StereoFrame
 
 
@@ -74,7 +75,7 @@ def export_predictions(
         method = manifest["configurations"].get(records.configuration, {}).get("attention", {}).get("method")
         names = clips[each]["names"]
         subjects, targets = tuple(names["subjects"]), tuple(names["targets"])
-        found = predicted_labels(records.by_frame, {*subjects, *targets}, with_probabilities=method == "bayes")
+        found = predicted_labels(records.by_frame, {*subjects, *targets}, with_probabilities=method in PROBABILISTIC)
         if not found.labels.ranges:
             raise VfoaError(f"{run}: {each}: nothing was predicted; {' '.join(found.notes) or 'no person was found'}")
         place = to or run / "labels" / f"{each}__{records.configuration}{SUFFIXES.get(name, '')}"

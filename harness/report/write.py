@@ -51,6 +51,7 @@ from harness.score.finished_run import FinishedRun
 from harness.score.reference import Reference
 from harness.score.reliability import Reliability
 from harness.score.score import Scores
+from vfoa.pipeline import PROBABILISTIC
 
 
 def write_scores(
@@ -123,7 +124,7 @@ def _page(
 def probabilistic(manifest: Mapping[str, Any] | None) -> list[str]:
     """The configurations whose attention is a probability."""
     configurations = manifest["configurations"] if manifest else {}
-    return [name for name, each in configurations.items() if each.get("attention", {}).get("method") == "bayes"]
+    return [name for name, each in configurations.items() if each.get("attention", {}).get("method") in PROBABILISTIC]
 
 
 def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:

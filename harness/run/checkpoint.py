@@ -23,6 +23,7 @@ from harness.stages.cache.values import Codec
 from vfoa.bayes import BeliefState
 from vfoa.gaze.temporal import WindowStart
 from vfoa.gaze_filter import CueFilter, GazeFilterState
+from vfoa.logit import Means, Traces
 from vfoa.pipeline import Memory
 from vfoa.posterior.belief import Belief
 from vfoa.posterior.gaze_error import GazeError
@@ -80,8 +81,8 @@ class _Layout:
     array: Any
 
 
-_PARTS = (Checkpoint, SinkState, Memory, TrackerState, Track, GazeFilterState, CueFilter, BeliefState, Belief)
-_BELIEF = (GazeHypotheses, HeadHypotheses, Looks, GazeError, HeadMotion)
+_PARTS = (Checkpoint, SinkState, Memory, TrackerState, Track, GazeFilterState, CueFilter, Traces, Means)
+_BELIEF = (BeliefState, Belief, GazeHypotheses, HeadHypotheses, Looks, GazeError, HeadMotion)
 
 
 _ITEMS = "$items"

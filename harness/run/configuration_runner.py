@@ -21,6 +21,7 @@ from harness.stages.stage_runner import Timings, guarded, timed
 from vfoa.bayes import BayesSettings, frames_awaited, smooth
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze.temporal import WindowStart
+from vfoa.logit import LogitSettings, weigh_again
 from vfoa.pipeline import AttendSettings, Memory, attend
 from vfoa.types import FrameResult, Percepts, StereoFrame
 
@@ -35,7 +36,8 @@ class SmoothingBuffer(Generic[T]):
     """
 
     def __init__(self, settings: AttendSettings) -> None:
-        self._settings = settings.attention if isinstance(settings.attention, BayesSettings) else None
+        attention = settings.attention
+        self._settings = attention if isinstance(attention, BayesSettings | LogitSettings) else None
         self._waiting: list[tuple[FrameResult, T]] = []
 
     @property
@@ -57,7 +59,10 @@ class SmoothingBuffer(Generic[T]):
     def _release(self, count: int) -> Iterator[tuple[FrameResult, T]]:
         results = [result for result, _ in self._waiting]
         if results and self._settings is not None and self._settings.frames_awaited:
-            results = guarded("attention", smooth, results, self._settings)
+            if isinstance(self._settings, LogitSettings):
+                results = guarded("attention", weigh_again, results, self._settings)
+            else:
+                results = guarded("attention", smooth, results, self._settings)
         released = [(result, companion) for result, (_, companion) in zip(results, self._waiting, strict=True)][:count]
         del self._waiting[:count]
         yield from released

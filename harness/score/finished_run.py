@@ -25,6 +25,7 @@ from harness.score.carried_masks import said_of_carried_masks
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
 from vfoa.errors import VfoaError
+from vfoa.pipeline import PROBABILISTIC
 
 RUN_LABELS = "run_labels_sha256"
 """The key of a run's manifest with the labels that it was made with, if its tables use other labels."""
@@ -175,7 +176,7 @@ class FinishedRun:
 
 def _says_nowhere(attention: dict[str, Any]) -> bool:
     """Whether a method can answer "looks at nothing": a posterior, and the nearest in angle within a limit."""
-    return attention.get("method") == "bayes" or attention.get("limit_deg") is not None
+    return attention.get("method") in PROBABILISTIC or attention.get("limit_deg") is not None
 
 
 def _people(most: int) -> str:

@@ -16,6 +16,7 @@ from vfoa.bayes import BayesSettings
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.gaze_filter import GazeFilterSettings
+from vfoa.logit import LogitSettings
 from vfoa.nearest import NearestSettings
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
@@ -31,7 +32,12 @@ STEPS: Mapping[str, Mapping[str, type[Settings]]] = {
     "reconstruction": {"": ReconstructionSettings},
     "tracking": {"": TrackingSettings},
     "gaze_filter": {"": GazeFilterSettings},
-    "attention": {"cones": AttentionSettings, "bayes": BayesSettings, "nearest": NearestSettings},
+    "attention": {
+        "cones": AttentionSettings,
+        "bayes": BayesSettings,
+        "logit": LogitSettings,
+        "nearest": NearestSettings,
+    },
 }
 """Drawn shapes and the steps after perception: the settings classes of each by its ``method``, which only attention
 has. The first is the default."""
@@ -68,9 +74,12 @@ class Configuration:
         return self.drawn.targets or self.drawn.heads
 
     def for_clip(self, clip: str) -> Configuration:
-        """Return the configuration with the clip's name filled in wherever a stage's ``root`` has the placeholder."""
+        """Return the configuration with the clip's name in a stage's ``root``, and with the clip's own weights."""
         choices = {slot: choice.for_clip(clip) if choice else None for slot, choice in self.choices.items()}
-        return replace(self, choices=choices)
+        attention = self.attend.attention
+        if isinstance(attention, LogitSettings):
+            attention = attention.for_clip(clip)
+        return replace(self, choices=choices, attend=self.attend.model_copy(update={"attention": attention}))
 
     def on(self, provider: Provider) -> Configuration:
         """Return the configuration with all its networks on one provider of ONNX Runtime."""

@@ -1,0 +1,166 @@
+"""The conditional logit: its probabilities, its running means, and weights recovered from looks drawn from them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from vfoa.logit import (
+    CUES,
+    ROWS,
+    LogitSettings,
+    Means,
+    Seen,
+    Traces,
+    Weights,
+    later_means,
+    observe,
+    probabilities,
+    shipped_weights,
+    weigh_again,
+    weigh_attentions,
+)
+from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
+from vfoa.types import (
+    Box3D,
+    Cues,
+    Float,
+    FrameResult,
+    Gaze,
+    HeadPose,
+    Instance,
+    NoAttention,
+    Person,
+    Scene,
+    Subject,
+    Target,
+)
+
+EYES = np.array([0.0, 0.0, 0.0])
+LEFT, RIGHT = np.array([-1.0, 0.2, 2.0]), np.array([1.0, 0.2, 2.0])
+
+
+def a_target(number: int, center_m: Float) -> Target:
+    box = Box3D(center_m=center_m, half_size_m=np.full(3, 0.1), left_from_box=np.eye(3))
+    instance = Instance(id=number, label="cup", category_id=0, is_thing=True, score=1.0)
+    return Target(instance=instance, box_px=None, points_left=np.zeros((0, 3), np.float32), box=box)
+
+
+TARGETS = (a_target(2, LEFT), a_target(3, RIGHT))
+
+
+def looking(gaze: Float | None, head: Float | None) -> Subject:
+    given_gaze = None if gaze is None else Gaze(direction=gaze)
+    given_head = None if head is None else HeadPose(direction=head)
+    person = Person(view=Cues(head_pose=given_head, gaze=given_gaze), instance_id=1, eye_origin_left=EYES)
+    return Subject(track_id=1, person=person, gaze=given_gaze, head_pose=given_head)
+
+
+def results(subjects: list[Subject], settings: LogitSettings) -> list[FrameResult]:
+    traces, found = Traces(), []
+    for number, subject in enumerate(subjects):
+        time_ns = number * 100_000_000
+        attentions, traces = weigh_attentions((subject,), TARGETS, traces, settings, time_ns)
+        scene = Scene(index=number, time_ns=time_ns, targets=TARGETS, people=(subject.person,))
+        found.append(FrameResult(scene=scene, attentions=attentions))
+    return found
+
+
+@pytest.mark.parametrize(("gaze", "head"), [(LEFT, LEFT), (LEFT, None), (None, LEFT)])
+def test_the_target_that_all_directions_point_at_is_the_likeliest(gaze: Float | None, head: Float | None) -> None:
+    for smoothing in ("forward", "both"):
+        settings = LogitSettings(method="logit", smoothing=smoothing)
+        window = results([looking(gaze, head)] * 5, settings)
+        for frame in weigh_again(window, settings) if smoothing == "both" else window:
+            (found,) = frame.attentions
+            totals = {each.instance_id: each.total for each in found.values}
+            assert totals[2] > totals[3]
+            assert 0 < sum(totals.values()) < 1
+            for each in found.values:
+                assert np.nansum([each.gaze, each.head]) == pytest.approx(each.total)
+
+
+def test_nowhere_is_the_focus_far_from_all_targets() -> None:
+    away = np.array([0.0, -1.0, 0.2])
+    (found,) = results([looking(away, away)], LogitSettings(method="logit"))[0].attentions
+    assert found.focus is None
+    assert sum(each.total for each in found.values) < 0.5
+
+
+def test_a_subject_without_eyes_or_directions_has_a_reason() -> None:
+    (found,) = results([looking(None, None)], LogitSettings(method="logit"))[0].attentions
+    assert found.missing is NoAttention.NO_DIRECTION
+
+
+def test_an_earlier_look_counts_less_the_longer_ago_it_is() -> None:
+    def before_after(gap_s: float) -> float:
+        _, means = observe(looking(LEFT, LEFT), TARGETS, {}, Means(), 0.1)
+        seen, _ = observe(looking(RIGHT, RIGHT), TARGETS, {}, means, gap_s)
+        return float(seen.before[0, 0] / seen.now[0, 0])
+
+    assert before_after(0.1) < before_after(1.0) < before_after(30.0) == pytest.approx(1.0)
+
+
+def test_later_means_mirror_the_earlier_ones() -> None:
+    subjects = [looking(LEFT, LEFT), looking(RIGHT, RIGHT), looking(LEFT, RIGHT)]
+    one_way = [each.attentions[0].belief for each in results(subjects, LogitSettings(method="logit"))]
+    other_way = [each.attentions[0].belief for each in results(subjects[::-1], LogitSettings(method="logit"))]
+    # the gaze alone: what the head extrapolates from depends on the order of time
+    mirrored = later_means(other_way, [0.1, 0.1])[::-1]
+    for forward, later in zip(one_way, mirrored, strict=True):
+        assert forward.before[0] == pytest.approx(later[0])
+
+
+@given(st.lists(st.lists(st.floats(-500, 500), min_size=3, max_size=3), min_size=1, max_size=4))
+def test_probabilities_are_those_of_the_outside_option(utility: list[list[float]]) -> None:
+    found = probabilities(np.array(utility))
+    assert (found >= 0).all()
+    assert (found.sum(axis=1) <= 1 + 1e-9).all()
+    small = np.abs(np.array(utility)).max() < 30
+    if small:
+        odds = np.exp(np.array(utility))
+        assert found == pytest.approx(odds / (1 + odds.sum(axis=1, keepdims=True)))
+
+
+def test_weights_are_recovered_from_looks_drawn_with_them() -> None:
+    generator = np.random.default_rng(1)
+    true = np.array([1.0, 0.5, 2.0, -1.0])
+    x = generator.normal(size=(6000, 4, 4))
+    x[..., 0] = 1
+    chances = probabilities(x @ true)
+    everywhere = np.column_stack([chances, 1 - chances.sum(axis=1)])
+    looked = np.array([generator.choice(5, p=row) for row in everywhere])
+    looked[looked == 4] = -1
+    design = Design(features=x, looked=looked, weight=np.ones(len(x)))
+    assert maximised(design, np.zeros(4), np.full(4, 0.01)) == pytest.approx(true, abs=0.12)
+    # against a prior that is certain, no look counts
+    assert maximised(design, true + 1, np.full(4, 1e9)) == pytest.approx(true + 1, abs=1e-3)
+
+
+def test_a_direction_that_was_never_measured_keeps_the_weights_of_the_prior() -> None:
+    seen: list[Seen] = []
+    means = Means()
+    for _ in range(20):
+        found, means = observe(looking(None, LEFT), TARGETS, {}, means, 0.1)
+        seen.append(found)
+    sequence = LabelledSequence(group="a", times_s=np.arange(20) * 0.1, seen=seen, targets=[2] * 10 + [None] * 10)
+    prior = shipped_weights()
+    fitted = fit([sequence], prior)
+    assert fitted.forward.gaze == prior.forward.gaze
+    assert fitted.forward.head != prior.forward.head
+
+
+def test_weights_survive_their_vector() -> None:
+    for case, rows in ROWS.items():
+        weights = getattr(shipped_weights().both, case)
+        assert Weights.of(case, weights.vector.tolist()) == weights
+        assert {name for name in CUES if getattr(weights, name)} == {CUES[row] for row in rows}
+
+
+def test_weights_of_the_wrong_shape_are_refused() -> None:
+    plain = shipped_weights().model_dump()
+    plain["forward"]["head"]["gaze"] = (1.0, 1.0)
+    with pytest.raises(ValueError, match=r"forward\.head: expected 2 weights of head, head_swing"):
+        LogitSettings.model_validate({"method": "logit", "weights": plain})
