@@ -170,6 +170,12 @@ def blob(*images: Image, bgr: bool, mean: float | Float = 0.0, scale: float | Fl
     return values
 
 
+def available_providers() -> list[Provider]:
+    """Return the providers that this build of ONNX Runtime has."""
+    available = onnxruntime.get_available_providers()
+    return [name for name, its_name in _PROVIDERS.items() if its_name in available]
+
+
 def check_provider(provider: Provider) -> None:
     """Raise an error if this build of ONNX Runtime does not have the provider.
 
@@ -178,9 +184,9 @@ def check_provider(provider: Provider) -> None:
     VfoaError
         With the providers that it has, and the package that has ``provider``.
     """
-    available = onnxruntime.get_available_providers()
-    if _PROVIDERS[provider] not in available:
-        names = ", ".join(name for name, its_name in _PROVIDERS.items() if its_name in available)
+    available = available_providers()
+    if provider not in available:
+        names = ", ".join(available)
         package = _PACKAGES.get(provider)
         install = f", or the package {package} in place of onnxruntime" if package else ""
         raise VfoaError(

@@ -20,6 +20,7 @@ from harness.cli.bench import bench
 from harness.cli.calibrate import calibrate
 from harness.cli.compare import compare
 from harness.cli.demo import demo
+from harness.cli.doctor import doctor
 from harness.cli.export_failure import export_failure
 from harness.cli.export_table import export_table
 from harness.cli.fit import fit
@@ -80,6 +81,7 @@ app.command(short_help="Measure the speed of each stage.")(bench)
 app.command(short_help="Label a clip in the browser: who looks at what.")(annotate)
 app.command(short_help="Calibrate two cameras from pictures of a board.")(calibrate)
 app.command(short_help="Check the paper's five synthetic cases.")(simulate)
+app.command(short_help="Check what running needs on this machine.")(doctor)
 app.command(short_help="Make a working directory with the data folders.")(init)
 app.command(short_help="Print every setting: type, unit, default, meaning.")(settings)
 app.add_typer(labels.app, name="labels", short_help="Check, import, export, compare and merge labels.")

@@ -36,11 +36,12 @@ def list_models(as_json: Json = False) -> None:
     print_table(
         ["model", "stage", "size", "here", "licence"],
         [
-            [name, entry.stage, _size(entry), "yes" if entry.find() else None, entry.licence]
+            [name, entry.stage, entry.size, "yes" if entry.find() else None, entry.licence]
             for name, entry in models.items()
         ],
         wrapped={"licence"},
     )
+    print_table(["stage", "ready to run", "chosen by"], ready_rows(), wrapped={"chosen by"})
 
 
 @app.command(name="fetch", short_help="Fetch models from their own sites.")
@@ -129,11 +130,18 @@ def _line(found: ModelCheck) -> str:
     return f"{found.name}: ok: {run}{checksum}" + (f"; {found.message}" if found.message else "")
 
 
+def ready_rows() -> list[list[str | None]]:
+    """Slot, name and options of each stage that can run here; a slot without one has an empty name."""
+    from harness.stages.slots import SLOTS
+    from harness.stages.weights.readiness import ready_stages
+
+    return [
+        [slot.name, stage and stage.name, stage and stage.options]
+        for slot in SLOTS.values()
+        for stage in ready_stages(slot) or [None]
+    ]
+
+
 def _path(entry: CatalogueEntry) -> str | None:
     path = entry.find()
     return None if path is None else str(path)
-
-
-def _size(entry: CatalogueEntry) -> str | None:
-    megabytes = entry.bytes / 1e6 if entry.bytes else entry.megabytes
-    return None if megabytes is None else f"{megabytes:.1f} MB"

@@ -14,8 +14,7 @@ from harness.files import file_digest
 from harness.run.experiment import Experiment
 from harness.sources import Clip, MeasuredClip
 from harness.stages.slots import SLOTS
-from harness.stages.weights.catalogue import locate_all
-from vfoa.weights import weights_of
+from harness.stages.weights.readiness import locate_weights
 
 _PACKAGES = (
     "vfoa",
@@ -38,10 +37,9 @@ def weights_digests(experiment: Experiment) -> dict[str, str]:
     Raises
     ------
     VfoaError
-        If some are missing: which, and how to fetch them.
+        If some are missing: which, how to fetch them, and what would do instead.
     """
-    choices = [choice for one in experiment.configurations for choice in one.choices.values() if choice]
-    found = locate_all(sorted({name for choice in choices for name in weights_of(choice.settings)}))
+    found = locate_weights(choice for one in experiment.configurations for choice in one.choices.values() if choice)
     return {name: file_digest(path) for name, path in found.items()}
 
 

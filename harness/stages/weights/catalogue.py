@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -15,7 +15,7 @@ from harness.files import file_digest
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.validation import parse
-from vfoa.weights import cache_directory, directories, locate
+from vfoa.weights import cache_directory, locate
 
 Progress = Callable[[int, int | None], None]
 """Called with the bytes received, and the bytes of the whole file if known."""
@@ -52,6 +52,12 @@ class CatalogueEntry(Settings):
         """Whether the file is a network that can be run; otherwise it is a checkpoint to be exported."""
         return self.file.endswith(".onnx")
 
+    @property
+    def size(self) -> str | None:
+        """Size of the file, such as "7.5 MB"; None if not known."""
+        megabytes = self.bytes / 1e6 if self.bytes else self.megabytes
+        return None if megabytes is None else f"{megabytes:.1f} MB"
+
     def find(self) -> Path | None:
         """Return the path of its file on this machine; None if it is missing."""
         try:
@@ -85,26 +91,6 @@ def find_model(name: str) -> CatalogueEntry:
     if name not in models:
         raise VfoaError(f"models: no {name!r}; {did_you_mean(name, models)}")
     return models[name]
-
-
-def locate_all(files: Iterable[str]) -> dict[str, Path]:
-    """Return the path of each weights file.
-
-    Raises
-    ------
-    VfoaError
-        If one is missing. If the catalogue knows a missing one, the message names all missing files and the command
-        that fetches them.
-    """
-    files = list(files)
-    models = {entry.file: name for name, entry in catalogue().items()}
-    if absent := [file for file in files if file in models and find_model(models[file]).find() is None]:
-        folders = ", ".join(map(str, directories()))
-        raise VfoaError(
-            f"no such model files: {', '.join(absent)}; expected in {folders}: `vfoa models fetch "
-            f"{' '.join(models[file] for file in absent)}` fetches them, or says where to get them"
-        )
-    return {file: locate(file) for file in files}
 
 
 def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progress: Progress | None = None) -> Path:

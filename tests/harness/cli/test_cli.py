@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -171,3 +172,20 @@ def test_a_file_that_is_there_is_replaced_only_if_told_so(
     assert code == 2
     assert said == "vfoa: mine: exists already; expected --replace, or another --out\n"
     assert (tmp_path / "mine").read_text() == "mine"
+
+
+def test_the_doctor_names_a_fix_for_what_is_missing_and_fails_where_running_cannot_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("VFOA_MODELS", str(tmp_path))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    code, out, _ = vfoa(monkeypatch, capsys, "doctor", "--json")
+    findings = {row["what"]: row for row in json.loads(out)}
+    assert (code, findings["Python"]["fix"], findings["cv2.ximgproc"]["fix"]) == (0, None, None)
+    assert "vfoa models fetch yunet" in findings["heads (default yunet)"]["fix"]
+    assert "person_mask" in findings["heads (default yunet)"]["state"]
+
+    monkeypatch.setitem(sys.modules, "open3d", None)  # as where a library of the system is missing
+    code, out, _ = vfoa(monkeypatch, capsys, "doctor", "--json")
+    (open3d,) = (row for row in json.loads(out) if row["what"] == "open3d")
+    assert (code, "libgl1" in open3d["fix"]) == (2, True)

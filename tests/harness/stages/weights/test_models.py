@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 import sys
 from collections.abc import Iterator
@@ -13,10 +14,11 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from harness.cli.models import app
-from harness.stages.slots import SLOTS
+from harness.stages.slots import SLOTS, StageChoice
 from harness.stages.weights import catalogue as models
-from harness.stages.weights.catalogue import CatalogueEntry, catalogue, fetch_model, find_model, locate_all
+from harness.stages.weights.catalogue import CatalogueEntry, catalogue, fetch_model, find_model
 from harness.stages.weights.check import check_model, signature
+from harness.stages.weights.readiness import locate_weights, ready_stages
 from tests import graphs
 from tests.web import Site, serve
 from vfoa.errors import VfoaError
@@ -300,15 +302,40 @@ def test_what_cannot_be_fetched_does_not_stop_the_others(
     assert found.stdout.splitlines()[-1] == f"here: {tmp_path / 'cache' / 'models' / 'model.onnx'}"
 
 
+def chosen(**tables: dict[str, Any]) -> list[StageChoice]:
+    choices = [SLOTS[slot].parse(table, "test") for slot, table in tables.items()]
+    return [choice for choice in choices if choice]
+
+
 def test_weights_that_are_missing_are_all_named_with_the_command_that_brings_them(tmp_path: Path) -> None:
     one, two = (find_model(name) for name in ("fsanet-1x1", "fsanet-var"))
-    with pytest.raises(VfoaError, match=rf"{one.file}, {two.file}; .*`vfoa models fetch fsanet-1x1 fsanet-var`"):
-        locate_all([one.file, two.file])
+    fsanet = chosen(head_pose={"model": "fsanet"})
+    with pytest.raises(VfoaError, match=r"fsanet-1x1 \(MIT, 1\.2 MB\), .*: vfoa models fetch fsanet-1x1 fsanet-var$"):
+        locate_weights(fsanet)
     for entry in (one, two):
         (tmp_path / "given" / entry.file).touch()
-    assert locate_all([one.file, two.file]) == {e.file: tmp_path / "given" / e.file for e in (one, two)}
+    assert locate_weights(fsanet) == {e.file: tmp_path / "given" / e.file for e in (one, two)}
     with pytest.raises(VfoaError, match=r"mine\.onnx: no such model file"):
-        locate_all([one.file, "mine.onnx"])
+        locate_weights(chosen(segmentation={"model": "yolo_seg", "weights": "mine.onnx"}))
+
+
+def test_a_missing_network_names_one_that_is_here_and_the_options_it_names_are_taken(tmp_path: Path) -> None:
+    wanted = chosen(segmentation={"model": "rf_detr_seg"}, heads={"detector": "yunet"})
+    for here, options in [
+        (None, "--set heads.detector=person_mask"),
+        (
+            "yolov8n-seg",
+            "--set segmentation.model=yolo_seg --set segmentation.weights=yolov8n-seg_int8.onnx (AGPL-3.0)",
+        ),
+        ("rf-detr-seg-nano", "--set segmentation.weights=rfdetr-seg-nano.onnx (Apache-2.0)"),
+    ]:
+        if here:
+            (tmp_path / "given" / find_model(here).file).touch()
+        with pytest.raises(VfoaError, match=re.escape(options)):
+            locate_weights(wanted)
+    (stage,) = (each for each in ready_stages(SLOTS["segmentation"]) if each.name == "yolo_seg")
+    table = dict(setting.removeprefix("segmentation.").split("=") for setting in stage.settings)
+    assert locate_weights(chosen(segmentation=table)).keys() == {"yolov8n-seg_int8.onnx"}
 
 
 def test_the_list_says_what_is_here(tmp_path: Path) -> None:
