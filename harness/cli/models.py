@@ -135,11 +135,11 @@ def ready_rows() -> list[list[str | None]]:
     from harness.stages.slots import SLOTS
     from harness.stages.weights.readiness import ready_stages
 
-    return [
-        [slot.name, stage and stage.name, stage and stage.options]
-        for slot in SLOTS.values()
-        for stage in ready_stages(slot) or [None]
-    ]
+    rows: list[list[str | None]] = []
+    for slot in SLOTS.values():
+        ready = ready_stages(slot)
+        rows += [[slot.name, stage.name, stage.options] for stage in ready] or [[slot.name, None, None]]
+    return rows
 
 
 def _path(entry: CatalogueEntry) -> str | None:

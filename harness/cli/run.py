@@ -47,13 +47,13 @@ class Recording(StrEnum):
 
 def run(
     what: Annotated[
-        list[str],
+        list[str] | None,
         typer.Argument(
-            help="An experiment (name or .toml file), or clips.",
+            help="An experiment (name or .toml file), or clips. Default: the one in ./experiments.",
             metavar="EXPERIMENT | CLIP",
             autocompletion=experiment_and_clip_names,
         ),
-    ],
+    ] = None,
     overrides: Overrides = None,
     preset: Annotated[
         str | None,
@@ -118,7 +118,7 @@ def run(
     from harness.stages.cache.store import open_store
 
     bring_models()
-    experiment = _experiment(what, tuple(clips or ()), tuple(overrides or ()), preset)
+    experiment = _experiment(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
         experiment = replace(experiment, annotator=annotator)
     store = None if no_cache else open_store(cache)
@@ -242,6 +242,17 @@ def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, .
             raise VfoaError(_said_of_unknown(name))
     default = load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
     return replace(default, name=Path(what[0]).stem) if len(default.clips) == 1 else default
+
+
+def _only_experiment() -> str:
+    """The experiment of the working directory, if it has just one."""
+    from vfoa.errors import VfoaError
+
+    here = sorted(Path("experiments").glob("*.toml"))
+    if len(here) != 1:
+        found = ", ".join(path.stem for path in here) or "no experiment"
+        raise VfoaError(f"run: found {found} in ./experiments; expected an experiment or clips: vfoa run demo")
+    return str(here[0])
 
 
 def _said_of_unknown(name: str) -> str:

@@ -48,16 +48,18 @@ class OutputSink:
             self._finish()
 
     def write(self, frame: FinishedFrame) -> None:
-        """Save one frame's percepts.
+        """Save one frame's percepts, if it has any."""
+        if frame.percepts is not None:
+            self.save(frame.percepts)
+
+    def save(self, percepts: Percepts) -> None:
+        """Save the percepts of one frame.
 
         Raises
         ------
         VfoaError
             If a file cannot distinguish a disparity from an unknown one, or a category number has two meanings.
         """
-        percepts = frame.percepts
-        if percepts is None:
-            return
         if "stereo" in self._slots:
             self._save_disparity(percepts)
         if "segmentation" in self._slots:

@@ -36,7 +36,7 @@ def ready_stages(slot: Slot) -> list[ReadyStage]:
     ready = []
     for name in slot.library.builtin:
         needed = default_weights(slot, name)
-        chosen = (f"{slot.name}.{slot.key}={name}",)
+        chosen: tuple[str, ...] = (f"{slot.name}.{slot.key}={name}",)
         if needed is None or not all(map(_is_here, needed)):
             other = next((entry for entry in _networks(slot, name) if entry.find()), None)
             if other is None or (needed is not None and len(needed) > 1):

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import csv
 import os
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
+from harness.clips.manifest import load_manifest
 from harness.data_folders import names
 from tests.command import vfoa
 from vfoa.errors import VfoaError
@@ -16,12 +18,36 @@ def test_a_working_directory_has_the_folders_that_are_searched(tmp_path: Path, m
     for _ in range(2):  # a second time changes nothing
         result = CliRunner().invoke(app, ["init", str(tmp_path / "mine")])
         assert result.exit_code == 0
-        assert result.stdout.splitlines()[-1] == f"next: cd {tmp_path / 'mine'} && vfoa clips add PATH"
+        assert result.stdout.splitlines()[-1] == f"next: cd {tmp_path / 'mine'} && vfoa run"
     monkeypatch.chdir(tmp_path / "mine")
     for kind in ("datasets", "annotations", "experiments"):
         assert (Path.cwd() / kind).is_dir()
     (Path("experiments") / "mine.toml").touch()
     assert "mine" in names("experiments")
+
+
+def test_what_it_leaves_prints_a_table_at_once_and_keeps_what_is_edited(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("VFOA_MODELS", str(tmp_path))  # no weights
+    assert vfoa(monkeypatch, capsys, "init", ".")[0] == 0
+    assert vfoa(monkeypatch, capsys, "clips", "check", "example")[0] == 0
+    example, rendered = (load_manifest(name).labels(None) for name in ("example", "studio_talk"))
+    assert example is not None
+    assert rendered is not None
+    assert list(example.labelled([1, 2])) == list(rendered.labelled([1, 2]))
+
+    code, _, err = vfoa(monkeypatch, capsys, "run", "--recording", "none", "--workers", "1")
+    rows = list(csv.DictReader((tmp_path / "runs" / "first" / "frr.csv").read_text().splitlines()))
+    assert (code, err, len(rows) > 3) == (0, "", True)
+    assert {row["n"] for row in rows if row["subject"] == "(all)"} == {"4"}
+
+    Path("experiments/first.toml").write_text("# mine\n")
+    assert vfoa(monkeypatch, capsys, "init", ".")[0] == 0
+    assert Path("experiments/first.toml").read_text() == "# mine\n"
+    Path("experiments/second.toml").touch()
+    assert vfoa(monkeypatch, capsys, "run")[0] == 2  # which of the two?
 
 
 def test_a_file_in_the_way_is_one_line(tmp_path: Path) -> None:
