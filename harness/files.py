@@ -99,7 +99,7 @@ def _encoded(path: Path, content: str | bytes) -> bytes:
         raise VfoaError(f"{path}: cannot be written: {near!a} is not UTF-8; expected folders whose names are") from None
 
 
-def check_new(path: Path, *, replace: bool, hint: str = "") -> None:
+def check_new(path: Path, *, replace: bool, hint: str = "", inputs: Iterable[Path] = ()) -> None:
     """Reject an existing output file, in every command that writes to a path given by its user.
 
     Parameters
@@ -108,13 +108,17 @@ def check_new(path: Path, *, replace: bool, hint: str = "") -> None:
         The user agrees that an existing file is replaced.
     hint
         An alternative, added after "expected --replace".
+    inputs
+        The files that the command reads, which no agreement lets it replace; those that do not exist are left out.
 
     Raises
     ------
     VfoaError
-        If a file exists and may not be replaced, or the path is no plain file.
+        If a file exists and may not be replaced, is an input, or the path is no plain file.
     """
     _check_plain(path, "write", folders=False)
+    if is_file(path) and any(is_file(each) and path.samefile(each) for each in inputs):
+        raise VfoaError(f"{path}: this command reads it and would replace it; expected another file to write")
     if path.exists() and not replace:
         raise VfoaError(f"{path}: exists already; expected --replace{hint}")
 

@@ -10,8 +10,8 @@ from harness.annotate.drawing import DrawingStore
 from harness.annotate.store import LabelStore
 from harness.clips.manifest import ClipManifest
 from harness.data_folders import came_with_program
-from harness.labels.files import target_names
-from harness.labels.labels import RESERVED
+from harness.labels.files import read_annotations, target_names
+from harness.labels.labels import RESERVED, Labels
 from harness.labels.timeline import Timeline
 
 
@@ -27,16 +27,28 @@ def open_store(manifest: ClipManifest, annotator: str | None, timeline: Timeline
     """
     files = manifest.annotations
     path, found = files.place(annotator), files.find(annotator)
-    known = {*manifest.targets, *manifest.subjects, *RESERVED}
-    left = [name for name in target_names(found) if name not in known] if found else []
     return LabelStore(
         path,
         _journal_of(path),
         timeline=timeline,
         subjects=tuple(manifest.subjects),
-        targets=[*manifest.targets, *left],
+        targets=_targets(manifest, found),
         origin=_origin(manifest, path, found),
     )
+
+
+def read_for_store(manifest: ClipManifest, path: Path, timeline: Timeline) -> Labels:
+    """The labels that :func:`open_store` begins with, without opening a journal; none if there is no file."""
+    if not path.is_file():
+        return Labels(())
+    targets = _targets(manifest, path)
+    return read_annotations(path, timeline=timeline, subjects=manifest.subjects, targets=targets, allow_gaps=True)
+
+
+def _targets(manifest: ClipManifest, path: Path | None) -> list[str]:
+    """The manifest's targets, and those removed from it that a file of labels still has."""
+    known = {*manifest.targets, *manifest.subjects, *RESERVED}
+    return [*manifest.targets, *(name for name in (target_names(path) if path else ()) if name not in known)]
 
 
 def open_drawing(manifest: ClipManifest, frames: Sequence[int], also: Sequence[str] = ()) -> DrawingStore:

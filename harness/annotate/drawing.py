@@ -139,6 +139,22 @@ class DrawingStore:
             if is_new:
                 self._make(draw)
 
+    def put(self, drawn: Drawn) -> None:
+        """Replace the shapes of the drawing's names; each track is a change that can be undone.
+
+        Raises
+        ------
+        VfoaError
+            If another process draws on the clip.
+        """
+        if self.read_only is not None:
+            raise VfoaError(self.read_only)
+        new = {(each.name, each.kind): each.keys for each in drawn.tracks}
+        gone = [key for key in self._history.tracks if key[0] in drawn.names and key not in new]
+        for (name, kind), keys in [*((key, ()) for key in gone), *new.items()]:
+            if keys != self._history.tracks.get((name, kind), ()):
+                self._kept.commit(self._history.change_to(name, kind, keys))
+
     def set_names(self, targets: Iterable[str], renamed: tuple[str, str | None] | None = None) -> None:
         """Set the manifest's targets. Shapes of a renamed one are kept; those of a deleted one (None) are removed."""
         self._targets = list(targets)

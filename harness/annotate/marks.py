@@ -136,6 +136,6 @@ def from_labels(labels: Labels, subject: str, frames: Sequence[int]) -> Track:
 
 
 def _mark(label: Label | None) -> Mark | None:
-    if label is None or (label.target == IGNORED and label.note == UNLABELLED):
+    if label is None or label.is_placeholder:
         return None
     return Mark(target=label.target, note=label.note, point_px=label.point_px, suggested=label.is_suggested)

@@ -33,7 +33,8 @@ def predicted_labels(
         The manifest's names of subjects and targets. A predicted object without one is ``ignore``; the note names
         the object.
     with_probabilities
-        Attention values are probabilities: the note of a range holds their mean over its frames.
+        Attention values are probabilities: the note of a range holds their mean over its frames, and no focus is the
+        answer ``none``. Without them no focus means that nothing was hit, which is no prediction.
     """
     found: dict[str, dict[int, tuple[Label, float]]] = {}
     counts = Counter[str]()
@@ -41,8 +42,9 @@ def predicted_labels(
         for person in record.subjects:
             name = person.name or f"person#{person.track_id}"
             of_person = found.setdefault(name, {})
-            if person.missing is not None:
-                counts[f"frames of {name} have no prediction ({person.missing}) and no label"] += 1
+            missing = person.missing or (None if with_probabilities or person.focus is not None else "nothing hit")
+            if missing is not None:
+                counts[f"frames of {name} have no prediction ({missing}) and no label"] += 1
             elif frame not in of_person:  # if two tracks share a name, the first counts, as in the score
                 of_person[frame] = _label(record, person, name, names)
                 counts["labels are 'ignore': the manifest has no name for what was predicted"] += (

@@ -79,7 +79,7 @@ def export_predictions(
         if not found.labels.ranges:
             raise VfoaError(f"{run}: {each}: nothing was predicted; {' '.join(found.notes) or 'no person was found'}")
         place = to or run / "labels" / f"{each}__{records.configuration}{SUFFIXES.get(name, '')}"
-        check_new(place, replace=replace)
+        check_new(place, replace=replace, inputs=RunDirectory(run).inputs)
         exchange = Exchange(
             clip=_RunClip.of(clips[each], run),
             subjects=found.labels.subjects,

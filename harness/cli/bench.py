@@ -44,13 +44,13 @@ def bench(
     for name in only or ():
         if name not in SECTIONS:
             raise VfoaError(f"bench: --only: no {name!r}; {did_you_mean(name, SECTIONS)}")
-    if out:
-        check_new(out, replace=overwrite, hint=", or another --out")
     check_provider(provider.value)
     changes = tuple(overrides or ())
     loaded = load_experiment(experiment, clips=(clip,) if clip else (), overrides=changes)
     chosen = replace(loaded, configurations=tuple(each.on(provider.value) for each in loaded.configurations))
     manifest = load_manifest(chosen.clips[0])
+    if out:
+        check_new(out, replace=overwrite, hint=", or another --out", inputs=manifest.files)
     frames = tuple(manifest.open().frames[:limit])
     given = Bench(
         name=experiment,

@@ -62,7 +62,8 @@ def calibrate(
         return
     board = _board(columns, rows, square_mm, marker_mm, dictionary, legacy)
     preview = out.with_suffix(".png")
-    check_new(preview, replace=replace, hint=", or another --out")
+    of_user = () if out.exists() else folder.rglob("*")  # beside a calibration, the picture of its name is the preview
+    check_new(preview, replace=replace, hint=", or another --out", inputs=of_user)
     if left is right is both is None:
         left, right = "left*", "right*"
     views = _views(folder, {"layout": layout, "left": left, "right": right, "both": both})

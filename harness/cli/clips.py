@@ -109,7 +109,7 @@ def _fetch_idiap(root: Path) -> None:
         say(f"{place}: exists already and is kept")
         return
     manifest = manifest.with_root(root)
-    imported = import_labels(root / LABELS.name, "idiap_vfoa", open_exchange(manifest), place, replace=False)
+    imported = import_labels(root / LABELS.name, "idiap_vfoa", open_exchange(manifest), manifest, replace=False)
     say(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
 
 

@@ -35,6 +35,6 @@ def export_failure(
         raise VfoaError(f"{run}: expected one recording, found {'; '.join(pairs)}: choose with --clip and --config")
     recording = found[0].compose()
     excerpt = out or Path(f"{recording.name}__{frame}.rrd")
-    check_new(excerpt, replace=replace or out is None, hint=", or another --out")
+    check_new(excerpt, replace=replace or out is None, hint=", or another --out", inputs=recording.files)
     write_excerpt(recording, found[0].rate_hz, frame, margin, excerpt)
     say(f"{excerpt}: {excerpt.stat().st_size / 1e6:.1f} MB")

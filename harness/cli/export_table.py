@@ -34,9 +34,10 @@ def export_table(
     from harness.score.finished_run import FinishedRun
     from harness.score.score import score
 
+    directory = RunDirectory(run_folder(run))
     if out is not None:
-        check_new(out, replace=replace, hint=", or another --out")
-    finished = FinishedRun.read(RunDirectory(run_folder(run)))
+        check_new(out, replace=replace, hint=", or another --out", inputs=directory.inputs)
+    finished = FinishedRun.read(directory)
     scores = score(finished.records(), finished.reference())
     text = FORMATS[to.value](scores, exported_table(scores, finished.manifest))
     if out is None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -41,16 +43,37 @@ def fit(
     from harness.score.fit_posterior import fit_posterior
     from harness.score.fit_source import read_labelled
 
+    inputs = list(_inputs(what))
     if out is not None:
-        check_new(out, replace=replace, hint=", or another --out")
+        check_new(out, replace=replace, hint=", or another --out", inputs=inputs)
     directory = _directory(what)
     found = read_labelled(directory, config)
     path = out or Path(f"{found.experiment}-fitted.toml")
-    check_new(path, replace=replace, hint=", or another --out")
+    check_new(path, replace=replace, hint=", or another --out", inputs=inputs)
     fitted = fit_posterior(found)
     atomic_write(path, fitted_text(fitted))
     print_reports(fit_tables(fitted))
     say(f"{path}: vfoa run EXPERIMENT --preset {path}")
+
+
+def _inputs(what: str) -> Iterator[Path]:
+    """The files that are read: of the run or the experiment, and of its clips."""
+    from harness.clips.manifest import load_manifest
+    from harness.data_folders import find
+    from harness.run.directory import RunDirectory
+    from harness.run.experiment import load_experiment
+    from vfoa.errors import VfoaError
+
+    run = RunDirectory(Path(what))
+    if run.manifest.is_file():
+        yield from run.inputs
+        clips = [each["name"] for each in run.read_manifest()["clips"]]
+    else:
+        yield find("experiments", what) or Path(what)
+        clips = list(load_experiment(what).clips)
+    for clip in clips:
+        with suppress(VfoaError):  # the clip of a finished run may be gone
+            yield from load_manifest(clip).files
 
 
 def _directory(what: str) -> RunDirectory:

@@ -75,7 +75,11 @@ def import_(
     fps: Fps = None,
     offset: Offset = 0.0,
     rename: Annotated[
-        list[str] | None, typer.Option(metavar="THEIRS=OURS", help="Rename a label: their name to the manifest's.")
+        list[str] | None,
+        typer.Option(
+            metavar="THEIRS=OURS",
+            help="Rename a label: their name to the manifest's. SUBJECT:THEIRS=OURS: only targets of one subject.",
+        ),
     ] = None,
     gaps: Annotated[Gaps, typer.Option(help="Meaning of frames without a label between two labels.")] = Gaps.ignore,
     target: Annotated[
@@ -91,9 +95,9 @@ def import_(
     drawn: Drawn = False,
     run: FromRun = None,
     config: RunConfiguration = None,
-    replace: Replace = False,
+    replace: Annotated[bool, typer.Option("--replace", help="Replace labels of the subjects in the file.")] = False,
 ) -> None:
-    """Read the labels of another program; print what is left out."""
+    """Read the labels of another program; print what is left out, and what is replaced."""
     from harness.annotate.convert import import_drawn, import_labels, open_exchange
     from harness.clips.manifest import load_manifest
 
@@ -117,7 +121,7 @@ def import_(
         say(f"{path}: {sum(len(each.keys) for each in found.tracks)} key frames of {', '.join(found.names)}")
         return
     place = manifest.annotations.place(annotator)
-    imported = import_labels(file, format_, exchange, place, replace=replace, confirm=confirm)
+    imported = import_labels(file, format_, exchange, manifest, annotator, replace=replace, confirm=confirm)
     for note in imported.notes:
         say(f"- {note}", err=True)
     say(f"{place}: {len(imported.labels.ranges)} ranges of {', '.join(imported.labels.subjects)}")
@@ -251,7 +255,7 @@ def agreement(
         page = "\n".join(to_markdown(table, level=2) for table in tables.values())
         texts = {out / "agreement.md": page, **{out / f"{name}.csv": to_csv(each) for name, each in tables.items()}}
         for path in texts:
-            check_new(path, replace=replace, hint=", or another --out")
+            check_new(path, replace=replace, hint=", or another --out", inputs=manifest.files)
         write_together(texts)
 
 
@@ -272,8 +276,10 @@ def merge(
     manifest = load_manifest(clip)
     opened = manifest.open()
     labels = _labels_by_annotator(manifest, opened, annotators or [], but=to)
-    place = manifest.annotations.place(to)
-    check_new(place, replace=replace, hint=", or another --to")
+    files = manifest.annotations
+    place = files.place(to)
+    inputs = [files.find(None if each == manifest.name else each) for each in labels]
+    check_new(place, replace=replace, hint=", or another --to", inputs=filter(None, inputs))
     merged = merge_labels(labels, opened.frames, rule.value)
     write_annotations(place, merged)
     say(f"{place}: {len(merged.ranges)} ranges of {', '.join(labels)}")

@@ -117,8 +117,9 @@ def export(
     from harness.stages.export import export_gaze360
     from vfoa.weights import locate
 
-    check_new(out, replace=replace, hint=", or another --out")
-    difference_rad = export_gaze360(locate(str(checkpoint)), out)
+    source = locate(str(checkpoint))
+    check_new(out, replace=replace, hint=", or another --out", inputs=[source])
+    difference_rad = export_gaze360(source, out)
     say(f"{name}: {out}: ONNX and PyTorch differ by {difference_rad:.1e} rad at most on 20 random inputs")
 
 

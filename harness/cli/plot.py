@@ -39,8 +39,10 @@ def plot(
     from harness.files import check_new
     from harness.report.figures import check_format, save_figure
     from harness.report.plots.draw import plot_run
+    from harness.run.directory import RunDirectory
 
     check_format(out)
-    check_new(out, replace=replace, hint=", or another --out")
-    save_figure(out, plot_run(run_folder(run), kind.value, clip=clip, subject=subject))
+    folder = run_folder(run)
+    check_new(out, replace=replace, hint=", or another --out", inputs=RunDirectory(folder).inputs)
+    save_figure(out, plot_run(folder, kind.value, clip=clip, subject=subject))
     say(f"Figure: {out}")

@@ -41,6 +41,7 @@ def view(
     from harness.mirror import publish
     from harness.record import viewer
     from harness.record.composed import find_recordings
+    from harness.run.directory import RunDirectory
     from vfoa.errors import VfoaError
 
     folder = run_folder(run)
@@ -57,7 +58,8 @@ def view(
     if web and screenshot is not None:
         raise VfoaError("view: --web writes no file: leave out --screenshot")
     if screenshot is not None:
-        check_new(screenshot, replace=replace, hint=", or another --screenshot")
+        inputs = [folder, *RunDirectory(folder).inputs]
+        check_new(screenshot, replace=replace, hint=", or another --screenshot", inputs=inputs)
     if compare is None:
         recordings = find_recordings(folder, clip, config, subject)
     else:

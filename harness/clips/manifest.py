@@ -105,6 +105,11 @@ class ClipManifest(Settings):
         with_clip = f"{self.root or '.'}/{self.labels_file}" if self.labels_file else None
         return AnnotationFiles(clip=self.name, manifest=self._path, with_clip=with_clip)
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The manifest and the clip's annotation files: what no output may replace."""
+        return (self._path, *self.annotations.present())
+
     def resolve_root(self) -> Path | None:
         """Return the root with its variables filled in, relative to the manifest; it need not exist."""
         return None if self.root is None else expand(self.root, self._path.parent, f"{self._path}: root")

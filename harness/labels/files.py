@@ -223,6 +223,11 @@ class AnnotationFiles:
         """
         return self._beside / f"{self._stem(annotator)}.csv"
 
+    def present(self) -> tuple[Path, ...]:
+        """Every file of the clip: labels of all annotators, and drawn shapes."""
+        labels = (self._find(f"{self._stem(each)}.csv") for each in (None, *self.annotators()))
+        return tuple(path for path in (*labels, self.find_drawn()) if path is not None)
+
     def annotators(self) -> tuple[str, ...]:
         """Everyone who has a file for this clip, sorted; ``<clip>.csv`` is not counted."""
         stems = (path.stem for folder in self._folders for path in folder.glob(f"{self.clip}@*.csv"))

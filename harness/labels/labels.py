@@ -33,6 +33,11 @@ class Label:
     is_suggested: bool = False
 
     @property
+    def is_placeholder(self) -> bool:
+        """Whether it says that nobody has labelled the frame yet."""
+        return self.target == IGNORED and self.note == UNLABELLED
+
+    @property
     def is_blocked(self) -> bool:
         """Whether the note's first word says that something stands in the line of sight."""
         return self.note.split(maxsplit=1)[:1] == [BLOCKED]
@@ -90,6 +95,11 @@ class Labels:
             return None
         found = self._by_subject[subject][position]
         return found.label if frame <= found.last_frame else None
+
+    def is_given(self, frame: int, subject: str) -> bool:
+        """Whether a subject has a label in a frame; the note that nobody has labelled it yet is none."""
+        label = self.at(frame, subject)
+        return label is not None and not label.is_placeholder
 
     def labelled(self, frames: Iterable[int]) -> Iterator[tuple[int, str, Label]]:
         """Every (frame, subject, label) among these frames, in their order, subjects sorted."""

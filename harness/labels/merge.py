@@ -56,7 +56,7 @@ def _said(labels: Mapping[str, Labels], frame: int, subject: str) -> dict[str, L
 
 
 def _is_given(label: Label) -> bool:
-    return not label.is_suggested and label != _UNLABELLED
+    return not label.is_suggested and not label.is_placeholder
 
 
 def _merged(said: Mapping[str, Label | None], rule: Rule) -> Label | None:

@@ -50,6 +50,14 @@ class RunDirectory:
         """The run's manifest: what was run, with which versions, on which data."""
         return self.path / "manifest.json"
 
+    @property
+    def inputs(self) -> Iterator[Path]:
+        """The files that scores, exports and fits read: what no output may replace."""
+        yield from (self.manifest, self.results, self.timings)
+        yield from self.path.glob("*.rrd")
+        for folder in (self.measured, self.stage_outputs, self.path / "partial"):
+            yield from folder.rglob("*")
+
     def failure(self, pair: Pair, error: VfoaError) -> dict[str, str]:
         """Return the manifest's row for a (clip, configuration) that failed, and write its traceback."""
         row = {"clip": pair[0], "configuration": pair[1], "error": str(error)}

@@ -49,8 +49,13 @@ class _Clip(_Table):
         return self
 
 
+class _Segmentation(_Table):
+    every: int = 1
+
+
 class _Configuration(_Table):
     attention: dict[str, Any] = {}
+    segmentation: _Segmentation | None = None
 
 
 class _Failure(_Table):

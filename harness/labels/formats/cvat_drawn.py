@@ -61,7 +61,7 @@ def read_cvat_drawn(path: Path, exchange: Exchange) -> ImportedDrawn:
             check_kind(name, kind, exchange.subjects, [each for other, each in keys if other == name], where)
             own = _within(Track(name=name, kind=kind, keys=tuple(found)), exchange)
             keys[name, kind] = _joined(keys.get((name, kind), []), own, name, where)
-    exchange.names.check(path)
+    unused = exchange.names.check(path)
     drawn = drawn_of({key: found for key, found in keys.items() if not all(each.outside for each in found)})
     if not drawn.tracks:
         raise VfoaError(
@@ -71,7 +71,7 @@ def read_cvat_drawn(path: Path, exchange: Exchange) -> ImportedDrawn:
         )
     counts = ", ".join(f"{count} of {label!r}" for label, count in sorted(others.items()))
     notes = (f"{path}: tracks of other labels are left out: {counts}.",) if others else ()
-    return ImportedDrawn(drawn=drawn, notes=notes)
+    return ImportedDrawn(drawn=drawn, notes=(*unused, *notes))
 
 
 def _tracks(element: ElementTree.Element, name: str, exchange: Exchange, where: str) -> dict[Kind, list[KeyFrame]]:

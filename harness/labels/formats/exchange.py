@@ -43,7 +43,7 @@ class Exchange:
         Position of the clip's first frame in the other program: seconds in formats of times, frames in formats of
         frames.
     renamed
-        The other program's name -> ours.
+        The other program's name -> ours; ``SUBJECT:NAME`` -> ours for targets of one subject.
     gaps
         Meaning of frames without a label between two labels of a subject.
     bodies
@@ -151,22 +151,22 @@ class Exchange:
 
     def target(self, name: str, subject: str, where: str) -> str:
         """Our name of a subject's target, as :meth:`subject`; :class:`VfoaError` if it is the subject itself."""
-        found = self.names.expect(name, {*self.targets, *self.subjects, *RESERVED}, "target", where)
+        found = self.names.expect(name, {*self.targets, *self.subjects, *RESERVED}, "target", where, subject)
         if found == subject:
             raise VfoaError(f"{where}: {subject!r} looks at {subject!r}; expected another target, or none")
         return found
 
     def labels(self, rows: Iterable[LabelRange], path: object) -> Imported:
-        """Return labels with filled gaps, and a note with the number of filled frames.
+        """Return labels with filled gaps, with notes: the number of filled frames, renames that matched nothing.
 
         Raises
         ------
         VfoaError
-            For unknown names, and for a rename that matched nothing.
+            For unknown names.
         """
         rows = list(rows)  # the rows may be read from the file only now
-        self.names.check(path)
-        labels, notes, filled = Labels(rows), [], []
+        notes = list(self.names.check(path))
+        labels, filled = Labels(rows), []
         label = Label(target=self.gaps, note=UNLABELLED if self.gaps == IGNORED else "")
         for subject in labels.subjects:
             rows = [

@@ -76,7 +76,7 @@ def number_names(names: Iterable[str], where: str) -> dict[int, str]:
     names = sorted(names)
     runs = {name: [int(digits) for digits in _DIGITS.findall(os.path.splitext(name)[0])] for name in names}
     if len(names) == 1:
-        return {(runs[names[0]] or [0])[-1]: names[0]}
+        return _unique([((runs[names[0]] or [0])[-1], names[0])], where)
     first = names[0]
     if odd := next((name for name in names if len(runs[name]) != len(runs[first]) or not runs[name]), None):
         raise VfoaError(

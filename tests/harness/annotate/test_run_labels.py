@@ -66,6 +66,12 @@ def test_predictions_are_suggestions_with_their_probability() -> None:
     )
 
 
+def test_cones_that_hit_nothing_are_no_label() -> None:
+    found = predicted_labels(frames_of(["bird", "none", "cup"]), TARGETS, with_probabilities=False)
+    assert [(row.first_frame, row.label.target) for row in found.labels.ranges] == [(1, "bird"), (3, "cup")]
+    assert found.notes == ("1 frames of girl have no prediction (nothing hit) and no label.",)
+
+
 @pytest.mark.parametrize("name", ["elan", "boris", "boris-aggregated", "cvat", "csv"])
 @given(girl=st.lists(st.sampled_from(["bird", "cup", "none", None]), min_size=1, max_size=60).filter(any))
 def test_the_round_trip_is_exact_to_the_frame(name: str, tmp_path: Path, girl: list[str | None]) -> None:

@@ -5,10 +5,15 @@ from __future__ import annotations
 import errno
 import os
 import shutil
+from collections import Counter
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
+from harness.annotate.clip_stores import open_store
+from harness.clips.manifest import load_manifest
+from harness.labels.timeline import timeline_of
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.repository import REPOSITORY
@@ -50,14 +55,71 @@ def test_the_old_name_of_the_verb_is_kept(
     assert "annotations" not in vfoa(monkeypatch, capsys, "--help")[1].split()
 
 
-def test_a_file_that_is_read_is_not_written_over(
+def test_an_existing_file_is_not_written_over(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    own = folder / "annotations" / f"{CLIP}.csv"
-    before = own.read_bytes()
-    code, _, said = vfoa(monkeypatch, capsys, "labels", "export", CLIP, str(own), "--format", "boris")
-    assert (code, own.read_bytes()) == (2, before)
+    mine = write_text(folder / "mine.csv", "mine")
+    code, _, said = vfoa(monkeypatch, capsys, "labels", "export", CLIP, "mine.csv", "--format", "boris")
+    assert (code, mine.read_text()) == (2, "mine")
     assert "exists already; expected --replace" in said
+
+
+def test_an_input_is_not_replaced(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    labels = folder / "annotations"
+    other, manifest = labels / f"{CLIP}@anna.csv", folder / "datasets" / f"{CLIP}.toml"
+    write_text(folder / "experiment.toml", f'preset = "measured"\nclips = ["{CLIP}"]\n')
+    for words in (
+        ("labels", "export", CLIP, str(labels / f"{CLIP}.csv"), "--format", "csv"),
+        ("labels", "export", CLIP, str(other), "--format", "elan"),
+        ("labels", "import", str(other), "--clip", CLIP, "--annotator", "anna", "--format", "csv"),
+        ("labels", "merge", CLIP, "anna", "ben", "--to", "anna"),
+        ("fit", "experiment.toml", "--out", str(manifest)),
+        ("fit", "experiment.toml", "--out", "experiment.toml"),
+    ):
+        before = {path: path.read_bytes() for path in (*labels.glob("*.csv"), manifest)}
+        code, _, said = vfoa(monkeypatch, capsys, *words, "--replace")
+        assert (code, said.count("\n")) == (2, 1)
+        assert "this command reads it" in said
+        assert {path: path.read_bytes() for path in before} == before
+
+
+def test_an_import_replaces_only_subjects_of_the_file_and_can_be_undone(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    own, anna = folder / "annotations" / f"{CLIP}.csv", folder / "annotations" / f"{CLIP}@new.csv"
+    head, columns, *rows = own.read_text().splitlines()
+
+    def of(subject: str, among: list[str]) -> list[str]:
+        return [row for row in among if row.split(",")[2] == subject]
+
+    write_text(anna, "\n".join([head, columns, *of("anna", rows)]) + "\n")
+    words = ("labels", "export", CLIP, "anna.eaf", "--format", "elan", "--annotator", "new")
+    assert vfoa(monkeypatch, capsys, *words)[0] == 0
+    words = ("labels", "import", "anna.eaf", "--clip", CLIP, "--format", "elan")
+    ignored = f"{rows[0].split(',')[0]},{rows[-1].split(',')[1]}"
+    todo = [f"{ignored},{subject},ignore,not labelled yet" for subject in ("anna", "ben")]
+    write_text(own, "\n".join([head, columns, *todo]) + "\n")
+    assert vfoa(monkeypatch, capsys, *words)[0] == 0, "frames that nobody has labelled are no labels"
+    write_text(own, "\n".join([head, columns, *of("ben", rows)]) + "\n")
+    assert vfoa(monkeypatch, capsys, *words)[::2] == (0, ""), "the other subject's labels are not touched"
+    assert own.read_text().splitlines() == [head, columns, *rows]
+    theirs = [row.replace(",bear,", ",none,") for row in rows]
+    write_text(own, "\n".join([head, columns, *theirs]) + "\n")
+    code, _, said = vfoa(monkeypatch, capsys, *words)
+    assert (code, said.count("\n")) == (2, 1)
+    assert "has labels of anna (" in said
+    assert own.read_text().splitlines()[2:] == theirs
+    code, _, said = vfoa(monkeypatch, capsys, *words, "--replace")
+    assert code == 0
+    assert "replaced the labels of anna (" in said
+    new = Counter(own.read_text().splitlines()[2:])
+    assert new == Counter([*of("anna", rows), *of("ben", theirs)])
+    manifest = load_manifest(CLIP)
+    with closing(open_store(manifest, None, timeline_of(manifest.open()))) as store:
+        store.undo(store.revision)
+    assert own.read_text().splitlines()[2:] == theirs
 
 
 def test_a_folder_with_files_is_not_written_over(
@@ -109,7 +171,6 @@ def test_a_pipe_is_not_written_over(
         (("export", CLIP, "out", "--format", "elen"), "annotation format: no 'elen'; did you mean 'elan'?"),
         (("export", CLIP, "out", "--format", "elan", "--annotator", "bea"), "no annotations by 'bea'"),
         (("import", "gone", "--format", "cvat", "--clip", CLIP, "--annotator", "x"), "gone: no such file"),
-        (("import", "gone", "--format", "cvat", "--clip", CLIP), f"{CLIP}.csv: exists already; expected --replace"),
         (("import", "gone", "--format", "cvat", "--clip", CLIP, "--rename", "x"), "--rename x: expected THEIRS=OURS"),
         (("export", CLIP, "out", "--format", "elan", "--offset", "inf"), "--offset: found inf; expected a number"),
         (("agreement", CLIP, "anna"), "labels of anna; expected two annotators or more"),

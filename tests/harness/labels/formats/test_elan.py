@@ -40,6 +40,19 @@ def test_rate_offset_and_names_are_stated(tmp_path: Path) -> None:
     assert imported.notes == (f"{path}: tier 'camera' is no subject's and is left out.",)
 
 
+def test_a_rename_holds_for_one_subject_or_tier(tmp_path: Path) -> None:
+    path = _document(
+        tmp_path / "a.eaf", ("Left", 0, 80, "Participant"), ("boy", 0, 80, "Participant"), ("boy", 80, 120, "Kunst")
+    )
+    tiers = {"Left": "girl", "Left:Participant": "boy", "boy:Participant": "girl", "Kunst": "bird", "Roboter": "cup"}
+    imported = Elan().read(path, exchange(renamed=tiers))
+    assert imported.labels.ranges == (row(1, 2, "girl", "boy"), row(1, 2, "boy"), row(3, 3, "bird", "boy"))
+    (unused,) = [note for note in imported.notes if "--rename" in note]
+    assert "--rename Roboter: no such name in it" in unused
+    subjects = {"Left": "girl", "girl:Participant": "boy", "boy:Participant": "girl", "Kunst": "bird"}
+    assert Elan().read(path, exchange(renamed=subjects)).labels == imported.labels
+
+
 @pytest.mark.parametrize(
     ("gaps", "filled"), [("ignore", row(3, 5, "ignore", note="not labelled yet")), ("none", row(3, 5, "none"))]
 )
