@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _INTEGERS = {"track": "Int64", "instance": "Int64", "focus": "Int64"}
 _WORDS = (
     *("clip", "subject", "configuration", "reference", "target", "truth", "outcome", "error_type"),
-    *("interval_unit", "unit", "beats_baselines", "partner", "source", "measure", "from_target"),
+    *("interval_unit", "unit", "beats_baselines", "unknown_names", "partner", "source", "measure", "from_target"),
 )
 
 

@@ -51,6 +51,7 @@ def frr_columns() -> Mapping[str, str]:
         **{f"baseline_{name}": f"frr of the baseline rule {name!r} on the same frames" for name in BASELINES},
         "beats_baselines": "whether frr is above that of the best baseline: yes (significantly), not shown, or no",
         **{f"error_type_{name}": f"wrong frames because {why}" for name, why in ERROR_TYPES.items()},
+        "unknown_names": "names in the results that the clip's manifest does not know: such an answer counts as wrong",
         **{name: metric.meaning for name, metric in load_metrics().items()},
     }
 

@@ -55,7 +55,7 @@ def open_exchange(
     rules = {**manifest.subjects, **manifest.targets}
     bodies: Bodies = TrueBodies(clip=clip, rules=rules)
     if run is not None:
-        bodies = RunBodies(records=read_clip_records(run, manifest.name, configuration).by_frame)
+        bodies = RunBodies(records=read_clip_records(run, manifest, configuration).by_frame)
     return Exchange(
         clip=clip,
         subjects=tuple(manifest.subjects),

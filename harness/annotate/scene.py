@@ -60,15 +60,15 @@ class Scenes:
     """The scene of each frame of a clip, from a run if there is one."""
 
     def __init__(self, name: str, clip: Clip, predictions: Predictions | None, run: Path | None) -> None:
-        self._clip, self._predictions = clip, predictions
+        self._clip, self.predictions = clip, predictions
         folder = None if run is None or predictions is None else saved_folder(run, name, predictions)
         settings = None if folder is None else CocoPanopticSettings(root=str(folder), stuff="all", partial=True)
         self._saved = None if settings is None else CocoPanoptic(settings, clip)
 
     def at(self, number: int, read: Callable[[], StereoFrame], manifest: ClipManifest) -> SceneView:
         """Return a frame's scene; ``read`` gives its images, ``manifest`` has the current names."""
-        if self._predictions is not None:
-            record = self._predictions.records.get(number)
+        if self.predictions is not None:
+            record = self.predictions.records.get(number)
             return SceneView(objects=(), heads_px={}) if record is None else self._of_run(record, read, manifest)
         return self._of_truth(number, manifest)
 

@@ -69,8 +69,9 @@ class Session:
         self._frames = tuple(self._clip.frames)
         if not self._frames:
             raise VfoaError(f"{self.manifest.path}: the clip has no frames")
+        self._run, self._configuration = run, configuration
         self._annotator, self._blind, self._uncertain_first = annotator, blind, uncertain_first
-        self._predictions = Predictions(run, self.manifest.name, configuration) if run else None
+        self._predictions = Predictions(run, self.manifest, configuration) if run else None
         self._reading, self._changing = threading.Lock(), threading.RLock()
         self._timeline = timeline_of(self._clip)
         self.manifest = finish_change(self.manifest, self._timeline)
@@ -288,8 +289,10 @@ class Session:
 
     def _read_manifest(self) -> None:
         self.manifest = load_manifest(self.manifest.path, self.manifest.name)
+        if self._run:
+            self._predictions = Predictions(self._run, self.manifest, self._configuration)
         with self._reading:
-            self._views.use(self.manifest)
+            self._views.use(self.manifest, self._predictions)
 
     def _suggestions(self, subject: str) -> list[tuple[str, float] | None] | None:
         """Name and attention for each frame; None if there are none, or they may not be shown."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from harness.clips.manifest import ClipManifest
 from harness.labels.labels import NOWHERE
 from harness.run.clip_records import read_clip_records
 from harness.run.records import FrameRecord, SubjectRecord
@@ -29,7 +30,7 @@ class Predictions:
     Raises the errors of :func:`~harness.run.clip_records.read_clip_records`.
     """
 
-    def __init__(self, run: Path, clip: str, configuration: str | None) -> None:
+    def __init__(self, run: Path, clip: ClipManifest, configuration: str | None) -> None:
         found = read_clip_records(run, clip, configuration)
         self.configuration, self.records = found.configuration, found.by_frame
 

@@ -47,6 +47,8 @@ def add_target(path: Path, name: str, rule: NameRule) -> None:
 def change_target(path: Path, name: str, *, new_name: str, key: str | None, colour: str) -> None:
     """Give a target another name, key or colour; a subject, another key or colour. None: no key.
 
+    Earlier names stay in the manifest (``formerly``): results of runs have them.
+
     Raises
     ------
     VfoaError
@@ -65,6 +67,7 @@ def change_target(path: Path, name: str, *, new_name: str, key: str | None, colo
             raise VfoaError(f"{path}: subjects.{name}: only targets are renamed here")
         if new_name in {*manifest.targets, *manifest.subjects}:
             raise VfoaError(f"{path}: targets.{new_name}: exists already; expected a new name")
+        table[name]["formerly"] = [each for each in (*table[name].get("formerly", ()), name) if each != new_name]
         _rename(table, name, new_name)
     _save(path, document)
 
@@ -122,7 +125,7 @@ def _targets(path: Path, document: tomlkit.TOMLDocument, name: str) -> Any:
 
 def _table(rule: NameRule) -> Any:
     table = tomlkit.table()
-    table.update(rule.model_dump(mode="json", exclude_none=True))
+    table.update(rule.model_dump(mode="json", exclude_defaults=True))
     return table
 
 

@@ -32,9 +32,9 @@ class Views:
         self._picture = lru_cache(_CACHED_PICTURES)(self._draw)
         self._scene = lru_cache(_CACHED_SCENES)(self._look_at)
 
-    def use(self, manifest: ClipManifest) -> None:
+    def use(self, manifest: ClipManifest, predictions: Predictions | None) -> None:
         """Use the names of a changed manifest."""
-        self._manifest = manifest
+        self._manifest, self._scenes.predictions = manifest, predictions
         self._scene.cache_clear()
 
     def scene(self, number: int) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from harness.cli.options import Clip, NoOpen, Port, RunConfiguration, run_folder
-from harness.cli.terminal import say
+from harness.cli.terminal import say, say_unknown_names
 
 
 def annotate(
@@ -60,9 +60,10 @@ def _score_again(run: Path, annotator: str | None) -> None:
 
     directory = RunDirectory(run)
     if directory.read_manifest().get("annotator") == annotator:
-        rescore(directory)
+        scores = rescore(directory)
         publish(run)
         say(f"{name_of(run)}: tables, page and recordings are updated")
+        say_unknown_names(scores)
     else:
         chosen = f" --annotator {annotator}" if annotator else ""
         name = name_of(run)

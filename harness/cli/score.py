@@ -20,7 +20,7 @@ def score(
     ] = None,
 ) -> None:
     """Score a run again from its results and the present labels; needs no images and no models."""
-    from harness.cli.terminal import print_scores
+    from harness.cli.terminal import print_scores, say_unknown_names
     from harness.mirror import publish
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
@@ -30,3 +30,4 @@ def score(
     gc.freeze()  # the verdicts of all frames live to the end: without this, the collector visits them once more at exit
     publish(folder)
     print_scores(scores)
+    say_unknown_names(scores)

@@ -130,6 +130,17 @@ def print_scores(scores: Scores) -> None:
     print_reports((terminal_table(scores), *(table for table in others if table.rows)))
 
 
+def say_unknown_names(scores: Scores) -> None:
+    """Print the names in the results that a clip's manifest does not know."""
+    for clip, names in scores.unknown_names.items():
+        if names:
+            say(
+                f"{clip}: the results name {', '.join(names)}, unknown to its manifest and labels: these answers count "
+                "as wrong; run it again",
+                err=True,
+            )
+
+
 @contextmanager
 def frames_bar(total: int, what: str) -> Iterator[Callable[[str], None]]:
     """Yield a function to call after each frame with the clip's name."""

@@ -96,8 +96,22 @@ class ClipManifest(Settings):
         """The subjects and targets as JSON, with everything that decides which person or object gets a name."""
         kinds = ("subjects", "targets")
         return self.model_dump(
-            mode="json", include={*kinds}, exclude={kind: {"__all__": {"key", "colour"}} for kind in kinds}
+            mode="json", include={*kinds}, exclude={kind: {"__all__": {"key", "colour", "formerly"}} for kind in kinds}
         )
+
+    def names_now(self, then: Mapping[str, Any]) -> dict[str, str]:
+        """The present names of targets that were renamed since their rules were ``then``, by their names then.
+
+        An earlier name that another target has by now belongs to the target whose rule is still the same.
+        If ``then`` is empty, the rules are not known.
+        """
+        now: dict[str, Any] = self.naming()["targets"]
+        return {
+            old: name
+            for name, target in self.targets.items()
+            for old in target.formerly
+            if (old in then or not then) and (then.get(old) == now[name] or not (old in now or name in then))
+        }
 
     @property
     def annotations(self) -> AnnotationFiles:

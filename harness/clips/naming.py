@@ -32,6 +32,7 @@ class NameRule(Settings):
     none of them, a target's name is shared by all of the category, a subject's goes to one person at a time.
 
     ``key`` and ``colour`` are the name's own on the labelling page, which assigns them (:mod:`harness.clips.looks`).
+    ``formerly`` are earlier names of a renamed target: results of runs have them (:func:`names_now`).
     """
 
     category: str
@@ -41,6 +42,7 @@ class NameRule(Settings):
     box_px: tuple[float, float, float, float] | None = None
     key: str | None = Field(default=None, pattern=r"^(shift\+)?[0-9]$")
     colour: str | None = Field(default=None, pattern=_COLOUR)
+    formerly: tuple[str, ...] = ()
 
     @model_validator(mode="after")
     def _one_choice(self) -> Self:

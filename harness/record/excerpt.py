@@ -14,7 +14,7 @@ from harness.files import replacing
 from harness.record import entities, program
 from harness.record.composed import Composed
 from harness.record.images import key_frame_every
-from harness.record.reading import reading
+from harness.record.reading import id_of, reading
 from vfoa.errors import VfoaError
 
 
@@ -43,7 +43,7 @@ def write_excerpt(recording: Composed, rate_hz: float | None, frame: int, margin
                 chunks.write_rrd(
                     parts[-1],
                     application_id=recording.application_id,
-                    recording_id=f"{recording.name}-{frame}",
+                    recording_id=f"{id_of(file)}-{frame}",
                 )
         if (layout := recording.layout()) is not None:
             parts.append(Path(scratch) / "layout.rbl")

@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import uuid
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -61,12 +61,21 @@ def _of_drawn(configuration: Plain) -> tuple[str, ...]:
     return ("drawn", "stereo") if drawn.get("targets") or drawn.get("heads") else ()
 
 
+def recording_id(run_id: str, clip: str) -> str:
+    """The recording id of a clip in the run with this random id: wherever its directory is, and whatever its name."""
+    return str(uuid.uuid5(uuid.UUID(run_id), clip))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipFiles:
-    """The files of one clip's recording in the directory of a run."""
+    """The files of one clip's recording in the directory of a run.
+
+    All layers of the clip have the ``recording_id``; it is needed to write one, not to find them.
+    """
 
     run: Path
     clip: str
+    recording_id: str = field(default_factory=lambda: str(uuid.uuid4()), compare=False)
 
     @property
     def images(self) -> Path:
@@ -99,8 +108,3 @@ class ClipFiles:
     def application_id(self) -> str:
         """The viewer stores a layout per application id: each clip has its own."""
         return f"vfoa {self.clip}"
-
-    @property
-    def recording_id(self) -> str:
-        """The same for every layer of the clip in this run, and different in any other run."""
-        return str(uuid.uuid5(uuid.NAMESPACE_URL, f"vfoa:{self.run.resolve().name}/{self.clip}"))

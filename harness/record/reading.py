@@ -33,6 +33,12 @@ def entity_paths(recording: Path) -> set[str]:
         return {chunk.entity_path for chunk in RrdReader(recording).stream()}
 
 
+def id_of(recording: Path) -> str:
+    """Return the recording id, which all layers of a clip share."""
+    with reading(recording):
+        return RrdReader(recording).recordings()[0].recording_id
+
+
 def properties(recording: Path) -> dict[str, object]:
     """Return the properties of a recording that are single values, by name."""
     found: dict[str, object] = {}

@@ -20,10 +20,11 @@ from harness.record.appearance import Colours
 from harness.record.composed import clip_names
 from harness.record.frame_log import ColumnLog
 from harness.record.layer_file import LayerFile
-from harness.record.layers import ClipFiles
-from harness.record.reading import properties, reading
+from harness.record.layers import ClipFiles, recording_id
+from harness.record.reading import id_of, properties, reading
 from harness.record.verdicts import log_palettes, log_styles, log_verdicts
 from harness.run.directory import Pair, RunDirectory
+from harness.run.records import renamed
 from harness.run.results import Block, find_blocks, read_block
 from harness.score import posterior_checks
 from harness.score import verdicts as scored
@@ -53,7 +54,10 @@ class _Stretch(msgspec.Struct, frozen=True):
 
 
 def write_verdict_layers(
-    directory: RunDirectory, labels: Mapping[str, Labels], blocks: Sequence[Block] | None = None
+    directory: RunDirectory,
+    labels: Mapping[str, Labels],
+    blocks: Sequence[Block] | None = None,
+    names_now: Mapping[str, Mapping[str, str]] | None = None,
 ) -> None:
     """Write ``CLIP__CONFIGURATION.verdicts.rrd`` for every recording of a run; older ones are replaced.
 
@@ -66,6 +70,8 @@ def write_verdict_layers(
         The labels of the clips by name; a clip without any has only predictions.
     blocks
         The blocks of the results; looked up if not given.
+    names_now
+        The present names of renamed targets by clip and name in the results.
 
     Raises
     ------
@@ -78,8 +84,13 @@ def write_verdict_layers(
     for block in find_blocks(directory.results) if blocks is None else blocks:
         of_pair.setdefault((block.clip, block.configuration), []).append(block)
     for (clip, configuration), its_blocks in of_pair.items():
-        if ClipFiles(run=directory.path, clip=clip).attention(configuration).is_file():
-            _Layer(directory, clip, configuration, clips[clip], labels.get(clip)).write(its_blocks)
+        attention = ClipFiles(run=directory.path, clip=clip).attention(configuration)
+        if attention.is_file():
+            shared = recording_id(run_id, clip) if (run_id := manifest.get("run_id")) else id_of(attention)
+            files = ClipFiles(run=directory.path, clip=clip, recording_id=shared)
+            names = (names_now or {}).get(clip, {})
+            layer = _Layer(directory.results, files, configuration, clips[clip], labels.get(clip), names)
+            layer.write(its_blocks)
 
 
 @cache
@@ -94,16 +105,22 @@ class _Layer:
     """The layer of one configuration on one clip."""
 
     def __init__(
-        self, directory: RunDirectory, clip: str, configuration: str, names: _Names, labels: Labels | None
+        self,
+        results: Path,
+        files: ClipFiles,
+        configuration: str,
+        names: _Names,
+        labels: Labels | None,
+        names_now: Mapping[str, str],
     ) -> None:
-        self._results, self._configuration, self._labels = directory.results, configuration, labels
-        self._subjects, self._targets = names
-        self._files = ClipFiles(run=directory.path, clip=clip)
-        self._path = self._files.verdicts(configuration)
+        self._results, self._configuration, self._labels = results, configuration, labels
+        self._subjects, self._names_now = names[0], names_now
+        self._targets = tuple(names_now.get(name, name) for name in names[1])
+        self._files, self._path = files, files.verdicts(configuration)
 
     def write(self, blocks: Sequence[Block]) -> None:
         """Write the stretches that have changed; nothing if none has."""
-        old, stretches, kept_frames = _stretches(self._path), list[_Stretch](), set[int]()
+        old, stretches, kept_frames = _stretches(self._path, self._files.recording_id), list[_Stretch](), set[int]()
         layer: LayerFile | None = None
         for number, block in enumerate(blocks):
             shown = stretches[-1].shown if stretches else []
@@ -135,12 +152,12 @@ class _Layer:
             if each.first_frame <= last and each.last_frame >= first
         ]
         names = self._subjects, self._targets, self._labels is None
-        of = _code(), rr.__version__, self._configuration, names, block.digest, ranges, shown
+        of = _code(), rr.__version__, self._configuration, names, dict(self._names_now), block.digest, ranges, shown
         return hashlib.sha256(repr(of).encode()).hexdigest()[:32]
 
     def _log(self, layer: LayerFile, block: Block, key: str, shown: list[str]) -> _Stretch:
         log, outcomes, targets = ColumnLog(layer.stream, shown), Counter[str](), dict[str, None]()
-        for record in read_block(self._results, block):
+        for record in (renamed(each, self._names_now) for each in read_block(self._results, block)):
             labels = self._labels
             verdicts = [
                 judge(record, name, labels.at(record.frame, name) if labels else None) for name in self._subjects
@@ -174,11 +191,13 @@ def _plain(label: Label) -> tuple[object, ...]:
     return label.target, label.point_px
 
 
-def _stretches(path: Path) -> list[_Stretch]:
-    """The stretches that a layer was made from; empty if it is missing or damaged, and must be written anew."""
+def _stretches(path: Path, recording_id: str) -> list[_Stretch]:
+    """The stretches that a layer was made from; empty if it is missing, damaged or of another recording."""
     if not path.is_file():
         return []
     try:
+        if id_of(path) != recording_id:
+            return []
         return msgspec.json.decode(str(properties(path).get(_MADE_FROM)), type=list[_Stretch])
     except (VfoaError, msgspec.DecodeError):
         return []

@@ -40,15 +40,16 @@ def scores_table(scores: Scores) -> Table:
         *(f"baseline_{name}" for name in BASELINES),
         "beats_baselines",
         *(f"error_type_{error_type}" for error_type in ERROR_TYPES),
+        "unknown_names",
     )
     metrics = tuple(load_metrics())
     if taken := sorted({*columns} & {*metrics}):
         raise VfoaError(f"metric {taken[0]!r}: frr.csv already has a column of that name; expected another name")
-    rows = tuple((*_score_cells(row), *(_share(row.metrics[name]) for name in metrics)) for row in scores.rows)
+    rows = tuple((*_score_cells(row, scores), *(_share(row.metrics[name]) for name in metrics)) for row in scores.rows)
     return Table(title="Scores", columns=(*columns, *metrics), words=3, rows=rows)
 
 
-def _score_cells(row: ScoreRow) -> tuple[str, ...]:
+def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
     events = row.events
     return (
         *(row.clip or ALL, row.subject or ALL, row.configuration),
@@ -63,7 +64,13 @@ def _score_cells(row: ScoreRow) -> tuple[str, ...]:
         *(_share(row.baselines[name]) for name in BASELINES),
         row.beats,
         *(str(row.error_types[error_type]) for error_type in ERROR_TYPES),
+        _unknown_names(row, scores),
     )
+
+
+def _unknown_names(row: ScoreRow, scores: Scores) -> str:
+    clips = scores.unknown_names if row.clip is None else (row.clip,)
+    return " ".join(dict.fromkeys(name for clip in clips for name in scores.unknown_names.get(clip, ())))
 
 
 def _nowhere_cells(row: ScoreRow) -> tuple[str, ...]:

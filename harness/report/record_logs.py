@@ -30,7 +30,7 @@ from harness.report.page.attention_log import AttentionLog, TrackPart
 from harness.report.reliability import direction_check_table, prediction_set_table
 from harness.report.stages import StageTimes, stage_times
 from harness.run.measure_log import MeasureLog
-from harness.run.records import DirectionFitRecord, FrameRecord
+from harness.run.records import DirectionFitRecord, FrameRecord, renamed
 from harness.run.results import Block, block_bytes, find_blocks, lines_digest, read_block
 from harness.score.finished_run import FinishedRun
 from harness.score.outcomes import Judged, OutcomeLog
@@ -61,7 +61,7 @@ class RecordLogs:
     """The logs of a run. ``probabilistic`` are the configurations whose attention is a probability."""
 
     def __init__(self, reference: Reference, probabilistic: Collection[str]) -> None:
-        self._reference = reference
+        self._reference, self.names_now = reference, reference.names_now
         self.outcomes, self.measures = OutcomeLog(reference), MeasureLog()
         self.frames, self.attention = FrameRows(), AttentionLog()
         self.beliefs = BeliefLog(probabilistic, reference.labels)
@@ -145,13 +145,14 @@ class KeptParts:
 
     def _watched(self, block: Block) -> Part:
         logs = RecordLogs(self._reference, self._probabilistic)
-        logs.watch(read_block(self._results, block))
+        names = self._reference.names_now.get(block.clip, {})
+        logs.watch(renamed(record, names) for record in read_block(self._results, block))
         return logs.part(block.clip, block.configuration)
 
     def _key(self, block: Block) -> str:
         name = block.configuration
         of = (
-            *(block.digest, self._labelled(block)),
+            *(block.digest, self._labelled(block), sorted(self._reference.names_now.get(block.clip, {}).items())),
             *(name in self._reference.says_nowhere, name in self._probabilistic, _code_digest()),
         )
         return hashlib.blake2b(repr(of).encode(), digest_size=16).hexdigest()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from harness.labels.labels import Labels
 from harness.record import Size
-from harness.record.layers import ClipFiles, LayerNames, layer_names
+from harness.record.layers import ClipFiles, LayerNames, layer_names, recording_id
 from harness.run.frame_sink import SinkContext, SinkFactory
 from harness.run.records import FrameRecord
 from harness.score.verdicts import Verdict, judge
@@ -51,7 +51,11 @@ class RecordingSinks:
         manifest = context.manifest
         subjects = tuple(manifest.subjects)
         return Recorder(
-            ClipFiles(run=context.directory.path, clip=manifest.name),
+            ClipFiles(
+                run=context.directory.path,
+                clip=manifest.name,
+                recording_id=recording_id(context.run_id, manifest.name),
+            ),
             self.layers[context.configuration],
             rate_hz=context.rate_hz,
             size=self.size,

@@ -116,7 +116,7 @@ def _page(
         times=times or stage_times(results.parent / "timings.csv"),
         reliabilities=logs.beliefs.reliabilities(),
         checks=(subject_reliability_table(logs.beliefs.by_subject()), *logs.tables()),
-        thumbnails=read_thumbnails(results.parent, scores.verdicts),
+        thumbnails=read_thumbnails(results.parent, scores.verdicts, logs.names_now),
         served=served,
     )
 
@@ -149,7 +149,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
         if any(directory.path.glob("*.rrd")):
             from harness.record.verdict_layer import write_verdict_layers  # imports Rerun
 
-            write_verdict_layers(directory, reference.labels, kept.blocks)
+            write_verdict_layers(directory, reference.labels, kept.blocks, reference.names_now)
         run.note_labels(annotator)
     return scores
 

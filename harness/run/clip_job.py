@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from harness.clips.manifest import ClipManifest
 from harness.labels.labels import Labels
 from harness.run.checkpoint import Checkpoint, read_checkpoint
-from harness.run.directory import Pair, RunDirectory
+from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.frame_sink import SinkFactory
 from harness.stages.cache.stage import ClipCache, Tally
 from harness.stages.configuration import Configuration
@@ -19,6 +19,8 @@ from vfoa.errors import VfoaError
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipJob:
     """A clip under some configurations. It is pickled, so it holds only settings, paths and factories.
+
+    ``run_id`` is the random id of the run, for its recordings.
 
     Each finished frame goes to the ``sinks`` in their order. ``drawn`` holds the shapes drawn on the clip. ``cache`` is
     None if no stage output is stored. ``read_ahead`` and ``perceive_ahead`` are the numbers of frames that one thread
@@ -31,6 +33,7 @@ class ClipJob:
     labels: Labels | None
     configurations: tuple[Configuration, ...]
     directory: RunDirectory
+    run_id: str = field(default_factory=new_run_id)
     sinks: tuple[SinkFactory, ...] = ()
     drawn: DrawnClip | None = None
     cache: ClipCache | None = None

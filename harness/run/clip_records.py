@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from harness.clips.manifest import ClipManifest
 from harness.run.directory import RunDirectory
-from harness.run.records import FrameRecord
+from harness.run.records import FrameRecord, renamed
 from harness.run.results import read_results
 from vfoa.errors import VfoaError, did_you_mean
 
@@ -19,17 +21,25 @@ class ClipRecords:
     by_frame: dict[int, FrameRecord]
 
 
-def read_clip_records(run: Path, clip: str, configuration: str | None) -> ClipRecords:
+def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | None) -> ClipRecords:
     """Read the records from a run's directory; ``configuration`` may be None if the run has only one for the clip.
+
+    With the clip's manifest, renamed targets have their present names.
 
     Raises
     ------
     VfoaError
         If the run has no such clip or configuration, or several configurations and none was chosen.
     """
-    records = [each for each in read_results(RunDirectory(run).results) if each.clip == clip]
+    directory = RunDirectory(run)
+    name, names_now = clip, dict[str, str]()
+    if isinstance(clip, ClipManifest):
+        clips = directory.read_manifest()["clips"] if directory.manifest.is_file() else []
+        then: dict[str, Any] = next((each.get("names", {}) for each in clips if each["name"] == clip.name), {})
+        name, names_now = clip.name, clip.names_now(then.get("targets", {}))
+    records = [renamed(each, names_now) for each in read_results(directory.results) if each.clip == name]
     if not records:
-        raise VfoaError(f"{run}: the run has no frames of clip {clip!r}")
+        raise VfoaError(f"{run}: the run has no frames of clip {name!r}")
     names = list(dict.fromkeys(each.configuration for each in records))
     chosen = _choose(names, configuration, run)
     return ClipRecords(

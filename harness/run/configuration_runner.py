@@ -108,6 +108,7 @@ class ConfigurationRunner:
             configuration=configuration.name,
             rate_hz=rate_hz,
             directory=job.directory,
+            run_id=job.run_id,
             rehearsal=rehearsal,
         )
         self._memory, self._names = (resumed.memory, resumed.names) if resumed else (Memory(), SubjectNames())

@@ -13,6 +13,7 @@ import os
 import platform
 import shutil
 import sys
+import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -27,6 +28,11 @@ from vfoa.errors import StageError, VfoaError, did_you_mean
 Pair = tuple[str, str]
 """A clip's name and a configuration's."""
 LOCK = ".lock"
+
+
+def new_run_id() -> str:
+    """A random id for a run: its manifest keeps it when the directory is renamed or copied."""
+    return str(uuid.uuid4())
 
 
 @dataclass(frozen=True, slots=True)

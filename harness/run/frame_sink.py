@@ -67,7 +67,8 @@ class ResumableSink(FrameSink, Protocol):
 class SinkContext:
     """Context of a sink: one configuration on one clip.
 
-    ``labels`` is None for a clip without labels. A ``rehearsal`` is one frame into a temporary directory, before a live
+    ``labels`` is None for a clip without labels. ``run_id`` is the run's, also on another computer.
+    A ``rehearsal`` is one frame into a temporary directory, before a live
     run. ``resumed`` is the state to continue from: files are cut to it, and the frames after it follow.
     """
 
@@ -76,6 +77,7 @@ class SinkContext:
     configuration: str
     rate_hz: float | None
     directory: RunDirectory
+    run_id: str
     rehearsal: bool = False
     resumed: SinkState | None = None
 

@@ -191,6 +191,7 @@ def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | 
         labels=one.labels,
         configurations=tuple(todo),
         directory=directory,
+        run_id=directory.read_manifest()["run_id"],
         sinks=(*plan.sinks, *outputs, ResultsSinks()),
         drawn=one.drawn,
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from harness.run.published import Published
 from vfoa.validation import parse
@@ -68,6 +68,7 @@ class _RunManifest(_Table):
     """All keys are optional: a run that has just begun has fewer, and older versions wrote fewer."""
 
     experiment: str = ""
+    run_id: str | None = Field(default=None, pattern="^[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}$")
     annotator: str | None = None
     notes: list[str] = []
     clips: list[_Clip] = []

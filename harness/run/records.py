@@ -6,7 +6,8 @@ Everything the scores, tables and pages need is here, so that none of them needs
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 from harness.clips.naming import Names
 from harness.stages.frame_measures import FrameMeasures
@@ -118,6 +119,14 @@ class FrameRecord:
     def target(self, instance_id: int) -> TargetRecord:
         """The target with this instance id."""
         return next(target for target in self.targets if target.instance_id == instance_id)
+
+
+def renamed(record: FrameRecord, names: Mapping[str, str]) -> FrameRecord:
+    """The same record with the present names of renamed targets."""
+    if not names:
+        return record
+    targets = tuple(replace(each, name=names.get(each.name, each.name)) for each in record.targets)
+    return replace(record, targets=targets)
 
 
 def to_record(

@@ -14,7 +14,7 @@ from harness.known_digests import KNOWN
 from harness.mirror import Mirror, forget_copies
 from harness.remote import Remote
 from harness.run import provenance
-from harness.run.directory import RunDirectory, locked
+from harness.run.directory import RunDirectory, locked, new_run_id
 from harness.run.executors import executor
 from harness.run.executors.contract import Progress
 from harness.run.experiment import Experiment
@@ -93,11 +93,12 @@ def run_plan(
         )
     with locked(directory.path, tell):
         _choose(directory, identity, beside=False)  # again: another run may have begun here before the lock
-        if not directory.is_new():
-            for failure in directory.read_manifest().get("failed", ()):  # a repaired input may give another result
-                directory.discard((failure["clip"], failure["configuration"]))
+        earlier = {} if directory.is_new() else directory.read_manifest()
+        for failure in earlier.get("failed", ()):  # a repaired input may give another result
+            directory.discard((failure["clip"], failure["configuration"]))
         started = now()
-        directory.write_manifest(identity)
+        of_run = {**identity, "run_id": earlier.get("run_id") or new_run_id()}
+        directory.write_manifest(of_run)
         write_value(directory.noted_inputs, digests)
         if mirror:
             mirror.push()
@@ -115,7 +116,7 @@ def run_plan(
             raise
         with KNOWN.used() as checked:
             _check_unchanged(plan, identity, done, cache)
-        _finish(plan, directory, identity, done, started)
+        _finish(plan, directory, of_run, done, started)
         write_value(directory.noted_inputs, {**digests, **checked})
         if mirror and not done.failures:
             Remote(f"{mirror.address}/{UNFINISHED}").remove_all()
@@ -158,7 +159,7 @@ def _check_unchanged(plan: Plan, identity: dict[str, Any], done: Done, cache: St
             )
 
 
-def _finish(plan: Plan, directory: RunDirectory, identity: dict[str, Any], done: Done, started: str) -> None:
+def _finish(plan: Plan, directory: RunDirectory, of_run: dict[str, Any], done: Done, started: str) -> None:
     """Join the results, and write the manifest that marks the run as finished.
 
     Raises
@@ -175,9 +176,7 @@ def _finish(plan: Plan, directory: RunDirectory, identity: dict[str, Any], done:
         partial = any(len(one.frames) < len(one.clip.frames) for one in plan.clips)
         write_experiment(directory.stage_outputs, plan.experiment, partial=partial)
     directory.join(finished)
-    directory.write_manifest(
-        {**identity, "failed": failed, "cache": done.account.rows(), **circumstances(plan, started)}
-    )
+    directory.write_manifest({**of_run, "failed": failed, "cache": done.account.rows(), **circumstances(plan, started)})
     if not failed:
         directory.remove_partial()
 

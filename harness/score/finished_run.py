@@ -19,7 +19,7 @@ from harness.labels.timeline import Timeline
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import differences
 from harness.run.published import Published
-from harness.run.records import FrameRecord
+from harness.run.records import FrameRecord, renamed
 from harness.run.results import Block, read_results
 from harness.score.carried_masks import said_of_carried_masks
 from harness.score.reference import Reference
@@ -70,14 +70,25 @@ class FinishedRun:
         return cls(directory=directory, manifest={"notes": [], "configurations": {}, **manifest, "clips": clips})
 
     def records(self) -> Iterator[FrameRecord]:
-        """Yield the comparable records: those of every configuration that ran on every clip, on these clips."""
+        """Yield the comparable records: those of every configuration that ran on every clip, on these clips.
+
+        Renamed targets have their present names.
+        """
         clips, configurations = self._incomparable()
+        names = self.names_now()
         found: Counter[Pair] = Counter()
         for record in read_results(self.directory.results):
             found[record.clip, record.configuration] += 1
             if record.clip not in clips and record.configuration not in configurations:
-                yield record
+                yield renamed(record, names[record.clip])
         self._check_complete(found)
+
+    def names_now(self) -> dict[str, dict[str, str]]:
+        """The present names of renamed targets by their names in the results, for each clip."""
+        return {
+            clip["name"]: _manifest(clip).names_now(clip.get("names", {}).get("targets", {}))
+            for clip in self.manifest["clips"]
+        }
 
     def scored_blocks(self, blocks: Sequence[Block]) -> list[Block]:
         """Return the blocks of the results that :meth:`records` reads. Raises as it does."""
@@ -145,6 +156,8 @@ class FinishedRun:
                 *changed,
                 *unlabelled,
             ),
+            unknown_names={clip["name"]: unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
+            names_now=self.names_now(),
             says_nowhere=frozenset(
                 name for name, each in run["configurations"].items() if _says_nowhere(each.get("attention", {}))
             ),
@@ -231,13 +244,33 @@ def said_of_labels(run: Mapping[str, Any], clip: Mapping[str, Any], manifest: Cl
 
 
 def said_of_names(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
-    """Yield a note if subjects or targets were renamed, or have another rule: the results have the old names."""
+    """Yield a note if subjects or targets have another rule, or were added or deleted: the results have the old names.
+
+    Renamed targets are no difference: the results are read with their present names.
+    """
     names = manifest.naming()
-    if different := differences(clip.get("names", names), names):
+    then = _names_then(clip, manifest) or names
+    if different := differences(then, names):
         yield (
             f"{clip['name']}: the names in {manifest.path.name} are not those that the run was made with "
             f"({different}), and its results have the old ones; to score the new ones, run it again."
         )
+
+
+def unknown_names(clip: Mapping[str, Any], manifest: ClipManifest) -> tuple[str, ...]:
+    """Names in the results that the clip's manifest, and so its labels, do not know."""
+    then = _names_then(clip, manifest)
+    known = {*manifest.subjects, *manifest.targets}
+    return tuple(name for kind in ("subjects", "targets") for name in then.get(kind, ()) if name not in known)
+
+
+def _names_then(clip: Mapping[str, Any], manifest: ClipManifest) -> dict[str, Any]:
+    """The rules of the run, by the present names of renamed targets; empty if an older run did not save them."""
+    if "names" not in clip:
+        return {}
+    targets: dict[str, Any] = clip["names"].get("targets", {})
+    now = manifest.names_now(targets)
+    return {**clip["names"], "targets": {now.get(name, name): rule for name, rule in targets.items()}}
 
 
 def said_of_content(

@@ -120,7 +120,7 @@ class Scores:
 
     Clips and configurations are in the order of the results; verdicts by clip, configuration, subject, frame. ``notes``
     are shown with every table; ``published`` are published figures. ``measures`` compare the stages with the ground
-    truth. ``outcomes`` are the input of the rows.
+    truth. ``outcomes`` are the input of the rows. ``unknown_names`` are as in :class:`Reference`.
     """
 
     clips: tuple[str, ...]
@@ -131,6 +131,7 @@ class Scores:
     published: Published | None = None
     measures: MeasureLog = field(default_factory=MeasureLog, compare=False, repr=False)
     outcomes: tuple[Outcomes, ...] = field(default=(), compare=False, repr=False)
+    unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
     def by_clip(self) -> list[ScoreRow]:
         """The rows of whole clips and, if there are several, of all clips together."""
@@ -209,6 +210,7 @@ def score_outcomes(outcomes: Sequence[Outcomes], measures: MeasureLog, reference
         published=reference.published,
         measures=measures,
         outcomes=tuple(outcomes),
+        unknown_names=reference.unknown_names,
     )
 
 

@@ -15,7 +15,7 @@ import base64
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -85,8 +85,15 @@ class Thumbnails:
     wrong: int = 0
 
 
-def read_thumbnails(run: Path, verdicts: Iterable[Verdict], budget: int = BUDGET_BYTES) -> Thumbnails:
+def read_thumbnails(
+    run: Path,
+    verdicts: Iterable[Verdict],
+    names_now: Mapping[str, Mapping[str, str]] | None = None,
+    budget: int = BUDGET_BYTES,
+) -> Thumbnails:
     """Read the thumbnails of the frames in which somebody was judged wrong.
+
+    ``names_now`` are the present names of renamed targets, by clip and name in the thumbnails.
 
     If all of them take more than ``budget`` bytes, every second one is read, or every third ...: as many as fit. A run
     without thumbnails has none here.
@@ -106,13 +113,19 @@ def read_thumbnails(run: Path, verdicts: Iterable[Verdict], budget: int = BUDGET
     return Thumbnails(
         pictures={each: _data_uri(picture_path(run, *each)) for each in chosen},
         seen={
-            (clip, configuration, frame): _decode(Thumbnail, line, lines_path(run, clip, configuration))
+            (clip, configuration, frame): _renamed(
+                _decode(Thumbnail, line, lines_path(run, clip, configuration)), (names_now or {}).get(clip, {})
+            )
             for (clip, configuration), found in lines.items()
             for frame, line in found.items()
             if (clip, frame) in chosen
         },
         wrong=len(sizes),
     )
+
+
+def _renamed(thumbnail: Thumbnail, names: Mapping[str, str]) -> Thumbnail:
+    return replace(thumbnail, boxes=[(key, names.get(name, name), box) for key, name, box in thumbnail.boxes])
 
 
 def _lines(path: Path, frames: Mapping[int, None]) -> dict[int, bytes]:

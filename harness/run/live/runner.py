@@ -115,7 +115,7 @@ def run_live(
     report = _report(clip)
     plan = Plan(experiment=experiment, clips=(_prepared(job, clip, written),), sinks=sinks)
     failure = None if error is None else directory.failure(job.pairs[0], error)
-    _write(directory, plan, clip, report, started, failure)
+    _write(directory, plan, clip, report, {"run_id": job.run_id, **circumstances(plan, started)}, failure)
     if error is not None and failure is not None:
         raise VfoaError(directory.told(failure)) if "traceback" in failure else error
     return report
@@ -180,7 +180,7 @@ def _write(
     plan: Plan,
     clip: LiveClip,
     report: LiveReport,
-    started: str,
+    circumstances: dict[str, Any],
     failure: dict[str, str] | None,
 ) -> None:
     """Write all files but the recordings; a failure before the first frame counts for the whole run."""
@@ -188,7 +188,7 @@ def _write(
     directory.join(finished)
     failed = [failure] if failure and not finished else []
     live = {"live": {**asdict(report), "ended_by": failure}, "failed": failed, "cache": []}
-    directory.write_manifest({**describe(plan), **live, **circumstances(plan, started)})
+    directory.write_manifest({**describe(plan), **live, **circumstances})
     lines = ["frame,latency_ms,dropped_before", *map(_line, clip.latencies)]
     atomic_write(directory.path / "latency.csv", "\n".join(lines) + "\n")
     if finished and failure is None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import re
 import shutil
 from collections.abc import Callable, Iterator
@@ -21,6 +22,7 @@ from harness import RunResults, load_run, run_experiment
 from harness.annotate.correction import Correction, choices, correct
 from harness.annotate.correction_page import PATH, correction_routes
 from harness.annotate.server import PageServer
+from harness.annotate.session import Session
 from harness.cli import app, failures
 from harness.record import entities, viewer
 from harness.record.composed import served_recordings
@@ -28,6 +30,7 @@ from harness.record.layers import ClipFiles
 from harness.record.web_app import site
 from harness.record.web_viewer import page_files
 from harness.report.write import report_page
+from harness.score.finished_run import read_scores
 from tests.annotating import wait_for
 from tests.browser import chromium, set_width, wait_until_drawn
 from tests.repository import REPOSITORY
@@ -69,9 +72,11 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> RunResults:
 def run(finished: RunResults, tmp_path: Path) -> Iterator[RunResults]:
     """The run, whose labels are put back after the test."""
     annotations = finished.path.parent / "annotations"
-    kept = (annotations / "desk.csv").read_text(encoding="utf-8")
+    files = (annotations / "desk.csv", finished.path.parent / "datasets" / "desk.toml")
+    kept = {file: file.read_text(encoding="utf-8") for file in files}
     yield load_run(finished.path)
-    (annotations / "desk.csv").write_text(kept, encoding="utf-8")
+    for file, text in kept.items():
+        file.write_text(text, encoding="utf-8")
     shutil.rmtree(annotations / ".journal", ignore_errors=True)
     finished.rescore()
 
@@ -109,6 +114,83 @@ def test_a_correction_is_in_the_labels_the_tables_and_the_recording(run: RunResu
     assert "2,3,anna,vase," in path.read_text(encoding="utf-8").splitlines()
     assert (path.parent / ".journal" / "desk.jsonl").is_file()
     assert (run.path / "report.html").read_text(encoding="utf-8") != page
+
+
+def test_a_copied_run_and_a_renamed_one_stay_whole(run: RunResults, tmp_path: Path) -> None:
+    def ids(folder: Path) -> set[str]:
+        files = [*folder.glob("*.rrd")]
+        assert len(files) == 6  # images, a reconstruction; attention and verdicts of two configurations
+        return {RrdReader(file).recordings()[0].recording_id for file in files}
+
+    second = Path(shutil.copytree(run.path, tmp_path / "second"))
+    correct(load_run(second).directory, Correction(clip="desk", subject="anna", target="vase", first=2, last=3))
+    assert ids(second) == ids(run.path)
+    _agree(load_run(second), {1: "mug", 2: "vase", 3: "vase", 4: "mug"})
+    third = second.rename(tmp_path / "third")
+    manifest = json.loads((third / "manifest.json").read_text())
+    del manifest["run_id"]  # as a run of an earlier version
+    (third / "manifest.json").write_text(json.dumps(manifest))
+    correct(load_run(third).directory, Correction(clip="desk", subject="anna", target="mug", first=2, last=3))
+    assert ids(third) == ids(run.path)
+    _agree(load_run(third), dict.fromkeys(range(1, FRAMES + 1), "mug"))
+
+
+def test_runs_of_one_name_in_two_folders_have_recordings_of_their_own(run: RunResults, tmp_path: Path) -> None:
+    again = run_experiment(run.path.parent / "cones.toml", out=tmp_path / "run", limit=1)
+    one, other = (
+        {RrdReader(file).recordings()[0].recording_id for file in each.path.glob("*.rrd")} for each in (run, again)
+    )
+    assert (len(one), len(other), len(one | other)) == (1, 1, 2)
+
+
+def _annotate(run: RunResults, monkeypatch: pytest.MonkeyPatch, change: Callable[[Session], None]) -> str:
+    """``vfoa annotate --run`` in which a person makes a change; returns what it prints."""
+    sessions: list[Session] = []
+    real = Session.__init__
+
+    def noted(self: Session, *arguments: object, **options: object) -> None:
+        real(self, *arguments, **options)  # type: ignore[arg-type]
+        sessions.append(self)
+
+    def serve(server: PageServer) -> None:
+        change(sessions[-1])
+        server.close()
+
+    clip = run.path.parent / "datasets" / "desk.toml"
+    words = ["annotate", str(clip), "--run", str(run.path), "--config", "one", "--no-open"]
+    with monkeypatch.context() as patch:
+        patch.setattr(Session, "__init__", noted)
+        patch.setattr(PageServer, "run", serve)
+        return CliRunner().invoke(app, words, catch_exceptions=False).output
+
+
+def test_a_renamed_target_leaves_the_rates_of_every_run_as_they_are(
+    run: RunResults, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def rename(session: Session) -> None:
+        session.change_target("mug", new_name="tumbler", key="9", colour="olive plain")
+        suggested = session.about()["suggestions"]["anna"]
+        assert {each[0] for each in suggested if each} == {"tumbler"}
+
+    before = run.frr.drop(columns="unknown_names")
+    said = _annotate(run, monkeypatch, rename)
+    after = load_run(run.path)
+    assert after.frr.drop(columns="unknown_names").equals(before)
+    assert after.frr["unknown_names"].isna().all()
+    assert "unknown to its manifest" not in said
+    _agree(run, dict.fromkeys(range(1, FRAMES + 1), "tumbler"))
+    assert set(after.frames["predicted"]) == {"tumbler"}
+    assert not any("names in desk.toml" in note for note in read_scores(run.directory).notes)
+
+
+def test_names_in_the_results_that_the_labels_do_not_know_are_told(
+    run: RunResults, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said = _annotate(run, monkeypatch, lambda session: session.delete_target("mug", "vase"))
+    assert "desk: the results name mug, unknown to its manifest and labels" in said
+    frr = load_run(run.path).frr
+    assert set(frr["unknown_names"]) == {"mug"}
+    assert set(frr["correct"]) == {0}
 
 
 @pytest.mark.parametrize(
@@ -247,26 +329,9 @@ def test_the_label_of_a_wrong_frame_is_set_right_by_keys(run: RunResults, monkey
 
 
 def test_the_run_follows_what_is_labelled_in_the_page(run: RunResults, monkeypatch: pytest.MonkeyPatch) -> None:
-    from harness.annotate import session
+    def label(session: Session) -> None:
+        session.mark_range(session.state()["revision"], "anna", 0, 0, "book")
 
-    sessions: list[session.Session] = []
-    real = session.Session.__init__
-
-    def noted(self: session.Session, *arguments: object, **options: object) -> None:
-        real(self, *arguments, **options)  # type: ignore[arg-type]
-        sessions.append(self)
-
-    def label(server: PageServer) -> None:
-        state = sessions[-1].state()
-        sessions[-1].mark_range(state["revision"], "anna", 0, 0, "book")
-        server.close()
-
-    monkeypatch.setattr(session.Session, "__init__", noted)
-    monkeypatch.setattr("harness.annotate.server.PageServer.run", label)
-    clip = run.path.parent / "datasets" / "desk.toml"
-    words = ["annotate", str(clip), "--run", str(run.path), "--config", "one", "--no-open"]
-    done = CliRunner().invoke(app, words, catch_exceptions=False)
-    assert "tables, page and recordings are updated" in done.output
+    assert "tables, page and recordings are updated" in _annotate(run, monkeypatch, label)
     _agree(run, {1: "book", 2: "mug", 3: "mug", 4: "mug"})
-    monkeypatch.setattr("harness.annotate.server.PageServer.run", PageServer.close)
-    assert "follow" not in CliRunner().invoke(app, words, catch_exceptions=False).output
+    assert "updated" not in _annotate(run, monkeypatch, lambda session: None)

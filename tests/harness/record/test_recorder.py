@@ -18,9 +18,10 @@ from scipy.spatial.transform import Rotation
 from harness.record import entities, layer_file
 from harness.record.frame_log import FrameLog
 from harness.record.images import VideoEncoder
-from harness.record.layers import ClipFiles
+from harness.record.layers import ClipFiles, recording_id
 from harness.record.program import viewer_binary
 from harness.record.recorder import Recorder
+from harness.run.directory import new_run_id
 from tests.harness.record.conftest import CONFIGURATION, LAYERS, verdict
 
 ANN = "Ann Müller/left"
@@ -240,12 +241,10 @@ def test_a_clip_without_frames_or_names_is_a_recording_too(tmp_path, frames):
         assert files.attention(CONFIGURATION).is_file()
 
 
-def test_recordings_of_different_runs_can_be_open_together(tmp_path):
-    def id_of(run: str, clip: str) -> str:
-        return ClipFiles(run=tmp_path / run, clip=clip).recording_id
-
-    assert id_of("run", "clip") == id_of("run", "clip")
-    assert len({id_of("run", "clip"), id_of("other", "clip"), id_of("run", "clop")}) == 3
+def test_recordings_of_different_runs_and_clips_can_be_open_together():
+    one, other = new_run_id(), new_run_id()
+    assert recording_id(one, "clip") == recording_id(one, "clip")
+    assert len({recording_id(one, "clip"), recording_id(other, "clip"), recording_id(one, "clop")}) == 3
 
 
 @pytest.mark.parametrize("every", [1, 2, 3])
