@@ -92,10 +92,9 @@ def _told(said: str, frame: int) -> tuple[str, int, int]:
 
 
 def browse_failures(run: Path, clip: str | None, configuration: str | None) -> None:
-    """Serve the recordings of a run, and print a link to each wrong frame."""
+    """Serve the recordings of a run, and a page that steps through its wrong frames beside the web viewer."""
     from harness.cli.browse import browse
-    from harness.record.web_app import open_path
-    from harness.score.failures import describe
+    from harness.record.web_app import failures_routes
 
     wrong, recordings = _wrong_frames(run, clip, configuration)
     if not wrong:
@@ -104,10 +103,8 @@ def browse_failures(run: Path, clip: str | None, configuration: str | None) -> N
     shown = {
         (each.clip, each.configuration): recordings[each.clip].under(each.configuration).compose() for each in wrong
     }
-    for place in range(len(wrong)):
-        say(describe(wrong, place))
-    paths = [open_path(shown[each.clip, each.configuration].name, each.frame) for each in wrong]
-    browse(shown.values(), paths)
+    say(f"{len(wrong)} wrong frames")
+    browse(shown.values(), ["/"], more=failures_routes(wrong, shown))
 
 
 def _wrong_frames(

@@ -63,7 +63,7 @@ def view(
     if compare is None:
         recordings = find_recordings(folder, clip, config, subject)
     else:
-        recordings = [_compared(folder, clip, config, compare)]
+        recordings = [_compared(folder, clip, config, subject, compare)]
     if frame is not None:
         recordings[0].expect_frame(frame)
     if screenshot is not None:
@@ -81,11 +81,16 @@ def _browse(recordings: list[Composed], frame: int | None) -> None:
     from harness.record.web_app import open_path
 
     first, *others = recordings
-    browse(recordings, [open_path(first.name, frame), *(open_path(other.name, None) for other in others)])
+    paths = [open_path(first.name, frame, first.subject), *(open_path(other.name) for other in others)]
+    browse(recordings, paths)
 
 
-def _compared(run: Path, clip: str | None, config: str | None, compare: tuple[str, str]) -> Composed:
+def _compared(
+    run: Path, clip: str | None, config: str | None, subject: str | None, compare: tuple[str, str]
+) -> Composed:
     """Two configurations of a clip side by side."""
+    from dataclasses import replace
+
     from harness.record.composed import find_clips
     from vfoa.errors import VfoaError
 
@@ -94,4 +99,5 @@ def _compared(run: Path, clip: str | None, config: str | None, compare: tuple[st
     for configuration in compare:
         find_clips(run, clip, configuration)
     (found,) = find_clips(run, clip, None)
-    return found.compare(*compare)
+    found.expect_subject(subject)
+    return replace(found.compare(*compare), subject=subject)

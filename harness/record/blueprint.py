@@ -21,7 +21,7 @@ FROM_MIDDLE = (0.46, -0.4, -0.55)
 """
 
 MOST_TABS = 8
-"""Most subjects with tabs of their own; if there are more, all share one tab."""
+"""Most subjects with tabs of their own; if there are more, all share one tab, beside that of the one asked for."""
 
 EVERYONE = "Everyone"
 
@@ -38,7 +38,8 @@ class Subjects:
 class Shown:
     """The content of a clip's recording: the kinds of its images, the extent of its scene, and its rate.
 
-    ``eye`` is the position (3,) and the look-at point (3,) of the viewer's eye, camera frame, metres.
+    ``eye`` is the position (3,) and the look-at point (3,) of the viewer's eye, camera frame, metres. ``span`` is the
+    first and the last frame, None if they are not known yet.
     """
 
     has_images: bool = True
@@ -47,6 +48,7 @@ class Shown:
     size: Size = "light"
     eye: tuple[Float, Float]
     rate_hz: float | None = None
+    span: tuple[int, int] | None = None
 
     @classmethod
     def of(cls, frame: StereoFrame | None, scene: Scene | None, size: Size, rate_hz: float | None) -> Shown:
@@ -61,7 +63,9 @@ class Shown:
         )
 
     @classmethod
-    def of_paths(cls, paths: Collection[str], *, eye: tuple[Float, Float], rate_hz: float | None) -> Shown:
+    def of_paths(
+        cls, paths: Collection[str], *, eye: tuple[Float, Float], rate_hz: float | None, frames: Sequence[int]
+    ) -> Shown:
         """The content of a recording with these entities in its images' layer."""
         return cls(
             has_images=entities.IMAGE in paths,
@@ -69,6 +73,7 @@ class Shown:
             has_measured_depth=entities.MEASURED_DEPTH in paths,
             eye=eye,
             rate_hz=rate_hz,
+            span=(min(frames), max(frames)) if frames else None,
         )
 
 
@@ -104,8 +109,12 @@ def _blueprint(content: rrb.Container, shown: Shown, *, follow: bool = False) ->
 def _by_subject(subjects: Subjects, build: Callable[[str | None], rrb.Container]) -> rrb.Container:
     """A tab for each person, and one for all of them (None)."""
     names = subjects.names
-    if not 1 < len(names) <= MOST_TABS:
-        return build(names[0] if len(names) == 1 else None)
+    if len(names) > MOST_TABS:
+        names = tuple(name for name in names if name == subjects.first)
+    elif len(names) == 1:
+        return build(names[0])
+    if not names:
+        return build(None)
     tabs = [rrb.Vertical(build(name), name=name) for name in names]
     active = names.index(subjects.first) if subjects.first in names else 0
     return rrb.Tabs(*tabs, rrb.Vertical(build(None), name=EVERYONE), active_tab=active)
@@ -117,9 +126,9 @@ def _wide(layers: LayerNames, shown: Shown, subject: str | None) -> rrb.Horizont
     scene = rrb.Vertical(rrb.Tabs(*images, active_tab=0), _world(layers, shown, subject), row_shares=[5, 6])
     meaning = rrb.Vertical(
         rrb.Tabs(*_documents(layers), active_tab=0),
-        _plots(layers, subject, legend=True),
+        _plots(layers, subject, shown.span),
         _states(layers, subject),
-        row_shares=[4.4, 4, 1.8],
+        row_shares=[4.1, 3.5, 2.2],
     )
     return rrb.Horizontal(scene if images else _world(layers, shown, subject), meaning, column_shares=[3, 2])
 
@@ -127,7 +136,7 @@ def _wide(layers: LayerNames, shown: Shown, subject: str | None) -> rrb.Horizont
 def _column(layers: LayerNames, shown: Shown, subject: str | None) -> rrb.Vertical:
     """One configuration from top to bottom."""
     images = _images(layers, shown, subject)[:1]
-    below = rrb.Tabs(*_documents(layers)[:1], _plot(layers, subject, "total", legend=False), active_tab=0)
+    below = rrb.Tabs(*_documents(layers)[:1], _plot(layers, subject, "total"), active_tab=0)
     parts: list[rrb.Container | rrb.View] = [
         *images,
         _world(layers, shown, subject),
@@ -203,21 +212,32 @@ def _documents(layers: LayerNames) -> list[rrb.TextDocumentView | rrb.TextLogVie
     ]
 
 
-def _plots(layers: LayerNames, subject: str | None, *, legend: bool) -> rrb.Tabs | rrb.TimeSeriesView:
+def _plots(layers: LayerNames, subject: str | None, span: tuple[int, int] | None) -> rrb.Tabs | rrb.TimeSeriesView:
+    room = None
+    if span is not None:  # for the legend, which would hide the first frames
+        left = int(span[0] - _LEGEND_SHARE * (span[1] - span[0]))
+        first, last = rrb.TimeRangeBoundary.absolute(seq=left), rrb.TimeRangeBoundary.absolute(seq=span[1])
+        room = rrb.TimeAxis(view_range=rr.TimeRange(start=first, end=last))
     if subject is None:
-        return _plot(layers, None, "total", legend=legend)
-    return rrb.Tabs(*(_plot(layers, subject, value, legend=legend) for value in ("total", *CUES)), active_tab=0)
+        return _plot(layers, None, "total", room, legend=True)
+    return rrb.Tabs(*(_plot(layers, subject, value, room, legend=True) for value in ("total", *CUES)), active_tab=0)
 
 
-def _plot(layers: LayerNames, subject: str | None, value: str, *, legend: bool) -> rrb.TimeSeriesView:
-    # the axis fits the data: who wins matters, and with narrow cones all values are small
+_LEGEND_SHARE = 0.22
+"""Room left of a plot's first frame, as a share of all frames."""
+
+
+def _plot(
+    layers: LayerNames, subject: str | None, value: str, room: rrb.TimeAxis | None = None, *, legend: bool = False
+) -> rrb.TimeSeriesView:
+    # the vertical axis fits the data: who wins matters, and with narrow cones all values are small
     corner = rrb.PlotLegend(rrb.Corner2D.LeftTop, visible=legend)
     if subject is None:
         origin, name = f"{entities.ATTENTION}/{rr.escape_entity_path_part(layers.configuration)}", "Attention"
     else:
         origin = entities.curves(layers.configuration, subject, value)
         name = f"Attention of {subject}" if value == "total" else f"by {value}"
-    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=corner)
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=corner, axis_x=room)
 
 
 def _states(layers: LayerNames, subject: str | None) -> rrb.StateTimelineView:

@@ -21,25 +21,27 @@ if TYPE_CHECKING:
 class Composed:
     """Files that form one recording, by a name, and the layout in which they open.
 
-    ``frames`` are those of the clip; none for a file outside a run. ``make_layout`` reads the files, so it is called
-    only when they are opened; None for the layout in the files.
+    ``frames`` are those of the clip; none for a file outside a run. ``make_layout`` takes the subject whose tab is in
+    front (None: the first). It reads the files, so it is called only when they are opened; None for the layout in the
+    files. ``subject`` is in front unless another one is asked for.
     """
 
     name: str
     files: tuple[Path, ...]
     application_id: str = ""
     frames: tuple[int, ...] = ()
-    make_layout: Callable[[], rrb.Blueprint] | None = None
+    make_layout: Callable[[str | None], rrb.Blueprint] | None = None
+    subject: str | None = None
 
-    def layout(self) -> rrb.Blueprint | None:
-        """Return the layout; None for the one in the files.
+    def layout(self, subject: str | None = None) -> rrb.Blueprint | None:
+        """Return the layout, with this subject's tab in front; None for the one in the files.
 
         Raises
         ------
         VfoaError
             If a file cannot be read.
         """
-        return self.make_layout() if self.make_layout else None
+        return self.make_layout(subject or self.subject) if self.make_layout else None
 
     def expect_frame(self, frame: int) -> None:
         """Reject a frame that the clip does not have: the viewer would silently show the nearest one."""
@@ -58,17 +60,22 @@ class RecordedClip:
     frames: tuple[int, ...]
     rate_hz: float | None
 
+    def expect_subject(self, subject: str | None) -> None:
+        """Reject a subject that the clip does not have; None is any."""
+        if subject is not None and subject not in self.subjects:
+            raise VfoaError(f"{self.files.clip}: no subject {subject!r}; {did_you_mean(subject, self.subjects)}")
+
     def under(self, configuration: str) -> RecordedClip:
         """Return the clip with only one of these configurations."""
         return self._with([each for each in self.layers if each.configuration == configuration])
 
-    def compose(self, *, subject: str | None = None) -> Composed:
-        """Combine all layers into one recording: one configuration, or a tab for each; ``subject``'s tab in front."""
+    def compose(self) -> Composed:
+        """Combine all layers into one recording: one configuration, or a tab for each."""
         from harness.record.blueprint import Subjects, clip_layout
 
         names = [each.configuration for each in self.layers]
 
-        def layout() -> rrb.Blueprint:
+        def layout(subject: str | None) -> rrb.Blueprint:
             return clip_layout(self.layers, self._shown(), Subjects(names=self.subjects, first=subject))
 
         return self._composed("__".join((self.files.clip, *(names if len(names) == 1 else ()))), layout)
@@ -80,15 +87,15 @@ class RecordedClip:
         pair = self.under(one).layers[0], self.under(other).layers[0]
         both = self._with(pair)
 
-        def layout() -> rrb.Blueprint:
-            return comparison_layout(pair, both._shown(), Subjects(names=self.subjects))
+        def layout(subject: str | None) -> rrb.Blueprint:
+            return comparison_layout(pair, both._shown(), Subjects(names=self.subjects, first=subject))
 
         return both._composed(f"{self.files.clip}__{one}__vs__{other}", layout)
 
     def _with(self, layers: Sequence[LayerNames]) -> RecordedClip:
         return replace(self, layers=tuple(layers))
 
-    def _composed(self, name: str, make_layout: Callable[[], rrb.Blueprint]) -> Composed:
+    def _composed(self, name: str, make_layout: Callable[[str | None], rrb.Blueprint]) -> Composed:
         files = dict.fromkeys(file for each in self.layers for file in self.files.of(each))
         return Composed(
             name=name,
@@ -106,7 +113,7 @@ class RecordedClip:
         paths = entity_paths(self.files.images) if self.files.images.is_file() else set()
         files = [self.files.reconstruction(name) for name in dict.fromkeys(each.reconstruction for each in self.layers)]
         seen = [points for file in files if file.is_file() for points in first_points(file)]
-        return Shown.of_paths(paths, eye=eye_for(seen), rate_hz=self.rate_hz)
+        return Shown.of_paths(paths, eye=eye_for(seen), rate_hz=self.rate_hz, frames=self.frames)
 
 
 def find_clips(run: Path, clip: str | None, configuration: str | None) -> list[RecordedClip]:
@@ -174,9 +181,8 @@ def find_recordings(
     if not run.is_dir():
         raise VfoaError(f"{run}: expected a run's directory or a recording (.rrd), found nothing there")
     found = find_clips(run, clip, configuration)
-    if subject is not None and subject not in found[0].subjects:
-        raise VfoaError(f"{found[0].files.clip}: no subject {subject!r}; {did_you_mean(subject, found[0].subjects)}")
-    return [each.compose(subject=subject) for each in found]
+    found[0].expect_subject(subject)
+    return [replace(each.compose(), subject=subject) for each in found]
 
 
 def served_recordings(run: Path) -> dict[Pair, Composed]:

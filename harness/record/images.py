@@ -11,7 +11,7 @@ import contextlib
 import io
 import os
 import zlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -113,17 +113,24 @@ def log_masks(
 ) -> None:
     """Log the masks in one colour per name: a name keeps its colour when the ids of instances change.
 
-    A light recording has them as a small picture in steps of two pixels; a full one as classes, pixel by pixel.
+    Stuff that is no target (a wall, a table) is transparent, since it would tint the whole image. A light recording has
+    the masks as a small picture in steps of two pixels; a full one as classes, pixel by pixel, with those of stuff.
     """
     names = {target.instance_id: target.name for target in record.targets}
     instances = percepts.instances
     class_of_id = np.zeros(max((each.id for each in instances.instances), default=0) + 1, dtype=np.uint16)
+    stuff = set[str]()
     for instance in instances.instances:
-        class_of_id[instance.id] = colours.class_of(names.get(instance.id, instance.label))
+        if instance.is_thing or instance.id in names:
+            class_of_id[instance.id] = colours.class_of(names.get(instance.id, instance.label))
+        elif size == "full":
+            class_of_id[instance.id] = colours.class_of(instance.label)
+            stuff.add(instance.label)
     known = colours.known
     path = entities.masks(segmentation)
     if size == "full" or len(known) > 255:
-        log.keep(path, lambda: class_context(known), key=tuple(known))
+        stuff.difference_update(names.values())
+        log.keep(path, lambda: class_context(known, stuff), key=(*known, *sorted(stuff)))
         log.log(path, rr.SegmentationImage(class_of_id[instances.ids], opacity=_OPACITY))
     else:
         picture = painted(class_of_id[instances.ids[::2, ::2]], instances.ids.shape, list(known.values()))
@@ -144,10 +151,13 @@ def painted(classes: NDArray[np.uint16], shape: tuple[int, int], colours: Sequen
     return file.getvalue()
 
 
-def class_context(known: dict[str, Colour]) -> rr.AnnotationContext:
+def class_context(known: dict[str, Colour], transparent: Collection[str] = ()) -> rr.AnnotationContext:
     """Names and colours of the classes, in the order of :attr:`harness.record.appearance.Colours.known`."""
-    names = enumerate(known.items(), start=1)
-    return rr.AnnotationContext([(0, "", (0, 0, 0, 0)), *((number, name, colour) for number, (name, colour) in names)])
+    classes = [
+        (number, name, (*colour, 0 if name in transparent else 255))
+        for number, (name, colour) in enumerate(known.items(), start=1)
+    ]
+    return rr.AnnotationContext([(0, "", (0, 0, 0, 0)), *classes])
 
 
 def encoded_depth(depth_m: Float | Map) -> rr.EncodedDepthImage:

@@ -107,8 +107,11 @@ def _log_answers(log: ColumnLog, record: FrameRecord, verdict: Verdict) -> None:
             centers=target.box.center_m,
             half_sizes=np.array(target.box.half_size_m) * _MARGIN,
             quaternions=quaternion(np.transpose(target.box.axes)),
-            labels=f"{what}: {name}",
         )
+        # above the box: the target's own name is in its middle
+        height_m = float(np.abs(np.transpose(target.box.axes)[1]) @ target.box.half_size_m) * _LABEL_HEIGHT
+        above = np.array([target.box.center_m], dtype=np.float32) - np.array([[0, height_m, 0]], dtype=np.float32)
+        log.log(f"{path}/label", rr.Points3D, positions=above, labels=f"{what}: {name}")
         if subject is not None and subject.eye_origin_m is not None:
             ends = np.array([subject.eye_origin_m, target.box.center_m], dtype=np.float32)
             log.log(f"{path}/line", rr.LineStrips3D, strips=ends)
@@ -119,7 +122,7 @@ def log_styles(stream: rr.RecordingStream, configuration: str, subjects: Iterabl
     for subject in subjects:
         for what, colour in (("truth", TRUTH_COLOUR), ("predicted", OUTCOME_COLOURS["wrong"])):
             path = entities.answer_3d(configuration, subject, what)
-            for name, style in (("box", _box_style), ("line", _line_style)):
+            for name, style in (("box", _box_style), ("label", _label_style), ("line", _line_style)):
                 if f"{path}/{name}" in paths:
                     stream.log(f"{path}/{name}", style(colour), static=True)
 
@@ -127,14 +130,20 @@ def log_styles(stream: rr.RecordingStream, configuration: str, subjects: Iterabl
 _MARGIN = 1.06
 """The marking box is a little larger than the target's own."""
 
+_LABEL_HEIGHT = 1.6
+"""Height of a label over the middle of its box, in half heights of the box."""
+
 
 def _box_style(colour: Colour) -> rr.Boxes3D:
     return rr.Boxes3D.from_fields(
         colors=[colour],
         fill_mode=rr.components.FillMode.MajorWireframe,
         radii=rr.Radius.ui_points(3),
-        show_labels=True,
     )
+
+
+def _label_style(colour: Colour) -> rr.Points3D:
+    return rr.Points3D.from_fields(colors=[colour], radii=rr.Radius.ui_points(0), show_labels=True)
 
 
 def _line_style(colour: Colour) -> rr.LineStrips3D:
@@ -167,12 +176,15 @@ def summary(record: FrameRecord, verdicts: Sequence[Verdict]) -> str:
             verdict.truth or NO_TRUTH,
             verdict.predicted or NO_PREDICTION,
             verdict.outcome,
-            f"{verdict.error_type}: {ERROR_TYPES[verdict.error_type]}" if verdict.error_type else "",
+            (verdict.error_type or "").replace("_", " "),
         )
         row = [_cell(cell) for cell in cells]
         row[3] = f"**{row[3].upper()}**" if verdict.outcome == "wrong" else row[3]
         lines.append(f"| {' | '.join(row)} |")
-    return "\n".join([*lines, "", *_masks_note(record), *_prediction_sets(record), *_attention_table(record)]) + "\n"
+    types = dict.fromkeys(verdict.error_type for verdict in verdicts if verdict.error_type)
+    meanings = [f"{error_type.replace('_', ' ')}: {ERROR_TYPES[error_type]}\n" for error_type in types]
+    parts = *meanings, *_masks_note(record), *_prediction_sets(record), *_attention_table(record)
+    return "\n".join([*lines, "", *parts]) + "\n"
 
 
 def _masks_note(record: FrameRecord) -> list[str]:

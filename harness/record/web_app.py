@@ -11,12 +11,21 @@ from urllib.parse import quote, urlencode
 from rerun.chunk import RrdReader
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import FileResponse, HTMLResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.responses import (
+    FileResponse,
+    HTMLResponse,
+    JSONResponse,
+    PlainTextResponse,
+    RedirectResponse,
+    Response,
+)
 from starlette.routing import Route
 
 from harness.record.composed import Composed
 from harness.record.reading import reading
 from harness.record.web_viewer import WebFile
+from harness.run.directory import Pair
+from harness.score.verdicts import Verdict
 from vfoa.errors import VfoaError
 
 VIEWER = "/viewer/"
@@ -44,8 +53,9 @@ def site(
 ) -> Starlette:
     """Return the application for a :class:`harness.local_server.LocalServer`; it is read-only except for ``more``.
 
-    ``/`` is the page (without one: the first recording), ``/open?recording=NAME&frame=N`` leads to the viewer at a
-    frame, ``/viewer/`` is the viewer, and ``/files/NUMBER/`` has the files of a recording, also in parts (HTTP Range).
+    ``/`` is the page (without one: the first recording), ``/open?recording=NAME&frame=N&subject=WHO`` leads to the
+    viewer at a frame with that person's tab in front, ``/viewer/`` is the viewer, and ``/files/NUMBER/`` has the files
+    of a recording, also in parts (HTTP Range), and its layout.
     No path of a request becomes a path of a file: recordings and their files are numbered.
 
     Parameters
@@ -57,7 +67,7 @@ def site(
     page
         Makes the page anew for each request.
     more
-        Further routes.
+        Further routes; one of ``/`` replaces the page.
     """
     numbered = list(recordings.values())
 
@@ -77,7 +87,9 @@ def site(
         place = f"/files/{numbered.index(recording)}"
         query = [("files", f"{place}/{number}.rrd") for number in range(len(recording.files))]
         if recording.make_layout is not None:
-            query.append(("layout", f"{place}/layout.rbl"))
+            who = request.query_params.get("subject")
+            query.append(("layout", f"{place}/layout.rbl" + (f"?{urlencode({'subject': who})}" if who else "")))
+            query.append(("application", recording.application_id))
         if frame is not None:
             query.append(("frame", frame))
         return RedirectResponse(f"{VIEWER}?{urlencode(query)}")
@@ -92,7 +104,8 @@ def site(
 
     def layout(request: Request) -> Response:
         number = request.path_params["number"]
-        made = numbered[number].layout() if number < len(numbered) else None
+        who = request.query_params.get("subject")
+        made = numbered[number].layout(who) if number < len(numbered) else None
         if made is None:
             return _refusal(404, "There is no such layout here.")
         with tempfile.TemporaryDirectory() as scratch:
@@ -108,20 +121,42 @@ def site(
 
     return Starlette(
         routes=[
+            *more,
             Route("/", _told(show_page)),
             Route("/open", _told(open_recording)),
             Route("/files/{number:int}/{file:int}.rrd", _told(recorded_file)),
             Route("/files/{number:int}/layout.rbl", _told(layout)),
             Route(VIEWER, viewer_file),
             Route(VIEWER + "{name}", viewer_file),
-            *more,
         ]
     )
 
 
-def open_path(name: str, frame: int | None) -> str:
-    """The path at which the application opens a recording."""
-    return f"/open?recording={quote(name, safe='')}" + ("" if frame is None else f"&frame={frame}")
+def open_path(name: str, frame: int | None = None, subject: str | None = None) -> str:
+    """The path at which the application opens a recording, with the subject's tab in front."""
+    asked = {"recording": name, "frame": frame, "subject": subject}
+    return f"/open?{urlencode({key: value for key, value in asked.items() if value is not None}, quote_via=quote)}"
+
+
+def failures_routes(wrong: Sequence[Verdict], recordings: Mapping[Pair, Composed]) -> Routes:
+    """The routes of a page beside the viewer that steps through wrong frames, as ``more`` of :func:`site`."""
+    listed = [
+        {
+            "clip": each.clip,
+            "configuration": each.configuration,
+            "frame": each.frame,
+            "subject": each.subject,
+            "truth": each.truth,
+            "predicted": each.predicted,
+            "error_type": each.error_type,
+            "open": open_path(recordings[each.clip, each.configuration].name, each.frame, each.subject),
+        }
+        for each in wrong
+    ]
+    return (
+        Route("/", lambda request: RedirectResponse(f"{VIEWER}failures.html")),
+        Route("/failures.json", lambda request: JSONResponse(listed)),
+    )
 
 
 def _check_files(recording: Composed) -> None:

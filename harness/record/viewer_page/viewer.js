@@ -5,7 +5,7 @@
 const asked = new URLSearchParams(location.search);
 const said = document.getElementById("said");
 const [SET_TIME_CURSOR, TIMELINE, TIME, PLAY_STATE, PAUSED] = [6, 2, 3, 5, 1];
-const [RECORDINGS, LOADING] = [3, 7]; // of the viewer's state
+const [IN_FRONT, RECORDINGS, LOADING] = [1, 3, 7]; // of the viewer's state
 
 function varint(value) {
   const bytes = [];
@@ -23,9 +23,9 @@ function pausedAt(frame) {
   return new Uint8Array(message(SET_TIME_CURSOR, [...timeline, ...time, ...number(PLAY_STATE, PAUSED)]));
 }
 
-/** The fields that a message has; all fields of the viewer's state are texts or messages. */
+/** The fields of a message, as bytes; all fields of the viewer's state are texts or messages. */
 function fieldsOf(bytes) {
-  const found = new Set();
+  const found = new Map();
   let at = 0;
   const next = () => {
     let [value, shift] = [0, 0];
@@ -34,8 +34,8 @@ function fieldsOf(bytes) {
     return value;
   };
   while (at < bytes.length) {
-    found.add(Math.floor(next() / 8));
-    at += next(); // the length: it is skipped
+    const [field, length] = [Math.floor(next() / 8), next()];
+    found.set(field, bytes.subarray(at, (at += length)));
   }
   return found;
 }
@@ -54,25 +54,49 @@ async function fetched(url) {
   return new Uint8Array(await answer.arrayBuffer());
 }
 
-async function open(handle) {
-  const layout = asked.get("layout");
-  if (layout) { // first: an open recording keeps its layout
+const handle = new Promise((resolve) => { window._started = resolve; });
+const layouts = new Map(); // the layout that each application shows
+const opened = new Set();
+let serial = 0;
+
+/** Show the files of a recording in a layout at a frame. A later call takes over from one that still waits. */
+async function show(asked) {
+  const [mine, viewer] = [(serial += 1), await handle];
+  const [layout, application, frame] = ["layout", "application", "frame"].map((key) => asked.get(key));
+  if (layout && layouts.get(application) !== layout) { // first: an open recording keeps its layout
     const bytes = await fetched(layout);
-    handle.open_channel("layout", "layout");
-    handle.send_rrd_to_channel("layout", bytes);
-    handle.close_channel("layout");
+    if (mine !== serial) return;
+    layouts.set(application, layout);
+    const channel = `layout ${mine}`;
+    viewer.open_channel(channel, channel);
+    viewer.send_rrd_to_channel(channel, bytes);
+    viewer.close_channel(channel);
   }
-  for (const file of asked.getAll("files")) handle.add_receiver(new URL(file, location).href);
+  const files = asked.getAll("files").map((file) => new URL(file, location).href);
+  const missing = files.filter((file) => !opened.has(file));
+  if (!missing.length && !isInFront(viewer, application)) missing.push(files[0]); // it comes to the front again
+  for (const file of missing) {
+    opened.add(file);
+    viewer.add_receiver(file);
+  }
+  if (frame !== null) await goTo(viewer, application, frame, () => mine === serial);
+}
+
+function isInFront(viewer, application) {
+  const shown = fieldsOf(viewer.viewer_state()).get(IN_FRONT);
+  if (!application || !shown) return !application;
+  return new URL(new TextDecoder().decode(shown), location).searchParams.get("app_id") === application;
 }
 
 /** Go to the frame as soon as there is a recording, and again when all of it is there. */
-async function goTo(handle, frame) {
+async function goTo(viewer, application, frame, isWanted) {
   for (let [there, loaded] = [false, false]; !loaded; await new Promise((resolve) => setTimeout(resolve, 200))) {
-    const fields = fieldsOf(handle.viewer_state());
+    if (!isWanted()) return;
+    const fields = fieldsOf(viewer.viewer_state());
     const whole = fields.has(RECORDINGS) && !fields.has(LOADING);
-    if (there && !whole) continue;
+    if ((there && !whole) || !isInFront(viewer, application)) continue;
     try {
-      await handle.viewer_control(pausedAt(frame));
+      await viewer.viewer_control(pausedAt(frame));
       [there, loaded] = [true, whole];
     } catch {
       // it has no recording yet
@@ -80,22 +104,23 @@ async function goTo(handle, frame) {
   }
 }
 
-async function main() {
+async function start() {
   await wasm_bindgen({ module_or_path: "re_viewer_bg.wasm" });
-  const handle = new wasm_bindgen.WebHandle({
+  const viewer = new wasm_bindgen.WebHandle({
     hide_welcome_screen: true,
     check_for_updates_on_startup: false,
     enable_history: false,
     persist: false,
   });
-  await handle.start(document.getElementById("canvas"));
-  window._handle = handle;
+  await viewer.start(document.getElementById("canvas"));
+  window._handle = viewer;
+  window._started(viewer);
   said.textContent = "";
-  await open(handle);
-  const frame = asked.get("frame");
-  if (frame !== null) await goTo(handle, frame);
 }
 
-main().catch((error) => {
+function complain(error) {
   said.textContent = `The recording cannot be shown: ${error.message ?? error}`;
-});
+}
+
+start().catch(complain);
+if (asked.has("files")) show(asked).catch(complain);

@@ -7,7 +7,7 @@ export const VIEWER = "vfoa-viewer";
 
 export function recordingAddress(track, lane, i) {
   const name = data.recordings?.[data.clips[track.clip].name]?.[lane.name];
-  return name === undefined ? null : `open?${new URLSearchParams({ recording: name, frame: track.frames[i] })}`;
+  return name === undefined ? null : `open?${new URLSearchParams({ recording: name, frame: track.frames[i], subject: track.subject })}`;
 }
 
 export function openRecording(track, lane, i) {
@@ -23,4 +23,4 @@ const run = data.run ?? (location.protocol === "file:"
 const quoted = (words) => (/^[\w@%+=:,./-]+$/.test(words) ? words : `'${words.replaceAll("'", `'"'"'`)}'`);
 
 export const viewCommand = (track, lane, i) =>
-  `vfoa view ${quoted(run)} --clip ${quoted(data.clips[track.clip].name)} --config ${quoted(lane.name)} --frame ${track.frames[i]}`;
+  `vfoa view ${quoted(run)} --clip ${quoted(data.clips[track.clip].name)} --config ${quoted(lane.name)} --frame ${track.frames[i]} --subject ${quoted(track.subject)}`;

@@ -1,4 +1,4 @@
-"""A served report in a browser: a click on a frame opens the recording at that frame."""
+"""The web viewer in a browser: it opens at the frame and the subject that the page beside it asks for."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import io
 import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
@@ -13,17 +14,19 @@ from urllib.parse import parse_qs, urlsplit
 import numpy as np
 import pytest
 from PIL import Image
+from rerun.chunk import RrdReader
 
-from harness.record.composed import find_clips
-from harness.record.web_app import site
+from harness.record.composed import RecordedClip, find_clips
+from harness.record.web_app import failures_routes, site
 from harness.record.web_viewer import web_viewer_files
 from harness.report.page.attention_log import AttentionLog
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
 from harness.score.reference import Reference
 from harness.score.score import score
+from harness.score.verdicts import Verdict
 from tests.browser import WEBGL, chromium, let_out, point_at, set_width
-from tests.harness.record.conftest import ANN
+from tests.harness.record.conftest import ANN, CONFIGURATION
 from tests.records import labels
 from tests.web import running
 
@@ -31,7 +34,7 @@ if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
 LOADED_S = 180.0
-LEFT_VIEW = (128, 64, 211, 141)
+LEFT_VIEW = (138, 92, 191, 128)
 """The place of the left image in the viewer, in a window of this test's size: x, y, width, height in pixels."""
 
 
@@ -42,10 +45,19 @@ def browser(tmp_path: Path) -> Iterator[Chrome]:
         yield browser
 
 
+BEN = "Ben"
+"""The first tab of the recordings: whoever asks for nobody sees him."""
+
+
 @pytest.fixture
-def report(frames: list[Any], record_run: Callable[..., Any]) -> Iterator[str]:
+def clip(frames: list[Any], record_run: Callable[..., Any]) -> RecordedClip:
+    return replace(find_clips(record_run(frames).run, None, None)[0], subjects=(BEN, ANN))
+
+
+@pytest.fixture
+def report(frames: list[Any], clip: RecordedClip) -> Iterator[str]:
     """The address of a report on four frames, the last one wrong."""
-    recording = find_clips(record_run(frames).run, None, None)[0].compose()
+    recording = clip.compose()
     attention = AttentionLog()
     truth = labels(*["red cup"] * 14, subject=ANN)
     scores = score(attention.watch(shown.record for shown in frames), Reference(labels={"clip": truth}))
@@ -84,13 +96,16 @@ def _state(browser: Chrome) -> bytes:
     return bytes(browser.execute_script("return window._handle ? Array.from(window._handle.viewer_state()) : []"))
 
 
-def test_a_click_on_a_frame_opens_the_recording_at_that_frame(browser: Chrome, report: str, frames: list[Any]) -> None:
+def test_a_click_on_a_frame_opens_the_recording_at_that_frame(
+    browser: Chrome, report: str, frames: list[Any], tmp_path: Path
+) -> None:
     browser.get(report)
     page = browser.current_window_handle
     _click(browser, 14)
     (viewer,) = set(browser.window_handles) - {page}
     browser.switch_to.window(viewer)
     shown = _wait_for(browser, 14)
+    assert _tabs_in_front(browser, tmp_path) == {ANN}
     # the left images are noise: the picture is like its own frame's and unlike any other's
     alike = {each.frame.index: _likeness(shown, each.frame.left) for each in frames}
     assert alike[14] > 0.5
@@ -99,11 +114,75 @@ def test_a_click_on_a_frame_opens_the_recording_at_that_frame(browser: Chrome, r
     browser.switch_to.window(page)
     box = browser.find_element("id", "frame").text
     assert "Frame 14 – wrong" in box
-    assert "vfoa view /a/run --clip clip --config 'two cones' --frame 14" in box
+    assert f"vfoa view /a/run --clip clip --config 'two cones' --frame 14 --subject '{ANN}'" in box
     link = browser.find_element("link text", "The label is wrong").get_attribute("href")
     assert parse_qs(urlsplit(link).query) == {"clip": ["clip"], "subject": [ANN], "frame": ["14"]}
     _click(browser, 10)
     assert set(browser.window_handles) == {page, viewer}
+    browser.find_element("id", "timeline").send_keys("n")
+    link = browser.find_element("link text", "Open the recording at this frame").get_attribute("href")
+    assert parse_qs(urlsplit(link).query)["subject"] == [ANN]
+    browser.find_element("id", "timeline").send_keys("\ue007")  # Enter
+    browser.switch_to.window(viewer)
+    _wait_for(browser, 14)
+    assert _tabs_in_front(browser, tmp_path) == {ANN}
+
+
+def _tabs_in_front(browser: Chrome, scratch: Path) -> set[str]:
+    """The subjects whose tab is active in the layout that the viewer has now."""
+    (scratch / "now.rbl").write_bytes(bytes(browser.execute_script("return Array.from(window._handle.save_blueprint())")))
+    reader = RrdReader(scratch / "now.rbl")
+    names, active = dict[str, str](), set[str]()
+    for store in reader.blueprints():
+        for chunk in reader.stream(store=store):
+            batch = chunk.to_record_batch()
+            for component, found in (("display_name", names), ("active_tab", active)):
+                if (column := f"ContainerBlueprint:{component}") not in batch.schema.names:
+                    continue
+                (value,) = batch.column(column).to_pylist()[-1]
+                if component == "display_name":
+                    names[chunk.entity_path.lstrip("/")] = value
+                else:
+                    active.add(value)
+    return {names[path] for path in active & names.keys()}
+
+
+@pytest.fixture
+def failures(clip: RecordedClip, record_run: Callable[..., Any], frames: list[Any]) -> Iterator[str]:
+    """The address of the failures of two clips, of Ann and of Ben."""
+    told = {"truth": "red cup", "predicted": "book#4", "outcome": "wrong"}
+    wrong = [
+        Verdict(clip="clip", configuration=CONFIGURATION, frame=frame, subject=subject, error_type=error_type, **told)
+        for frame, subject, error_type in ((10, ANN, "missed"), (11, BEN, "outscored"), (14, BEN, "missed"))
+    ]
+    recording = clip.compose()
+    more = failures_routes(wrong, {("clip", CONFIGURATION): recording})
+    with running(site({recording.name: recording}, web_viewer_files(), more=more)) as server:
+        yield server.address
+
+
+def test_a_page_steps_from_failure_to_failure_beside_the_viewer(browser: Chrome, failures: str, tmp_path: Path) -> None:
+    from selenium.webdriver.support.select import Select
+
+    def shows(frame: int, subject: str, place: str) -> None:
+        _wait_for(browser, frame)
+        assert _tabs_in_front(browser, tmp_path) == {subject}
+        assert browser.find_element("id", "place").text == place
+
+    browser.get(failures)
+    shows(10, ANN, "1 of 3")
+    browser.find_element("id", "next").click()
+    shows(11, BEN, "2 of 3")
+    browser.find_element("tag name", "body").send_keys("p")
+    shows(10, ANN, "1 of 3")
+    Select(browser.find_element("name", "error_type")).select_by_value("missed")
+    browser.find_element("id", "next").click()
+    shows(14, BEN, "2 of 2")
+    Select(browser.find_element("name", "error_type")).select_by_value("")
+    Select(browser.find_element("name", "subject")).select_by_value(ANN)
+    shows(10, ANN, "1 of 1")
+    assert len(browser.window_handles) == 1
+    assert all(url.startswith("http://127.0.0.1:") for url in let_out(browser))
 
 
 def _likeness(picture: np.ndarray, left: np.ndarray) -> float:

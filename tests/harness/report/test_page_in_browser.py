@@ -145,7 +145,7 @@ def test_the_keyboard_goes_from_failure_to_failure_round_and_round(browser: Chro
     _press(browser, Keys.ARROW_DOWN)
     _wait_for_box(browser, "Frame 6 – correct")
     command = browser.find_element("css selector", "#frame code").text
-    assert command == f"""vfoa view '{page.parent}' --clip clip --config 'it'"'"'s two' --frame 6"""
+    assert command == f"""vfoa view '{page.parent}' --clip clip --config 'it'"'"'s two' --frame 6 --subject girl"""
     _press(browser, Keys.ESCAPE)
     _wait_until_closed(browser)
 

@@ -1,0 +1,94 @@
+// Steps through a run's wrong frames in the viewer beside it: /failures.json is the list, the address names the place.
+"use strict";
+
+const LABELS = { clip: "Clip", configuration: "Configuration", subject: "Subject", error_type: "Error type" };
+const list = document.getElementById("list");
+const filters = document.getElementById("filters");
+const chosen = {}; // by key of LABELS
+let failures = [];
+let current = null;
+
+const isChosen = (each) => Object.entries(chosen).every(([key, value]) => !value || each[key] === value);
+
+function make(tag, attributes, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) made.setAttribute(name, value);
+  made.append(...children);
+  return made;
+}
+
+/** A list for each key with more than one value; each value with the number of wrong frames it would leave. */
+function fillFilters() {
+  filters.replaceChildren(...Object.entries(LABELS).flatMap(([key, label]) => {
+    const others = failures.filter((each) => isChosen({ ...each, [key]: chosen[key] }));
+    const counts = new Map([...new Set(failures.map((each) => each[key]))].map((value) => [value, 0]));
+    if (counts.size < 2) return [];
+    for (const each of others) counts.set(each[key], counts.get(each[key]) + 1);
+    const options = [...counts].map(([value, count]) => make("option", { value }, `${key === "error_type" ? value.replaceAll("_", " ") : value} (${count})`));
+    const select = make("select", { name: key }, make("option", { value: "" }, `all (${others.length})`), ...options);
+    select.value = chosen[key] ?? "";
+    select.addEventListener("change", () => {
+      chosen[key] = select.value;
+      fillFilters();
+      fillList();
+      if (!current || !isChosen(current)) go(failures.find(isChosen));
+    });
+    return [make("label", {}, `${label} `, select)];
+  }));
+}
+
+function fillList() {
+  list.replaceChildren(...failures.filter(isChosen).map((each) => {
+    const where = `${each.clip}, ${each.configuration}, frame ${each.frame}`;
+    const what = `${each.subject}: ${each.truth}, predicted ${each.predicted ?? "nothing"} (${each.error_type.replaceAll("_", " ")})`;
+    const row = make("button", { type: "button", value: each.number }, where, make("br", {}), what);
+    row.addEventListener("click", () => go(each));
+    return make("li", {}, row);
+  }));
+  mark();
+}
+
+function mark() {
+  const shown = failures.filter(isChosen);
+  const place = shown.indexOf(current);
+  document.getElementById("place").textContent = shown.length ? `${place < 0 ? "–" : place + 1} of ${shown.length}` : "None of this kind.";
+  for (const row of list.querySelectorAll("button")) {
+    const isCurrent = current && Number(row.value) === current.number;
+    if (isCurrent) row.setAttribute("aria-current", "true");
+    else row.removeAttribute("aria-current");
+    if (isCurrent) row.scrollIntoView({ block: "nearest" });
+  }
+}
+
+async function go(failure) {
+  if (!failure) return;
+  current = failure;
+  history.replaceState(null, "", `#${failure.number}`);
+  mark();
+  const answer = await fetch(failure.open, { method: "HEAD" }); // the viewer's address, with files and layout
+  if (!answer.ok) throw new Error(await (await fetch(failure.open)).text());
+  if (failure === current) await show(new URL(answer.url).searchParams);
+}
+
+function step(by) {
+  const shown = failures.filter(isChosen);
+  if (!shown.length) return;
+  const place = shown.indexOf(current);
+  const next = place < 0 ? (by > 0 ? 0 : shown.length - 1) : (place + by + shown.length) % shown.length;
+  go(shown[next]).catch(complain);
+}
+
+document.getElementById("next").addEventListener("click", () => step(1));
+document.getElementById("previous").addEventListener("click", () => step(-1));
+window.addEventListener("keydown", (event) => {
+  if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.("input, select")) return;
+  if (event.key === "n") step(1);
+  if (event.key === "p") step(-1);
+});
+
+fetch("/failures.json").then((answer) => answer.json()).then((found) => {
+  failures = found.map((each, number) => ({ ...each, number: number + 1 }));
+  fillFilters();
+  fillList();
+  return go(failures[Number(location.hash.slice(1)) - 1] ?? failures[0]);
+}).catch(complain);
