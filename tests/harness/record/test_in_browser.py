@@ -130,7 +130,9 @@ def test_a_click_on_a_frame_opens_the_recording_at_that_frame(
 
 def _tabs_in_front(browser: Chrome, scratch: Path) -> set[str]:
     """The subjects whose tab is active in the layout that the viewer has now."""
-    (scratch / "now.rbl").write_bytes(bytes(browser.execute_script("return Array.from(window._handle.save_blueprint())")))
+    (scratch / "now.rbl").write_bytes(
+        bytes(browser.execute_script("return Array.from(window._handle.save_blueprint())"))
+    )
     reader = RrdReader(scratch / "now.rbl")
     names, active = dict[str, str](), set[str]()
     for store in reader.blueprints():
