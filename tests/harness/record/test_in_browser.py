@@ -134,19 +134,17 @@ def _tabs_in_front(browser: Chrome, scratch: Path) -> set[str]:
         bytes(browser.execute_script("return Array.from(window._handle.save_blueprint())"))
     )
     reader = RrdReader(scratch / "now.rbl")
-    names, active = dict[str, str](), set[str]()
+    containers: dict[str, dict[str, str]] = {}
     for store in reader.blueprints():
         for chunk in reader.stream(store=store):
             batch = chunk.to_record_batch()
-            for component, found in (("display_name", names), ("active_tab", active)):
-                if (column := f"ContainerBlueprint:{component}") not in batch.schema.names:
-                    continue
-                (value,) = batch.column(column).to_pylist()[-1]
-                if component == "display_name":
-                    names[chunk.entity_path.lstrip("/")] = value
-                else:
-                    active.add(value)
-    return {names[path] for path in active & names.keys()}
+            for component in {"ContainerBlueprint:display_name", "ContainerBlueprint:active_tab"} & {
+                *batch.schema.names
+            }:
+                (value,) = batch.column(component).to_pylist()[-1]
+                containers.setdefault(chunk.entity_path.lstrip("/"), {})[component] = value
+    active = {each.get("ContainerBlueprint:active_tab", "") for each in containers.values()} & containers.keys()
+    return {containers[path]["ContainerBlueprint:display_name"] for path in active}
 
 
 @pytest.fixture
