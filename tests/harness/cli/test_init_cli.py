@@ -62,5 +62,5 @@ def test_a_folder_whose_name_is_no_text_is_shown_all_the_same(
 ) -> None:
     code, out, err = vfoa(monkeypatch, capsys, "init", f"{tmp_path}/caf\udce9")
     assert (code, err) == (0, "")
-    assert f"{tmp_path}/caf\\udce9/datasets" in out
+    assert f"{tmp_path}/caf\\udce9 && vfoa run" in out
     assert os.listdir(os.fsencode(tmp_path)) == [b"caf\xe9"]
