@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import os
+import shlex
+import sys
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -107,14 +110,40 @@ def _print(added: Added) -> None:
     for note in added.notes:
         say(f"  note         {note}")
     say(f"wrote {added.manifest}\nwrote {added.annotations}")
-    # Files of images do not say who is in a clip: without subjects there is nothing to label.
-    for verb in ("clips check", "annotate", "run") if added.subjects else ("clips check", "run"):
-        say(f"next: vfoa {verb} {added.name}")
+    for line in _next_steps(added):
+        say(line)
+
+
+def _next_steps(added: Added) -> Iterator[str]:
+    """What is missing for a table, and the commands that bring it, in order: each works when the ones before it ran."""
     if not added.subjects:
-        say(
-            f"nobody can be labelled yet: write [subjects.NAME] into {added.manifest.name}, or remove both files and "
-            "add the clip again with --subject NAME"
-        )
+        yield "missing for a table: people who look, things looked at, labels of who looks at what"
+        yield "next: the same command with names: people from left to right, things by the segmenter's category"
+        yield f"      {shlex.join(['vfoa', *sys.argv[1:]])} --subject anna --target mug=cup"
+        return
+    things = "" if added.targets else "things looked at (key `t` of `vfoa annotate` adds one), "
+    yield f"missing for a table: {things}labels of who looks at what"
+    yield f"next: vfoa clips check {added.name}"
+    yield f"next: vfoa annotate {added.name}"
+    options, fetch = _run_options(added)
+    if fetch:
+        yield f"next: {fetch}"
+    yield f"next: vfoa run {added.name}{options}"
+
+
+def _run_options(added: Added) -> tuple[str, str | None]:
+    """Options that a run of this clip needs here, and the command that fetches weights that nothing replaces."""
+    from harness.run.experiment import load_experiment
+    from harness.stages.weights.readiness import missing_weights
+
+    if added.rig is None:
+        return " --preset measured", None
+    sensor = "" if added.has_right else " --set stereo.matcher=sensor"
+    (default,) = load_experiment("default", clips=(added.name,)).configurations
+    missing = [each for choice in default.choices.values() if choice and (each := missing_weights([choice]))]
+    options = [option.partition(" (")[0] for each in missing for option in each.instead[:1]]
+    models = [name for each in missing if not each.instead for name in each.models]
+    return " ".join([sensor, *options]), f"vfoa models fetch {' '.join(models)}" if models else None
 
 
 def _print_rig(added: Added) -> None:

@@ -92,16 +92,12 @@ def _weights() -> Iterator[Finding]:
     """For each slot, the stages that can run; and how to get the weights of the one that `vfoa run CLIP` takes."""
     from harness.run.experiment import load_experiment
     from harness.stages.slots import SLOTS
-    from harness.stages.weights.readiness import locate_weights, ready_stages
-    from vfoa.errors import VfoaError
+    from harness.stages.weights.readiness import missing_weights, ready_stages
 
     (default,) = load_experiment("default", clips=("any",)).configurations
     for slot, choice in default.choices.items():
-        fix = None
-        try:
-            locate_weights([choice] if choice else [])
-        except VfoaError as error:
-            fix = str(error).partition("expected: ")[2]
+        missing = missing_weights([choice] if choice else [])
+        fix = " or ".join((missing.fetch, *missing.instead)) if missing else None
         ready = ", ".join(stage.name for stage in ready_stages(SLOTS[slot])) or "none"
         yield Finding(what=f"{slot} (default {choice.name if choice else 'none'})", state=f"ready: {ready}", fix=fix)
 

@@ -67,7 +67,9 @@ def add_clip(
     subjects: Names | None = None,
     targets: Names | None = None,
 ) -> Added:
-    """Write ``datasets/NAME.toml`` and ``annotations/NAME.csv`` into the working directory; nothing is overwritten.
+    """Write ``datasets/NAME.toml`` and ``annotations/NAME.csv`` into the working directory.
+
+    Nothing is overwritten, except the two files of a clip that was added without people and not edited since.
 
     Parameters
     ----------
@@ -93,7 +95,8 @@ def add_clip(
     path = Path(os.path.abspath(os.path.expanduser(path)))  # without .., but with links as they are named
     chosen, found = recognise(path, adapter, source or {})
     name = name or as_clip_name(found.name, default="clip")
-    manifest_path, annotations_path = _free_paths(name)
+    bare = _manifest_text(name, chosen, found, {}, {}) if subjects or targets else None
+    manifest_path, annotations_path = _free_paths(name, bare)
     text = _manifest_text(name, chosen, found, _from_left(subjects or {}), _from_left(targets or {}))
     manifest = make_manifest(parse_toml(text, manifest_path), manifest_path)
     clip, first = _open(path, manifest)
@@ -128,17 +131,23 @@ def add_clip(
     return added
 
 
-def _free_paths(name: str) -> tuple[Path, Path]:
-    """Return the paths of the two files, after checking that no clip of that name exists."""
+def _free_paths(name: str, bare: str | None) -> tuple[Path, Path]:
+    """Return the paths of the two files, after checking that no clip of that name exists.
+
+    ``bare`` is the manifest's text without people and objects: a clip that has it can be added again with them.
+    """
+    paths = Path.cwd() / "datasets" / f"{name}.toml", Path.cwd() / "annotations" / f"{name}.csv"
+    if paths[0].is_file() and read_text(paths[0]) == bare and _is_left_over(paths[1]):
+        return paths
     for taken in (clip_files().get(name), find("annotations", name)):
         if taken is not None and not _is_left_over(taken):
             raise VfoaError(f"{taken}: a clip of this name exists; expected another name: --name NAME")
-    return Path.cwd() / "datasets" / f"{name}.toml", Path.cwd() / "annotations" / f"{name}.csv"
+    return paths
 
 
 def _is_left_over(path: Path) -> bool:
     """Whether labels are left, unedited, from adding a clip that was killed before its manifest was written."""
-    if path.suffix != ".csv":
+    if path.suffix != ".csv" or not path.is_file():
         return False
     version, _, *rows = [*read_text(path).splitlines(), "", ""]
     return version == VERSION_LINE and all(f",{IGNORED},{UNLABELLED}" in row for row in rows if row)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,6 +55,33 @@ def default_weights(slot: Slot, name: str) -> tuple[str, ...] | None:
         return None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissingWeights:
+    """Models of the catalogue that stages name and that are not here, and options of stages that can run instead."""
+
+    models: Mapping[str, CatalogueEntry]
+    instead: tuple[str, ...]
+
+    @property
+    def fetch(self) -> str:
+        """The command that fetches them, or says where to get them."""
+        return f"vfoa models fetch {' '.join(self.models)}"
+
+
+def missing_weights(choices: Iterable[StageChoice]) -> MissingWeights | None:
+    """Return what is missing of the weights that the stages name; None if all are here."""
+    entries = {entry.file: (name, entry) for name, entry in catalogue().items()}
+    absent = {
+        file: choice
+        for choice in choices
+        for file in weights_of(choice.settings)
+        if file in entries and not _is_here(file)
+    }
+    stages = dict.fromkeys((choice.slot, choice.name) for choice in absent.values())
+    instead = tuple(options for slot, name in stages if (options := _instead(SLOTS[slot], name)))
+    return MissingWeights(models=dict(entries[file] for file in sorted(absent)), instead=instead) if absent else None
+
+
 def locate_weights(choices: Iterable[StageChoice]) -> dict[str, Path]:
     """Return the path of each weights file that the stages name.
 
@@ -64,27 +91,15 @@ def locate_weights(choices: Iterable[StageChoice]) -> dict[str, Path]:
         If some are missing. For those of the catalogue, the message gives licence and size, the command that fetches
         them, and for each stage without its weights another one that can run here.
     """
-    entries = {entry.file: (name, entry) for name, entry in catalogue().items()}
-    files: dict[str, StageChoice] = {}
-    for choice in choices:
-        for file in weights_of(choice.settings):
-            files.setdefault(file, choice)
-    absent = [file for file in sorted(files) if file in entries and not _is_here(file)]
-    if absent:
-        stages = dict.fromkeys((files[file].slot, files[file].name) for file in absent)
-        instead = [option for slot, name in stages if (option := _instead(SLOTS[slot], name))]
-        raise VfoaError(
-            f"weights missing in {' and '.join(map(str, directories()))}: "
-            + ", ".join(f"{entries[file][0]} ({described(entries[file][1])})" for file in absent)
-            + f"; expected: vfoa models fetch {' '.join(entries[file][0] for file in absent)}"
-            + (f"; or what is here already: {' '.join(instead)}" if instead else "")
+    choices = list(choices)
+    if missing := missing_weights(choices):
+        models = (
+            f"{name} ({entry.licence}, {entry.size or 'size not known'})" for name, entry in missing.models.items()
         )
-    return {file: locate(file) for file in sorted(files)}
-
-
-def described(entry: CatalogueEntry) -> str:
-    """Licence and size of a model."""
-    return f"{entry.licence}, {entry.size or 'size not known'}"
+        here = f"; or what is here already: {' '.join(missing.instead)}" if missing.instead else ""
+        folders = " and ".join(map(str, directories()))
+        raise VfoaError(f"weights missing in {folders}: {', '.join(models)}; expected: {missing.fetch}{here}")
+    return {file: locate(file) for file in sorted({name for each in choices for name in weights_of(each.settings)})}
 
 
 def _instead(slot: Slot, name: str) -> str | None:

@@ -47,7 +47,7 @@ def test_what_is_added_is_listed(tmp_path: Path) -> None:
     assert (listed["subjects"], listed["targets"], listed["labels"]) == (["ann"], ["mug"], 0)
 
 
-def test_what_was_found_is_said_and_the_next_commands_work(tmp_path: Path) -> None:
+def test_what_was_found_is_said(tmp_path: Path) -> None:
     found = CliRunner().invoke(app, ["add", str(scene_folder(tmp_path))], catch_exceptions=False)
     lines = found.stdout.splitlines()
     assert lines[0] == "sintel: MPI Sintel, scene alley, clean pass"
@@ -55,13 +55,19 @@ def test_what_was_found_is_said_and_the_next_commands_work(tmp_path: Path) -> No
     assert "  size         64x48" in lines
     assert "  rate         24 Hz" in lines
     assert "  calibration  camdata_left, read for every frame: fx 101 px, baseline 0.1 m" in lines
-    verbs = [line.removeprefix("next: vfoa ") for line in lines if line.startswith("next")]
-    assert verbs == ["clips check sintel_alley", "run sintel_alley"]
-    assert CliRunner().invoke(app, verbs[0].split()[1:]).exit_code == 0
-    named = CliRunner().invoke(
-        app, ["add", str(tmp_path), "--name", "mine", "--subject", "ann"], catch_exceptions=False
-    )
-    assert "next: vfoa annotate mine" in named.stdout.splitlines()
+
+
+def test_a_clip_without_people_is_added_again_with_them_until_it_is_edited(tmp_path: Path) -> None:
+    path = scene_folder(tmp_path)
+    vfoa("add", path)
+    assert vfoa("add", path, "--subject", "ann", "--target", "mug=cup")["subjects"] == ["ann"]
+    with pytest.raises(VfoaError, match="a clip of this name exists"):
+        vfoa("add", path, "--subject", "ben")
+    manifest = Path("datasets/other.toml")
+    vfoa("add", path, "--name", "other")
+    manifest.write_text(manifest.read_text() + "# mine\n")
+    with pytest.raises(VfoaError, match="a clip of this name exists"):
+        vfoa("add", path, "--name", "other", "--subject", "ann")
 
 
 def test_a_manifest_is_never_overwritten(tmp_path: Path) -> None:

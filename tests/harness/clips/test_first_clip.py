@@ -1,0 +1,66 @@
+"""A first clip of one's own, from five kinds of sources: the commands that `vfoa clips add` names work, in order."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.annotating import served_by_the_program
+from tests.command import vfoa
+from tests.depth_recordings import Lens, Shot, write_take
+from tests.disk import picture
+from tests.harness.clips.adding import NUMBERS, images, recording, wide_video
+from tests.measured import measured_tables
+
+
+def realsense_bag(root: Path) -> Path:
+    lens = Lens(width=64, height=48, fx=100.0, cx=31.5, cy=23.5)
+    depth_mm = np.full((48, 64), 1500, np.uint16)
+    shots = (Shot(stamp_ns=n * 40_000_000, colour=picture(n), depth_mm=depth_mm, lens=lens) for n in (1, 2))
+    return write_take(root, "bag", shots)
+
+
+SOURCES: dict[str, tuple[Callable[[Path], Path], tuple[str, ...]]] = {
+    "stereo-folder": (lambda root: images(root, "left/{}.png", "right/{}.png"), NUMBERS),
+    "side-by-side-video": (lambda root: wide_video(root / "zed.avi"), NUMBERS),
+    "realsense-bag": (realsense_bag, ()),
+    "mcap": (lambda root: recording(root / "table.mcap"), ()),
+    "measured-heads": (measured_tables, ()),
+}
+
+
+@pytest.mark.parametrize("kind", SOURCES)
+def test_a_source_becomes_a_table_by_the_commands_that_adding_names(
+    kind: str,
+    tmp_path: Path,
+    shared_models: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    make, options = SOURCES[kind]
+    (tmp_path / "work").mkdir()
+    (tmp_path / "source").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    monkeypatch.setenv("VFOA_MODELS", str(shared_models))
+
+    def run(*words: str) -> list[str]:
+        code, out, err = vfoa(monkeypatch, capsys, *words)
+        assert (code, err) == (0, ""), words
+        return out.splitlines()
+
+    told = run("clips", "add", str(make(tmp_path / "source")), "--name", "mine", *options)
+    if kind != "measured-heads":  # which name their people themselves
+        told = run(*shlex.split(told[-1])[1:])
+    commands = [shlex.split(line.removeprefix("next: vfoa ")) for line in told if line.startswith("next: vfoa")]
+    assert [command[0] for command in commands] == ["clips", "annotate", "run"]
+    for command in commands:
+        if command[0] == "annotate":
+            with served_by_the_program(Path.cwd(), command[1]) as (_, address):
+                assert address.startswith("http://127.0.0.1")
+        else:
+            run(*command, *(["--recording", "none", "--workers", "1"] if command[0] == "run" else []))
+    assert (Path("runs") / "mine" / "frr.csv").is_file()
