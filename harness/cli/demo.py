@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Out, Workers
+from harness.cli.options import Out, Verbose, Workers
 from harness.cli.run import run
 
 
@@ -14,6 +14,7 @@ def demo(
     out: Out = None,
     workers: Workers = 0,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
+    verbose: Verbose = False,
 ) -> None:
     """Run the paper's table on rendered clips: {BM, SGBM} x {one cone, two}. Downloads nothing."""
-    run(["demo"], out=out, workers=workers, limit=limit)
+    run(["demo"], out=out, workers=workers, limit=limit, verbose=verbose)

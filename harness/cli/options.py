@@ -88,6 +88,7 @@ Cache = Annotated[
 Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0: any free port.")]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Print the address; do not open a browser.")]
 Replace = Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Print the tables by clip and of the stages, too.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from harness.cli.completion import clip_names, experiment_and_clip_names, preset_names
-from harness.cli.options import Cache, Out, Overrides, Workers
+from harness.cli.options import Cache, Out, Overrides, Verbose, Workers
 from harness.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -107,6 +107,7 @@ def run(
     retry_failed: Annotated[
         bool, typer.Option("--retry-failed", help="Repeat what failed in the last run; reuse finished results.")
     ] = False,
+    verbose: Verbose = False,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.terminal import frames_bar, print_scores
@@ -163,18 +164,12 @@ def run(
                 retry_failed=retry_failed,
             )
         scores = rescore(directory)
-    print_scores(scores)
     for notice in (*experiment.missing, *notices):
         say(notice)
     if save_outputs:
-        say(f"\nStage outputs: {directory.stage_outputs}  (run from them: its {experiment.name}.toml says how)")
+        say(f"Stage outputs: {directory.stage_outputs}  (run from them: its {experiment.name}.toml says how)")
         say(f"As clips without images: vfoa clips add {directory.measured}/CLIP__CONFIGURATION")
-    say(
-        f"\nPage: {directory.path / 'report.html'}"
-        f"\nTables: {directory.path / 'frr.md'} (all of them), frr.csv, frr.tex, comparisons.md (paired tests)"
-        f"\n{'Scrub a failure' if scores.rows else 'Scrub'}: vfoa view {directory.path}"
-        f"{' --failures' if scores.rows else ''}"
-    )
+    print_scores(scores, directory.path, verbose=verbose)
     if mirror := Mirror.at(directory.path):
         say(f"All of it: {mirror.address}")
     _report_failures(directory)

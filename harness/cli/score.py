@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from harness.cli.options import Run, run_folder
+from harness.cli.options import Run, Verbose, run_folder
 
 
 def score(
@@ -18,6 +18,7 @@ def score(
             metavar="ANNOTATOR", help="Score against CLIP@ANNOTATOR.csv. Default: the labels that the run names."
         ),
     ] = None,
+    verbose: Verbose = False,
 ) -> None:
     """Score a run again from its results and the present labels; needs no images and no models."""
     from harness.cli.terminal import print_scores, say_unknown_names
@@ -29,5 +30,5 @@ def score(
     scores = rescore(RunDirectory(folder), annotator)
     gc.freeze()  # the verdicts of all frames live to the end: without this, the collector visits them once more at exit
     publish(folder)
-    print_scores(scores)
+    print_scores(scores, folder, verbose=verbose)
     say_unknown_names(scores)

@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
@@ -74,15 +75,18 @@ def _parts(widths: Sequence[int], room: int) -> list[list[int]]:
     return parts
 
 
-def print_report(table: Table) -> None:
-    """Print one table of a report without its notes, in parts if it is wider than the terminal."""
+def print_report(table: Table, *, bold: int | None = None) -> None:
+    """Print one table of a report without its notes, one row in bold; in parts if it is wider than the terminal."""
     from rich.console import Console
 
     from harness.report.formats import in_parts, to_rich
 
     console = Console()
     for part in in_parts(table, console.width):
-        console.print(to_rich(part))
+        printed = to_rich(part)
+        if bold is not None:
+            printed.rows[bold].style = "bold"
+        console.print(printed)
 
 
 def print_reports(tables: Iterable[Table]) -> None:
@@ -119,15 +123,53 @@ def _without_nan(value: object) -> object:
     return None if isinstance(value, float) and value != value else value
 
 
-def print_scores(scores: Scores) -> None:
-    """Print the FRR table and the other tables that fit a terminal, each with its notes."""
+def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
+    """Print what a run came to: a row for each configuration, what fails, the verdict and the next commands.
+
+    ``verbose``: first the tables by clip and of the stages, with all notes.
+    """
+    from rich.console import Console
+
     from harness.report.comparisons import terminal_ablation
     from harness.report.published import published_table
     from harness.report.stages import terminal_measures
-    from harness.report.tables import seeds_table, terminal_table
+    from harness.report.tables import remarks, seeds_table, summary_table, terminal_table
+    from harness.report.verdict import headline, next_steps, verdict_sentence
+    from harness.score.oracle_ablation import without_oracles
 
-    others = (seeds_table(scores), published_table(scores), terminal_ablation(scores), terminal_measures(scores))
-    print_reports((terminal_table(scores), *(table for table in others if table.rows)))
+    ablation = terminal_ablation(scores)
+    if verbose:
+        others = (seeds_table(scores), published_table(scores), ablation, terminal_measures(scores))
+        print_reports((terminal_table(scores), *(table for table in others if table.rows)))
+    console = Console(highlight=False)
+    table, best = summary_table(scores)
+    if table.rows:
+        print_report(table, bold=best)
+        for note in table.notes:
+            console.print(note, markup=False)
+    if ablation.rows and not verbose:
+        print_reports([ablation])
+    asked = without_oracles(scores.configurations)
+    scored = {row.clip for row in scores.rows}
+    unscored = [note for note in remarks(scores) if (note.partition(":")[0]) in {*scores.clips} - scored]
+    steps = next_steps(each for each in scores.verdicts if each.configuration in asked)
+    said = [*unscored[:_MOST_CLIPS], *steps[: len(steps) if verbose else 1]]
+    if len(unscored) > _MOST_CLIPS:
+        said.insert(_MOST_CLIPS, f"{len(unscored) - _MOST_CLIPS} more clips without labels: see the report.")
+    for words in said:
+        console.print(f"- {words}", markup=False)
+    if head := headline(scores):
+        console.print(f"\n{head}", markup=False, style="bold")
+    console.print(verdict_sentence(scores), markup=False)
+    say(f"Report (all tables: frr.md): {run / 'report.html'}")
+    if any(each.outcome == "wrong" for each in scores.verdicts):
+        say(f"Scrub a failure: vfoa view {run} --failures")
+    else:
+        say(f"Scrub: vfoa view {run}")
+
+
+_MOST_CLIPS = 3
+"""Most clips without labels that are named."""
 
 
 def say_unknown_names(scores: Scores) -> None:

@@ -7,7 +7,7 @@ import statistics
 
 from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table
-from harness.report.verdict import next_steps
+from harness.report.verdict import next_steps, overall
 from harness.score.baselines import BASELINES
 from harness.score.intervals import LEAST_CLIPS
 from harness.score.metrics import load_metrics
@@ -32,9 +32,8 @@ FRR_NOTES = (
     f"{ALL}: the pairs of all clips together, so that longer clips weigh more.",
 )
 TERMINAL_NOTE = (
-    "n: labelled (frame, subject) pairs. FRR: share of them with the right answer; no answer is wrong. 95 %: by "
-    f"looks of these clips only, from {LEAST_CLIPS} clips on by clips. Beaten: whether the best baseline is, by a "
-    "test of looks or clips. No hit: share in which no ray hit anything."
+    "n: labelled (frame, subject) pairs; FRR: right ones. 95 %, and the test of whether the best baseline is beaten: "
+    f"by clips from {LEAST_CLIPS} clips on, else by looks of these clips only. No hit: no ray hit anything."
 )
 
 
@@ -59,6 +58,33 @@ def frr_table(scores: Scores) -> Table:
         ),
         notes=(*remarks(scores), *FRR_NOTES),
     )
+
+
+def summary_table(scores: Scores) -> tuple[Table, int | None]:
+    """A row for each configuration over all clips, at most :data:`MOST_ROWS`, and the place of the best one in it."""
+    shown = without_oracles(scores.scored_configurations)
+    rows = [row for row in overall(scores) if row.configuration in shown]
+    kept = set(map(id, sorted(rows, key=lambda row: -row.frr)[:MOST_ROWS]))
+    places = [row for row in rows if id(row) in kept]
+    left_out = f" The best {MOST_ROWS} of {len(rows)} configurations." if len(rows) > MOST_ROWS else ""
+    table = Table(
+        title="FRR of each configuration over all clips",
+        columns=("Configuration", "n", "FRR %", "95 %", "Baseline %", "Beaten", "No hit %"),
+        words=1,
+        rows=tuple(
+            (
+                *(row.configuration, str(row.n), _percent(row.frr), _range(row.interval)),
+                *(_percent(row.baselines[row.best_baseline]), row.beats, _percent(row.no_hit / row.n)),
+            )
+            for row in places
+        ),
+        notes=(TERMINAL_NOTE + left_out,) if rows else (),
+    )
+    return table, places.index(max(places, key=lambda row: row.frr)) if places else None
+
+
+MOST_ROWS = 12
+"""Most configurations that the terminal shows unasked."""
 
 
 def terminal_table(scores: Scores) -> Table:

@@ -81,6 +81,22 @@ def verdict_sentence(scores: Scores) -> str:
     return f"{sentence}."
 
 
+def headline(scores: Scores) -> str:
+    """The best configuration over all clips, its best baseline and whether it beats that; empty without labels.
+
+    By a sign-flip test of the units that the interval resamples.
+    """
+    rows = [row for row in overall(scores) if row.configuration in without_oracles(scores.scored_configurations)]
+    if not rows:
+        return ""
+    best = max(rows, key=lambda row: row.frr)
+    of = f", best of {len(rows)}" if len(rows) > 1 else ""
+    baseline = f"'{best.best_baseline.replace('_', ' ')}' ({100 * best.baselines[best.best_baseline]:.1f} %)"
+    verb = {"yes": "beats", "not shown": "not shown to beat", "no": "not better than"}[best.beats]
+    test = f", sign-flip test of {best.interval.unit}s" if best.beats != "no" else ""
+    return f"{best.configuration} {100 * best.frr:.1f} %{of}; {verb} {baseline}{test}"
+
+
 def overall(scores: Scores) -> list[ScoreRow]:
     """The row of each configuration over all clips."""
     rows = scores.by_clip()

@@ -21,7 +21,7 @@ from harness.report.reliability import reliability_table
 from harness.report.stages import StageTimes
 from harness.report.tables import error_types_table, frr_table, nowhere_table, remarks, seeds_table, visible_table
 from harness.report.thumbnails import Thumbnails
-from harness.report.verdict import verdict_sentence
+from harness.report.verdict import headline, next_steps, verdict_sentence
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.reliability import Reliability
 from harness.score.score import Scores
@@ -60,6 +60,7 @@ def render_page(
     thumbnails = thumbnails or Thumbnails()
     rates = {clip["name"]: clip["rate_hz"] for clip in manifest["clips"]} if manifest else {}
     data, packs = page_data(scores, attention, thumbnails, served, rates)
+    asked = without_oracles(scores.configurations)
     panels = list(draw_panels(scores))
     differing = differing_settings(manifest["configurations"]) if manifest else None
     groups, tables = _numbered(
@@ -87,7 +88,9 @@ def render_page(
         title=f"Run {manifest['experiment']}" if manifest else "Run",
         facts=_facts(scores, manifest),
         compared=_compared(scores, differing),
+        headline=headline(scores),
         verdict=verdict_sentence(scores),
+        fails=next(iter(next_steps(each for each in scores.verdicts if each.configuration in asked)), None),
         remarks=[each for each in remarks(scores) if each not in scores.notes],
         notes=scores.notes,
         versions=manifest["versions"] if manifest else None,

@@ -11,7 +11,7 @@ from rich.console import Console
 from harness.labels.labels import Labels
 from harness.report.csv_tables import FrameRows
 from harness.report.formats import to_rich
-from harness.report.tables import frr_table, paper_table, terminal_table
+from harness.report.tables import frr_table, paper_table, summary_table, terminal_table
 from harness.report.write import render_tables
 from harness.run.records import FrameRecord
 from harness.run.results import to_line
@@ -219,3 +219,17 @@ def test_frames_csv_judges_one_track_of_a_name() -> None:
     )
     shown = [(row["track"], row["outcome"]) for row in _csv(rows.to_csv(scores.verdicts))]
     assert shown == [("1", "correct"), ("2", "")]
+
+
+def test_the_terminal_sums_up_the_configurations_over_all_clips_the_best_one_marked() -> None:
+    given = {"bm": ["cup", "can", "can"], "sgbm": ["cup", "cup", "can"], "sgbm+gaze": ["cup"] * 3}
+    records = [
+        record
+        for clip in ("clip", "street")
+        for name, words in given.items()
+        for record in answers(words, clip=clip, configuration=name)
+    ]
+    truth = dict.fromkeys(("clip", "street"), labels("cup", "cup", "cup"))
+    table, best = summary_table(score(records, Reference(labels=truth)))
+    assert [(row[0], row[1], row[2]) for row in table.rows] == [("bm", "6", "33.3"), ("sgbm", "6", "66.7")]
+    assert best == 1
