@@ -10,7 +10,7 @@ from harness.report.formats import UNKNOWN, Table
 from harness.report.verdict import next_steps, overall
 from harness.score.baselines import BASELINES
 from harness.score.intervals import LEAST_CLIPS
-from harness.score.metrics import load_metrics
+from harness.score.metrics import LEAST_PROBABILITY, load_metrics
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.statistics import Interval
@@ -24,6 +24,9 @@ FRR_NOTES = (
     f"95 %: confidence interval. From {LEAST_CLIPS} clips on it resamples clips, then looks within them, and speaks "
     "of clips like these. Below that, and in the row of one clip, it resamples looks and speaks of these clips only. "
     "Percentiles are expanded for small samples; few or equal units get an exact interval. One look has none.",
+    "Balanced: mean of the shares of right pairs among those with a true target (Targets) and among those whose label "
+    "is none (Nowhere); always answering none gets 50 at most. Log loss, Brier: of methods that give probabilities, "
+    f"lower is better; a probability of the truth below {LEAST_PROBABILITY:g} counts as this.",
     "Baseline: the best one, see the table of baselines. Beaten: by a sign-flip test by clips or looks, uncorrected: "
     "'not shown' where the FRR is higher and p is not below 0.05, 'no' where it is not higher.",
     "Coverage: share of pairs with an answer. No hit: share of pairs in which nothing got any attention (no ray hit "
@@ -37,19 +40,28 @@ TERMINAL_NOTE = (
 )
 
 
+BALANCED = ("Balanced %", "Targets %", "Nowhere %", "Log loss", "Brier")
+"""The columns beside the FRR, which alone would reward the answer "nowhere"."""
+SHARES, LOSSES = ("balanced_frr", "recall_targets", "recall_nowhere"), ("log_loss", "brier")
+"""The metrics in these columns."""
+TERMINAL_COLUMNS = (
+    *("Clip", "Configuration", "n", "FRR %", "95 %", "Balanced %", "Log loss", "Baseline %", "Beaten", "No hit %"),
+)
+
+
 def frr_table(scores: Scores) -> Table:
     """The main table: FRR of every configuration on every clip, with its interval, its best baseline and coverage."""
     return Table(
         title="Focus recognition rate (FRR) by clip and configuration",
         columns=(
-            *("Clip", "Configuration", "n", "Units", "FRR %", "95 %", "Baseline %", "Beaten", "Coverage %"),
-            *("No hit %", "FRR given answer %", "Wilson"),
+            *("Clip", "Configuration", "n", "Units", "FRR %", "95 %", *BALANCED),
+            *("Baseline %", "Beaten", "Coverage %", "No hit %", "FRR given answer %", "Wilson"),
         ),
         words=2,
         rows=tuple(
             (
                 *_names(row),
-                *(str(row.n), str(row.looks), _percent(row.frr), _range(row.interval)),
+                *(str(row.n), str(row.looks), _percent(row.frr), _range(row.interval), *_balanced(row)),
                 *(_percent(row.baselines[row.best_baseline]), row.beats),
                 *(_percent(row.coverage), _percent(row.no_hit / row.n), _percent(row.frr_predicted)),
                 _range(row.wilson),
@@ -90,10 +102,13 @@ MOST_ROWS = 12
 def terminal_table(scores: Scores) -> Table:
     """The columns that fit a terminal of 100 characters, without the oracle ablation, and with short notes."""
     table, shown = frr_table(scores), without_oracles(scores.scored_configurations)
+    chosen = [table.columns.index(name) for name in TERMINAL_COLUMNS]
+    if all(row[table.columns.index("Log loss")] == UNKNOWN for row in table.rows):
+        chosen.remove(table.columns.index("Log loss"))
     return Table(
         title=table.title,
-        columns=table.columns[:-2],
-        rows=tuple(row[:-2] for row in table.rows if row[1] in shown),
+        columns=tuple(table.columns[place] for place in chosen),
+        rows=tuple(tuple(row[place] for place in chosen) for row in table.rows if row[1] in shown),
         words=table.words,
         notes=(
             *([TERMINAL_NOTE] if scores.rows else []),
@@ -119,8 +134,8 @@ def paper_table(scores: Scores) -> Table:
 
 
 def measures_table(scores: Scores) -> Table:
-    """Agreement beyond the share of correct frames: every metric, then the matching of events."""
-    metrics = load_metrics()
+    """Agreement beyond the share of correct frames: every metric that the main table has not, then events."""
+    metrics = {name: metric for name, metric in load_metrics().items() if name not in (*SHARES, *LOSSES)}
     return Table(
         title="Agreement and events",
         columns=(
@@ -289,6 +304,14 @@ def remarks(scores: Scores) -> list[str]:
                 f"best configuration in {_percent(best)} %."
             )
     return found
+
+
+def _balanced(row: ScoreRow) -> tuple[str, ...]:
+    losses = (row.metrics[name] for name in LOSSES)
+    return (
+        *(_percent(row.metrics[name]) for name in SHARES),
+        *(UNKNOWN if math.isnan(loss) else f"{loss:.3f}" for loss in losses),
+    )
 
 
 def _names(row: ScoreRow) -> tuple[str, str]:

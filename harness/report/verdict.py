@@ -71,14 +71,24 @@ def verdict_sentence(scores: Scores) -> str:
     rows = {row.configuration: row for row in overall(scores) if row.configuration in names}
     if not rows:
         return "Nothing is scored: no frame has a label."
+    losses = _said_of_log_loss(list(rows.values()))
     if len(rows) == 1:
-        return _against_baseline(next(iter(rows.values())))
+        return f"{_against_baseline(next(iter(rows.values())))}{losses}"
     frames = {name: scores.frames_of(name) for name in rows}
     groups = compare_factors(frames) or [compare(frames)]
     said = [_of_group(group) for group in groups]
     told, untold = [part for parts, _ in said for part in parts], [part for _, parts in said for part in parts]
     sentence = "; ".join([*told, *untold])
-    return f"{sentence}."
+    return f"{sentence}.{losses}"
+
+
+def _said_of_log_loss(rows: Sequence[ScoreRow]) -> str:
+    """The log losses, lowest first, where all configurations give probabilities."""
+    losses = sorted((row.metrics["log_loss"], row.configuration) for row in rows)
+    if any(math.isnan(loss) for loss, _ in losses):
+        return ""
+    shown = [f"{name} {loss:.3f}" for loss, name in losses[:_MOST_NAMES]]
+    return f" Log loss, lower is better: {', '.join(shown)}{' ...' if len(losses) > _MOST_NAMES else ''}."
 
 
 def headline(scores: Scores) -> str:

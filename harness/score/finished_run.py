@@ -161,6 +161,11 @@ class FinishedRun:
             says_nowhere=frozenset(
                 name for name, each in run["configurations"].items() if _says_nowhere(each.get("attention", {}))
             ),
+            probabilistic=frozenset(
+                name
+                for name, each in run["configurations"].items()
+                if each.get("attention", {}).get("method") in ("bayes", "logit")
+            ),
             published=Published.model_validate(run["published"]) if run.get("published") else None,
         )
 

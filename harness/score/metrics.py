@@ -7,10 +7,12 @@ entry-point group ``vfoa.metrics``.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from harness.score.outcomes import Outcomes
 from harness.score.statistics import Counts, cohen_kappa, confusion_matrix, macro_f1
@@ -36,6 +38,70 @@ class Metric(Protocol):
         ...
 
 
+LEAST_PROBABILITY = 0.001
+"""Probabilities of the truth below this count as this: without it, one sure and wrong frame would decide a log loss."""
+
+
+class BalancedFRR:
+    """Mean of the recall on targets and the recall on nowhere; one of them where only one occurs."""
+
+    title = "Balanced FRR"
+    meaning = "Balanced FRR: mean of the next two; always answering one thing gets at most a half."
+
+    def __call__(self, group: Sequence[Outcomes]) -> float:
+        """The mean of the two recalls, in [0, 1]."""
+        recalls = [recall(group) for recall in (RecallTargets(), RecallNowhere())]
+        known = [each for each in recalls if not math.isnan(each)]
+        return sum(known) / len(known) if known else math.nan
+
+
+class RecallTargets:
+    """Share of right frames among those with a true target."""
+
+    title = "Recall, targets"
+    meaning = "Recall, targets: share of right pairs among those with a true target."
+
+    def __call__(self, group: Sequence[Outcomes]) -> float:
+        """The recall, in [0, 1]; NaN if there are no such frames."""
+        return _mean([each.correct[~each.nowhere] for each in group])
+
+
+class RecallNowhere:
+    """Share of right frames among those whose label is ``none``."""
+
+    title = "Recall, nowhere"
+    meaning = "Recall, nowhere: among those whose label is none (no hit is right there)."
+
+    def __call__(self, group: Sequence[Outcomes]) -> float:
+        """The recall, in [0, 1]; NaN if there are no such frames."""
+        return _mean([each.correct[each.nowhere] for each in group])
+
+
+class LogLoss:
+    """Mean of -ln p, the probability of the true answer, at least :data:`LEAST_PROBABILITY` (Good 1952)."""
+
+    title = "Log loss"
+    meaning = (
+        f"Log loss: mean of -ln(probability of the true answer), at least {LEAST_PROBABILITY:g}; without an answer, 0. "
+        "Lower is better."
+    )
+
+    def __call__(self, group: Sequence[Outcomes]) -> float:
+        """The log loss, nats; NaN for a method without probabilities."""
+        return _mean([-np.log(np.maximum(each.on_truth, LEAST_PROBABILITY)) for each in group])
+
+
+class Brier:
+    """Mean of Brier's score over all answers (Brier 1950)."""
+
+    title = "Brier"
+    meaning = "Brier: squared distance of all probabilities from the truth, 0 to 2. Lower is better."
+
+    def __call__(self, group: Sequence[Outcomes]) -> float:
+        """The score, 0 to 2; NaN for a method without probabilities."""
+        return _mean([each.brier for each in group])
+
+
 class MacroF1:
     """Mean F1 over the labels that occur in the ground truth."""
 
@@ -58,6 +124,11 @@ class Kappa:
         return cohen_kappa(confusion(group))
 
 
+def _mean(values: Sequence[NDArray[Any]]) -> float:
+    found = np.concatenate(values)
+    return float(found.mean()) if len(found) and not np.isnan(found).any() else math.nan
+
+
 def confusion(group: Sequence[Outcomes]) -> Counts:
     """Counts (L + 1, L + 1) of truth (rows) by answer, over the L labels of the truth, then any other answer or none.
 
@@ -74,6 +145,11 @@ def confusion(group: Sequence[Outcomes]) -> Counts:
 METRICS = Registry(
     kind="metric",
     builtin={
+        "balanced_frr": "harness.score.metrics:BalancedFRR",
+        "recall_targets": "harness.score.metrics:RecallTargets",
+        "recall_nowhere": "harness.score.metrics:RecallNowhere",
+        "log_loss": "harness.score.metrics:LogLoss",
+        "brier": "harness.score.metrics:Brier",
         "macro_f1": "harness.score.metrics:MacroF1",
         "kappa": "harness.score.metrics:Kappa",
     },

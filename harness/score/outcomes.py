@@ -14,6 +14,7 @@ from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES, NO_HITS, Baselines, Hits, best_limit_rad, commonest, hits_of
 from harness.score.looks import number_looks
 from harness.score.reference import Reference
+from harness.score.reliability import NO_PROBABILITIES, worth_of
 from harness.score.statistics import Codes, Flags
 from harness.score.verdicts import NO_HIT, Verdict, answer, find_subject, judge, judge_absent
 from vfoa.types import Float
@@ -29,10 +30,11 @@ class Outcomes:
     ``positions`` count the clip's frames, so that a difference above 1 is a gap; ``frames`` are their numbers.
     ``looks`` number the looks (see :mod:`harness.score.looks`). ``no_hit`` are the frames in which nothing got any
     attention, ``nowhere`` those in which the subject looks at nothing, ``says_nowhere`` those in which the method says
-    so, ``blocked`` those whose line of sight the label calls blocked. ``baselines`` (n, baselines) says which baselines
-    were right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is the smallest angle from the
-    gaze to a box's centre, NaN if not known. ``error_types`` are those of the wrong frames. ``all_positions`` (m,) are
-    those of all verdicts; ``rate_hz`` is the rate of the clip's frames, None if it is not known.
+    so, ``blocked`` those whose line of sight the label calls blocked. ``on_truth`` is the probability of the true
+    answer, ``brier`` Brier's score; NaN for a method without probabilities. ``baselines`` (n, baselines) says which
+    baselines were right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is the smallest
+    angle from the gaze to a box's centre, NaN if not known. ``error_types`` are those of the wrong frames.
+    ``all_positions`` (m,) are those of all verdicts; ``rate_hz`` is the rate of the clip's frames, None if unknown.
     """
 
     clip: str
@@ -49,6 +51,8 @@ class Outcomes:
     nowhere: Flags
     says_nowhere: Flags
     blocked: Flags
+    on_truth: Float
+    brier: Float
     baselines: Flags
     angles_rad: Float
     error_types: tuple[str, ...]
@@ -57,11 +61,13 @@ class Outcomes:
 
 
 class Judgement(NamedTuple):
-    """Truth and prediction of a subject in a frame."""
+    """Truth and prediction of a subject in a frame, and what its probabilities are worth (NaN: it has none)."""
 
     verdict: Verdict
     hits: Hits
     is_blocked: bool
+    on_truth: float = math.nan
+    brier: float = math.nan
 
 
 Judged = dict[int, Judgement]
@@ -116,6 +122,7 @@ class OutcomeLog:
             clip,
             self._tracks.setdefault((record.clip, record.configuration), {}),
             says_nowhere=record.configuration in self._reference.says_nowhere,
+            has_probabilities=record.configuration in self._reference.probabilistic,
         )
 
     def part(self, clip: str, configuration: str) -> tuple[dict[str, Judged], dict[int, int]]:
@@ -143,7 +150,8 @@ class OutcomeLog:
         clips = self._clips
         labels = {name: clip.wanted_labels() for name, clip in clips.items()}
         for (name, configuration), by_subject in self._tracks.items():
-            _judge_absent_frames(name, configuration, labels[name], by_subject)
+            has_probabilities = configuration in self._reference.probabilistic
+            _judge_absent_frames(name, configuration, labels[name], by_subject, has_probabilities)
         codes: dict[str, int] = {}
         places = {name: clip.positions() for name, clip in clips.items()}
         rates = {name: clip.frames_per_second() for name, clip in clips.items()}
@@ -164,7 +172,9 @@ def _wanted(labels: Labels | None, frames: Iterable[int] | None) -> list[int]:
     return sorted({frame for row in labels.ranges for frame in range(row.first_frame, row.last_frame + 1)})
 
 
-def _judge_record(record: FrameRecord, clip: _Clip, by_subject: dict[str, Judged], *, says_nowhere: bool) -> None:
+def _judge_record(
+    record: FrameRecord, clip: _Clip, by_subject: dict[str, Judged], *, says_nowhere: bool, has_probabilities: bool
+) -> None:
     labels = clip.labels_in(record.frame)
     baselines = Baselines(record) if labels else None
     named = [subject.name for subject in record.subjects if subject.name is not None]
@@ -173,11 +183,13 @@ def _judge_record(record: FrameRecord, clip: _Clip, by_subject: dict[str, Judged
         verdict = judge(record, subject, label)
         if says_nowhere:
             verdict = _as_said(verdict)
-        hits = NO_HITS
+        hits, worth = NO_HITS, (math.nan, math.nan)
         if baselines and label and verdict.outcome != "unscored":
-            hits = hits_of(record, baselines.choose(find_subject(record, subject)), label)
+            found = find_subject(record, subject)
+            hits = hits_of(record, baselines.choose(found), label)
+            worth = worth_of(record, found, label) if has_probabilities else worth
         blocked = label is not None and label.is_blocked
-        by_subject.setdefault(subject, {})[record.frame] = Judgement(verdict, hits, blocked)
+        by_subject.setdefault(subject, {})[record.frame] = Judgement(verdict, hits, blocked, *worth)
 
 
 def _as_said(verdict: Verdict) -> Verdict:
@@ -189,13 +201,18 @@ def _as_said(verdict: Verdict) -> Verdict:
 
 
 def _judge_absent_frames(
-    clip: str, configuration: str, wanted: Iterable[tuple[int, str, Label]], by_subject: dict[str, Judged]
+    clip: str,
+    configuration: str,
+    wanted: Iterable[tuple[int, str, Label]],
+    by_subject: dict[str, Judged],
+    has_probabilities: bool,
 ) -> None:
+    worth = NO_PROBABILITIES if has_probabilities else (math.nan, math.nan)
     for frame, subject, label in wanted:
         judged = by_subject.setdefault(subject, {})
         if frame not in judged:
             verdict = judge_absent(clip, configuration, frame, subject, label)
-            judged[frame] = Judgement(verdict, NO_HITS, label.is_blocked)
+            judged[frame] = Judgement(verdict, NO_HITS, label.is_blocked, *worth)
 
 
 def _outcomes(
@@ -209,7 +226,7 @@ def _outcomes(
     truth = _coded(truths, codes)
     positions = np.array([places[verdict.frame] for verdict in verdicts], dtype=np.intp)
     always = commonest(truths)
-    baselines = [(each == always, *hits[:-1]) for each, (_, hits, _) in zip(truths, scored, strict=True)]
+    baselines = [(each == always, *one.hits[:-1]) for each, one in zip(truths, scored, strict=True)]
     return Outcomes(
         clip=clip,
         configuration=configuration,
@@ -225,6 +242,8 @@ def _outcomes(
         nowhere=np.array([name == NOWHERE for name in truths], dtype=np.bool_),
         says_nowhere=np.array([verdict.predicted == NOWHERE for verdict in verdicts], dtype=np.bool_),
         blocked=np.array([each.is_blocked for each in scored], dtype=np.bool_),
+        on_truth=np.array([each.on_truth for each in scored], dtype=np.float64),
+        brier=np.array([each.brier for each in scored], dtype=np.float64),
         baselines=np.array(baselines, dtype=np.bool_).reshape(-1, len(BASELINES)),
         angles_rad=np.array([each.hits.angle_rad for each in scored], dtype=np.float64),
         error_types=tuple(verdict.error_type for verdict in verdicts if verdict.error_type is not None),

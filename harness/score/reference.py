@@ -16,9 +16,9 @@ class Reference:
     A clip without labels is not scored. ``frames`` are those that were to be run, if they are fewer than the labels
     cover (a clip whose numbers have gaps, a run with a limit): a labelled one among them without a record is wrong.
     ``notes`` describe the clips and the experiment, such as how a view was made; ``published`` are published figures.
-    ``says_nowhere`` are the configurations whose method can answer "looks at nothing". ``unknown_names`` are names in
-    the results of a clip that its manifest does not know: they can only be wrong. ``names_now`` are the present names
-    of renamed targets by clip and name in the results.
+    ``says_nowhere`` are the configurations whose method can answer "looks at nothing", ``probabilistic`` those whose
+    attention is a probability. ``unknown_names`` are names in the results of a clip that its manifest does not know:
+    they can only be wrong. ``names_now`` are the present names of renamed targets by clip and name in the results.
     """
 
     labels: Mapping[str, Labels]
@@ -26,5 +26,6 @@ class Reference:
     notes: tuple[str, ...] = ()
     published: Published | None = None
     says_nowhere: frozenset[str] = frozenset()
+    probabilistic: frozenset[str] = frozenset()
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     names_now: Mapping[str, Mapping[str, str]] = field(default_factory=dict)

@@ -177,13 +177,33 @@ def _interval(gaps: Float, bins: Codes, clips: Codes) -> Interval:
 
 
 def _sureness(record: FrameRecord, subject: SubjectRecord, label: Label) -> tuple[float, bool, float]:
-    """Confidence, whether it is right, and Brier's score of a subject's probabilities; nowhere has their rest up to 1.
+    """Confidence, whether it is right, and Brier's score of a subject's probabilities."""
+    probabilities = _probabilities(subject)
+    _, brier = worth_of(record, subject, label)
+    return min(probabilities[subject.focus], 1.0), subject.focus in _true(record, label), brier
 
-    A true target that the frame does not have has probability 0.
+
+NO_PROBABILITIES = (0.0, 1.0)
+"""Probability of the truth, and Brier's score, where a method gives no probabilities: it has none anywhere."""
+
+
+def worth_of(record: FrameRecord, subject: SubjectRecord | None, label: Label) -> tuple[float, float]:
+    """Probability of the true answer, and Brier's score (0 to 2, Brier 1950), of a subject's probabilities.
+
+    Nowhere has their rest up to 1. A true target that the frame does not have has probability 0.
     """
-    probabilities: dict[int | None, float] = {value.instance_id: value.total for value in subject.attention}
-    probabilities[None] = max(0.0, 1 - sum(probabilities.values()))
-    true: set[int | None] = {None} if label.target == NOWHERE else {t.instance_id for t in true_targets(record, label)}
+    if subject is None or subject.missing is not None:
+        return NO_PROBABILITIES
+    probabilities, true = _probabilities(subject), _true(record, label)
     on_truth = sum(probabilities.get(key, 0.0) for key in true)
-    elsewhere = sum(p**2 for key, p in probabilities.items() if key not in true)
-    return min(probabilities[subject.focus], 1.0), subject.focus in true, (1 - on_truth) ** 2 + elsewhere
+    return on_truth, (1 - on_truth) ** 2 + sum(p**2 for key, p in probabilities.items() if key not in true)
+
+
+def _probabilities(subject: SubjectRecord) -> dict[int | None, float]:
+    found: dict[int | None, float] = {value.instance_id: value.total for value in subject.attention}
+    found[None] = max(0.0, 1 - sum(found.values()))
+    return found
+
+
+def _true(record: FrameRecord, label: Label) -> set[int | None]:
+    return {None} if label.target == NOWHERE else {target.instance_id for target in true_targets(record, label)}

@@ -5,10 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sklearn.metrics import cohen_kappa_score, f1_score
+from sklearn.metrics import cohen_kappa_score, f1_score, log_loss
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.records import FrameRecord
+from harness.score.metrics import LEAST_PROBABILITY
 from harness.score.reference import Reference
 from harness.score.score import ScoreRow, Scores, score
 from harness.score.statistics import wilson_interval
@@ -274,3 +275,31 @@ def test_verdicts_are_by_clip_then_configuration_then_subject_then_frame() -> No
 def test_no_rule_is_right_in_a_frame_of_which_there_is_no_record() -> None:
     row = _row(score(answers(["cup"]), Reference(labels={"clip": labels("cup", "cup")})))
     assert row.baselines == {"commonest": 1.0, "nearest": 0.5, "largest": 0.5, "central": 0.5, "nearest_in_angle": 0.5}
+
+
+def test_always_none_has_the_frr_of_nowhere_and_half_the_balanced_one() -> None:
+    truth = labels("none", "none", "none", "bird")
+    reference = Reference(labels={"clip": truth}, says_nowhere=frozenset(["one"]))
+    row = score(answers(["none"] * 4), reference).by_clip()[0]
+    assert (row.frr, row.metrics["balanced_frr"]) == (0.75, 0.5)
+    assert (row.metrics["recall_targets"], row.metrics["recall_nowhere"]) == (0.0, 1.0)
+    assert math.isnan(row.metrics["log_loss"])
+    assert math.isnan(row.metrics["brier"])
+    (alone,) = score(answers(["bird"]), Reference(labels={"clip": labels("bird")})).by_clip()
+    assert alone.metrics["balanced_frr"] == 1.0
+    assert math.isnan(alone.metrics["recall_nowhere"])
+
+
+def test_losses_are_those_of_scikit_learn_and_no_answer_is_the_worst() -> None:
+    """Of bird, cup and nowhere: (.5, .3, .2), (0, .25, .75), then no answer, and a truth of probability 0."""
+    shown = ({1: 0.5, 2: 0.3}, {1: 0.0, 2: 0.25}, None, {1: 0.0, 2: 0.25})
+    targets = (target_record(1, "bird"), target_record(2, "cup"))
+    records = [
+        frame_record(targets, [] if totals is None else [subject_record("girl", totals=totals, focus=1)], frame=frame)
+        for frame, totals in enumerate(shown, start=1)
+    ]
+    truth = labels("bird", "none", "cup", "bird")
+    row = score(records, Reference(labels={"clip": truth}, probabilistic=frozenset(["one"]))).by_clip()[0]
+    of_first_two = 2 * log_loss([0, 2], [[0.5, 0.3, 0.2], [0.0, 0.25, 0.75]], labels=[0, 1, 2])
+    assert row.metrics["log_loss"] == pytest.approx((of_first_two - 2 * math.log(LEAST_PROBABILITY)) / 4)
+    assert row.metrics["brier"] == pytest.approx((0.25 + 0.09 + 0.04 + 0.0625 + 0.0625 + 1 + 1 + 0.0625 + 0.5625) / 4)
