@@ -152,7 +152,7 @@ def test_nothing_scored_still_makes_tables() -> None:
     assert texts["frr.csv"].count("\n") == 1
 
 
-def test_the_terminal_shows_n_rate_intervals_and_coverage_in_100_columns() -> None:
+def test_the_terminal_shows_n_rate_and_intervals_in_100_columns() -> None:
     names = [f"sgbm_with_a_long_name,two_cones_{i}" for i in range(2)]
     records = [
         record
@@ -166,9 +166,9 @@ def test_the_terminal_shows_n_rate_intervals_and_coverage_in_100_columns() -> No
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert max(map(len, text.splitlines())) <= 100
     assert [
-        word for word in ("n", "FRR %", "95 %", "Baseline %", "Coverage %", "No hit %", "(all)") if word not in text
+        word for word in ("n", "FRR %", "95 %", "Balanced %", "Baseline %", "No hit %", "(all)") if word not in text
     ] == []
-    assert re.search(r"\(all\) .* 26 +2 +92\.3 +\d+–\d+ +100\.0 +no +92\.3", text)
+    assert re.search(r"\(all\) .* 26 +92\.3 +\d+–\d+ +92\.3 +100\.0 +no +0\.0", text)
 
 
 def test_the_oracle_ablation_has_a_table_of_its_own_and_is_not_between_the_configurations() -> None:
