@@ -4,7 +4,7 @@ visible      the direction of each target from the eyes, and its angular extent
 posterior/   the likelihood of the directions: their unknown error, how heads follow, how long people look
 
 "Nowhere" is a hypothesis of its own: people who look at nothing look about where their head points, which is anywhere
-about the middle of all targets. A large target is not favoured: its density is spread over its visible part.
+about where their body faces. A large target is not favoured: its density is spread over its visible part.
 """
 
 from __future__ import annotations

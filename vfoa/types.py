@@ -483,12 +483,14 @@ class DirectionFit:
 
     ``tail`` is the probability, before the frame was seen, of directions that fit worse: in [0, 1], and seldom small if
     the model is right. ``claimed_error_rad`` is the mean gaze error that its model claims, ``implied_error_rad`` the
-    one that the directions so far imply, bias included; None if no gaze was measured.
+    one that the directions so far imply, bias included; None if no gaze was measured. ``implied_share`` is the share of
+    the way to the targets that the head turns, as the directions imply; None if no head was measured.
     """
 
     tail: float
     claimed_error_rad: float | None = None
     implied_error_rad: float | None = None
+    implied_share: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from harness.report.formats import UNKNOWN, Table
 from harness.score.intervals import LEAST_CLIPS
 from harness.score.posterior_checks import (
+    MOST_SHARE,
     MOST_SURPRISES,
     MOST_TIMES_CLAIMED,
     SET_LEVEL,
@@ -112,7 +113,7 @@ def direction_check_table(found: Sequence[DirectionCheck]) -> Table:
     """One row for each clip and configuration with a posterior."""
     return Table(
         title="Do the measured directions fit the posterior?",
-        columns=("Clip", "Configuration", "n", "Surprising %", "Claimed deg", "Implied deg", "Fit"),
+        columns=("Clip", "Configuration", "n", "Surprising %", "Claimed deg", "Implied deg", "Head share", "Fit"),
         words=2,
         rows=tuple(
             (
@@ -122,6 +123,7 @@ def direction_check_table(found: Sequence[DirectionCheck]) -> Table:
                 f"{100 * each.surprises:.1f}",
                 _degrees(each.claimed_deg),
                 _degrees(each.implied_deg),
+                UNKNOWN if each.share is None else f"{each.share:.2f}",
                 "yes" if each.fits else "no",
             )
             for each in found
@@ -129,8 +131,10 @@ def direction_check_table(found: Sequence[DirectionCheck]) -> Table:
         notes=(
             f"Surprising: frames whose directions fit worse than all but {100 * SMALL_TAIL:.0f} % of those that the "
             "posterior expected. Claimed: the median of the gaze error that its source states; implied: what the "
-            f"directions imply, bias included. No fit: above {100 * MOST_SURPRISES:.0f} % surprises, or errors that "
-            f"differ by more than {MOST_TIMES_CLAIMED:g} times.",
+            f"directions imply, bias included. Head share: share of the way to the targets that heads turn, as the "
+            f"directions imply; people turn them 0.35 to 0.75. No fit: above {100 * MOST_SURPRISES:.0f} % surprises, "
+            f"errors that differ by more than {MOST_TIMES_CLAIMED:g} times, or a share above {MOST_SHARE:g}: targets "
+            "do not explain the heads. A fit does not show that the probabilities are right: only labels do.",
         ),
     )
 

@@ -59,6 +59,7 @@ class DirectionFitRecord:
     tail: float
     claimed_error_rad: float | None
     implied_error_rad: float | None
+    implied_share: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -206,6 +207,7 @@ def _fit(fit: DirectionFit) -> DirectionFitRecord:
         tail=float(fit.tail),
         claimed_error_rad=None if fit.claimed_error_rad is None else float(fit.claimed_error_rad),
         implied_error_rad=None if fit.implied_error_rad is None else float(fit.implied_error_rad),
+        implied_share=None if fit.implied_share is None else float(fit.implied_share),
     )
 
 

@@ -6,6 +6,10 @@ probability.
 The directions are checked by posterior-predictive checks (Rubin 1984): before each frame the posterior gives the
 probability of directions that fit worse than the measured ones. If the model is right, these tail probabilities are
 uniform; if many are small, the directions do not fit it.
+
+Directions that surprise nobody can still fit the wrong targets. The share of the way to the targets that heads turn
+shows it: people turn them 0.35 to 0.75 of the way. A larger implied share says that the head points near some target
+all the time while the eyes look elsewhere, so that the targets do not explain it.
 """
 
 from __future__ import annotations
@@ -19,6 +23,7 @@ from harness.labels.labels import IGNORED, Labels
 from harness.run.grid import base_of
 from harness.run.records import DirectionFitRecord, FrameRecord, SubjectRecord
 from harness.score.verdicts import find_subject, right_answers
+from vfoa.posterior.grid import PLAUSIBLE_SHARE
 
 SET_LEVEL = 0.9
 """The least probability of a set."""
@@ -29,6 +34,8 @@ MOST_SURPRISES = 0.15
 """Share of surprising frames above which a note says that the directions do not fit."""
 MOST_TIMES_CLAIMED = 1.5
 """Factor between the claimed and the implied error, either way, above which a note says that they do not fit."""
+MOST_SHARE = PLAUSIBLE_SHARE
+"""Implied share of the head above which a note says that the targets do not explain the head."""
 FEWEST_FRAMES = 20
 """Fewer frames give no check."""
 
@@ -105,7 +112,7 @@ class DirectionCheck:
     """One configuration on one clip: the share of surprising frames, and the median errors in degrees, of ``n`` frames.
 
     ``claimed_deg`` is the mean gaze error that its source claims, ``implied_deg`` the one that the directions imply;
-    None without gaze.
+    None without gaze. ``share`` is the median share of the way to the targets that the head turns; None without head.
     """
 
     clip: str
@@ -114,6 +121,7 @@ class DirectionCheck:
     surprises: float
     claimed_deg: float | None
     implied_deg: float | None
+    share: float | None = None
 
     @property
     def fits(self) -> bool:
@@ -121,7 +129,8 @@ class DirectionCheck:
         if self.n < FEWEST_FRAMES:
             return True
         times = self.implied_deg / self.claimed_deg if self.implied_deg and self.claimed_deg else 1.0
-        return self.surprises <= MOST_SURPRISES and 1 / MOST_TIMES_CLAIMED <= times <= MOST_TIMES_CLAIMED
+        explained = self.share is None or self.share <= MOST_SHARE
+        return explained and self.surprises <= MOST_SURPRISES and 1 / MOST_TIMES_CLAIMED <= times <= MOST_TIMES_CLAIMED
 
     def sentence(self) -> str:
         """A note for the reader of the probabilities."""
@@ -129,6 +138,8 @@ class DirectionCheck:
         if self.claimed_deg is not None and self.implied_deg is not None:
             claimed, implied = (f"{angle:.0f} deg" for angle in (self.claimed_deg, self.implied_deg))
             parts.append(f"the gaze claims an error of {claimed}, the directions imply {implied}")
+        if self.share is not None and self.share > MOST_SHARE:
+            parts.append(f"heads turn {100 * self.share:.0f} % of the way to targets (people: 35 to 75 %)")
         return f"{self.clip}, {self.configuration}: directions do not fit the posterior: {'; '.join(parts)}."
 
 
@@ -165,11 +176,17 @@ class DirectionLog:
                 surprises=float(np.mean([each.tail < SMALL_TAIL for each in fits])),
                 claimed_deg=_median_deg([each.claimed_error_rad for each in fits]),
                 implied_deg=_median_deg([each.implied_error_rad for each in fits]),
+                share=_median([each.implied_share for each in fits]),
             )
             for (clip, configuration), fits in self._found.items()
         ]
 
 
 def _median_deg(angles_rad: list[float | None]) -> float | None:
-    known = [angle for angle in angles_rad if angle is not None]
-    return float(np.degrees(np.median(known))) if known else None
+    middle = _median(angles_rad)
+    return None if middle is None else float(np.degrees(middle))
+
+
+def _median(values: list[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None

@@ -62,7 +62,8 @@ class Belief:
 
     ``log_weights`` (G, K) are defined up to a constant; ``looked`` (G, K, T) sums to 1 over the targets. ``leave`` (G,
     K) and ``new`` (G, K, T) are the transition that led to this frame. ``tail`` is the probability, before the frame,
-    of directions that fit worse than the measured ones.
+    of directions that fit worse than the measured ones. ``facing`` (3,) is where the body faces, None before the first
+    head.
     """
 
     keys: Keys
@@ -76,6 +77,7 @@ class Belief:
     error: GazeError | None = None
     motion: HeadMotion | None = None
     last_head: Float | None = None
+    facing: Float | None = None
     tail: float = 1.0
 
     @property
@@ -103,6 +105,11 @@ def first_belief(keys: Keys, settings: PosteriorSettings) -> Belief:
         leave=np.ones((1, 1)),
         new=np.ones((1, 1, len(keys))),
     )
+
+
+def implied_share(belief: Belief) -> float:
+    """Mean share of the way to the targets that the head turns, over the hypotheses."""
+    return float(belief.weights.sum(axis=0) @ belief.head.share)
 
 
 def with_cues(belief: Belief, measured: Measured, settings: PosteriorSettings) -> Belief:

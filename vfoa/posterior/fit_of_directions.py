@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vfoa.posterior.belief import Belief, Measured
+from vfoa.posterior.belief import Belief, Measured, implied_share
 from vfoa.posterior.settings import MEAN_ANGLE_PER_SIGMA
 from vfoa.types import DirectionFit
 
@@ -14,8 +14,9 @@ def fit_of(belief: Belief, measured: Measured) -> DirectionFit:
 
     The implied error is the mean over the hypotheses of the root of the squares of noise and bias, as a mean angle.
     """
+    share = None if belief.motion is None else implied_share(belief)
     if measured.gaze is None or belief.error is None:
-        return DirectionFit(tail=belief.tail)
+        return DirectionFit(tail=belief.tail, implied_share=share)
     weights = belief.weights
     noise = (belief.gaze.scale * measured.gaze_sigma_rad) ** 2
     constant = belief.gaze.bias_rad + np.einsum("gt,xgt->xg", belief.looked.mean(axis=1), belief.error.constant)
@@ -25,4 +26,5 @@ def fit_of(belief: Belief, measured: Measured) -> DirectionFit:
         tail=belief.tail,
         claimed_error_rad=MEAN_ANGLE_PER_SIGMA * measured.gaze_sigma_rad,
         implied_error_rad=MEAN_ANGLE_PER_SIGMA * implied,
+        implied_share=share,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vfoa.geometry import on_the_way, tangent_offset
+from vfoa.geometry import on_the_way, perturb, tangent_offset
 from vfoa.posterior.belief import Belief, Measured, Scenery
 from vfoa.posterior.evidence import Evidence, Flow
 from vfoa.posterior.gaze_error import GazeError, first_error, next_error, weigh_gaze
@@ -33,13 +33,14 @@ def weighed_gaze(
         predicted = next_error(prior.error, looked, flow.columns, stay, slow, drift, keep)
     if measured.gaze is None:
         return predicted, nothing
-    aims = np.stack([_aims(scenery, gain, head) for gain in hypotheses.gains])
+    ahead = None if head is None else perturb(head, 0.0, np.deg2rad(settings.below_deg))
+    aims = np.stack([_aims(scenery, gain, ahead) for gain in hypotheses.gains])
     offset = tangent_offset(aims, measured.gaze)[hypotheses.gain].transpose(2, 0, 1) - hypotheses.bias_rad[..., None]
     error, likelihood, square = weigh_gaze(predicted, offset, variance - slow, settings.tails)
     return error, Evidence.of(likelihood, square, settings.tails)
 
 
-def _aims(scenery: Scenery, gain: float, head: Float | None) -> Float:
-    """Expected measured gaze for each target (T, 3) with this gain. A gaze at nowhere is about the measured head."""
-    nowhere = on_the_way(scenery.to_camera, scenery.middle, gain) if head is None else head
+def _aims(scenery: Scenery, gain: float, ahead: Float | None) -> Float:
+    """Expected measured gaze for each target (T, 3) with this gain. A gaze at nowhere is about ``ahead``."""
+    nowhere = on_the_way(scenery.to_camera, scenery.middle, gain) if ahead is None else ahead
     return np.vstack([on_the_way(scenery.to_camera, scenery.directions, gain), nowhere])

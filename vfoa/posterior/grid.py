@@ -22,7 +22,10 @@ _GAIN_STEPS = ((-0.2, 0.3), (0.0, 0.4), (0.2, 0.3))
 _BIAS_SPACING_DEG = 12.0
 _BIAS_RINGS = 2
 _SHARE_STEPS = ((-0.3, 0.3), (0.0, 0.4), (0.3, 0.3))
-"""Steps of the head's share about its setting, and their prior."""
+"""Steps of the head's share about its setting, and their prior. Nobody has the largest share: see PLAUSIBLE_SHARE."""
+PLAUSIBLE_SHARE = 0.8
+"""Heads turn 0.35 to 0.75 of the way in held gazes (vr_objects). A larger implied share means that the targets do not
+explain the head: it moves from near one target to near another while the eyes look elsewhere."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -4,14 +4,34 @@ from __future__ import annotations
 
 import numpy as np
 
-from vfoa.geometry import on_the_way, tangent_offset
+from vfoa.geometry import on_the_way, tangent_offset, unit
 from vfoa.posterior.belief import Belief, Measured, Scenery
 from vfoa.posterior.evidence import Evidence, Flow
 from vfoa.posterior.head_motion import HeadMotion, first_motion, next_motion, weigh_head
 from vfoa.posterior.settings import PosteriorSettings, sigma_rad
+from vfoa.types import Float
 
 _HEAD_BIAS_DEG = 5.0
 """Mean angle of the constant error of head poses."""
+_START_S = 1.0
+"""Time for which the middle of the targets counts as where the body faces, beside the first head, seconds."""
+
+
+def facing_after(
+    prior: Belief, scenery: Scenery, measured: Measured, dt_s: float, settings: PosteriorSettings
+) -> Float | None:
+    """Where the body faces (3,): the running mean of the head, which starts at the middle of the targets.
+
+    The head's own mean serves where targets are on all sides, so that their middle says nothing (Sheikhi and Odobez
+    2015).
+    """
+    if measured.head is None:
+        return prior.facing
+    if prior.facing is None:
+        keep = _START_S / (_START_S + settings.facing_s)
+        return unit(keep * scenery.middle + (1 - keep) * measured.head)
+    keep = float(np.exp(-dt_s / settings.facing_s))
+    return unit(keep * prior.facing + (1 - keep) * measured.head)
 
 
 def weighed_head(
@@ -26,16 +46,21 @@ def weighed_head(
     on_target = sigma_rad(settings.aside_deg) ** 2 + share[:, None] ** 2 * scenery.variances
     nowhere = np.full((len(share), 1), sigma_rad(settings.nowhere_deg) ** 2)
     aside = np.concatenate([on_target, nowhere], axis=1)
-    middle = scenery.middle
-    goals = np.stack([np.vstack([on_the_way(middle, scenery.directions, each), middle]) for each in share])
+    facing = scenery.middle if prior.facing is None else prior.facing
+    goals = np.stack([np.vstack([on_the_way(facing, scenery.directions, each), facing]) for each in share])
+    # eyes at rest look below the head's axis, so that the head stays above the way to a target
+    above = np.zeros((*goals.shape[:2], 2))
+    above[:, :-1, 1] = share[:, None] * np.deg2rad(settings.below_deg)
     if prior.motion is None or prior.last_head is None:
         rest = ((1 - share[:, None]) * sigma_rad(settings.rest_deg)) ** 2 + sigma_rad(_HEAD_BIAS_DEG) ** 2
         predicted = first_motion(rest, aside)
     else:
         looked, stay = flow.of("head")
-        last = tangent_offset(goals, prior.last_head)
+        last = tangent_offset(goals, prior.last_head) + above
         predicted = next_motion(prior.motion, looked, flow.columns, stay, last, noise, aside, dt_s, settings.head_lag_s)
     if measured.head is None:
         return predicted, nothing
-    motion, likelihood, square = weigh_head(predicted, tangent_offset(goals, measured.head), noise, settings.tails)
+    motion, likelihood, square = weigh_head(
+        predicted, tangent_offset(goals, measured.head) + above, noise, settings.tails
+    )
     return motion, Evidence.of(likelihood, square, settings.tails)

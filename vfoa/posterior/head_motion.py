@@ -1,6 +1,7 @@
 """The goal of a head and its motion there: a Kalman filter for each head hypothesis and target.
 
-If a person looks at a target, the head moves from its position to a goal: a share of the way from rest to the target.
+If a person looks at a target, the head moves from its position to a goal: a share of the way from where the
+body faces to the target.
 
 goal      = share of the way + rest + aside
 head'     = head + (1 - exp(-dt / lag)) (goal - head)
@@ -10,7 +11,7 @@ rest      offset of the head's rest, and a bias of its model, from the assumed o
 aside     offset from the goal at which the head stops; new in each look
 
 All are angles to the right and down in the tangent plane of the share of the way. A person who looks at nowhere has no
-target: the goal is anywhere about the middle of all targets, as far as ``nowhere_deg``. Arrays are (K, T): hypotheses
+target: the goal is anywhere about where the body faces, as far as ``nowhere_deg``. Arrays are (K, T): hypotheses
 by targets, the last of which is nowhere.
 """
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -77,3 +80,13 @@ def test_directions_that_fit_need_no_words() -> None:
     log = DirectionLog()
     list(log.watch([_record(frame, _subject(1.0, 0.0)) for frame in range(40)]))
     assert [check.fits for check in log.checks()] == [True]
+
+
+@pytest.mark.parametrize(("share", "fits"), [(None, True), (0.65, True), (0.93, False)])
+def test_heads_that_turn_farther_than_people_do_are_not_explained(share: float | None, fits: bool) -> None:
+    log = DirectionLog()
+    fit = replace(FIT, implied_share=share)
+    list(log.watch([_record(frame, _subject(1.0, 0.0, fit=fit)) for frame in range(40)]))
+    (check,) = log.checks()
+    assert check.fits == fits
+    assert ("93 % of the way" in check.sentence()) != fits

@@ -265,3 +265,34 @@ def test_answers_of_an_unknown_error_are_flatter_and_most_where_later_frames_are
     assert 1 / 3 < both[0] < forward[0] < model[0]
     assert both == pytest.approx(np.sqrt(model) / np.sqrt(model).sum())
     assert answered(known, model, told, later_known=True) == pytest.approx(model)
+
+
+def test_where_the_body_faces_follows_the_head_and_not_the_middle_of_the_targets() -> None:
+    """Targets on all sides: a head held 60 % of the way from behind to one of them looks at that one."""
+    settings = PosteriorSettings(cues="head")
+    scene = scenery(-135.0, -90.0, 0.0, 90.0, 150.0)
+    camera = np.array([0.0, 0.0, -1.0])
+    behind, turned = (measured(head=perturb(camera, np.deg2rad(angle), 0.0)) for angle in (120.0, 138.0))
+    found = beliefs_of(scene, [behind] * 40 + [turned] * 8, settings)
+    facing, head = found[39].facing, behind.head
+    assert facing is not None
+    assert head is not None
+    assert facing @ head > np.cos(np.deg2rad(6.0))
+    assert int(np.argmax(found[-1].probabilities)) == 4
+
+
+def test_heads_that_turn_all_of_the_way_make_answers_flatter() -> None:
+    """Nobody turns the head 95 % of the way to every target: the answer is less sure than the model."""
+    camera = np.array([0.0, 0.0, -1.0])
+    angles = (-60.0, -20.0, 20.0, 60.0)
+    looks = np.repeat([0, 3, 1, 2, 0, 2, 3, 1], 12)
+    sure = {}
+    for share in (0.55, 1.0):
+        frames = [
+            measured(head=perturb(camera, np.deg2rad(share * angles[look]), -np.deg2rad(8.0) * share)) for look in looks
+        ]
+        last = beliefs_of(scenery(*angles), frames, PosteriorSettings(cues="head"))[-1]
+        answer = answered(last, last.probabilities, PosteriorSettings(cues="head"))
+        sure[share] = answer.max() / last.probabilities.max()
+    assert sure[0.55] == pytest.approx(1.0)
+    assert sure[1.0] < 0.98
