@@ -26,7 +26,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib.resources import files
 from itertools import pairwise
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -119,8 +119,17 @@ class LogitWeights(Settings):
 @lru_cache(maxsize=1)
 def shipped_weights() -> LogitWeights:
     """The weights for people whom nobody labelled. Their file, ``logit.toml``, says what they were fitted to."""
-    found = tomllib.loads(files("vfoa").joinpath("logit.toml").read_text(encoding="utf-8"))
-    return LogitWeights.model_validate(found["attention"]["weights"])
+    return LogitWeights.model_validate(_shipped()["attention"]["weights"])
+
+
+def shipped_fit() -> dict[str, Any]:
+    """What the shipped weights were fitted to, and their scores: the table ``fit`` of their file."""
+    found: dict[str, Any] = _shipped()["fit"]
+    return found
+
+
+def _shipped() -> dict[str, Any]:
+    return tomllib.loads(files("vfoa").joinpath("logit.toml").read_text(encoding="utf-8"))
 
 
 class LogitSettings(Settings):

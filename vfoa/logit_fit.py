@@ -1,20 +1,26 @@
 """The weights of the logit (:mod:`vfoa.logit`) from labelled sequences: penalised maximum likelihood.
 
-The penalty is a normal prior about the weights ``about``, with the standard deviation :data:`SPREAD`: a few labelled
-seconds change what they show, and leave the rest. The constant, on which the share of "nowhere" depends, is almost
-free, because that share differs most between settings. Frames within :data:`INDEPENDENT_S` count as one: a label lasts.
+The penalty is a normal prior about 0 with the standard deviation :data:`SPREAD`, so that a few labelled seconds are
+safe to fit: a weight that they do not show stays small. Weights of another setting as the middle of the prior made fits
+worse (a conversation, for people who walk). The constant is almost free, because the share of "nowhere" differs most
+between settings. Frames within :data:`INDEPENDENT_S` count as one: a look lasts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Collection, Hashable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
 
 from vfoa.logit import ROWS, Case, Cases, LogitWeights, Seen, Weights, features, later_means, probabilities
 from vfoa.types import Float
+
+Smoothing = Literal["forward", "both"]
+SMOOTHINGS: tuple[Smoothing, ...] = ("forward", "both")
 
 SPREAD, CONSTANT_SPREAD = 1.0, 5.0
 """Standard deviations of the prior of a weight and of the constant."""
@@ -25,18 +31,24 @@ UNKNOWN = -2
 _STEPS = 60
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LabelledSequence:
     """One person's frames in one clip, in order: times in seconds, features, and the target looked at.
 
     ``targets`` are instance ids, None for nowhere, :data:`UNKNOWN` without a label.
-    Sequences of one ``group`` are left out together.
+    Sequences of one ``group`` are left out together. ``weight`` is less than 1 if others repeat the same looks.
     """
 
     group: Hashable
     times_s: Sequence[float]
     seen: Sequence[Seen]
     targets: Sequence[int | None]
+    weight: float = 1.0
+
+    @property
+    def gaps_s(self) -> list[float]:
+        """Time from each frame to the next, seconds; 0 after the last one."""
+        return [*(max(after - before, 0.0) for before, after in pairwise(self.times_s)), 0.0]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,72 +64,86 @@ class Design:
     weight: Float
 
 
-def fit(sequences: Sequence[LabelledSequence], about: LogitWeights) -> LogitWeights:
-    """Return the weights that fit these sequences; ``about`` is the middle of the prior.
+def fit(
+    sequences: Sequence[LabelledSequence],
+    unseen: LogitWeights,
+    smoothings: Collection[Smoothing] = SMOOTHINGS,
+    wanted: Collection[Case] = tuple(ROWS),
+) -> LogitWeights:
+    """Return the weights that fit these sequences.
 
-    The case of one measured direction is fitted on all frames that have it, whether or not they have the other. A
-    direction that no frame has keeps the weights of the prior.
+    The case of one measured direction is fitted on all frames that have it, whether or not they have the other. A case
+    that no frame has, and cases and smoothings that are not wanted, keep the weights of ``unseen``.
     """
-    fitted = {}
-    for smoothing in ("forward", "both"):
-        prior: Cases = getattr(about, smoothing)
-        fitted[smoothing] = Cases(
-            **{case: _fitted(case, smoothing == "both", sequences, getattr(prior, case)) for case in ROWS}
-        )
+    fitted: dict[str, Cases] = {each: getattr(unseen, each) for each in SMOOTHINGS}
+    for smoothing in smoothings:
+        found = {case: _fitted(case, smoothing, sequences) for case in wanted}
+        fitted[smoothing] = fitted[smoothing].model_copy(update={case: each for case, each in found.items() if each})
     return LogitWeights(**fitted)
 
 
-def _fitted(case: Case, later: bool, sequences: Sequence[LabelledSequence], prior: Weights) -> Weights:
-    design = design_of(case, later, sequences)
-    middle = prior.vector
+def _fitted(case: Case, smoothing: Smoothing, sequences: Sequence[LabelledSequence]) -> Weights | None:
+    design = joined([design_of(case, smoothing == "both", each) for each in sequences])
     if not (design.looked != UNKNOWN).any():
-        return prior
-    spread = np.full(len(middle), SPREAD)
-    spread[0] = CONSTANT_SPREAD
-    return Weights.of(case, maximised(design, middle, spread**-2).tolist())
+        return None
+    precision = np.full(design.features.shape[-1], SPREAD**-2)
+    precision[0] = CONSTANT_SPREAD**-2
+    return Weights.of(case, maximised(design, precision).tolist())
 
 
-def design_of(case: Case, later: bool, sequences: Sequence[LabelledSequence]) -> Design:
-    """Return the features of all frames that have the directions of a case; with ``later`` also of later frames."""
+@lru_cache(maxsize=1024)
+def design_of(case: Case, later: bool, sequence: LabelledSequence) -> Design:
+    """Return the features of the frames that have the directions of a case; with ``later`` also of later frames."""
     rows: list[Float] = []
     looked: list[int] = []
     weight: list[float] = []
-    for each in sequences:
-        gaps_s = [max(after - before, 0.0) for before, after in pairwise(each.times_s)]
-        after = later_means(each.seen, gaps_s) if later else [None] * len(each.seen)
-        for seen, mean, target, gap_s in zip(each.seen, after, each.targets, [*gaps_s, 0.0], strict=True):
-            if seen.case in (case, "both"):
-                rows.append(features(seen, case, mean))
-                looked.append(-1 if target is None else seen.ids.index(target) if target in seen.ids else UNKNOWN)
-                weight.append(min(gap_s / INDEPENDENT_S, 1.0))
-    width = max((len(row) for row in rows), default=0)
-    count = 2 + len(ROWS[case]) * (3 if later else 2)
-    padded = np.full((len(rows), width, count), np.nan)
+    after = later_means(sequence.seen, sequence.gaps_s[:-1]) if later else [None] * len(sequence.seen)
+    for seen, mean, target, gap_s in zip(sequence.seen, after, sequence.targets, sequence.gaps_s, strict=True):
+        if seen.case in (case, "both"):
+            rows.append(features(seen, case, mean))
+            looked.append(-1 if target is None else seen.ids.index(target) if target in seen.ids else UNKNOWN)
+            weight.append(sequence.weight * min(gap_s / INDEPENDENT_S, 1.0))
+    padded = np.full((len(rows), max(map(len, rows), default=0), 2 + len(ROWS[case]) * (3 if later else 2)), np.nan)
     for place, row in zip(padded, rows, strict=True):
         place[: len(row)] = row
     return Design(features=padded, looked=np.array(looked, dtype=np.intp), weight=np.array(weight))
 
 
-def maximised(design: Design, middle: Float, precision: Float) -> Float:
+def joined(designs: Sequence[Design]) -> Design:
+    """Return the frames of all designs of one case."""
+    width = max(each.features.shape[1] for each in designs)
+    padded = [
+        np.pad(each.features, ((0, 0), (0, width - each.features.shape[1]), (0, 0)), constant_values=np.nan)
+        for each in designs
+    ]
+    return Design(
+        features=np.concatenate(padded),
+        looked=np.concatenate([each.looked for each in designs]),
+        weight=np.concatenate([each.weight for each in designs]),
+    )
+
+
+def maximised(design: Design, precision: Float) -> Float:
     """The weights (F,) of the greatest penalised likelihood, by Newton's method; it is concave."""
     usable = design.looked != UNKNOWN
     x, looked, weight = design.features[usable], design.looked[usable], design.weight[usable]
     there = np.isfinite(x[..., 0])
     x = np.where(there[..., None], x, 0.0)
     chosen = np.where((looked >= 0)[:, None], x[np.arange(len(x)), looked], 0.0)
+    flat = x.reshape(-1, x.shape[-1])
 
     def value(w: Float) -> tuple[float, Float]:
         utility = np.where(there, x @ w, -np.inf)
-        log_sum = np.logaddexp.reduce(np.column_stack([np.zeros(len(x)), utility]), axis=1)
-        away = w - middle
-        return float(weight @ (chosen @ w - log_sum) - precision @ away**2 / 2), probabilities(utility)
+        p = probabilities(utility)
+        logs = (chosen @ w) - _log_sum(utility)
+        return float(weight @ logs - precision @ w**2 / 2), p
 
-    w = middle
+    w = np.zeros(x.shape[-1])
     now, p = value(w)
     for _ in range(_STEPS):
         mean = np.einsum("nt,ntf->nf", p, x)
-        slope = weight @ (chosen - mean) - precision * (w - middle)
-        curve = np.einsum("n,nt,ntf,ntg->fg", weight, p, x, x, optimize=True) - (weight[:, None] * mean).T @ mean
+        slope = weight @ (chosen - mean) - precision * w
+        curve = (flat * (weight[:, None] * p).reshape(-1, 1)).T @ flat - (weight[:, None] * mean).T @ mean
         step = np.linalg.solve(curve + np.diag(precision), slope)
         if slope @ step < 1e-9:
             break
@@ -125,3 +151,9 @@ def maximised(design: Design, middle: Float, precision: Float) -> Float:
             step = step / 2
         w, (now, p) = w + step, better
     return w
+
+
+def _log_sum(utility: Float) -> Float:
+    """log(1 + sum of exp(utility)) of each row."""
+    top = np.maximum(utility.max(axis=1, initial=0.0), 0.0)
+    return np.asarray(top + np.log(np.exp(-top) + np.exp(utility - top[:, None]).sum(axis=1)))

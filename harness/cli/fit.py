@@ -15,53 +15,93 @@ from harness.cli.terminal import say
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
+    from harness.run.experiment import Experiment
 
 
 def fit(
     what: Annotated[
         str,
         typer.Argument(
-            metavar="EXPERIMENT | RUN",
-            help="An experiment with labelled clips, or the directory of its run.",
+            metavar="EXPERIMENT | CLIP | RUN",
+            help="An experiment with labelled clips, a labelled clip, or the directory of a run.",
             autocompletion=experiment_and_clip_names,
         ),
     ],
-    out: Annotated[Path | None, typer.Option(help="The file to write; EXPERIMENT-fitted.toml if not given.")] = None,
+    out: Annotated[Path | None, typer.Option(help="The file to write; NAME-fitted.toml if not given.")] = None,
     config: Annotated[
         str | None,
-        typer.Option("--config", metavar="NAME", help="The configuration to fit; the first posterior if none."),
+        typer.Option("--config", metavar="NAME", help="The configuration to fit; the first logit, else the first one."),
     ] = None,
+    first: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SECONDS",
+            help="Use only the first labelled seconds of each clip, such as 20s; score each clip's on all the rest.",
+        ),
+    ] = None,
+    even_if_worse: Annotated[
+        bool, typer.Option("--even-if-worse", help="Write the file even if the default weights are better.")
+    ] = False,
     replace: Replace = False,
 ) -> None:
-    """Fit the posterior's settings to labelled clips: errors, bias, how heads follow, dwell times, share of nowhere.
+    """Fit attention to labelled clips: the weights of a conditional logit over the targets and nowhere.
 
-    Each clip is also judged with settings fitted on the others. Use the file with ``vfoa run X --preset FILE``.
+    The fit is scored on clips, or parts of one clip, that were left out. Use it with ``vfoa run X --preset FILE``.
     """
     from harness.cli.terminal import print_reports
     from harness.files import atomic_write, check_new
     from harness.report.fit import fit_tables, fitted_text
-    from harness.score.fit_posterior import fit_posterior
-    from harness.score.fit_source import read_labelled
+    from harness.score.fit_logit import DEFAULT, FITTED, fit_logit, read_labelled
+    from vfoa.errors import VfoaError
 
     inputs = list(_inputs(what))
     if out is not None:
         check_new(out, replace=replace, hint=", or another --out", inputs=inputs)
-    directory = _directory(what)
-    found = read_labelled(directory, config)
-    path = out or Path(f"{found.experiment}-fitted.toml")
+    first_s = _seconds(first)
+    run = read_labelled(_directory(what), config)
+    path = out or Path(f"{run.experiment}-fitted.toml")
     check_new(path, replace=replace, hint=", or another --out", inputs=inputs)
-    fitted = fit_posterior(found)
-    atomic_write(path, fitted_text(fitted))
+    try:
+        fitted = fit_logit(run, first_s=first_s)
+    except VfoaError:
+        if not even_if_worse:
+            raise
+        fitted = fit_logit(run, first_s=first_s, scored=False)
     print_reports(fit_tables(fitted))
-    say(f"{path}: vfoa run EXPERIMENT --preset {path}")
+    own, default = (fitted.fit.score_of(f"{name}, forward") for name in (FITTED, DEFAULT))
+    if own and default and (own.log_loss or 0) > (default.log_loss or 0) and not even_if_worse:
+        raise VfoaError(
+            f"fit: {path}: not written: on what was left out its log loss is {own.log_loss}, and that of the default "
+            f"weights {default.log_loss}; label more, or add --even-if-worse"
+        )
+    atomic_write(path, fitted_text(fitted))
+    say(f"{path}: vfoa run {what if not _is_run(what) else run.experiment} --preset {path}")
+
+
+def _seconds(text: str | None) -> float | None:
+    from vfoa.errors import VfoaError
+
+    if text is None:
+        return None
+    try:
+        seconds = float(text.removesuffix("s"))
+    except ValueError:
+        seconds = 0.0
+    if not seconds > 0:
+        raise VfoaError(f"fit: --first: found {text!r}; expected seconds, such as 20s")
+    return seconds
+
+
+def _is_run(what: str) -> bool:
+    return (Path(what) / "manifest.json").is_file()
 
 
 def _inputs(what: str) -> Iterator[Path]:
     """The files that are read: of the run or the experiment, and of its clips."""
+    from harness.cli.run import experiment_of
     from harness.clips.manifest import load_manifest
     from harness.data_folders import find
     from harness.run.directory import RunDirectory
-    from harness.run.experiment import load_experiment
     from vfoa.errors import VfoaError
 
     run = RunDirectory(Path(what))
@@ -70,21 +110,29 @@ def _inputs(what: str) -> Iterator[Path]:
         clips = [each["name"] for each in run.read_manifest()["clips"]]
     else:
         yield find("experiments", what) or Path(what)
-        clips = list(load_experiment(what).clips)
+        clips = list(experiment_of([what], (), (), None).clips)
     for clip in clips:
         with suppress(VfoaError):  # the clip of a finished run may be gone
             yield from load_manifest(clip).files
 
 
 def _directory(what: str) -> RunDirectory:
-    """Return the run of that name, or run the experiment without recordings."""
-    from harness.cli.terminal import frames_bar
+    """Return the run of that name, or run the experiment or clip without recordings."""
+    from harness.cli.run import experiment_of
     from harness.run.directory import RunDirectory
-    from harness.run.experiment import load_experiment
-    from harness.run.runner import prepare, run_plan
 
-    if (Path(what) / "manifest.json").is_file():
+    if _is_run(what):
         return RunDirectory(Path(what))
-    plan = prepare(load_experiment(what))
-    with frames_bar(plan.frames, plan.experiment.name) as progress:
-        return run_plan(plan, Path("runs") / plan.experiment.name, workers=1, progress=progress, beside=True)
+    experiment = experiment_of([what], (), (), None)
+    return run_plainly(experiment, Path("runs") / experiment.name)
+
+
+def run_plainly(experiment: Experiment, out: Path, limit: int | None = None, workers: int = 1) -> RunDirectory:
+    """Run an experiment without recordings, or reuse its results."""
+    from harness.cli.terminal import frames_bar
+    from harness.run.runner import prepare, run_plan
+    from harness.stages.cache.store import open_store
+
+    plan = prepare(experiment, limit=limit)
+    with frames_bar(plan.frames, experiment.name) as progress:
+        return run_plan(plan, out, workers=workers, progress=progress, cache=open_store(None), beside=True)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from harness.record import Size
     from harness.run.directory import RunDirectory
     from harness.run.experiment import Experiment
+    from harness.run.plan import Plan
 
 
 AROUND = 5
@@ -110,16 +112,18 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
+    from harness.cli.fit import run_plainly
     from harness.cli.terminal import frames_bar, print_scores
     from harness.mirror import Mirror, bring_models
     from harness.report.sinks import composed_sinks
     from harness.report.write import rescore
     from harness.run.out import opened
     from harness.run.runner import prepare, run_plan
+    from harness.score.left_out import with_left_out_weights
     from harness.stages.cache.store import open_store
 
     bring_models()
-    experiment = _experiment(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)
+    experiment = experiment_of(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
         experiment = replace(experiment, annotator=annotator)
     store = None if no_cache else open_store(cache)
@@ -144,6 +148,8 @@ def run(
             from harness.score.oracle_ablation import with_oracle_ablation
 
             experiment = with_oracle_ablation(experiment)
+        beside = partial(run_plainly, out=Path(f"{wanted}-fit"), limit=limit, workers=workers)
+        experiment = with_left_out_weights(experiment, beside)
         plan = prepare(
             experiment,
             limit=limit,
@@ -166,6 +172,8 @@ def run(
         scores = rescore(directory)
     for notice in (*experiment.missing, *notices):
         say(notice)
+    if advice := _advice(plan):
+        say(advice)
     if save_outputs:
         say(f"Stage outputs: {directory.stage_outputs}  (run from them: its {experiment.name}.toml says how)")
         say(f"As clips without images: vfoa clips add {directory.measured}/CLIP__CONFIGURATION")
@@ -173,6 +181,21 @@ def run(
     if mirror := Mirror.at(directory.path):
         say(f"All of it: {mirror.address}")
     _report_failures(directory)
+
+
+def _advice(plan: Plan) -> str | None:
+    """A line for a clip without labels under the weights that ship with vfoa: a few labels of it are better."""
+    from vfoa.logit import LogitSettings, shipped_weights
+
+    used = [each.attend.attention for each in plan.experiment.configurations]
+    is_default = any(isinstance(each, LogitSettings) and each.weights == shipped_weights() for each in used)
+    clip = next((one.manifest.name for one in plan.clips if one.labels is None or not one.labels.ranges), None)
+    if clip is None or not is_default:
+        return None
+    return (
+        f"{clip}: the logit has the weights of other people in another setting; 20 labelled seconds would be better: "
+        f"vfoa annotate {clip}, then vfoa fit {clip}"
+    )
 
 
 def _around(recording: Recording, around: int | None) -> int | None:
@@ -219,7 +242,9 @@ def _report_failures(directory: RunDirectory) -> None:
         raise typer.Exit(1)
 
 
-def _experiment(what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...], preset: str | None) -> Experiment:
+def experiment_of(
+    what: list[str], clips: tuple[str, ...], overrides: tuple[str, ...], preset: str | None
+) -> Experiment:
     """The experiment: one by name or file, or the default one on the named clips."""
     from harness.clips.manifest import clip_files, families
     from harness.run.experiment import is_experiment, load_experiment

@@ -2,57 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from harness.report.formats import UNKNOWN, Table
-from harness.run.fitted_settings import FittedSettings
+from harness.run.fitted_weights import FittedWeights, MethodScore
 from harness.toml_text import toml_key, toml_value
+from vfoa.logit import shipped_fit
+
+_COLUMNS = ("n", "Log loss", "Calibration error", "Balanced FRR %", "FRR %", "On targets %")
 
 
-def fit_tables(fitted: FittedSettings) -> list[Table]:
-    """The fitted values with their intervals, and every clip under settings fitted on the others."""
-    return [
-        Table(
-            title=f"Fitted on {', '.join(fitted.fit.clips)}",
-            columns=("Value", "Estimate", "95 % interval", "n"),
-            words=1,
-            rows=tuple(
-                (
-                    each.name,
-                    f"{each.value:.3g}",
-                    UNKNOWN if each.low is None or each.high is None else f"{each.low:.3g} to {each.high:.3g}",
-                    str(each.n),
-                )
-                for each in fitted.fit.value
+def fit_tables(fitted: FittedWeights) -> list[Table]:
+    """The scores of every method on what was left out, and those of the fit with fewer labels."""
+    found = fitted.fit
+    tables = []
+    if found.held_out:
+        notes = [
+            "Every row has the same frames: of clips, or parts of the clip, that the fit and the limit did not see.",
+            "Log loss: mean of -ln of the probability of the true answer; lower is better. Balanced FRR: mean of the "
+            "rates on targets and on nowhere. forward: with earlier frames; both: with later ones, too.",
+        ]
+        if seen := sorted(set(found.clips) & set(shipped_fit().get("clips", ()))):
+            notes.append(f"The default weights were fitted on {', '.join(seen)}, too: their rows are not held out.")
+        tables.append(
+            _table(f"{found.labelled_s:g} s of {found.people} people, left out in turn", found.held_out, notes)
+        )
+    if found.curve:
+        notes = ["The forward fit with so many labelled seconds, spread over the people; all of them: the table above."]
+        tables.append(_table("What more labels would give", found.curve, notes))
+    return tables
+
+
+def _table(title: str, rows: Sequence[MethodScore], notes: Sequence[str]) -> Table:
+    cells = (
+        (
+            row.method,
+            str(row.n),
+            *(UNKNOWN if each is None else f"{each:.3f}" for each in (row.log_loss, row.calibration_error)),
+            *(
+                UNKNOWN if each is None else f"{100 * each:.1f}"
+                for each in (row.balanced_frr, row.frr, row.recall_on_targets)
             ),
-            notes=("Intervals: delete-one jackknife over clips; unknown with one clip.",),
-        ),
-        Table(
-            title="Each clip with settings fitted on the others",
-            columns=("Clip", "n", "Right % before", "after", "ECE before", "after"),
-            words=1,
-            rows=tuple(
-                (
-                    each.clip,
-                    str(each.n),
-                    f"{100 * each.right_before:.1f}",
-                    f"{100 * each.right_after:.1f}",
-                    f"{each.calibration_error_before:.3f}",
-                    f"{each.calibration_error_after:.3f}",
-                )
-                for each in fitted.fit.held_out
-            ),
-            notes=("Before: the settings of the run. Forward smoothing. ECE: expected calibration error.",),
-        ),
-    ]
+        )
+        for row in rows
+    )
+    return Table(title=title, columns=("Method", *_COLUMNS), words=1, rows=tuple(cells), notes=tuple(notes))
 
 
-def fitted_text(fitted: FittedSettings) -> str:
-    """The file, as :func:`harness.run.fitted_settings.read_fitted` reads it."""
+def fitted_text(fitted: FittedWeights) -> str:
+    """The file, as :func:`harness.run.fitted_weights.read_fitted` reads it."""
     plain = fitted.model_dump(mode="json", exclude_none=True)
-    fit = plain["fit"]
-    lines = ["# Written by vfoa fit. Use it as a preset: vfoa run EXPERIMENT --preset THIS_FILE", "[fit]"]
-    lines += [f"{key} = {toml_value(fit[key])}" for key in ("experiment", "clips")]
-    for table in ("value", "held_out"):
-        for row in fit[table]:
-            lines += ["", f"[[fit.{table}]]", *(f"{toml_key(key)} = {toml_value(value)}" for key, value in row.items())]
-    lines += ["", "[attention]", *(f"{key} = {toml_value(value)}" for key, value in plain["attention"].items())]
+    rows = {name: plain["fit"].pop(name) for name in ("held_out", "curve")}
+    lines = ["# Written by vfoa fit. Use it as a preset: vfoa run CLIP | EXPERIMENT --preset THIS_FILE"]
+    lines += _lines("fit", plain["fit"])
+    for name, each in rows.items():
+        for row in each:
+            lines += ["", f"[[fit.{name}]]", *(f"{toml_key(key)} = {toml_value(value)}" for key, value in row.items())]
+    weights = plain["attention"]["weights"]
+    lines += ["", *_lines("attention", {"method": "logit"})]
+    for smoothing, cases in weights.items():
+        for case, of_case in cases.items():
+            used = {key: value for key, value in of_case.items() if value != []}
+            lines += ["", *_lines(f"attention.weights.{smoothing}.{case}", used)]
     return "\n".join(lines) + "\n"
+
+
+def _lines(table: str, values: dict[str, Any]) -> list[str]:
+    return [f"[{table}]", *(f"{toml_key(key)} = {toml_value(value)}" for key, value in values.items())]

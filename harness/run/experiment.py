@@ -39,7 +39,7 @@ from pydantic import Field
 from harness.bounded_parsing import read_toml
 from harness.clips.manifest import clips_here
 from harness.data_folders import find, names
-from harness.run.fitted_settings import bayes_only, fitted_note, read_fitted
+from harness.run.fitted_weights import fitted_note, logit_only, preset_of, read_fitted
 from harness.run.grid import base_of, repeated, variants
 from harness.run.published import Published
 from harness.stages.configuration import (
@@ -90,7 +90,7 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
     if name is None:
         return {}
     if isinstance(name, str) and name.endswith(".toml"):
-        return {"attention": read_fitted(Path(name)).attention}
+        return {"attention": preset_of(Path(name))}
     if not isinstance(name, str) or name not in PRESETS:
         raise VfoaError(f"{where}: preset: no {name!r}; {did_you_mean(str(name), PRESETS)}")
     return PRESETS[name]
@@ -215,8 +215,9 @@ def _configurations(
         for each in (of_file, own):  # a stage that a change exchanges has still used its defaults
             used |= {(table, key) for table, settings in inherited(file.defaults, each).items() for key in settings}
         bundle = _bundle(preset, variant.preset or file.preset, where)
-        method = {**file.defaults.get("attention", {}), **own.get("attention", {})}.get("method")
-        bundle = bayes_only(bundle, method)
+        attention = {**file.defaults.get("attention", {}), **own.get("attention", {})}
+        method = attention.get("method", "cones" if attention else None)
+        bundle = logit_only(bundle, method)
         tables = merged(inherited(merged(file.defaults, bundle), own), own)
         of_variant = f"{where}: configuration {variant.name!r}"
         found.append(make_configuration(variant.name, tables, variant.factors, of_variant))

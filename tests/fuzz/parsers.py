@@ -16,7 +16,7 @@ from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
 from harness.labels.formats.cvat_drawn import read_cvat_drawn
 from harness.run.experiment import load_experiment
-from harness.run.fitted_settings import read_fitted
+from harness.run.fitted_weights import read_fitted
 from harness.run.results import read_results
 from harness.score.exported import ExportedTable
 from harness.sources.calibration_files.one_camera import read_one_camera

@@ -74,25 +74,22 @@ attention.cones_cm = [10, 25]
 FITTED = """\
 [fit]
 experiment = "mine"
+configuration = "logit"
 clips = ["talk", "table"]
-
-[[fit.value]]
-name = "gaze.sigma_deg"
-value = 7.5
-n = 120
-low = 6.0
-high = 9.0
+people = 2
+labelled_s = 60.0
+version = "0.1.0"
 
 [[fit.held_out]]
-clip = "talk"
-n = 60
-right_before = 0.5
-right_after = 0.75
-calibration_error_before = 0.2
-calibration_error_after = 0.1
+method = "fitted, forward"
+n = 120
+log_loss = 0.5
+calibration_error = 0.02
+balanced_frr = 0.7
+frr = 0.8
 
 [attention]
-method = "bayes"
+method = "logit"
 """
 LABELS = (
     "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"

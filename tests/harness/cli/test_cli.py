@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.cli.run import _experiment
+from harness.cli.run import experiment_of
 from tests.command import vfoa
 from tests.disk import picture, sintel_scene, stereo_pair_folder, write_image, write_text
 
@@ -85,9 +85,9 @@ def test_the_help_cuts_no_verb_short(
 
 
 def test_a_run_of_one_clip_bears_its_name() -> None:
-    assert _experiment(["studio_table"], (), (), None).name == "studio_table"
-    assert _experiment(["studio_table", "studio_talk"], (), (), None).name == "default"
-    assert _experiment(["demo"], ("studio_table",), (), None).name == "demo"
+    assert experiment_of(["studio_table"], (), (), None).name == "studio_table"
+    assert experiment_of(["studio_table", "studio_talk"], (), (), None).name == "default"
+    assert experiment_of(["demo"], ("studio_table",), (), None).name == "demo"
 
 
 def _wrong_path(folder: Path) -> None:

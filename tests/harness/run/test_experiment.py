@@ -183,15 +183,3 @@ def test_a_preset_may_be_an_axis_or_asked_for_from_outside(tmp_path: Path) -> No
 def test_a_preset_that_is_not_there_or_does_not_fit_is_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(VfoaError, match=said):
         load_experiment(_write(tmp_path, text))
-
-
-def test_fitted_settings_may_lie_beside_the_experiment_that_names_them(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    monkeypatch.chdir(tmp_path)
-    experiment = load_experiment("bandage_2")
-    gains = {each.name: getattr(each.attend.attention, "gain", None) for each in experiment.configurations}
-    assert {name for name, gain in gains.items() if gain is not None} == {
-        "sgbm-bayes-fitted",
-        "truth-bayes-fitted",
-        "truth-bayes-fitted-both",
-    }
-    assert any("adas_0002.toml, fitted on other clips: studio_tune_1" in note for note in experiment.notes)

@@ -1,0 +1,128 @@
+"""`vfoa fit` from a run to the file that another run takes as a preset, and weights of left-out clips."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from harness.cli.fit import fit, run_plainly
+from harness.clips.add import add_clip
+from harness.run.experiment import load_experiment
+from harness.run.fitted_weights import read_fitted
+from harness.score.fit_logit import folds_of, read_labelled
+from harness.score.left_out import with_left_out_weights
+from tests.disk import write_text
+from tests.measured import EXPERIMENT, measured_tables, true_labels
+from vfoa.errors import VfoaError
+from vfoa.logit import LogitSettings, LogitWeights, shipped_weights
+
+FRAMES = 1500
+TWO_CLIPS = EXPERIMENT.replace('"talk"', '"one", "two"').replace('"bayes"', '"logit"')
+
+
+def labelled_clips(folder: Path, names: tuple[str, ...], frames: int) -> None:
+    for name in names:
+        add_clip(measured_tables(folder / "data" / name, range(1, frames + 1)), name=name)
+        write_text(folder / "annotations" / f"{name}.csv", true_labels(frames))
+    clips = ", ".join(f'"{name}"' for name in names)
+    write_text(folder / "talk.toml", TWO_CLIPS.replace('"one", "two"', clips))
+
+
+@pytest.fixture
+def fitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A file of weights, fitted on two clips in which heads and gaze point exactly where people look."""
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one", "two"), 60)
+    fit("talk.toml", Path("fitted.toml"))
+    return Path("fitted.toml")
+
+
+def test_a_fit_says_what_it_rests_on_and_what_it_is_worth(fitted: Path) -> None:
+    found = read_fitted(fitted)
+    assert (found.fit.experiment, found.fit.configuration, found.fit.clips) == ("talk", "forward", ("one", "two"))
+    scores = {each.method: each for each in found.fit.held_out}
+    assert {"commonest", "nearest within a limit", "two cones", "cones", "fitted, both"} <= set(scores)
+    assert scores["fitted, forward"].n == scores["commonest"].n == 240
+    assert scores["nearest within a limit"].frr == 1
+    assert scores["nearest within a limit"].log_loss is None
+    assert scores["fitted, forward"].log_loss < scores["default weights, forward"].log_loss
+
+
+def test_the_file_is_a_preset_of_logits_alone(fitted: Path) -> None:
+    cones, forward = load_experiment("talk.toml", preset=str(fitted)).configurations
+    assert isinstance(forward.attend.attention, LogitSettings)
+    assert forward.attend.attention.weights == read_fitted(fitted).attention.weights != shipped_weights()
+    assert cones.attend.attention.method == "cones"
+
+
+def test_a_table_says_whether_it_reports_a_clip_that_was_fitted_on(fitted: Path) -> None:
+    on_itself = load_experiment("talk.toml", preset=str(fitted)).notes
+    assert on_itself == ("FITTED ON WHAT IS REPORTED: the weights of fitted.toml were fitted on one, two.",)
+
+
+def test_a_wrong_weight_is_named(fitted: Path) -> None:
+    fitted.write_text(fitted.read_text().replace("head_swing", "head_shear"))
+    with pytest.raises(VfoaError, match=r"attention.*head_shear"):
+        load_experiment("talk.toml", preset=str(fitted))
+
+
+def test_clips_without_labels_cannot_be_fitted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one",), 12)
+    (tmp_path / "annotations" / "one.csv").unlink()
+    with pytest.raises(VfoaError, match="no labelled frame"):
+        fit("talk.toml")
+
+
+def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one",), FRAMES)
+    labelled = read_labelled(run_plainly(load_experiment("talk.toml"), tmp_path / "run"))
+    folds = folds_of(labelled, None)
+    assert len(folds) == 5  # 60 s
+    scored = [set(person.labelled) for _, test in folds for person in test[:1]]
+    assert set.union(*scored) == set(labelled.people[0].labelled)
+    for train, test in folds:
+        for of_train, of_test in zip(train, test, strict=True):
+            assert not set(of_train.labelled) & set(of_test.labelled)
+            times = [of_test.sequence.times_s[k] for k in of_test.labelled]
+            assert times[-1] - times[0] >= 9.9
+    (first,) = folds_of(labelled, 20.0)
+    assert sum(person.labelled_s for person in first.train) == pytest.approx(2 * 20, abs=0.1)
+    assert not set(first.train[0].labelled) & set(first.test[0].labelled)
+
+
+def test_a_fit_that_is_worse_than_the_default_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The labels of the first 2 seconds are wrong."""
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one",), FRAMES)
+    wrong = true_labels(FRAMES)
+    for name in ("anna", "ben"):
+        wrong = wrong.replace(f"1,{FRAMES // 2},{name},", f"1,50,{name},none,\n51,{FRAMES // 2},{name},")
+    write_text(tmp_path / "annotations" / "one.csv", wrong)
+    with pytest.raises(VfoaError, match="not written"):
+        fit("talk.toml", Path("fitted.toml"), first="2s")
+    assert not Path("fitted.toml").exists()
+    fit("talk.toml", Path("fitted.toml"), first="2s", even_if_worse=True)
+    assert read_fitted(Path("fitted.toml")).fit.labelled_s == pytest.approx(4, abs=0.1)
+
+
+def test_every_clip_gets_weights_of_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("one", "two", "three"), 60)
+    text = Path("talk.toml").read_text()
+    write_text(tmp_path / "talk.toml", text + 'attention.weights = "left-out"\n')
+    experiment = load_experiment("talk.toml")
+    found = with_left_out_weights(experiment, lambda each: run_plainly(each, tmp_path / "beside"))
+    attention = found.configurations[1].attend.attention
+    assert isinstance(attention, LogitSettings)
+    assert set(attention.by_clip) == {"one", "two", "three"}
+    assert all(isinstance(each, LogitWeights) for each in attention.by_clip.values())
+    # labels of a clip do not reach its own weights
+    write_text(tmp_path / "annotations" / "one.csv", true_labels(60).replace("robot", "none"))
+    again = with_left_out_weights(experiment, lambda each: run_plainly(each, tmp_path / "beside"))
+    other = again.configurations[1].attend.attention
+    assert isinstance(other, LogitSettings)
+    assert other.by_clip["one"] == attention.by_clip["one"]
+    assert other.by_clip["two"] != attention.by_clip["two"]
