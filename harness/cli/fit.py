@@ -51,8 +51,9 @@ def fit(
     from harness.cli.terminal import print_reports
     from harness.files import atomic_write, check_new
     from harness.report.fit import fit_tables, fitted_text
-    from harness.score.fit_logit import DEFAULT, FITTED, fit_logit, read_labelled
+    from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED, fit_logit, read_labelled
     from vfoa.errors import VfoaError
+    from vfoa.logit import shipped_fit
 
     inputs = list(_inputs(what))
     if out is not None:
@@ -68,11 +69,14 @@ def fit(
             raise
         fitted = fit_logit(run, first_s=first_s, scored=False)
     print_reports(fit_tables(fitted))
-    own, default = (fitted.fit.score_of(f"{name}, forward") for name in (FITTED, DEFAULT))
-    if own and default and (own.log_loss or 0) > (default.log_loss or 0) and not even_if_worse:
+    own = fitted.fit.score_of(f"{FITTED}, forward")
+    # default weights that were fitted on these clips are no measure
+    rival = COMMONEST if set(fitted.fit.clips) & set(shipped_fit().get("clips", ())) else f"{DEFAULT}, forward"
+    least = fitted.fit.score_of(rival)
+    if own and least and (own.log_loss or 0) > (least.log_loss or 0) and not even_if_worse:
         raise VfoaError(
-            f"fit: {path}: not written: on what was left out its log loss is {own.log_loss}, and that of the default "
-            f"weights {default.log_loss}; label more, or add --even-if-worse"
+            f"fit: {path}: not written: on what was left out its log loss is {own.log_loss}, and that of {rival} "
+            f"{least.log_loss}; label more, or add --even-if-worse"
         )
     atomic_write(path, fitted_text(fitted))
     say(f"{path}: vfoa run {what if not _is_run(what) else run.experiment} --preset {path}")

@@ -10,7 +10,7 @@ from harness.run.fitted_weights import FittedWeights, MethodScore
 from harness.toml_text import toml_key, toml_value
 from vfoa.logit import shipped_fit
 
-_COLUMNS = ("n", "Log loss", "Calibration error", "Balanced FRR %", "FRR %", "On targets %")
+_COLUMNS = ("n", "Log loss", "ECE", "Balanced %", "FRR %", "Targets %")
 
 
 def fit_tables(fitted: FittedWeights) -> list[Table]:
@@ -20,8 +20,9 @@ def fit_tables(fitted: FittedWeights) -> list[Table]:
     if found.held_out:
         notes = [
             "Every row has the same frames: of clips, or parts of the clip, that the fit and the limit did not see.",
-            "Log loss: mean of -ln of the probability of the true answer; lower is better. Balanced FRR: mean of the "
-            "rates on targets and on nowhere. forward: with earlier frames; both: with later ones, too.",
+            "Log loss: mean of -ln of the probability of the true answer; lower is better. ECE: expected calibration "
+            "error. Balanced: mean of the rates on targets and on nowhere. forward: with earlier frames; both: with "
+            "later ones, too.",
         ]
         if seen := sorted(set(found.clips) & set(shipped_fit().get("clips", ()))):
             notes.append(f"The default weights were fitted on {', '.join(seen)}, too: their rows are not held out.")

@@ -20,6 +20,7 @@ from harness.run.grid import base_of
 from harness.run.records import FrameRecord
 from harness.score.baselines import Baselines, best_limit_rad
 from harness.score.finished_run import FinishedRun
+from harness.score.metrics import LEAST_PROBABILITY
 from harness.score.reliability import reliability
 from harness.score.replay import to_subject, to_target
 from harness.score.verdicts import find_subject, right_answers
@@ -47,8 +48,6 @@ BLOCK_S = 10.0
 _MOST_BLOCKS = 8
 CURVE_S = (20, 60, 120, 240, 480, 960)
 """Labelled seconds at which the learning curve is computed."""
-_LEAST = 1e-6
-"""Least probability in the log loss."""
 _CONES = AttentionSettings(cones_cm=(10, 25))
 FITTED, DEFAULT = "fitted", "default weights"
 COMMONEST, NEAREST, TWO_CONES = "commonest", "nearest within a limit", "two cones"
@@ -371,7 +370,7 @@ def score(name: str, outcomes: Sequence[Outcome], on_target: Sequence[bool]) -> 
     known = [each for each in recalls if each is not None]
     log_loss = calibration = None
     if np.isfinite(of_true).all() and len(of_true):
-        log_loss = round(float(-np.log(np.maximum(of_true, _LEAST)).mean()), 4)
+        log_loss = round(float(-np.log(np.maximum(of_true, LEAST_PROBABILITY)).mean()), 4)
         frames = np.column_stack([confidence, right, np.zeros(len(right))])
         calibration = round(reliability(name, frames).calibration_error, 4)
     return MethodScore(
