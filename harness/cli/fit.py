@@ -15,7 +15,6 @@ from harness.cli.terminal import say
 
 if TYPE_CHECKING:
     from harness.run.directory import RunDirectory
-    from harness.run.experiment import Experiment
 
 
 def fit(
@@ -122,21 +121,10 @@ def _inputs(what: str) -> Iterator[Path]:
 
 def _directory(what: str) -> RunDirectory:
     """Return the run of that name, or run the experiment or clip without recordings."""
-    from harness.cli.run import experiment_of
+    from harness.cli.run import experiment_of, run_plainly
     from harness.run.directory import RunDirectory
 
     if _is_run(what):
         return RunDirectory(Path(what))
     experiment = experiment_of([what], (), (), None)
     return run_plainly(experiment, Path("runs") / experiment.name)
-
-
-def run_plainly(experiment: Experiment, out: Path, limit: int | None = None, workers: int = 1) -> RunDirectory:
-    """Run an experiment without recordings, or reuse its results."""
-    from harness.cli.terminal import frames_bar
-    from harness.run.runner import prepare, run_plan
-    from harness.stages.cache.store import open_store
-
-    plan = prepare(experiment, limit=limit)
-    with frames_bar(plan.frames, experiment.name) as progress:
-        return run_plan(plan, out, workers=workers, progress=progress, cache=open_store(None), beside=True)

@@ -112,7 +112,6 @@ def run(
     verbose: Verbose = False,
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
-    from harness.cli.fit import run_plainly
     from harness.cli.terminal import frames_bar, print_scores
     from harness.mirror import Mirror, bring_models
     from harness.report.sinks import composed_sinks
@@ -230,6 +229,17 @@ def _told_if_interrupted(notices: list[str]) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def run_plainly(experiment: Experiment, out: Path, limit: int | None = None, workers: int = 1) -> RunDirectory:
+    """Run an experiment without recordings, or reuse its results."""
+    from harness.cli.terminal import frames_bar
+    from harness.run.runner import prepare, run_plan
+    from harness.stages.cache.store import open_store
+
+    plan = prepare(experiment, limit=limit)
+    with frames_bar(plan.frames, experiment.name) as progress:
+        return run_plan(plan, out, workers=workers, progress=progress, cache=open_store(None), beside=True)
 
 
 def _report_failures(directory: RunDirectory) -> None:

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.cli.fit import fit, run_plainly
+from harness.cli.fit import fit
+from harness.cli.run import run_plainly
 from harness.clips.add import add_clip
 from harness.run.experiment import load_experiment
 from harness.run.fitted_weights import read_fitted
