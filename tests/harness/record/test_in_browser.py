@@ -117,14 +117,14 @@ def test_a_click_on_a_frame_opens_the_recording_at_that_frame(
     assert f"vfoa view /a/run --clip clip --config 'two cones' --frame 14 --subject '{ANN}'" in box
     link = browser.find_element("link text", "The label is wrong").get_attribute("href")
     assert parse_qs(urlsplit(link).query) == {"clip": ["clip"], "subject": [ANN], "frame": ["14"]}
-    _click(browser, 10)
-    assert set(browser.window_handles) == {page, viewer}
-    browser.find_element("id", "timeline").send_keys("n")
+    browser.find_element("id", "timeline").send_keys("p")
     link = browser.find_element("link text", "Open the recording at this frame").get_attribute("href")
-    assert parse_qs(urlsplit(link).query)["subject"] == [ANN]
+    asked = parse_qs(urlsplit(link).query)
+    assert (asked["subject"], asked["frame"]) == ([ANN], ["13"])
     browser.find_element("id", "timeline").send_keys("\ue007")  # Enter
+    assert set(browser.window_handles) == {page, viewer}
     browser.switch_to.window(viewer)
-    _wait_for(browser, 14)
+    _wait_for(browser, 13)
     assert _tabs_in_front(browser, tmp_path) == {ANN}
 
 
