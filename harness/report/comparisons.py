@@ -88,18 +88,14 @@ def model_table(found: Sequence[OddsRatio]) -> Table:
 
 def comparison_table(comparisons: Sequence[Comparison]) -> Table:
     """Pairs of configurations on their common frames, for people."""
-    return Table(
-        title=_TITLE,
-        columns=("In words", "n", "Points", "95 %", "Better", "Worse", "p", "p (Holm)"),
-        words=1,
+    table = terminal_comparisons(comparisons)
+    return replace(
+        table,
+        columns=(*table.columns, "n", "Better", "Worse"),
         rows=tuple(
-            (
-                *(each.sentence, str(each.n), *_points(each), str(each.better), str(each.worse)),
-                *(_p(each.p), _p(each.p_holm)),
-            )
-            for each in comparisons
+            (*row, str(each.n), str(each.better), str(each.worse))
+            for row, each in zip(table.rows, comparisons, strict=True)
         ),
-        notes=_NOTES,
     )
 
 

@@ -1,14 +1,16 @@
-"""``report.html`` of a sweep: rates by two factors, the best settings, every row."""
+"""Pages without frames: ``report.html`` of a sweep, and the page of ``vfoa compare``, which has the same tables."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
+from harness.report.comparisons import comparison_table
 from harness.report.formats import Table
 from harness.report.page.packing import pack_json
 from harness.report.page.render import plain_table, script, template
 from harness.report.sweep_grid import grid_of
+from harness.score.comparison import Comparison
 from harness.score.sweep.runner import Sweep
 from vfoa.types import Float
 
@@ -51,6 +53,28 @@ def render_sweep(sweep: Sweep, tables: Sequence[Table]) -> str:
         packs={"tables": pack_json([plain_table(table) for table in shown])},
         script=script("sweep"),
     )
+
+
+def render_comparison(comparisons: Sequence[Comparison], models: Sequence[Table] = ()) -> str:
+    """Return the page of comparisons of several runs: a row for each pair, to be sorted by any column."""
+    names = {name for each in comparisons for name in (each.reference, each.configuration)}
+    told = [each.sentence for each in comparisons if each.is_significant]
+    tables = [comparison_table(comparisons), *models]
+    return template("sweep.html.jinja").render(
+        title="Comparison of runs",
+        facts=[f"{len(names)} configurations", f"{len(comparisons)} pairs"],
+        verdict=" ".join(f"{sentence}." for sentence in told[:MOST_SENTENCES])
+        or "No two of them differ significantly.",
+        titles=[table.title for table in tables],
+        notes=(),
+        data={},
+        packs={"tables": pack_json([plain_table(table) for table in tables])},
+        script=script("compare"),
+    )
+
+
+MOST_SENTENCES = 3
+"""Most significant differences that the head of a comparison's page names; the table has all."""
 
 
 def _plain(rates: Float) -> list[list[float | None]]:
