@@ -145,7 +145,7 @@ def main(folder: Path) -> None:
         with serve(clip=str(manifest)) as page:
             say("4K, two videos at 30 Hz:")
             open_page(browser, page.address)
-            measure_playing(browser, {"0.5": "", "1": "+", "2": "+"})
+            measure_playing(browser, {"1": "", "2": "+"})
         manifest = write_clip(folder, 18_000, (640, 360))
         write_labels(folder / "annotations" / f"{manifest.stem}.csv", 18_000)
         with serve(clip=str(manifest)) as page:
@@ -154,7 +154,7 @@ def main(folder: Path) -> None:
             measure_seeks(browser, 18_000, 10)
             before = memory_mb(browser)
             measure_seeks(browser, 18_000, 100)
-            measure_playing(browser, {"0.5": "", "1": "+", "2": "+"})
+            measure_playing(browser, {"1": "", "2": "+"})
             after = memory_mb(browser)
             say(f"  heap {before[0]:.1f} MB then {after[0]:.1f} MB, elements {before[1]} then {after[1]}")
 

@@ -26,39 +26,83 @@ _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg"
 
 
 class Change(Settings):
-    """A person's action on a revision; ``kind`` decides which of the other values are needed.
+    """A person's action; ``kind`` decides which of the other values are needed. ``draw`` is one on the image.
 
     A change that is sent again under the same ``id``, because its answer was lost, is not applied twice.
     """
 
-    kind: Literal["look", "range", "accept", "confirm", "note", "undo", "redo"]
-    revision: int
+    kind: Literal[
+        "look", "range", "clear", "nudge", "move", "accept", "confirm", "note", "seen", "draw", "undo", "redo"
+    ]
     id: str = Field(default="", max_length=64)
     subject: str = ""
     at: int = 0
     last: int = 0
+    by: int = 0
     target: str | None = None
     point_px: tuple[float, float] | None = None
     attention: float = 1.0
     note: str = ""
+    draw: Draw | None = None
 
     def make(self, session: Session) -> None:
-        """Apply the change."""
+        """Apply the change to the present state."""
+        revision, drawn = session.revisions
         match self.kind:
             case "look":
-                session.look(self.revision, self.subject, self.at, self.target or "", self.point_px)
+                session.look(revision, self.subject, self.at, self.target or "", self.point_px)
             case "range":
-                session.mark_range(self.revision, self.subject, self.at, self.last, self.target)
+                session.mark_range(revision, self.subject, self.at, self.last, self.target)
+            case "clear":
+                session.clear(revision, self.subject, self.at)
+            case "nudge":
+                session.nudge(revision, self.subject, self.at, self.by)
+            case "move":
+                session.move_change(revision, self.subject, self.at, self.last)
             case "accept":
-                session.accept(self.revision, self.subject, self.attention)
+                session.accept(revision, self.subject, self.attention)
             case "confirm":
-                session.confirm(self.revision, self.subject, self.at)
+                session.confirm(revision, self.subject, self.at)
             case "note":
-                session.annotate(self.revision, self.subject, self.at, self.note)
+                session.annotate(revision, self.subject, self.at, self.note)
+            case "seen":
+                session.see(self.subject, self.at)
+            case "draw":
+                session.draw((self.draw or Draw(do="key")).model_copy(update={"revision": drawn, "id": self.id}))
             case "undo":
-                session.undo(self.revision)
+                session.undo()
             case "redo":
-                session.redo(self.revision)
+                session.redo()
+
+
+class Changes(Settings):
+    """Actions in their order, on these revisions of labels and drawing."""
+
+    revision: int = 0
+    drawn: int = 0
+    changes: list[Change] = Field(max_length=1000)
+
+    def make(self, session: Session) -> None:
+        """Apply all changes that were not applied before.
+
+        Raises
+        ------
+        StaleRevisionError
+            If something else changed since the revisions; nothing is applied.
+        """
+        applied = [number for number, each in enumerate(self.changes) if each.id and session.knows(each.id)]
+        rest = self.changes[applied[-1] + 1 if applied else 0 :]
+        if not applied:  # else, the first of them found the right revision
+            session.refresh()
+            kinds = {each.kind for each in rest}
+            if kinds & {"draw", "undo", "redo"} and self.drawn != session.revisions[1]:
+                raise StaleRevisionError
+            if kinds - {"draw", "seen"} and self.revision != session.revisions[0]:
+                raise StaleRevisionError
+        for each in rest:
+            with session.once(each.id) as is_new:
+                if is_new:
+                    each.make(session)
 
 
 class Shown(Settings):
@@ -75,13 +119,6 @@ class Shown(Settings):
             return None
         u0, v0, u1, v1 = map(int, self.region.split(","))
         return u0, v0, u1, v1
-
-
-class Seen(Settings):
-    """The last position up to which a subject's frames were seen."""
-
-    subject: str
-    at: int
 
 
 class NewTarget(Settings):
@@ -120,9 +157,6 @@ def create_app(session: Session) -> Starlette:
     def about(request: Request) -> Response:
         return JSONResponse(session.about())
 
-    def state(request: Request) -> Response:
-        return JSONResponse(session.state())
-
     def scene(request: Request) -> Response:
         return JSONResponse(session.scene(request.path_params["at"]))
 
@@ -138,16 +172,22 @@ def create_app(session: Session) -> Starlette:
         return Response(coded, media_type="image/jpeg")
 
     def change(body: bytes) -> Response:
-        asked = Change.model_validate_json(body)
-        with session.once(asked.id) as is_new:
-            if is_new:
+        asked = Changes.model_validate_json(body)
+        with session.changing():
+            names = session.manifest
+            try:
                 asked.make(session)
-        return JSONResponse(session.state())
+            except StaleRevisionError:
+                return JSONResponse({"error": "labels or drawing were changed elsewhere", **states()}, 409)
+            except (VfoaError, OSError) as error:
+                refusal = _refused if isinstance(error, VfoaError) else _unwritable
+                answer = refusal(error)
+                return JSONResponse({**answer[0], **states(), "about": session.about()}, answer[1])
+            renewed = {} if session.manifest is names else {"about": session.about()}
+            return JSONResponse({**states(), **renewed})
 
-    def see(body: bytes) -> Response:
-        seen = Seen.model_validate_json(body)
-        session.see(seen.subject, seen.at)
-        return JSONResponse(session.state())
+    def states() -> dict[str, Any]:
+        return {"state": session.state(), "drawn": session.drawn()}
 
     def add_target(body: bytes) -> Response:
         new = NewTarget.model_validate_json(body)
@@ -164,43 +204,26 @@ def create_app(session: Session) -> Starlette:
         session.delete_target(deleted.name, deleted.to)
         return everything()
 
-    def drawn(request: Request) -> Response:
-        return JSONResponse(session.drawn())
-
-    def draw(body: bytes) -> Response:
-        try:
-            session.draw(Draw.model_validate_json(body))
-        except StaleRevisionError:
-            return JSONResponse({"error": "something else was drawn elsewhere", "state": session.drawn()}, 409)
-        return JSONResponse(session.drawn())
-
     def everything() -> Response:
-        return JSONResponse({"about": session.about(), "state": session.state()})
-
-    def stale(request: Request, error: Exception) -> Response:
-        return JSONResponse({"error": "the labels were changed elsewhere", "state": session.state()}, 409)
+        return JSONResponse({"about": session.about(), **states()})
 
     return Starlette(
         routes=[
             Route("/", page_file),
             Route("/page/{name}", page_file),
             Route("/api/clip", about),
-            Route("/api/state", state),
+            Route("/api/state", lambda request: JSONResponse(states())),
             Route("/api/scene/{at:int}", scene),
             Route("/picture/{view}/{at:int}", picture),
             Route("/api/change", _posted(change), methods=["POST"]),
-            Route("/api/drawn", drawn),
-            Route("/api/draw", _posted(draw), methods=["POST"]),
-            Route("/api/seen", _posted(see), methods=["POST"]),
             Route("/api/target", _posted(add_target), methods=["POST"]),
             Route("/api/target/change", _posted(change_target), methods=["POST"]),
             Route("/api/target/delete", _posted(delete_target), methods=["POST"]),
         ],
         exception_handlers={
-            VfoaError: _refused,
-            OSError: _unwritable,
+            VfoaError: lambda _, error: _plain(_refused(error)),
+            OSError: lambda _, error: _plain(_unwritable(error)),
             ValidationError: _malformed,
-            StaleRevisionError: stale,
         },
     )
 
@@ -216,14 +239,18 @@ def _posted(answer: Callable[[bytes], Response]) -> Callable[[Request], Any]:
     return endpoint
 
 
-def _refused(request: Request, error: Exception) -> Response:
-    return JSONResponse({"error": str(error)}, 404 if isinstance(error, OutsideClipError) else 400)
+def _plain(answer: tuple[dict[str, Any], int]) -> Response:
+    return JSONResponse(*answer)
 
 
-def _unwritable(request: Request, error: Exception) -> Response:
-    """Answer an error of a full or read-only disk."""
+def _refused(error: Exception) -> tuple[dict[str, Any], int]:
+    return {"error": str(error)}, 404 if isinstance(error, OutsideClipError) else 400
+
+
+def _unwritable(error: Exception) -> tuple[dict[str, Any], int]:
+    """The answer to an error of a full or read-only disk."""
     place = getattr(error, "filename", None) or "the disk"
-    return JSONResponse({"error": f"{place}: {getattr(error, 'strerror', None) or error}"}, 507)
+    return {"error": f"{place}: {getattr(error, 'strerror', None) or error}"}, 507
 
 
 def _malformed(request: Request, error: Exception) -> Response:

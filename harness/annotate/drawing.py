@@ -11,9 +11,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
-from harness.annotate.drawn_history import DrawnHistory, Keys
+from harness.annotate.drawn_history import DrawnHistory, Keys, plain_tracks
 from harness.annotate.journal import Journal
 from harness.annotate.journaled import Journaled, OutsideClipError
+from harness.annotate.undo import Undo
 from harness.labels.drawn import (
     Drawn,
     KeyFrame,
@@ -22,7 +23,6 @@ from harness.labels.drawn import (
     Track,
     check_kind,
     check_place,
-    drawn_of,
     read_drawn,
     write_drawn,
 )
@@ -39,7 +39,7 @@ class Draw(Settings):
     """
 
     do: Literal["key", "outside", "delete", "remove", "undo", "redo"]
-    revision: int
+    revision: int = 0
     id: str = ""
     name: str = ""
     kind: Kind = "box"
@@ -133,8 +133,7 @@ class DrawingStore:
         VfoaError
             If a name, a position or a place is wrong, or another process draws on the clip.
         """
-        if self.read_only is not None:
-            raise VfoaError(self.read_only)
+        self.check_writable()
         with self._kept.once(draw.id) as is_new:
             if is_new:
                 self._make(draw)
@@ -147,31 +146,46 @@ class DrawingStore:
         VfoaError
             If another process draws on the clip.
         """
-        if self.read_only is not None:
-            raise VfoaError(self.read_only)
+        self.check_writable()
         new = {(each.name, each.kind): each.keys for each in drawn.tracks}
         gone = [key for key in self._history.tracks if key[0] in drawn.names and key not in new]
         for (name, kind), keys in [*((key, ()) for key in gone), *new.items()]:
             if keys != self._history.tracks.get((name, kind), ()):
                 self._kept.commit(self._history.change_to(name, kind, keys))
 
-    def set_names(self, targets: Iterable[str], renamed: tuple[str, str | None] | None = None) -> None:
-        """Set the manifest's targets. Shapes of a renamed one are kept; those of a deleted one (None) are removed."""
-        self._targets = list(targets)
-        tracks = self._history.tracks
-        if renamed is None or all(name != renamed[0] for name, _ in tracks):
-            return
-        self.check_change(renamed[0])
-        old, new = renamed
-        kept = {key: keys for key, keys in tracks.items() if key[0] != old}
-        moved = {(new, kind): keys for (name, kind), keys in tracks.items() if name == old and new is not None}
-        write_drawn(self.path, drawn_of({**moved, **kept}))
-        self.refresh()
+    def knows(self, request: str) -> bool:
+        """Whether something was drawn under this id."""
+        return self._kept.knows(request)
 
-    def check_change(self, name: str) -> None:
-        """Refuse (:class:`VfoaError`) to rename what is drawn while another process draws."""
-        if self.read_only is not None and any(name == each for each, _ in self._history.tracks):
+    def set_targets(self, names: Iterable[str]) -> None:
+        """Set the manifest's targets."""
+        self._targets = list(names)
+
+    def tracks(self) -> list[list[Any]]:
+        """The drawing as JSON: name, kind and key frames of each track."""
+        return plain_tracks(self.drawn)
+
+    def set_tracks(self, tracks: list[list[Any]]) -> None:
+        """Replace the drawing after a change of targets; it is no step to undo.
+
+        Raises
+        ------
+        VfoaError
+            If another process draws on the clip.
+        """
+        if tracks != self.tracks():
+            self.check_writable()
+            self._kept.commit({"set": tracks})
+
+    def check_writable(self) -> None:
+        """Refuse (:class:`VfoaError`) to change what is drawn while another process draws."""
+        if self.read_only is not None:
             raise VfoaError(self.read_only)
+
+    @property
+    def undo_list(self) -> Undo[dict[str, Any]]:
+        """What can be undone and redone."""
+        return self._history.undo
 
     def read(self, path: Path) -> Drawn:
         """A file with this clip's frames and names (:class:`VfoaError`)."""
@@ -182,10 +196,11 @@ class DrawingStore:
         self._kept.close()
 
     def _make(self, draw: Draw) -> None:
-        if draw.do == "undo":
-            self._kept.undo(draw.revision)
-        elif draw.do == "redo":
-            self._kept.redo(draw.revision)
+        if draw.do in ("undo", "redo"):
+            step = self.undo_list.next_undo if draw.do == "undo" else self.undo_list.next_redo
+            if step is not None and step["name"] not in (*self._targets, *self._subjects):
+                raise VfoaError(f"{step['name']!r} is no longer in the manifest; its drawing cannot be changed back")
+            (self._kept.undo if draw.do == "undo" else self._kept.redo)(draw.revision)
         else:
             self._kept.check_revision(draw.revision)
             self._check(draw)

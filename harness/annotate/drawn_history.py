@@ -4,6 +4,7 @@ An entry is one of
 
 {"base": tracks, "revision": r}                               begin anew, from the file
 {"draw": {"name", "kind", "before": keys, "after": keys}}     key frames of a track, [frame, place, outside] each
+{"set": tracks}                                               targets were renamed, deleted or restored
 {"undo": true}    {"redo": true}
 """
 
@@ -36,6 +37,8 @@ class DrawnHistory:
         elif "draw" in entry:
             self._place(entry["draw"], "after")
             self.undo.make(entry["draw"], time_of(entry))
+        elif "set" in entry:
+            self.tracks = {(name, kind): _parsed(keys) for name, kind, keys in entry["set"]}
         elif "undo" in entry:
             self._place(self.undo.undo(time_of(entry)), "before")
         else:
@@ -53,10 +56,7 @@ class DrawnHistory:
 
     def base_of(self, content: Drawn) -> Entry:
         """The entry that begins anew with the content of the file."""
-        return {
-            "base": [[each.name, each.kind, _plain(each.keys)] for each in content.tracks],
-            "revision": self.revision,
-        }
+        return {"base": plain_tracks(content), "revision": self.revision}
 
     def fits(self, base: Entry) -> bool:
         """Return True: a base of another clip shows when its result is compared with the file."""
@@ -73,6 +73,11 @@ class DrawnHistory:
         self.tracks.pop(key, None)
         if keys:
             self.tracks[key] = keys
+
+
+def plain_tracks(content: Drawn) -> list[list[Any]]:
+    """A drawing as JSON: name, kind and key frames of each track."""
+    return [[each.name, each.kind, _plain(each.keys)] for each in content.tracks]
 
 
 def _plain(keys: Keys) -> list[list[Any]]:

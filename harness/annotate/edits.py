@@ -27,6 +27,28 @@ def mark_range(first: int, last: int, target: str | None) -> list[Stretch]:
     return [Stretch(first=first, last=last, mark=None if target is None else Mark(target=target))]
 
 
+def clear(track: Sequence[Mark | None], at: int) -> list[Stretch]:
+    """Remove the labels from a position until the target changes."""
+    return mark_range(at, stretch_at(track, at, same_target=True)[1], None)
+
+
+def move_change(track: Sequence[Mark | None], at: int, to: int) -> list[Stretch]:
+    """Move the change of target at or before ``at`` to the position ``to``; not past the next change before or after.
+
+    Suggestions do not move.
+    """
+    change, last = stretch_at(track, at, same_target=True)
+    if change == 0 or any(mark is not None and mark.suggested for mark in (track[change - 1], track[change])):
+        return []
+    first, _ = stretch_at(track, change - 1, same_target=True)
+    to = min(max(to, first), last)
+    if to == change:
+        return []
+    mark = track[change] if to < change else track[change - 1]
+    low, high = (to, change - 1) if to < change else (change, to - 1)
+    return [Stretch(first=low, last=high, mark=mark and replace(mark, carried=False))]
+
+
 def accept(track: Sequence[Mark | None], suggested: Sequence[str | None], seen: int) -> list[Stretch]:
     """Fill unlabelled frames with suggestions, one per frame or None; they stay suggestions.
 

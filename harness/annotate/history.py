@@ -5,8 +5,8 @@ An entry is one of
 {"base": {subject: stretches}, "frames": n, "revision": r}    begin anew, from a CSV
 {"change": {subject, before, after}}                          marks between two positions
 {"undo": true}    {"redo": true}
-{"rename": [old, new]}                                        a target's name, also in everything that can be undone
-{"forget": name}                                              a deleted target: earlier entries cannot be undone
+{"targets": {manifest, labels, drawn}, "file": name}          targets change in all files of the clip: a step to undo
+{"set": [changes]}                                            the same, undone or made elsewhere: no step to undo
 {"seen": [subject, position]}                                 alone, or beside a change
 
 Each entry except a lone ``seen`` is a revision.
@@ -14,7 +14,7 @@ Each entry except a lone ``seen`` is a revision.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -37,16 +37,24 @@ class Change:
         before, after = ([each.plain() for each in part] for part in (self.before, self.after))
         return {"subject": self.subject, "before": before, "after": after}
 
-    def renamed(self, old: str, new: str) -> Change:
-        """The same change with another name for a target."""
-        before, after = (tuple(_renamed(each, old, new) for each in part) for part in (self.before, self.after))
-        return Change(subject=self.subject, before=before, after=after)
+    @property
+    def inverse(self) -> Change:
+        """The change back."""
+        return Change(subject=self.subject, before=self.after, after=self.before)
 
     @classmethod
     def parse(cls, plain: dict[str, Any]) -> Change:
         """Parse the output of :meth:`plain`."""
         before, after = (tuple(map(Stretch.parse, plain[name])) for name in ("before", "after"))
         return cls(subject=plain["subject"], before=before, after=after)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """What one undo takes back: changes of labels and, if targets changed, the whole change of targets as JSON."""
+
+    changes: tuple[Change, ...]
+    targets: dict[str, Any] | None = None
 
 
 class History:
@@ -61,7 +69,7 @@ class History:
     def _clear(self) -> None:
         self.tracks: dict[str, Track] = {name: [None] * len(self._frames) for name in self.subjects}
         self.seen = dict.fromkeys(self.subjects, -1)
-        self.undo = Undo[Change]()
+        self.undo = Undo[Step]()
 
     def copy(self) -> History:
         """Return an independent copy of the state."""
@@ -79,19 +87,17 @@ class History:
             subject, at = entry["seen"]
             self.seen[subject] = max(self.seen[subject], self._position(at))
         if "change" in entry:
-            change = Change.parse(entry["change"])
-            self._place(change.subject, change.after)
-            self.undo.make(change, time_of(entry))
-        elif "undo" in entry:
-            change = self.undo.undo(time_of(entry))
-            self._place(change.subject, change.before)
-        elif "redo" in entry:
-            change = self.undo.redo()
-            self._place(change.subject, change.after)
-        elif "rename" in entry:
-            self._rename(*entry["rename"])
-        elif "forget" in entry:
+            self._make(Step(changes=(Change.parse(entry["change"]),)), time_of(entry))
+        elif "targets" in entry:
+            of_file = entry["targets"]["labels"].get(entry["file"], ())
+            self._make(Step(changes=tuple(map(Change.parse, of_file)), targets=entry["targets"]), time_of(entry))
+        elif "set" in entry:
+            self._set(map(Change.parse, entry["set"]))
             self.undo.clear()
+        elif "undo" in entry:
+            self._set(change.inverse for change in self.undo.undo(time_of(entry)).changes)
+        elif "redo" in entry:
+            self._set(self.undo.redo().changes)
         elif "base" not in entry:
             return
         self.revision += 1
@@ -100,6 +106,15 @@ class History:
         """The change that sets these stretches, which follow each other without a gap."""
         before = stretches(self.tracks[subject], new[0].first, new[-1].last)
         return Change(subject=subject, before=before, after=tuple(new))
+
+    def reassigned(self, old: str, new: str) -> list[Change]:
+        """The changes that give all labels of a target another one."""
+        return [
+            self.change_to(subject, [replace(part, mark=replace(part.mark, target=new))])
+            for subject, parts in self.parts().items()
+            for part in parts
+            if part.mark is not None and part.mark.target == old
+        ]
 
     def base_of(self, content: Labels) -> Entry:
         """The entry that begins anew with the CSV's labels."""
@@ -131,10 +146,13 @@ class History:
         for subject, plain in entry["base"].items():
             self._place(subject, [Stretch.parse(each) for each in plain])
 
-    def _rename(self, old: str, new: str) -> None:
-        self.undo.each(lambda change: change.renamed(old, new))
-        for subject, track in self.tracks.items():
-            self._place(subject, [_renamed(each, old, new) for each in stretches(track, 0, len(track) - 1)])
+    def _make(self, step: Step, time_s: float) -> None:
+        self._set(step.changes)
+        self.undo.make(step, time_s)
+
+    def _set(self, changes: Iterable[Change]) -> None:
+        for change in changes:
+            self._place(change.subject, change.after)
 
     def _position(self, at: object) -> int:
         if not isinstance(at, int) or not 0 <= at < len(self._frames):
@@ -146,9 +164,3 @@ class History:
             if not 0 <= each.first <= each.last < len(self._frames):
                 raise ValueError(f"positions {each.first} to {each.last} of {len(self._frames)} frames")
             self.tracks[subject][each.first : each.last + 1] = [each.mark] * (each.last - each.first + 1)
-
-
-def _renamed(stretch: Stretch, old: str, new: str) -> Stretch:
-    if stretch.mark is None or stretch.mark.target != old:
-        return stretch
-    return replace(stretch, mark=replace(stretch.mark, target=new))

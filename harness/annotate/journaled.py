@@ -110,6 +110,10 @@ class Journaled(Generic[Machine]):
         finally:
             self._request = ""
 
+    def knows(self, request: str) -> bool:
+        """Whether a change was made under this id."""
+        return request in self._requests
+
     def check_revision(self, revision: int) -> None:
         """Reject a change on an older revision (:class:`StaleRevisionError`)."""
         self.refresh()

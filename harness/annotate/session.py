@@ -8,24 +8,29 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from harness.annotate import edits, pictures, targets
 from harness.annotate.clip_stores import open_drawing, open_store, with_others
-from harness.annotate.drawing import Draw
+from harness.annotate.drawing import Draw, DrawingStore
+from harness.annotate.history import Step
+from harness.annotate.marks import stretch_at
+from harness.annotate.store import LabelStore
 from harness.annotate.suggestions import Predictions
 from harness.annotate.target_change import TargetChange, finish_change
 from harness.annotate.views import Views
+from harness.bounded_parsing import parse_toml
 from harness.clips.looks import COLOURS, KEYS, looks
-from harness.clips.manifest import ClipManifest, load_manifest
+from harness.clips.manifest import ClipManifest, load_manifest, make_manifest
 from harness.clips.manifest_checks import known_categories
 from harness.clips.naming import NameRule
 from harness.data_folders import came_with_program
-from harness.files import digest_files
+from harness.files import digest_files, read_bytes
 from harness.labels.labels import RESERVED, TO_DECIDE
 from harness.labels.timeline import timeline_of
 from harness.sources import Clip
 from vfoa.errors import VfoaError
+from vfoa.validation import parse
 
 
 class Session:
@@ -69,6 +74,7 @@ class Session:
         self._frames = tuple(self._clip.frames)
         if not self._frames:
             raise VfoaError(f"{self.manifest.path}: the clip has no frames")
+        self._request = ""
         self._run, self._configuration = run, configuration
         self._annotator, self._blind, self._uncertain_first = annotator, blind, uncertain_first
         self._predictions = Predictions(run, self.manifest, configuration) if run else None
@@ -132,13 +138,40 @@ class Session:
         """The labels as JSON, read again if another program has changed the file."""
         with self._changing:
             self._store.refresh()
-            return self._store.state()
+            can = {f"can_{kind}": self._next(kind) is not None for kind in ("undo", "redo")}
+            return {**self._store.state(), **can}
+
+    @contextmanager
+    def changing(self) -> Iterator[None]:
+        """No other thread changes or reads the labels within the block."""
+        with self._changing:
+            yield
 
     @contextmanager
     def once(self, request: str) -> Iterator[bool]:
         """Whether a request was not applied yet, by its id; changes of the block are recorded under it."""
         with self._changing, self._store.once(request) as is_new:
-            yield is_new
+            self._request = request
+            yield is_new and not self._drawing.knows(request)
+
+    def knows(self, request: str) -> bool:
+        """Whether a request was applied, by its id."""
+        return self._store.knows(request) or self._drawing.knows(request)
+
+    def check_revision(self, revision: int) -> None:
+        """Reject changes on older labels (:class:`StaleRevisionError`)."""
+        self._store.check_revision(revision)
+
+    @property
+    def revisions(self) -> tuple[int, int]:
+        """The revisions of the labels and of the drawing."""
+        return self._store.revision, self._drawing.revision
+
+    def refresh(self) -> None:
+        """Read the files again if another program has changed them."""
+        with self._changing:
+            self._store.refresh()
+            self._drawing.refresh()
 
     def look(self, revision: int, subject: str, at: int, target: str, point_px: edits.PointPx | None) -> None:
         """The subject looks at a target from a position on, until the next change."""
@@ -162,15 +195,50 @@ class Session:
         """Put a note on the label at a position."""
         self._edit(revision, subject, lambda track: edits.annotate(track, at, note), at)
 
-    def undo(self, revision: int) -> None:
-        """Take the last change back."""
-        with self._changing:
-            self._store.undo(revision)
+    def clear(self, revision: int, subject: str, at: int) -> None:
+        """Remove the labels from a position until the next change."""
+        self._edit(revision, subject, lambda track: edits.clear(track, at), at)
 
-    def redo(self, revision: int) -> None:
-        """Apply the last undone change again."""
+    def move_change(self, revision: int, subject: str, at: int, to: int) -> None:
+        """Move the change of target at a position or before it to another position."""
+        self._edit(revision, subject, lambda track: edits.move_change(track, at, to), at)
+
+    def nudge(self, revision: int, subject: str, at: int, by: int) -> None:
+        """Move the change of target at a position or before it by some frames."""
+
+        def edit(track: Sequence[Any]) -> list[Any]:
+            return edits.move_change(track, at, stretch_at(track, at, same_target=True)[0] + by)
+
+        self._edit(revision, subject, edit, at)
+
+    def undo(self) -> None:
+        """Take back the last change of labels, targets or drawing, whichever is newest."""
         with self._changing:
-            self._store.redo(revision)
+            if self._next("undo") is self._drawing:
+                self._drawing.make(Draw(do="undo", revision=self._drawing.revision, id=self._request))
+            else:
+                change = _targets_of(self._store.undo_list.next_undo)
+                self._with_targets(change and change.inverse, lambda: self._store.undo(self._store.revision))
+
+    def redo(self) -> None:
+        """Make the change again that was undone last. Nothing that was undone before a newer change comes back."""
+        with self._changing:
+            if self._next("redo") is self._drawing:
+                self._drawing.make(Draw(do="redo", revision=self._drawing.revision, id=self._request))
+            elif self._next("redo"):
+                change = _targets_of(self._store.undo_list.next_redo)
+                self._with_targets(change, lambda: self._store.redo(self._store.revision))
+
+    def _next(self, kind: Literal["undo", "redo"]) -> LabelStore | DrawingStore | None:
+        """Labels (with targets) or drawing, whichever has the next change to undo or redo; None if neither has."""
+        both = [(each, each.undo_list.plain()) for each in (self._store, self._drawing)]
+        made_s = max(plain["made_s"] or 0.0 for _, plain in both)
+        if kind == "undo":
+            found = [(plain["made_s"], each) for each, plain in both if plain["can_undo"]]
+        else:
+            undone = [(plain["undone_s"], each) for each, plain in both if plain["can_redo"]]
+            found = [each for each in undone if each[0] >= made_s]
+        return max(found, key=lambda each: each[0])[1] if found else None
 
     def drawn(self) -> dict[str, Any]:
         """The drawn shapes as JSON, read again if another program has changed the file."""
@@ -197,29 +265,73 @@ class Session:
     def add_target(self, name: str, rule: NameRule) -> None:
         """Write a new target into the manifest, and allow its name."""
         with self._changing:
-            targets.add_target(self.manifest.path, name, rule)
-            self._store.add_target(name)
-            self._read_manifest()
-            self._drawing.set_names(self.manifest.targets)
+            self._change(self._to(targets.with_target(self.manifest.path, name, rule)))
 
     def change_target(self, name: str, *, new_name: str, key: str | None, colour: str) -> None:
         """Give a target another name, also in the labels of all annotators, or another key or colour."""
-        self._change(TargetChange(name=name, new_name=new_name, labels_to=new_name, key=key, colour=colour))
+        with self._changing:
+            to = targets.with_change(self.manifest.path, name, new_name=new_name, key=key, colour=colour)
+            if new_name == name:
+                self._change(self._to(to))
+                return
+            with with_others(self._store, self.manifest, self._timeline) as stores:
+                labels = {each.path.name: each.reassigned(name, new_name) for each in stores}
+            drawn = [[new_name if each == name else each, kind, keys] for each, kind, keys in self._drawing.tracks()]
+            self._change(self._to(to, labels, drawn))
 
     def delete_target(self, name: str, to: str | None) -> None:
         """Delete a target from the manifest; labels of all annotators that have it become ``to``."""
-        self._change(TargetChange(name=name, labels_to=to))
+        with self._changing:
+            with with_others(self._store, self.manifest, self._timeline) as stores:
+                if to is not None:
+                    for each in stores:
+                        each.check_reassignment(name, to)
+                elif uses := sum(each.uses(name) for each in stores):
+                    raise VfoaError(f"{name!r} is the target of {uses} labels; expected another target for them")
+                labels = {each.path.name: each.reassigned(name, to) for each in stores} if to is not None else {}
+            drawn = [each for each in self._drawing.tracks() if each[0] != name]
+            self._change(self._to(targets.without_target(self.manifest.path, name), labels, drawn))
+
+    def _to(
+        self, text: str, labels: dict[str, list[Any]] | None = None, drawn: list[Any] | None = None
+    ) -> TargetChange:
+        """The change of targets to this text of the manifest, with these changes of labels, to this drawing."""
+        before = self._drawing.tracks()
+        return TargetChange(
+            manifest=(read_bytes(self.manifest.path).decode(), text),
+            labels={name: found for name, found in (labels or {}).items() if found},
+            drawn=None if drawn is None or drawn == before else (before, drawn),
+        )
 
     def _change(self, change: TargetChange) -> None:
-        with self._changing, with_others(self._store, self.manifest, self._timeline) as stores:
-            if change.new_name is None:
-                change.check_deletion(stores)
-            self._drawing.check_change(change.name)
+        self._with_targets(change, lambda: self._store.change_targets(change.model_dump(mode="json")))
+
+    def _with_targets(self, change: TargetChange | None, make: Callable[[], None]) -> None:
+        """Make a change of this annotator's labels and, if it changes targets, the same in all other files."""
+        if not change:
+            make()
+            return
+        with with_others(self._store, self.manifest, self._timeline) as stores:
+            if change.drawn is not None:
+                self._drawing.check_writable()
+            self._check_names(change, stores)
             with change.kept(self.manifest):
-                change.in_manifest(self.manifest.path)
-                change.in_labels(stores)
-                self._read_manifest()
-                self._drawing.set_names(self.manifest.targets, (change.name, change.new_name))
+                change.in_labels(stores[1:])
+                make()
+                if change.drawn is not None:
+                    self._drawing.set_tracks(change.drawn[1])
+        self._read_manifest()
+
+    def _check_names(self, change: TargetChange, stores: Sequence[LabelStore]) -> None:
+        """Refuse to take back a target that labels of another annotator have gained since."""
+        before, after = (
+            make_manifest(parse_toml(text, self.manifest.path), self.manifest.path, self.manifest.name).targets
+            for text in change.manifest
+        )
+        for store in stores[1:]:
+            for name in [name for name in before if name not in after and store.path.name not in change.labels]:
+                if store.uses(name):
+                    raise VfoaError(f"{store.path.name} has labels of {name!r}; expected none before it is removed")
 
     def scene(self, at: int) -> dict[str, Any]:
         """Outlines and heads at a position, as JSON."""
@@ -291,6 +403,9 @@ class Session:
         self.manifest = load_manifest(self.manifest.path, self.manifest.name)
         if self._run:
             self._predictions = Predictions(self._run, self.manifest, self._configuration)
+        left = [each for each in self._left_over if self._store.uses(each)]
+        self._store.set_targets((*self.manifest.targets, *left))
+        self._drawing.set_targets(self.manifest.targets)
         with self._reading:
             self._views.use(self.manifest, self._predictions)
 
@@ -301,6 +416,11 @@ class Session:
         known = {*self._store.names()} - {subject}
         found = [self._predictions.predict(frame, subject) for frame in self._frames]
         return [(each.target, round(each.attention, 4)) if each and each.target in known else None for each in found]
+
+
+def _targets_of(step: Step | None) -> TargetChange | None:
+    """The change of targets that a step of the undo list is, if it is one."""
+    return parse(TargetChange, step.targets, "journal") if step and step.targets else None
 
 
 def _check_choices(run: Path | None, configuration: str | None, blind: bool, uncertain_first: bool) -> None:

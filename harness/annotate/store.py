@@ -11,10 +11,11 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
-from harness.annotate.history import History
+from harness.annotate.history import Change, History, Step
 from harness.annotate.journal import Journal
 from harness.annotate.journaled import Entry, Journaled, OutsideClipError
 from harness.annotate.marks import Mark, Stretch
+from harness.annotate.undo import Undo
 from harness.labels.files import read_annotations, write_annotations
 from harness.labels.labels import RESERVED, Labels
 from harness.labels.rows import check_text
@@ -116,6 +117,10 @@ class LabelStore:
         """Whether no change was made under this id; changes of the block are recorded under it. "": always true."""
         return self._kept.once(request)
 
+    def knows(self, request: str) -> bool:
+        """Whether a change was made under this id."""
+        return self._kept.knows(request)
+
     def put(self, revision: int, subject: str, new: Sequence[Stretch], *, seen: int | None = None) -> None:
         """Set stretches of a subject's marks, which must follow each other without a gap.
 
@@ -172,10 +177,9 @@ class LabelStore:
             raise OutsideClipError(f"position {at} is outside the clip; expected 0 to {len(self._frames) - 1}")
         return at
 
-    def add_target(self, name: str) -> None:
-        """Allow another name as target."""
-        if name not in self._targets:
-            self._targets.append(name)
+    def set_targets(self, names: Iterable[str]) -> None:
+        """Set the manifest's targets."""
+        self._targets = list(names)
 
     def uses(self, target: str) -> int:
         """Number of (frame, subject) pairs with this target, including suggestions and marks carried on."""
@@ -190,16 +194,24 @@ class LabelStore:
         if to in self.subjects and any(mark is not None and mark.target == target for mark in self.track(to)):
             raise VfoaError(f"{to!r} looks at {target!r} and would look at {to!r}; expected another target, or none")
 
-    def rename_target(self, old: str, new: str) -> None:
-        """Rename a target in every label and in everything that can be undone."""
-        renamed = [new if each == old else each for each in self._targets]
-        self._commit({"rename": [old, new]})
-        self._targets = [each for each in dict.fromkeys(renamed) if each not in {*self.subjects, *RESERVED}]
+    def reassigned(self, old: str, new: str) -> list[dict[str, Any]]:
+        """The changes, as JSON, that give all labels of a target another one."""
+        return [change.plain() for change in self._history.reassigned(old, new)]
 
-    def delete_target(self, name: str) -> None:
-        """Remove a name that no label has. Earlier changes can no longer be undone."""
-        self._commit({"forget": name})
-        self._targets = [each for each in self._targets if each != name]
+    def change_targets(self, change: dict[str, Any]) -> None:
+        """Change targets as a step that can be undone; ``change`` has the labels' changes by file name."""
+        self._commit({"targets": change, "file": self.path.name})
+
+    def set_marks(self, changes: Sequence[dict[str, Any]]) -> None:
+        """Make changes that belong to a change of targets made elsewhere. Earlier steps can no longer be undone."""
+        parsed = [Change.parse(each) for each in changes]
+        if any(self._history.change_to(each.subject, each.after).before != each.after for each in parsed):
+            self._commit({"set": list(changes)})
+
+    @property
+    def undo_list(self) -> Undo[Step]:
+        """What can be undone and redone."""
+        return self._history.undo
 
     def close(self) -> None:
         """Close the journal."""

@@ -1,4 +1,4 @@
-"""A target is renamed or deleted in all files that name it: the manifest, every annotator's labels, the drawing.
+"""A change of targets in all files that name them: the manifest, every annotator's labels, the drawing.
 
 The change is stored in a file of its own before the first of them is written, and that file is removed after the last.
 After a kill in between, the change is completed when the clip is opened next.
@@ -6,12 +6,15 @@ After a kill in between, the change is completed when the clip is opened next.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
+from typing import Any
 
-from harness.annotate import targets
+from pydantic import Field
+
 from harness.annotate.clip_stores import open_drawing, open_stores
+from harness.annotate.history import Change
 from harness.annotate.store import LabelStore
 from harness.bounded_parsing import parse_json
 from harness.clips.manifest import ClipManifest, load_manifest
@@ -23,52 +26,50 @@ from vfoa.validation import parse
 
 
 class TargetChange(Settings):
-    """A target gets another name, key and colour, or is deleted (``new_name`` None).
+    """The text of the manifest before and after, the changes of labels by file name, and the drawing before and after.
 
-    ``labels_to`` is what its labels become; None: no label has it.
+    ``drawn`` is None if nothing drawn changes.
     """
 
-    name: str
-    new_name: str | None = None
-    labels_to: str | None = None
-    key: str | None = None
-    colour: str = ""
+    manifest: tuple[str, str]
+    labels: dict[str, list[dict[str, Any]]] = Field(default_factory=dict)
+    drawn: tuple[list[list[Any]], list[list[Any]]] | None = None
 
-    def in_manifest(self, path: Path) -> None:
-        """Change the manifest. Raises as the functions of :mod:`harness.annotate.targets`."""
-        if self.new_name is None:
-            targets.delete_target(path, self.name)
-        else:
-            targets.change_target(path, self.name, new_name=self.new_name, key=self.key, colour=self.colour)
+    @property
+    def inverse(self) -> TargetChange:
+        """The change back."""
+        return TargetChange(
+            manifest=self.manifest[::-1],
+            labels={
+                name: [Change.parse(each).inverse.plain() for each in found] for name, found in self.labels.items()
+            },
+            drawn=None if self.drawn is None else self.drawn[::-1],
+        )
 
     def in_labels(self, stores: Iterable[LabelStore]) -> None:
-        """Change labels and all that can be undone; a second time, nothing more happens."""
-        for store in stores if self.labels_to != self.name else ():
-            if self.labels_to is None:
-                store.delete_target(self.name)
-            else:
-                store.rename_target(self.name, self.labels_to)
-
-    def check_deletion(self, stores: Sequence[LabelStore]) -> None:
-        """Refuse to delete a target of labels without another one that they all can have (:class:`VfoaError`)."""
-        uses = sum(store.uses(self.name) for store in stores)
-        if uses and self.labels_to is None:
-            raise VfoaError(f"{self.name!r} is the target of {uses} labels; expected another target for them")
-        if self.labels_to is not None:
-            for store in stores:
-                store.check_reassignment(self.name, self.labels_to)
+        """Set the labels, with no step to undo; a second time, nothing more happens."""
+        for store in stores:
+            store.set_marks(self.labels.get(store.path.name, ()))
 
     @contextmanager
     def kept(self, manifest: ClipManifest) -> Iterator[None]:
-        """Keep the change in its file while the block runs, and after an error if the manifest has changed."""
-        place, before = _place(manifest), read_bytes(manifest.path)
+        """Write the manifest, and keep the change in its file while the block runs, also after an error in it.
+
+        Raises
+        ------
+        VfoaError
+            If the manifest is not as it was before the change.
+        """
+        if read_bytes(manifest.path).decode() != self.manifest[0]:
+            raise VfoaError(f"{manifest.path} was edited since its targets were changed here; edit it by hand")
+        place = _place(manifest)
         atomic_write(place, self.model_dump_json())
         try:
-            yield
-        except (VfoaError, OSError):
-            if read_bytes(manifest.path) == before:
-                place.unlink()
+            atomic_write(manifest.path, self.manifest[1])
+        except OSError:
+            place.unlink()
             raise
+        yield
         place.unlink()
 
 
@@ -84,15 +85,16 @@ def finish_change(manifest: ClipManifest, timeline: Timeline) -> ClipManifest:
     if not place.is_file():
         return manifest
     change = parse(TargetChange, parse_json(read_bytes(place), str(place)), str(place))
-    if change.name in {**manifest.targets, **manifest.subjects} and change.name != change.new_name:
-        change.in_manifest(manifest.path)
-        manifest = load_manifest(manifest.path, manifest.name)
+    atomic_write(manifest.path, change.manifest[1])
+    changed = load_manifest(manifest.path, manifest.name)
     with ExitStack() as stack:
-        change.in_labels(stack.enter_context(closing(each)) for each in open_stores(manifest, timeline))
-    with closing(open_drawing(manifest, timeline.frames, also=(change.name,))) as drawing:
-        drawing.set_names(manifest.targets, (change.name, change.new_name))
+        change.in_labels(stack.enter_context(closing(each)) for each in open_stores(changed, timeline))
+    if change.drawn is not None:
+        before = [name for name, _, _ in change.drawn[0] if name not in changed.subjects]
+        with closing(open_drawing(changed, timeline.frames, also=before)) as drawing:
+            drawing.set_tracks(change.drawn[1])
     place.unlink()
-    return manifest
+    return changed
 
 
 def _place(manifest: ClipManifest) -> Path:

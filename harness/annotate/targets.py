@@ -1,4 +1,4 @@
-"""Edit targets in the clip's manifest: add, rename, change key or colour, delete. Comments and order are kept.
+"""New texts of a clip's manifest with a target added, renamed, changed or deleted. Comments and order are kept.
 
 The first change writes every name's key and colour, so that they stay the same from then on.
 """
@@ -16,13 +16,13 @@ from harness.clips.looks import looks
 from harness.clips.manifest import ClipManifest, make_manifest
 from harness.clips.naming import NameRule
 from harness.data_folders import came_with_program
-from harness.files import atomic_write, read_bytes
+from harness.files import read_bytes
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.validation import parse
 
 
-def add_target(path: Path, name: str, rule: NameRule) -> None:
-    """Write a target's rule at the end of the manifest's targets; it gets the next free key and colour.
+def with_target(path: Path, name: str, rule: NameRule) -> str:
+    """Return the text with a target's rule at the end of the manifest's targets; it gets the next free key and colour.
 
     Raises
     ------
@@ -41,11 +41,11 @@ def add_target(path: Path, name: str, rule: NameRule) -> None:
     for key, value in (("key", look.key), ("colour", look.colour)):
         if value is not None:
             targets[name].setdefault(key, value)
-    _save(path, document)
+    return _text(path, document)
 
 
-def change_target(path: Path, name: str, *, new_name: str, key: str | None, colour: str) -> None:
-    """Give a target another name, key or colour; a subject, another key or colour. None: no key.
+def with_change(path: Path, name: str, *, new_name: str, key: str | None, colour: str) -> str:
+    """Return the text that gives a target another name, key or colour; a subject, another key or colour. None: no key.
 
     Earlier names stay in the manifest (``formerly``): results of runs have them.
 
@@ -69,11 +69,11 @@ def change_target(path: Path, name: str, *, new_name: str, key: str | None, colo
             raise VfoaError(f"{path}: targets.{new_name}: exists already; expected a new name")
         table[name]["formerly"] = [each for each in (*table[name].get("formerly", ()), name) if each != new_name]
         _rename(table, name, new_name)
-    _save(path, document)
+    return _text(path, document)
 
 
-def delete_target(path: Path, name: str) -> None:
-    """Delete a target from the manifest.
+def without_target(path: Path, name: str) -> str:
+    """Return the text without a target.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def delete_target(path: Path, name: str) -> None:
     """
     document, _ = _open(path)
     del _targets(path, document, name)[name]
-    _save(path, document)
+    return _text(path, document)
 
 
 def _open(path: Path) -> tuple[tomlkit.TOMLDocument, ClipManifest]:
@@ -103,9 +103,9 @@ def _open(path: Path) -> tuple[tomlkit.TOMLDocument, ClipManifest]:
     return document, manifest
 
 
-def _save(path: Path, document: tomlkit.TOMLDocument) -> None:
+def _text(path: Path, document: tomlkit.TOMLDocument) -> str:
     _parse(path, document)
-    atomic_write(path, tomlkit.dumps(document))
+    return tomlkit.dumps(document)
 
 
 def _parse(path: Path, document: tomlkit.TOMLDocument) -> None:

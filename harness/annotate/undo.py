@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Generic, Self, TypeVar
 
@@ -45,15 +45,20 @@ class Undo(Generic[Change]):
         self._done.append(last)
         return last.change
 
+    @property
+    def next_undo(self) -> Change | None:
+        """The change that is undone next."""
+        return self._done[-1].change if self._done else None
+
+    @property
+    def next_redo(self) -> Change | None:
+        """The change that is made again next."""
+        return self._undone[-1].change if self._undone else None
+
     def clear(self) -> None:
         """Forget all changes: nothing can be undone or redone."""
         self._done.clear()
         self._undone.clear()
-
-    def each(self, changed: Callable[[Change], Change]) -> None:
-        """Replace every change by ``changed`` of it."""
-        for changes in (self._done, self._undone):
-            changes[:] = [replace(one, change=changed(one.change)) for one in changes]
 
     def copy(self) -> Self:
         """Return an independent copy."""

@@ -22,7 +22,10 @@ from harness.record.web_viewer import page_files
 from tests import annotating
 from tests.web import running
 
-CHANGE = {"kind": "range", "revision": 1, "subject": "ann", "at": 0, "last": 3, "target": "cup"}
+CHANGE = {
+    "revision": 1,
+    "changes": [{"kind": "range", "subject": "ann", "at": 0, "last": 3, "target": "cup"}],
+}
 EVIL_HOSTS = ("evil.example", "127.0.0.1.evil.example", "evil.example@127.0.0.1", "0.0.0.0", "192.168.1.2", "")
 EVIL_ORIGINS = (
     {"Origin": "https://evil.example"},

@@ -1,6 +1,5 @@
 // Drawing: boxes and points for targets that no segmenter knows, and heads that no detector finds, at key frames.
 
-import { Refused, get, post } from "./api.js";
 import { onPress } from "./keys.js";
 import { isKey, nextKey, placeAt, stateAt } from "./keyframes.js";
 import * as panel from "./panel.js";
@@ -19,17 +18,17 @@ const rows = (drawing) => [
   ["outside", ["q"], "it leaves the image here, or is back", "outside", () => drawing.send("outside")],
   ["delete", ["Delete", "Backspace"], "no key frame here", "delete key frame", () => drawing.send("delete")],
   ["remove", ["Shift+Delete", "Shift+Backspace"], "not drawn at all", "remove", () => drawing.send("remove")],
-  ["undo", ["z", "Ctrl+z"], "undo the last change of labels or drawing", "↶", () => drawing.page.undo.press("undo")],
-  ["redo", ["y", "Ctrl+y", "Ctrl+Shift+z", "Z"], "redo", "↷", () => drawing.page.undo.press("redo")],
+  ["undo", ["z", "Ctrl+z"], "undo the last change of labels or drawing", "↶", () => drawing.page.undo("undo")],
+  ["redo", ["y", "Ctrl+y", "Ctrl+Shift+z", "Z"], "redo", "↷", () => drawing.page.undo("redo")],
 ];
 const STEPS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
 
 export class Drawing {
-  // press(run): queue the action of a key or a button; look(name): a drawn shape was clicked to label it.
-  constructor(page, { press, look }) {
-    Object.assign(this, { page, press });
+  // state: what is drawn; press(run): queue the action of a key or a button; look(name): a drawn shape was clicked to
+  // label it.
+  constructor(page, state, { press, look }) {
+    Object.assign(this, { page, state, press });
     this.on = false;
-    this.state = { revision: 0, tracks: [], made_s: null, undone_s: null, can_undo: false, can_redo: false, read_only: null };
     this.live = null; // the place while the pointer or the keys move it
     this.actions = rows(this);
     this.makePanel();
@@ -41,10 +40,7 @@ export class Drawing {
       look,
     });
     addEventListener("keydown", (event) => this.key(event), true);
-    addEventListener("focus", () => this.load());
   }
-
-  load() { this.page.queue.add(async () => this.take(await get("/api/drawn"))); }
 
   // Update the names.
   set about(about) {
@@ -52,14 +48,12 @@ export class Drawing {
     this.all = about.names.filter((name) => name !== "none" && name !== "ignore");
     this.subjects = about.subjects;
     if (!this.what || !this.all.includes(this.what.name)) this.what = this.default(this.all[0]);
-    this.load();
   }
 
-  // sent: the place in the request; a shape that was moved since keeps its place.
-  take(state, sent = undefined) {
+  // A shape that was moved since it was sent keeps its place.
+  take(state) {
     this.state = state;
-    if (this.live === sent) this.live = null;
-    this.page.draw();
+    if (this.live === this.sent && !this.page.queue.pending.some(({ kind }) => kind === "draw")) this.live = null;
   }
 
   // Selection
@@ -143,26 +137,10 @@ export class Drawing {
     if (to !== undefined) this.page.go(to);
   }
 
-  // A change that is sent again after a loss has the same id, so that it is not applied twice.
   send(action, place = [], what = this.what, at = this.page.shown) {
     this.rest();
-    const sent = this.live;
-    const body = { do: action, id: crypto.randomUUID(), ...what, at, place };
-    this.page.queue.add(() => {
-      body.revision ??= this.state.revision;
-      return this.ask(body, sent);
-    });
-  }
-
-  async ask(body, sent = undefined) {
-    try {
-      this.take(await post("/api/draw", body), sent);
-      panel.say("");
-    } catch (error) {
-      if (!(error instanceof Refused)) throw error;
-      this.take(error.state ?? await get("/api/drawn"), sent);
-      panel.say(error.message);
-    }
+    this.sent = this.live;
+    this.page.queue.add({ kind: "draw", draw: { do: action, ...what, at, place } });
   }
 
   key(event) {
@@ -250,7 +228,7 @@ export class Drawing {
     const can = {
       set: true, done: true, before: Boolean(track) && nextKey(track, shown, -1) !== undefined,
       next: Boolean(track) && nextKey(track, shown, 1) !== undefined, outside: Boolean(track), remove: Boolean(track),
-      delete: Boolean(track) && isKey(track, shown), undo: this.page.undo.can("undo"), redo: this.page.undo.can("redo"),
+      delete: Boolean(track) && isKey(track, shown), undo: this.page.state.can_undo, redo: this.page.state.can_redo,
     };
     for (const [id, is] of Object.entries(can)) document.getElementById(`draw-${id}`).disabled = !is;
     document.getElementById("draw-outside").setAttribute("aria-pressed", here === "outside");

@@ -11,17 +11,20 @@ const rows = (page) => [
   ["on-10", ["Shift+ArrowRight"], "ten frames on", "", () => page.step(10)],
   ["previous-change", ["["], "to the previous change; where annotators differ, to the previous difference", "[", () => page.toChange(-1)],
   ["next-change", ["]"], "to the next change; where annotators differ, to the next difference", "]", () => page.toChange(1)],
-  ["unlabelled", ["g"], "to the next frames without a label, and round again", "", () => page.toOpen("unlabelled")],
+  ["unlabelled", ["g"], "to the next frames without a label, of every subject", "", () => page.toOpen("unlabelled")],
   ["undecided", ["x"], "to the next that is undecided: a difference or a suggestion", "", () => page.toOpen("undecided")],
   ["first", ["Home"], "to the first frame", "", () => { page.go(0); }],
   ["last", ["End"], "to the last frame", "", () => { page.go(page.total - 1); }],
   ["slower", ["-"], "play slower", "", () => page.faster(.5)],
   ["faster", ["+", "="], "play faster", "", () => page.faster(2)],
-  ["undo", ["z", "Ctrl+z"], "undo the last change of labels or drawing", "↶", () => page.undo.press("undo")],
-  ["redo", ["y", "Ctrl+y", "Ctrl+Shift+z", "Shift+z"], "redo", "↷", () => page.undo.press("redo")],
+  ["undo", ["z", "Ctrl+z"], "undo the last change of labels, targets or drawing", "↶", () => page.undo("undo")],
+  ["redo", ["y", "Ctrl+y", "Ctrl+Shift+z", "Shift+z"], "redo", "↷", () => page.undo("redo")],
   ["earlier", [","], "move the last change a frame earlier", "", () => page.said.nudge(-1)],
   ["later", ["."], "move the last change a frame later", "", () => page.said.nudge(1)],
-  ["clear", ["Delete", "Backspace"], "take the label away: of the range, else from here to the next change", "", () => page.said.clear()],
+  ["find", ["f"], "find: a target's key goes to its next stretch; f again: the last target's", "find", () => page.startFinding(1)],
+  ["find-before", ["Shift+f"], "the same, to the stretch before", "", () => page.startFinding(-1)],
+  ["stretch", ["c"], "choose the frames around this one with the same label as the range (or double click)", "", () => page.selectStretch()],
+  ["clear", ["Delete", "Backspace"], "remove the label: of the range, else from here to the next change", "", () => page.said.clear()],
   ["begin", ["b"], "begin a range here", "", () => page.bound(false)],
   ["end", ["e"], "end the range here", "", () => page.bound(true)],
   ["loop", ["o"], "play the range over and over, or no more", "loop", () => page.loop()],
@@ -41,9 +44,15 @@ const rows = (page) => [
   ["strip-farther", ["Shift+w"], "the timeline smaller again", "", () => page.zoomStrip(.5)],
   ["note", ["m"], "a note on the label here", "note", () => page.said.note()],
   ["target", ["t"], "a new target", "+ target", () => page.names.forms.ask(null, [])],
-  ["escape", ["Escape"], "let the range go", "", () => page.select(null)],
-  ["help", ["?"], "show or hide the keys", "?", () => { const help = document.getElementById("help"); help.open = !help.open; }],
+  ["escape", ["Escape"], "let go of the range, or of the search", "", () => page.escape()],
+  ["help", ["?"], "show or hide the keys", "?", () => help.toggle()],
 ];
+
+// The table of keys, above everything.
+const help = {
+  get root() { return document.getElementById("help"); },
+  toggle() { if (this.root.open) this.root.close(); else this.root.showModal(); },
+};
 
 const named = { " ": "Space" };
 const shown = { ArrowLeft: "←", ArrowRight: "→", "Shift+ArrowLeft": "Shift ←", "Shift+ArrowRight": "Shift →" };
@@ -72,8 +81,9 @@ export function bind(page, names) {
   const byKey = new Map(actions.flatMap((row) => row[1].map((key) => [key, row[4]])));
   const press = (event) => {
     if (typing(document.activeElement) || pressing(event) || event.altKey) return;
+    if (help.root.open && event.key !== "?") return;
     const name = event.ctrlKey || event.metaKey ? undefined : names.ofKey(event);
-    const run = name ? () => page.said.look(name) : byKey.get(pressed(event));
+    const run = name ? () => page.choose(name) : byKey.get(pressed(event));
     if (!run) return;
     event.preventDefault();
     page.hands.press(run);
@@ -86,7 +96,7 @@ export function bind(page, names) {
     line("n, i", "looks at nothing in the scene; do not score"),
     ...actions.map((row) => line(row[1].map((key) => shown[key] || key).join(", "), row[2])),
   );
-  onPress(document.querySelector("#help summary"), () => {});
+  onPress(document.querySelector("#help button"), () => help.toggle());
   return press;
 }
 

@@ -6,11 +6,11 @@ import { TargetForms } from "./targets.js";
 const RESERVED = ["none", "ignore"];
 
 export class Names {
-  // look(target): a name was chosen; changed(answer): the targets have changed; failed(error).
-  constructor({ look, changed, failed }) {
+  // look(target): a name was chosen; saved(): a promise; changed(answer): the targets have changed; failed(error).
+  constructor({ look, saved, changed, failed }) {
     this.look = look;
     this.root = document.getElementById("names");
-    this.forms = new TargetForms({ changed, failed });
+    this.forms = new TargetForms({ saved, changed, failed });
   }
 
   set(about) {

@@ -1,6 +1,6 @@
 // The labelling page: the current frame and subject, and the display.
 
-import { Lost, Queue, get, post } from "./api.js";
+import { Lost, Queue } from "./api.js";
 import { Drawing } from "./drawing.js";
 import { Hands } from "./hands.js";
 import { Names } from "./names.js";
@@ -10,29 +10,35 @@ import { Said } from "./said.js";
 import { Seen } from "./seen.js";
 import { Stage } from "./stage.js";
 import { Strips } from "./strips.js";
-import { Undo } from "./undo.js";
-import { at, changes, open, read, undecided } from "./tracks.js";
+import { at, changes, open, read, runs, undecided } from "./tracks.js";
 
 const NEAR = 10; // a jump further than this does not count as having seen what lies between
 
 export class Page {
-  constructor(about, state) {
+  // first: the answer with labels and drawing.
+  constructor(about, first) {
     this.subject = about.subjects[0];
     this.selection = null;
     this.rank = -1; // of the last frame by how unsure the run was
     this.hands = new Hands({ moved: () => this.settle(), failed: (error) => panel.say(error.message) });
-    this.queue = new Queue({ refused: (error) => this.refused(error), lost: (error) => this.lost(error), moved: () => this.settle() });
-    this.seen = new Seen((seen) => this.queue.add(async () => this.update(await post("/api/seen", seen))));
+    this.queue = new Queue({
+      revisions: () => ({ revision: this.state.revision, drawn: this.drawing.state.revision }),
+      answered: (answer, changes) => this.answered(answer, changes),
+      refused: (error) => this.refused(error),
+      lost: (error) => this.lost(error),
+      moved: () => this.settle(),
+    });
+    this.seen = new Seen((seen) => this.queue.add({ kind: "seen", ...seen }));
     this.said = new Said(this);
-    this.undo = new Undo(this);
     this.names = new Names({
-      look: (name) => this.hands.press(() => this.said.look(name)),
+      look: (name) => this.hands.press(() => this.choose(name)),
+      saved: () => this.saved(),
       changed: (answer) => this.renew(answer),
       failed: (error) => panel.say(error.message),
     });
     this.stage = new Stage({ name: (each) => this.names.of(each), choose: (each, point) => this.said.chosen(each, point), changed: () => this.go(this.wanted) });
     this.total = about.frames.length;
-    this.drawing = new Drawing(this, { press: (run) => this.hands.press(run), look: (name) => this.said.look(name) });
+    this.drawing = new Drawing(this, first.drawn, { press: (run) => this.hands.press(run), look: (name) => this.said.look(name) });
     this.player = new Player(this, about);
     this.strips = new Strips({
       frames: about.frames,
@@ -40,17 +46,19 @@ export class Page {
       look: (name) => this.names.className(name),
       select: (range) => this.select(range),
       seek: (position, subject) => this.seek(position, subject || this.subject),
+      stretch: (position, subject) => { this.seek(position, subject); this.selectStretch(position); },
+      move: (at, last, subject) => this.said.change({ kind: "move", subject, at, last }),
     });
     panel.makeSubjects(about.subjects, (name) => this.hands.press(() => this.turnTo(name)));
     panel.makeUnlabelled(() => this.hands.press(() => this.toOpen("unlabelled")));
     this.wanted = this.shown = 0;
     this.take(about);
-    this.state = read(state, about.to_decide);
+    this.state = read(first.state, about.to_decide);
     panel.makePlenty(this.hasRun);
     addEventListener("resize", () => this.go(this.wanted)); // names are larger on a narrow screen
-    addEventListener("pagehide", () => this.seen.leave());
-    addEventListener("beforeunload", (event) => { if (this.queue.isLost) event.preventDefault(); });
-    addEventListener("focus", () => this.queue.add(async () => this.update(await get("/api/state"))));
+    addEventListener("pagehide", () => { this.drawing.rest(); this.seen.tell(); this.queue.leave(); });
+    addEventListener("beforeunload", (event) => { if (this.queue.waiting || this.hands.waiting || this.drawing.waits) event.preventDefault(); });
+    addEventListener("focus", () => this.queue.refresh());
   }
 
   get hasRun() { return this.about.configuration !== null; }
@@ -69,11 +77,35 @@ export class Page {
   }
 
   // The targets have changed; after a renaming, so have the labels.
-  renew({ about, state }) {
+  renew({ about, state, drawn }) {
     this.take(about);
     this.stage.scenes.clear();
-    this.update(state, state.revision);
+    this.drawing.take(drawn);
+    this.update(state);
     this.go(this.shown);
+  }
+
+  // The server made these changes; with none of them, it was asked for the present state.
+  answered(answer, made) {
+    const { state: { revision }, drawing } = this;
+    const drawn = drawing.state.revision;
+    if (made.some(({ kind }) => kind !== "seen")) panel.say("");
+    if (answer.about) this.renew(answer);
+    drawing.take(answer.drawn);
+    this.update(answer.state);
+    if (!made.length && answer.state.revision !== revision) this.overtaken();
+    const { kind } = made.at(-1) ?? {};
+    const what = answer.about ? "targets" : answer.drawn.revision !== drawn ? "drawing" : "labels";
+    if (["undo", "redo"].includes(kind) && what !== (drawing.on ? "drawing" : "labels")) {
+      panel.say(`${kind === "undo" ? "Undone" : "Done again"}: the last change of the ${what}.`);
+    }
+  }
+
+  // Take back, or make again, the last change of labels, targets or drawing.
+  undo(kind) {
+    this.drawing.rest();
+    this.seen.tell();
+    this.queue.add({ kind });
   }
 
   // Position
@@ -129,7 +161,7 @@ export class Page {
   }
 
   // Wait until all earlier changes are answered.
-  saved() { return this.queue.last; }
+  saved() { return this.queue.running ?? Promise.resolve(); }
 
   step(by) {
     this.player.stop();
@@ -150,13 +182,57 @@ export class Page {
   }
 
   // Go to the next frames that are unlabelled, or undecided (a difference, a suggestion); after the last, to the first.
+  // When the subject has none, to those of the next subject.
   async toOpen(kind) {
     this.player.stop();
     await this.saved();
-    const all = open(this.track, this.state.seen[this.subject]).filter((each) => each.kind === kind);
-    const next = all.find((each) => each.first > this.wanted) || all[0];
-    if (next) this.go(next.first, true);
-    else panel.say(kind === "unlabelled" ? `Every frame of ${this.subject} has a label.` : `Nothing of ${this.subject} waits for a decision.`);
+    const { subjects } = this.about;
+    const place = subjects.indexOf(this.subject);
+    const openOf = (name) => open(this.state.tracks[name], this.state.seen[name]).filter((each) => each.kind === kind);
+    const subject = [...subjects.slice(place), ...subjects.slice(0, place)].find((name) => openOf(name).length);
+    if (!subject) {
+      panel.say(kind === "unlabelled" ? "Every frame of every subject has a label." : "Nothing waits for a decision.");
+      return;
+    }
+    const all = openOf(subject);
+    const next = (subject === this.subject && all.find((each) => each.first > this.wanted)) || all[0];
+    if (subject !== this.subject) this.seek(null, subject);
+    this.go(next.first, true);
+  }
+
+  // A target's key or button: the target to find, or what the subject looks at.
+  choose(name) {
+    if (this.finding) this.find(name);
+    else this.said.look(name);
+  }
+
+  // The next target's key finds the target's next stretch (by > 0) or the one before; pressed twice, the last one again.
+  startFinding(by) {
+    const isAgain = this.finding === by;
+    this.finding = by;
+    if (isAgain) return this.find(this.found ?? at(this.track, this.wanted).target);
+    panel.say(`Find the ${by > 0 ? "next" : "previous"} stretch of: press a target's key${this.found ? `, or again for ${this.found}` : ""}.`);
+    this.draw();
+  }
+
+  async find(name) {
+    const by = this.finding;
+    this.finding = 0;
+    this.player.stop();
+    await this.saved();
+    this.found = name ?? this.found;
+    const all = runs(this.track).filter((each) => each.target === name);
+    const next = by > 0 ? all.find((each) => each.first > this.wanted) ?? all[0]
+      : all.findLast((each) => each.last < this.wanted) ?? all.at(-1);
+    panel.say(next ? "" : `${this.subject} never looks at ${name ?? "anything"}.`);
+    if (next) this.go(next.first);
+    this.draw();
+  }
+
+  // The frames around a position with the same label, as the range.
+  selectStretch(position = this.here) {
+    const { first, last } = at(runs(this.track), position);
+    this.select([first, last]);
   }
 
   // Step through the suggestions, the most uncertain first; after the last, begin again.
@@ -220,6 +296,15 @@ export class Page {
   select(range) {
     this.selection = range;
     this.strips.mark(range);
+    panel.drawRange(range && range.map((position) => this.about.frames[position]));
+  }
+
+  // Let go of the range and of a search.
+  escape() {
+    if (this.finding) panel.say("");
+    this.finding = 0;
+    this.select(null);
+    this.draw();
   }
 
   // Begin or end a range here.
@@ -241,9 +326,8 @@ export class Page {
 
   // Display
 
-  update(plain, expected = this.state.revision) {
+  update(plain) {
     this.state = read(plain, this.about.to_decide, this.state);
-    if (plain.revision !== expected) this.overtaken();
     this.seen.keep(this.state.seen);
     this.draw();
   }
@@ -257,11 +341,14 @@ export class Page {
 
   refused(error) {
     this.player.stop();
-    if (error.status === 409) {
-      this.seen.forget();
-      this.update(error.state, error.state.revision);
-      panel.say("The labels were changed elsewhere. This is the newer state. What you did last was not done.");
-    } else panel.say(error.message);
+    const { status, message, body = {} } = error;
+    if (status === 409) this.seen.forget();
+    if (body.about) this.take(body.about);
+    if (body.state) {
+      this.drawing.take(body.drawn);
+      this.update(body.state);
+    }
+    panel.say(status === 409 ? "The labels or the drawing were changed elsewhere. This is the newer state. What you did last was not done." : message);
   }
 
   lost(error) {
@@ -282,8 +369,8 @@ export class Page {
     panel.drawLabel(subject, here);
     panel.drawSubject(subject);
     panel.drawProgress(state);
-    panel.drawUnlabelled(subject, open(this.track, state.seen[subject]));
-    panel.drawTools(this.undo, this.stage, player);
+    panel.drawUnlabelled([subject, ...subjects.filter((name) => name !== subject)].map((name) => [name, open(state.tracks[name], state.seen[name])]));
+    panel.drawTools(this);
     this.names.draw(subject, here.target);
     this.strips.draw(shown, { ...state, subjects, subject, names, suggestions, loop: player.loop, said });
     this.stage.draw(subject, names);

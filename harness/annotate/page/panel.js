@@ -35,13 +35,26 @@ export function drawPlace(number, position, total, { speed, times, stepS, loop }
 
 export function makeUnlabelled(go) { onPress(find("unlabelled"), go); }
 
-// The number of frames without a label, as a prominent button that goes to the next of them.
-export function drawUnlabelled(subject, open) {
+// The number of frames without a label, as a prominent button that goes to the next of them: of the subject or, if it
+// has none, of the next that has.
+export function drawUnlabelled(all) {
+  const said = all.map(([subject, open]) => [subject, remaining(open)]);
+  const [subject] = said[0];
+  const next = said.find(([, words]) => words);
+  const done = next && next[0] !== subject ? `${subject}: all labelled; ` : "";
+  find("unlabelled").textContent = next ? `${done}${next[0]}: ${next[1]}` : `${subject}: all labelled`;
+  find("unlabelled").classList.toggle("done", !next);
+}
+
+function remaining(open) {
   const count = (kind) => open.filter((each) => each.kind === kind).reduce((sum, each) => sum + each.last - each.first + 1, 0);
   const [unlabelled, undecided] = [count("unlabelled"), count("undecided")];
-  const said = [unlabelled && `${unlabelled} without a label`, undecided && `${undecided} undecided`].filter(Boolean);
-  find("unlabelled").textContent = said.length ? `${subject}: ${said.join(", ")}` : `${subject}: all labelled`;
-  find("unlabelled").classList.toggle("done", !said.length);
+  return [unlabelled && `${unlabelled} without a label`, undecided && `${undecided} undecided`].filter(Boolean).join(", ");
+}
+
+// The range, by the frames' numbers.
+export function drawRange(range) {
+  find("range").value = range ? `frames ${range[0]} to ${range[1]}: a target's key labels them, Delete clears them` : "";
 }
 
 export function drawLabel(subject, { target, suggested, note, undecided }) {
@@ -49,9 +62,9 @@ export function drawLabel(subject, { target, suggested, note, undecided }) {
   find("label").value = undecided ? `${subject}: to decide: ${undecided}` : `${subject}: ${said}${note ? ` – ${note}` : ""}`;
 }
 
-export function drawTools(undo, stage, player) {
-  for (const kind of ["undo", "redo"]) find(`do-${kind}`).disabled = !undo.can(kind);
-  const open = { right: stage.beside === "right", disparity: stage.beside === "disparity", head: stage.zoomed, loop: player.loop !== null };
+export function drawTools({ state, stage, player, finding }) {
+  for (const kind of ["undo", "redo"]) find(`do-${kind}`).disabled = !state[`can_${kind}`];
+  const open = { find: Boolean(finding), right: stage.beside === "right", disparity: stage.beside === "disparity", head: stage.zoomed, loop: player.loop !== null };
   for (const [id, is] of Object.entries(open)) find(`do-${id}`)?.setAttribute("aria-pressed", is);
 }
 

@@ -20,7 +20,7 @@ export class Player {
     const isTimed = about.rate_hz !== null;
     this.times = isTimed ? about.times_s : about.frames.map((_, place) => place / USUAL_HZ);
     this.stepS = 1 / (about.rate_hz || USUAL_HZ);
-    this.speed = .5;
+    this.speed = Number(localStorage.getItem("speed")) || 1;
     this.direction = 1;
     this.clock = new Clock();
     this.run = null;
@@ -56,6 +56,7 @@ export class Player {
 
   faster(by) {
     this.speed = Math.min(Math.max(this.speed * by, SLOWEST), FASTEST);
+    localStorage.setItem("speed", this.speed);
     if (this.playing) this.anchor(this.clock.now());
   }
 

@@ -1,7 +1,5 @@
 // The last seen frame of each subject: sent to the server with a delay, so that playing does not send every frame.
 
-import { post } from "./api.js";
-
 export class Seen {
   constructor(send) {
     this.send = send;
@@ -19,14 +17,10 @@ export class Seen {
   }
 
   tell() {
-    const last = this.take();
+    clearTimeout(this.timer);
+    const { last } = this;
+    this.last = this.timer = null;
     if (last) this.send(last);
-  }
-
-  // The page is closing: there is no time to wait for an answer.
-  leave() {
-    const last = this.take();
-    if (last) post("/api/seen", last, true).catch(() => {});
   }
 
   // Positions not sent yet are kept when an answer arrives.
@@ -36,11 +30,4 @@ export class Seen {
 
   // The labels were replaced: positions seen before no longer count.
   forget() { this.known = {}; }
-
-  take() {
-    clearTimeout(this.timer);
-    const last = this.last;
-    this.last = this.timer = null;
-    return last;
-  }
 }

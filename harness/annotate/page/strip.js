@@ -2,9 +2,10 @@
 // the whole clip, or as many frames around the current one as fit.
 
 import { Axis } from "./axis.js";
-import { coarse, pieces } from "./tracks.js";
+import { coarse, pieces, runs } from "./tracks.js";
 
 const DRAG_PX = 5;
+const EDGE_PX = 4; // on both sides of a change that is dragged
 const FINEST = 600; // pieces a row: more are narrower than can be seen
 const SPOKEN = 40; // pieces a row that a screen reader is told
 
@@ -23,20 +24,28 @@ function piece(each, look) {
 
 export class Strip {
   // look: name -> class; select(first, last): a range was dragged; seek(position, subject): a place was clicked, or the
-  // axis was dragged.
-  constructor(root, { frames, times, count, look, select, seek }) {
-    Object.assign(this, { root, frames, times, count, look, select, seek, rows: new Map(), first: 0 });
+  // axis was dragged; stretch(position, subject): a place was double-clicked; move(change, to, subject): a change of
+  // target was dragged.
+  constructor(root, { frames, times, count, look, select, seek, stretch, move }) {
+    Object.assign(this, { root, frames, times, count, look, select, seek, stretch, move, rows: new Map(), first: 0 });
     this.axis = new Axis(frames, times);
-    [this.cursor, this.range, this.looped] = ["b", "u", "q"].map((tag) => document.createElement(tag));
+    [this.cursor, this.range, this.looped, this.edge] = ["b", "u", "q", "em"].map((tag) => document.createElement(tag));
+    this.edge.hidden = true;
     this.overlay = document.createElement("div");
     this.overlay.className = "over";
-    this.overlay.append(this.looped, this.range, this.cursor);
+    this.overlay.append(this.looped, this.range, this.edge, this.cursor);
     this.mark(null);
     root.addEventListener("pointerdown", (event) => this.press(event));
+    root.addEventListener("pointermove", (event) => root.classList.toggle("edge", this.changeAt(event) !== null));
+    root.addEventListener("dblclick", (event) => {
+      const row = event.target.closest("[data-subject]");
+      if (row?.dataset.subject) this.stretch(this.positionAt(event.clientX), row.dataset.subject);
+    });
   }
 
   // A row is rebuilt only when its content has changed: a long clip has hundreds of pieces.
   draw(position, { subjects, subject, tracks, seen, names, suggestions, loop, said }) {
+    this.tracks = tracks;
     if (!this.isHeld) this.first = Math.max(Math.min(position - Math.floor(this.count / 2), this.frames.length - this.count), 0);
     const window = `${this.first} ${this.count}`;
     this.axis.draw(this.first, this.count, position, said);
@@ -122,25 +131,49 @@ export class Strip {
     return this.first + Math.min(Math.max(Math.floor(share * this.count), 0), this.count - 1);
   }
 
-  // Dragging on the axis moves through the clip; dragging on the rows selects a range.
+  // The change of target under the pointer, as { subject, at }; null if there is none. Suggestions do not move.
+  changeAt(event) {
+    const subject = event.target.closest("[data-subject]")?.dataset.subject;
+    if (!subject || event.target.closest("span")) return null;
+    const box = this.overlay.getBoundingClientRect();
+    const all = runs(this.tracks[subject]);
+    const isNear = (at) => Math.abs(box.left + (at - this.first) / this.count * box.width - event.clientX) <= EDGE_PX;
+    const place = all.findIndex((each, number) => number && isNear(each.first) && !each.suggested && !all[number - 1].suggested);
+    return place < 0 ? null : { subject, at: all[place].first };
+  }
+
+  // The frame's edge nearest to the pointer.
+  edgeAt(clientX) {
+    const box = this.overlay.getBoundingClientRect();
+    return this.first + Math.min(Math.max(Math.round((clientX - box.left) / box.width * this.count), 0), this.count);
+  }
+
+  // Dragging on the axis moves through the clip; dragging a change of target moves it; dragging on the rows elsewhere
+  // selects a range.
   press(event) {
     if (event.button) return;
     const isScrub = Boolean(event.target.closest(".axis"));
     const start = this.positionAt(event.clientX);
     const row = event.target.closest("[data-subject]");
+    const change = this.changeAt(event);
     let dragged = false;
     this.isHeld = true; // the strip stands still under the hand
     const move = (moved) => {
       dragged ||= Math.abs(moved.clientX - event.clientX) >= DRAG_PX;
       const end = this.positionAt(moved.clientX);
       if (isScrub) this.seek(end, null);
-      else if (dragged) this.mark([Math.min(start, end), Math.max(start, end)]);
+      else if (dragged && change) {
+        this.edge.hidden = false;
+        this.edge.style.left = `${100 * (this.edgeAt(moved.clientX) - this.first) / this.count}%`;
+      } else if (dragged) this.mark([Math.min(start, end), Math.max(start, end)]);
     };
-    const up = () => {
+    const up = (released) => {
       removeEventListener("pointermove", move);
       this.isHeld = false;
+      this.edge.hidden = true;
       if (isScrub && dragged) return;
-      if (dragged) this.select(this.selection); else this.seek(start, row && row.dataset.subject);
+      if (dragged && change) this.move(change.at, this.edgeAt(released.clientX), change.subject);
+      else if (dragged) this.select(this.selection); else this.seek(start, row && row.dataset.subject);
     };
     addEventListener("pointermove", move);
     addEventListener("pointerup", up, { once: true });

@@ -8,9 +8,10 @@ const choice = (value, words, disabled = false) =>
   Object.assign(document.createElement("option"), { value, textContent: words, disabled });
 
 export class TargetForms {
-  // changed(answer): the server's answer with the new targets and labels; failed(error).
-  constructor({ changed, failed }) {
-    Object.assign(this, { changed, failed });
+  // saved(): resolved when no change of labels waits; changed(answer): the server's answer with the new targets and
+  // labels; failed(error).
+  constructor({ saved, changed, failed }) {
+    Object.assign(this, { saved, changed, failed });
     this.newForm = new Form("new-target", () => this.add());
     this.editForm = new Form("target", () => this.save());
     find("delete").addEventListener("click", () => this.remove());
@@ -63,6 +64,7 @@ export class TargetForms {
 
   async send(path, body, form) {
     try {
+      await this.saved();
       this.changed(await post(path, body));
       form.close();
     } catch (error) { this.failed(error); }

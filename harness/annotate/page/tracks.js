@@ -80,12 +80,3 @@ export function changes(track, suggestions) {
   });
   return [...firsts].sort((a, b) => a - b);
 }
-
-// The frame that changes, and its new target, when the change before a position moves by one; null if none can move.
-export function nudged(all, position, by) {
-  const place = all.findIndex((each) => each.first <= position && position <= each.last);
-  if (place < 1 || all[place].suggested || all[place - 1].suggested) return null;
-  const [before, here] = [all[place - 1], all[place]];
-  if (by < 0) return before.first < here.first ? { at: here.first - 1, target: here.target } : null;
-  return here.first < here.last ? { at: here.first, target: before.target } : null;
-}

@@ -38,14 +38,14 @@ def test_labelling_a_built_in_clip_changes_nothing_of_the_program(tmp_path: Path
     with served_by_the_program(work, "studio_talk", program) as (_, address), httpx.Client(timeout=60) as browser:
         browser.get(address, follow_redirects=True)
         host = address.partition("/?")[0]
-        about, state = browser.get(f"{host}/api/clip").json(), browser.get(f"{host}/api/state").json()
+        about, state = browser.get(f"{host}/api/clip").json(), browser.get(f"{host}/api/state").json()["state"]
         own = work / "annotations" / "studio_talk.csv"
         assert about["notice"].startswith("studio_talk came with vfoa and is read-only")
         assert state["labelled"] > 0
         assert not own.exists()
         subject = about["subjects"][0]
-        change = {"kind": "range", "revision": state["revision"], "subject": subject, "at": 0, "last": 0}
-        answer = browser.post(f"{host}/api/change", json={**change, "target": "ignore"})
+        change = {"kind": "range", "subject": subject, "at": 0, "last": 0, "target": "ignore"}
+        answer = browser.post(f"{host}/api/change", json={"revision": state["revision"], "changes": [change]})
         assert answer.status_code == 200, answer.text
         rows = own.read_text().splitlines()
         assert [each for each in rows if f",{subject}," not in each] == [

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from harness.annotate.drawing import Draw
 from harness.annotate.session import Session
 from harness.clips.manifest import ClipManifest, load_manifest
+from harness.clips.naming import NameRule
 from harness.labels.labels import Labels
 from harness.labels.timeline import Timeline
 from tests.annotating import FRAMES, MANIFEST, Page, shown, wait_for
@@ -45,15 +48,13 @@ def _mark(session: Session, first: int, last: int, target: str, subject: str = "
     session.mark_range(session.state()["revision"], subject, first, last, target)
 
 
-def test_a_new_name_stands_in_the_labels_of_all_annotators_and_in_what_can_be_undone(opened: Any, work: Path) -> None:
+def test_a_new_name_is_in_the_labels_of_all_annotators(opened: Any, work: Path) -> None:
     write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,cup,\n")
     session = opened()
     _mark(session, 0, 5, "cup")
     _mark(session, 2, 3, "book")
     session.change_target("cup", new_name="mug", key="9", colour="olive plain")
     assert (_said(work), _said(work, annotator="ben")) == ("mmbbmm......", "mmmm........")
-    session.undo(session.state()["revision"])
-    assert _said(work) == "mmmmmm......"
     about = session.about()
     assert about["looks"]["mug"] == {"key": "9", "colour": "olive plain"}
     assert {name: look["key"] for name, look in about["looks"].items()} == {
@@ -80,16 +81,58 @@ def test_a_target_in_use_is_deleted_only_with_another_for_its_labels(opened: Any
     assert session.about()["looks"]["book"]["key"] == "2"
 
 
-def test_a_deleted_target_does_not_come_back_by_undo_nor_after_a_restart(opened: Any, work: Path) -> None:
+def test_one_history_takes_back_labels_targets_and_drawing(opened: Any, work: Path) -> None:
+    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,cup,\n")
     session = opened()
-    _mark(session, 0, 3, "cup")
-    _mark(session, 0, 3, "book")
-    session.delete_target("cup", None)
-    assert not session.state()["can_undo"]
+
+    def shown() -> tuple[object, ...]:
+        drawn = [each["name"] for each in session.drawn()["tracks"]]
+        looks = {name: (look["key"], look["colour"]) for name, look in session.about()["looks"].items()}
+        return _said(work), _said(work, annotator="ben"), drawn, looks, [*session.manifest.targets]
+
+    def draw() -> None:
+        session.draw(Draw(do="key", revision=session.drawn()["revision"], name="cup", place=(1, 1, 9, 9)))
+
+    pen = NameRule(category="pen")
+    steps: list[Callable[[], None]] = [
+        lambda: _mark(session, 0, 5, "cup"),
+        draw,
+        lambda: session.change_target("cup", new_name="mug", key="9", colour="olive plain"),
+        lambda: _mark(session, 2, 3, "book"),
+        lambda: session.add_target("pen", pen),
+        lambda: session.change_target("book", new_name="book", key="8", colour="pink plain"),
+        lambda: session.delete_target("mug", "book"),
+    ]
+    states = [shown() if (work / "annotations" / "noise.csv").exists() else None]
+    for step in steps:
+        step()
+        states.append(shown())
+        time.sleep(0.002)  # two stores are ordered by milliseconds
+    for expected in reversed(states[1:-1]):
+        session.undo()
+        assert shown() == expected
+    for expected in states[2:]:
+        session.redo()
+        assert shown() == expected
     session.close()
-    again = opened()
-    assert again.state()["tracks"]["ann"][0][:3] == [0, 3, "book"]
-    assert again.state()["revision"] == session.state()["revision"]
+    session = opened()
+    assert shown() == states[-1]
+    session.undo()
+    assert shown() == states[-2]  # also after a restart
+
+
+def test_a_target_that_another_annotator_uses_by_now_stays(opened: Any, work: Path) -> None:
+    session = opened()
+    session.add_target("pen", NameRule(category="pen"))
+    write_text(work / "annotations" / "noise@ben.csv", f"{HEAD}1,4,ann,pen,\n")
+    with pytest.raises(VfoaError, match=r"noise@ben\.csv has labels of 'pen'"):
+        session.undo()
+    assert "pen" in _manifest(work).targets
+    path = work / "datasets" / "noise.toml"
+    (work / "annotations" / "noise@ben.csv").unlink()
+    path.write_text(path.read_text() + "# edited\n")
+    with pytest.raises(VfoaError, match=r"noise\.toml was edited"):
+        session.undo()
 
 
 def test_names_are_not_changed_while_another_annotator_labels_the_clip(opened: Any, work: Path) -> None:

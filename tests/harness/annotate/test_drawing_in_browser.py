@@ -210,5 +210,5 @@ def test_a_page_that_is_behind_is_told(page: Page, session: Chrome, work: Path) 
     path = work / "annotations" / "noise.drawn.csv"
     path.write_text(path.read_text().replace("1,cup,box", "3,cup,box"))
     _drag(session, (20, 18), (26, 18))
-    assert "drawn elsewhere" in session.find_element("id", "notice").text
+    assert "changed elsewhere" in session.find_element("id", "notice").text
     assert [key.frame for key in _drawn(page).tracks[0].keys] == [3]

@@ -252,7 +252,9 @@ def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_r
         for change in (
             lambda: store.put(store.revision, "ann", edits.mark_range(4, 5, "book")),
             lambda: store.undo(store.revision),
-            lambda: store.rename_target("cup", "mug"),
+            lambda: store.set_marks(
+                [{"subject": "ann", "before": [], "after": [[0, 1, "book", "", None, False, False]]}]
+            ),
         ):
             with pytest.raises(
                 VfoaError, match=r"clip\.csv: cannot be written: No space left on device; the change was"

@@ -168,7 +168,7 @@ def test_no_press_of_fast_hands_is_lost_or_misplaced_and_a_killed_server_changes
 
 
 def _play_to(browser: Chrome, frame: int, rate_hz: float | None) -> None:
-    """Set the clock to the middle of a frame's time, at half speed, from frame 1, once no picture is on its way."""
+    """Set the clock to the middle of a frame's time, from frame 1, once no picture is on its way."""
     assert rate_hz is not None
     wait_for(lambda: browser.execute_script("return document.body.getAttribute('aria-busy') === 'false'"))
-    browser.execute_script("window.vfoaClock = arguments[0]", 1000 * (frame - 1 + 0.5) / rate_hz / 0.5)
+    browser.execute_script("window.vfoaClock = arguments[0]", 1000 * (frame - 1 + 0.5) / rate_hz)

@@ -492,3 +492,166 @@ def test_what_can_be_pressed_or_dragged_is_large_enough_and_all_fits_at_200_perc
         ".map((each) => each.outerHTML)"
     )
     assert unnamed == []
+
+
+def test_fast_presses_are_kept_when_the_page_is_reloaded_or_left(browser: Chrome, noise: Start) -> None:
+    from selenium.webdriver import ActionChains
+
+    page = noise()
+    _open(browser, page)
+    before = page.session.state()["revision"]
+    for leave in (browser.refresh, lambda: browser.get("about:blank")):
+        actions = ActionChains(browser, duration=0)
+        for number in range(200):
+            actions.send_keys("12n"[number % 3])
+        actions.perform()
+        leave()
+        before += 200
+        wait_for(lambda expected=before: page.session.state()["revision"] == expected, at_most_s=30)
+    _open(browser, page)
+    assert browser.execute_script(
+        "return dispatchEvent(new Event('beforeunload', {cancelable: true}))"
+    )  # nothing waits
+    waits = browser.execute_script(
+        "dispatchEvent(new KeyboardEvent('keydown', {key: '1', code: 'Digit1', bubbles: true}));"
+        "return Promise.resolve().then(() => null)"
+        ".then(() => !dispatchEvent(new Event('beforeunload', {cancelable: true})))"
+    )
+    assert waits  # a press that is not saved yet: the browser asks
+
+
+def test_z_takes_back_a_new_name_and_a_new_key_of_a_target_too(browser: Chrome, noise: Start) -> None:
+    page = noise()
+    _open(browser, page)
+    _keys(browser, "1")
+    browser.find_element("css selector", '[aria-label^="change cup"]').click()
+    form = browser.find_element("id", "target")
+    form.find_element("name", "new_name").clear()
+    form.find_element("name", "new_name").send_keys("mug")
+    form.find_element("name", "key").send_keys("9")
+    form.find_element("xpath", ".//button[text()='Save']").click()
+    wait_for(lambda: "mug" in browser.find_element("id", "names").text and _is_settled(browser))
+    assert _targets(page)[0] == "m"
+    browser.find_element("tag name", "body").click()
+    for key, letter, said in (("z", "c", "Undone"), ("y", "m", "Done again"), ("z", "c", "Undone")):
+        _keys(browser, key)
+        assert _targets(page)[0] == letter
+        assert browser.find_element("id", "notice").text == f"{said}: the last change of the targets."
+    assert browser.find_element("css selector", '[data-target="cup"] kbd').text == "1"
+    _keys(browser, "z")
+    assert not browser.find_elements("css selector", "#strips .piece")
+
+
+def test_a_change_is_dragged_and_a_stretch_is_chosen_by_a_double_click(browser: Chrome, noise: Start) -> None:
+    from selenium.webdriver import ActionChains
+
+    page = noise()
+    _open(browser, page)
+    _drag(browser, 0, 5)
+    _keys(browser, "1")
+    _drag(browser, 6, 11)
+    _keys(browser, "2")
+    assert "".join(_targets(page)) == "ccccccbbbbbb"
+
+    def drag_change(change: int, to: int) -> None:
+        row = browser.find_element("css selector", "#strips .current > div")
+        width = row.size["width"] / len(FRAMES)
+        start = round((change - len(FRAMES) / 2) * width)
+        actions = ActionChains(browser).move_to_element_with_offset(row, start, 0).click_and_hold()
+        actions.move_by_offset(round((to - change) * width), 0).release().perform()
+        wait_for(lambda: _is_settled(browser))
+
+    drag_change(6, 3)
+    assert "".join(_targets(page)) == "cccbbbbbbbbb"
+    drag_change(3, 8)
+    assert "".join(_targets(page)) == "ccccccccbbbb"
+    _keys(browser, "z")
+    assert "".join(_targets(page)) == "cccbbbbbbbbb"
+    row = browser.find_element("css selector", "#strips .current > div")
+    ActionChains(browser).move_to_element(row).double_click().perform()
+    wait_for(lambda: "frames 4 to 12" in browser.find_element("id", "range").text)
+    _keys(browser, "n")
+    assert "".join(_targets(page)) == "cccnnnnnnnnn"
+    _keys(browser, "\ue011", "c", "2")  # Home; the same by keys
+    assert "".join(_targets(page)) == "bbbnnnnnnnnn"
+
+
+def test_f_finds_the_stretches_of_a_target_and_g_what_is_open_of_every_subject(
+    browser: Chrome, noise: Start, work: Path
+) -> None:
+    rows = ["1,3,ann,cup,", "4,6,ann,book,", "7,8,ann,cup,", "9,12,ann,none,", "1,9,ben,cup,"]
+    head = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
+    write_text(work / "annotations" / "noise.csv", head + "\n".join(rows) + "\n")
+    _open(browser, noise())
+    seen = []
+    for keys in ("f1", "ff", "f2", "F1", "FF", "fn"):
+        _keys(browser, *keys)
+        seen.append(shown(browser))
+    assert seen == [7, 1, 4, 1, 7, 9]
+    _keys(browser, "f", "3")
+    assert browser.find_element("id", "notice").text == "ann never looks at ann."
+    _keys(browser, "f", "\ue00c", "1")  # Escape lets go of it: the key labels again
+    assert "ann: cup" in browser.find_element("id", "label").text
+    assert browser.find_element("id", "unlabelled").text == "ann: all labelled; ben: 3 without a label"
+    _keys(browser, "g")
+    assert (shown(browser), browser.find_element("css selector", '#subjects [aria-pressed="true"]').text) == (10, "ben")
+    _keys(browser, "2", "\ue014", "\ue014", "g")
+    assert browser.find_element("id", "notice").text == "Every frame of every subject has a label."
+
+
+def test_the_keys_are_shown_above_all_and_the_speed_is_remembered(browser: Chrome, noise: Start) -> None:
+    _open(browser, noise())
+    assert "plays at ×1" in browser.find_element("id", "frame").text
+    _keys(browser, "+")
+    browser.refresh()
+    wait_for(lambda: shown(browser) is not None and _is_settled(browser))
+    assert "plays at ×2" in browser.find_element("id", "frame").text
+    for end in ("?", "\ue00c"):
+        _keys(browser, "?")
+        box = browser.find_element("id", "help").rect
+        assert browser.find_element("id", "help").is_displayed()
+        assert box["y"] >= 0
+        assert box["y"] + box["height"] <= 900
+        _keys(browser, "1")  # does nothing now
+        _keys(browser, end)
+        assert not browser.find_element("id", "help").is_displayed()
+    _click(browser, "#do-help")
+    _click(browser, "#help button")
+    assert not browser.find_element("id", "help").is_displayed()
+    assert "not labelled" in browser.find_element("id", "label").text
+
+
+WATCH = """
+window.did = 0;
+new MutationObserver((all) => { window.did += all.length; })
+    .observe(document, {subtree: true, childList: true, attributes: true, characterData: true});
+"""
+
+
+def test_no_button_of_the_page_is_dead(browser: Chrome, noise: Start, work: Path) -> None:
+    _open(browser, noise(run=work / "run"))
+    browser.get_log("browser")
+    _drag(browser, 2, 5)  # so that there is a range to loop
+    _keys(browser, "1", "\ue014", "a", "z")
+    _drag(browser, 2, 5)
+    browser.execute_script(WATCH)
+    ids = browser.execute_script("return [...document.querySelectorAll('button')].map((each) => each.id || each.title)")
+    assert {"do-play", "do-undo", "do-redo", "do-find", "do-drawing", "do-help", "unlabelled"} <= set(ids)
+    dead = []
+    every = "return [...document.querySelectorAll('header button, #tools button, #names button, #drawing button')]"
+    for number in range(len(browser.execute_script(every))):
+        button = browser.execute_script(f"{every}[arguments[0]]", number)
+        if button is None or not (button.is_displayed() and button.is_enabled()):
+            continue
+        name = button.get_attribute("aria-label") or button.text
+        browser.execute_script("window.did = 0")
+        button.click()
+        try:
+            wait_for(lambda: browser.execute_script("return window.did"), at_most_s=5)
+        except AssertionError:
+            dead.append(name)
+        wait_for(lambda: _is_settled(browser))
+        for escape in browser.find_elements("css selector", "#help[open] button, form:not([hidden]) [value=cancel]"):
+            escape.click()
+    assert dead == []
+    assert browser.get_log("browser") == []

@@ -14,7 +14,12 @@ import pytest
 from tests.annotating import Page
 
 READ = ("/", "/page/page.js", "/page/page.css", "/api/clip", "/api/state", "/api/scene/0", "/picture/left/0")
-CHANGE = {"kind": "range", "revision": 1, "subject": "ann", "at": 0, "last": 3, "target": "cup"}
+CHANGE = {"kind": "range", "subject": "ann", "at": 0, "last": 3, "target": "cup"}
+
+
+def _changes(revision: object = 1, **values: object) -> dict[str, object]:
+    """The body of a request with one change."""
+    return {"revision": revision, "drawn": 1, "changes": [{**CHANGE, **values}]}
 
 
 @pytest.fixture
@@ -57,7 +62,7 @@ def test_a_program_may_send_the_token_as_a_header(page: Page) -> None:
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "[::1]"])
 def test_loopback_names_are_answered(page: Page, host: str) -> None:
     here = f"{host}:{page.port}"
-    assert _post(page, "/api/change", CHANGE, Host=here, Origin=f"http://{here}")[0] == 200
+    assert _post(page, "/api/change", _changes(), Host=here, Origin=f"http://{here}")[0] == 200
 
 
 @pytest.mark.parametrize(
@@ -95,14 +100,13 @@ def test_the_policy_lets_the_page_load_nothing_from_elsewhere(page: Page) -> Non
 
 def test_a_form_of_another_page_cannot_post(page: Page) -> None:
     for kind in ("text/plain", "application/x-www-form-urlencoded", "multipart/form-data"):
-        assert _post(page, "/api/change", CHANGE, Content_Type=kind)[0] == 415
+        assert _post(page, "/api/change", _changes(), Content_Type=kind)[0] == 415
 
 
 @pytest.mark.parametrize(
     ("change", "found"),
     [
         ({"kind": "forget"}, "kind: "),
-        ({"revision": "one"}, "revision: "),
         ({"colour": "red"}, "colour: "),
         ({"subject": "anna"}, "unknown subject 'anna'; did you mean 'ann'"),
         ({"target": "cups"}, "unknown target 'cups'; did you mean 'cup'"),
@@ -112,9 +116,9 @@ def test_a_form_of_another_page_cannot_post(page: Page) -> None:
     ],
 )
 def test_a_wrong_change_is_one_line_and_changes_nothing(page: Page, change: dict[str, object], found: str) -> None:
-    assert _post(page, "/api/change", CHANGE)[0] == 200
+    assert _post(page, "/api/change", _changes())[0] == 200
     before = page.file.read_bytes()
-    status, answer = _post(page, "/api/change", {**CHANGE, "revision": 2, **change})
+    status, answer = _post(page, "/api/change", _changes(2, **change))
     assert (status, found in answer["error"]) == (400, True), answer
     assert page.file.read_bytes() == before
 
@@ -122,7 +126,7 @@ def test_a_wrong_change_is_one_line_and_changes_nothing(page: Page, change: dict
 def test_a_change_that_a_full_disk_does_not_take_is_answered_and_not_made(
     page: Page, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert _post(page, "/api/change", CHANGE)[0] == 200
+    assert _post(page, "/api/change", _changes())[0] == 200
     before = page.file.read_bytes(), page.session.state()["tracks"]
 
     def full(*_: object) -> None:
@@ -130,31 +134,31 @@ def test_a_change_that_a_full_disk_does_not_take_is_answered_and_not_made(
 
     with monkeypatch.context() as patch:
         patch.setattr("os.fsync", full)
-        status, answer = _post(page, "/api/change", {**CHANGE, "revision": 2, "target": "book"})
+        status, answer = _post(page, "/api/change", _changes(2, target="book"))
         assert (status, "No space left on device" in answer["error"]) == (400, True), answer
         patch.setattr("os.fsync", lambda handle: None)
         patch.setattr("harness.labels.files.atomic_write", full)
-        status, answer = _post(page, "/api/change", {**CHANGE, "revision": 2, "target": "book"})
+        status, answer = _post(page, "/api/change", _changes(2, target="book"))
         assert (status, "the change was not made" in answer["error"]) == (400, True), answer
         status, answer = _post(page, "/api/target", {"name": "pen", "rule": {"category": "pen"}})
         assert status == 200, answer
-        patch.setattr("harness.annotate.targets.atomic_write", full)
+        patch.setattr("harness.annotate.target_change.atomic_write", full)
         status, answer = _post(page, "/api/target", {"name": "ruler", "rule": {"category": "ruler"}})
         assert (status, "No space left on device" in answer["error"]) == (507, True), answer
     assert (page.file.read_bytes(), page.session.state()["tracks"]) == before
-    assert _post(page, "/api/change", {**CHANGE, "revision": 2, "target": "book"})[0] == 200
+    assert _post(page, "/api/change", _changes(page.session.state()["revision"], target="book"))[0] == 200
 
 
 def test_a_change_on_an_older_state_is_answered_with_the_newer_one(page: Page) -> None:
-    assert _post(page, "/api/change", CHANGE)[0] == 200
-    status, answer = _post(page, "/api/change", {**CHANGE, "target": "book"})
+    assert _post(page, "/api/change", _changes())[0] == 200
+    status, answer = _post(page, "/api/change", _changes(target="book"))
     assert status == 409
     assert answer["state"]["revision"] == 2
     assert answer["state"]["tracks"]["ann"][0][:3] == [0, 3, "cup"]
 
 
 def test_a_request_that_is_too_large_is_refused(page: Page) -> None:
-    assert _post(page, "/api/change", {**CHANGE, "note": "x" * 200_000})[0] == 413
+    assert _post(page, "/api/change", _changes(note="x" * 200_000))[0] == 413
 
 
 def test_the_views_are_pictures_of_the_frame(page: Page) -> None:
@@ -168,3 +172,16 @@ def test_the_views_are_pictures_of_the_frame(page: Page) -> None:
         assert image is not None
         assert image.shape == (48, 64, 3)
     assert _ask(page, "/picture/head/3?subject=ann", X_Vfoa_Token=page.token)[0] == 404
+
+
+def test_changes_that_come_together_are_made_in_order_and_again_only_if_they_were_not(page: Page) -> None:
+    changes = [{**CHANGE, "id": str(at), "at": at, "last": at} for at in range(5)]
+    assert _post(page, "/api/change", {"revision": 1, "drawn": 1, "changes": changes[:3]})[0] == 200
+    status, answer = _post(page, "/api/change", {"revision": 1, "drawn": 1, "changes": changes})
+    assert (status, answer["state"]["revision"]) == (200, 6)  # as of a page that never got the first answer
+    assert answer["state"]["tracks"]["ann"][0][:3] == [0, 4, "cup"]
+    draw = {"kind": "draw", "draw": {"do": "key", "name": "cup", "at": 0, "place": [1, 1, 9, 9]}}
+    wrong = {**CHANGE, "target": "cups"}
+    both = {"revision": 6, "drawn": 1, "changes": [draw, wrong, {**CHANGE, "target": "book"}]}
+    status, answer = _post(page, "/api/change", both)
+    assert (status, answer["state"]["revision"], len(answer["drawn"]["tracks"])) == (400, 6, 1)

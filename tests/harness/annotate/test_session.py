@@ -18,7 +18,7 @@ from harness.annotate.pictures import colour, head
 from harness.annotate.scene import outline
 from harness.annotate.server import PageServer
 from harness.annotate.session import Session
-from harness.annotate.targets import add_target
+from harness.annotate.targets import with_target
 from harness.cli import app
 from harness.clips.manifest import load_manifest
 from harness.clips.naming import NameRule
@@ -118,7 +118,7 @@ def test_predictions_come_with_their_attention_and_unsure_frames_first(opened: A
 
 def test_the_first_change_writes_down_keys_by_the_old_rule_and_keeps_comments_and_order(work: Path) -> None:
     path = work / "datasets" / "noise.toml"
-    add_target(path, "wall clock", NameRule(category="clock", at_px=(1.5, 2)))
+    path.write_text(with_target(path, "wall clock", NameRule(category="clock", at_px=(1.5, 2))))
     text = path.read_text()
     assert [each for each in text.splitlines() if not each.startswith(("key =", "colour ="))] == [
         *MANIFEST.splitlines(),
@@ -141,7 +141,7 @@ def test_the_first_change_writes_down_keys_by_the_old_rule_and_keeps_comments_an
 def test_a_first_target_opens_the_table_of_targets(tmp_path: Path) -> None:
     text = 'name = "x"\nadapter = "studio"\n\n[subjects.ann]\ncategory = "person"\n'
     path = write_text(tmp_path / "x.toml", text)
-    add_target(path, "cup", NameRule(category="cup"))
+    path.write_text(with_target(path, "cup", NameRule(category="cup")))
     assert path.read_text().startswith(text)
     (rule,) = load_manifest(str(path)).targets.values()
     assert (rule.category, rule.key) == ("cup", "2")  # ann, who is a target as well, has the first
@@ -162,7 +162,7 @@ def test_a_target_that_the_manifest_cannot_have_is_not_written(
 ) -> None:
     path = work / "datasets" / "noise.toml"
     with pytest.raises(VfoaError, match=found):
-        add_target(path, name, rule)
+        path.write_text(with_target(path, name, rule))
     assert path.read_text() == MANIFEST
 
 
