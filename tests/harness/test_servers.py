@@ -22,10 +22,7 @@ from harness.record.web_viewer import page_files
 from tests import annotating
 from tests.web import running
 
-CHANGE = {
-    "revision": 1,
-    "changes": [{"kind": "range", "subject": "ann", "at": 0, "last": 3, "target": "cup"}],
-}
+CHANGE = {"kind": "range", "subject": "ann", "at": 0, "last": 3, "target": "cup"}
 EVIL_HOSTS = ("evil.example", "127.0.0.1.evil.example", "evil.example@127.0.0.1", "0.0.0.0", "192.168.1.2", "")
 EVIL_ORIGINS = (
     {"Origin": "https://evil.example"},
@@ -91,6 +88,10 @@ def server(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Server]:
         recordings = {"one": Composed(name="one", files=(tmp_path / "one.rrd",))}
         with running(site(recordings, page_files(), page=lambda: "<!doctype html>")) as served:
             yield Server(served.address, ("/", "/viewer/", "/viewer/viewer.js", "/files/0/0.rrd"), None)
+
+
+def _body(target: str) -> bytes:
+    return json.dumps({"revision": 1, "changes": [{**CHANGE, "target": target}]}).encode()
 
 
 def _answered(server: Server) -> bool:
@@ -216,7 +217,7 @@ def test_malformed_requests_are_refused_in_one_line(server: Server) -> None:
 def test_of_two_writers_one_is_told_of_the_other(server: Server) -> None:
     if server.takes is None:
         pytest.skip("nothing is written there")
-    path, bodies = server.takes, [json.dumps({**CHANGE, "target": target}).encode() for target in ("cup", "book")]
+    path, bodies = server.takes, [_body(target) for target in ("cup", "book")]
     start, statuses = threading.Barrier(2), []
 
     def write(body: bytes) -> None:
