@@ -61,21 +61,29 @@ def check_clips(
         raise typer.Exit(2)
 
 
-@app.command(name="fetch", short_help="Download MPI Sintel, Idiap's conversation or people in virtual rooms.")
+@app.command(name="fetch", short_help="Download clips: MPI Sintel, or real people of three sources.")
 def fetch_clips(
-    source: Annotated[str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel, idiap_vfoa or vr_objects.")],
+    source: Annotated[
+        str, typer.Argument(metavar="SOURCE", help="What to fetch: sintel, idiap_vfoa, vr_objects or opencv_stereo.")
+    ],
     out: Annotated[Path | None, typer.Option(help="The folder; $VFOA_DATA/SOURCE if not given.")] = None,
 ) -> None:
     """Download clips from their original sites. An interrupted download resumes.
 
     ``sintel``: the official archives of MPI Sintel, unpacked. ``idiap_vfoa``: two files of idiap/vfoa, and its ground
     truth as labels of the clip ``idiap_vfoa``. ``vr_objects``: 83 MB of jov2023-vr-objects, and the clips
-    ``kitchen_p09`` ... ``office_p19`` as tables of measurements with labels.
+    ``kitchen_p09`` ... ``office_p19`` as tables of measurements with labels. ``opencv_stereo``: 13 pairs of a
+    calibration board, samples of OpenCV.
     """
     from harness.data_folders import expand
     from vfoa.errors import VfoaError, did_you_mean
 
-    fetchers = {"sintel": _fetch_sintel, "idiap_vfoa": _fetch_idiap, "vr_objects": _fetch_vr_objects}
+    fetchers = {
+        "sintel": _fetch_sintel,
+        "idiap_vfoa": _fetch_idiap,
+        "vr_objects": _fetch_vr_objects,
+        "opencv_stereo": _fetch_opencv,
+    }
     if source not in fetchers:
         raise VfoaError(f"clips fetch: no {source!r}; {did_you_mean(source, fetchers)}")
     root = out or expand(f"${{VFOA_DATA}}/{source}", Path.cwd(), "clips fetch")
@@ -115,14 +123,14 @@ def _fetch_idiap(root: Path) -> None:
 
 def _fetch_vr_objects(root: Path) -> None:
     from harness.cli.terminal import bytes_bar
-    from harness.clips.repository_files import VR_HOME, VR_LICENCE, fetch_files, vr_objects_files
+    from harness.clips.repository_files import VR_HOME, VR_LICENCE, fetch_files, listed_files
     from harness.labels.files import write_annotations
     from harness.sources.measured.vr_objects import VrObjectsClip
     from harness.sources.measured.write import write_measured
     from harness.stages.ground_truth.oracle import true_labels
 
     say(f"licence: {VR_LICENCE}")
-    files = vr_objects_files()
+    files = listed_files("vr_objects")
     with bytes_bar("vr_objects") as progress:
         fetch_files(root / "data", files, VR_HOME, progress)
     for session in sorted({Path(file.name).parts[:3] for file in files}):
@@ -133,6 +141,15 @@ def _fetch_vr_objects(root: Path) -> None:
         write_measured(place, clip.measurements)
         write_annotations(place / "labels.csv", true_labels(clip, unknown=""))
         say(f"{place}: {len(clip.frames)} frames")
+
+
+def _fetch_opencv(root: Path) -> None:
+    from harness.cli.terminal import bytes_bar
+    from harness.clips.repository_files import OPENCV_HOME, OPENCV_LICENCE, fetch_files, listed_files
+
+    say(f"licence: {OPENCV_LICENCE}")
+    with bytes_bar("opencv_stereo") as progress:
+        fetch_files(root, listed_files("opencv_stereo"), OPENCV_HOME, progress)
 
 
 def _print_list(rows: list[ClipRow]) -> None:

@@ -1,6 +1,7 @@
 """Clips that are files of somebody's repository, downloaded one by one at one commit.
 
-``idiap_vfoa`` is a measured conversation, ``vr_objects`` are people in virtual rooms.
+``idiap_vfoa`` is a measured conversation, ``vr_objects`` are people in virtual rooms, ``opencv_stereo`` are pairs of a
+calibration board and the man who holds it.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ IDIAP_LICENCE = "BSD 3-Clause, Idiap Research Institute"
 VR_COMMIT = "fe12e11c52e759d0e8fa071cbdd34e90e375a7f8"
 VR_HOME = f"https://raw.githubusercontent.com/ischtz/jov2023-vr-objects/{VR_COMMIT}/data/"
 VR_LICENCE = "MIT; cite Schuetz, Baltaretu and Fiehler, Journal of Vision 24(7):10, 2024"
+OPENCV_HOME = "https://raw.githubusercontent.com/opencv/opencv/4.10.0/samples/data/"
+OPENCV_LICENCE = "Apache-2.0, OpenCV"
 _AT_ONCE = 8
 
 
@@ -38,9 +41,9 @@ HEADS = RemoteFile("test_runVfoaModule_data.csv", "d28156d9210bf5c792f79800c451b
 LABELS = RemoteFile("test_runVfoaModule_gt.npz", "ad6333e72c00c965d3f17b23aced1bc9eb50434cb72da9e61d7f416d3afeb096")
 
 
-def vr_objects_files() -> list[RemoteFile]:
-    """Trials 1 to 20 of session "laser" of all 16 people, as ``datasets/vr_objects.csv`` lists them."""
-    table = next(path for folder in folders("datasets") if (path := folder / "vr_objects.csv").is_file())
+def listed_files(source: str) -> list[RemoteFile]:
+    """The files of a source, as ``datasets/SOURCE.csv`` lists them."""
+    table = next(path for folder in folders("datasets") if (path := folder / f"{source}.csv").is_file())
     columns = ("path", "bytes", "sha256")
     return [
         RemoteFile(row.cells["path"], row.cells["sha256"], row.integer("bytes"))

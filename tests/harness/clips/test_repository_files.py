@@ -16,7 +16,7 @@ from harness.cli.clips import fetch_clips
 from harness.clips import repository_files
 from harness.clips.check import check_clip
 from harness.clips.manifest import clips_here, load_manifest
-from harness.clips.repository_files import HEADS, fetch_files, vr_objects_files
+from harness.clips.repository_files import HEADS, fetch_files, listed_files
 from harness.files import file_digest
 from tests.measured import idiap_file, vr_session
 from tests.repository import REPOSITORY
@@ -105,7 +105,7 @@ def test_people_in_virtual_rooms_become_labelled_clips(
 
 
 def test_the_list_of_files_is_that_of_all_people() -> None:
-    files = vr_objects_files()
+    files = listed_files("vr_objects")
     assert len(files) == 656
     assert len({Path(file.name).parts[1] for file in files}) == 16
     assert sum(file.n_bytes or 0 for file in files) == 83_259_830
@@ -114,3 +114,14 @@ def test_the_list_of_files_is_that_of_all_people() -> None:
 def test_an_unknown_source_is_named() -> None:
     with pytest.raises(VfoaError, match="no 'idiap'; did you mean 'idiap_vfoa'"):
         fetch_clips("idiap")
+
+
+def test_the_genuine_pairs_of_opencv_are_fetched(
+    tmp_path: Path, shared_data: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pairs = sorted((shared_data / "chessboard").glob("*.jpg"))
+    with serve() as running:
+        monkeypatch.setattr(repository_files, "OPENCV_HOME", running.url("/"))
+        running.files.update({f"/{path.name}": path.read_bytes() for path in pairs})
+        fetch_clips("opencv_stereo", tmp_path / "here")
+    assert {path.name for path in (tmp_path / "here").iterdir()} == {path.name for path in pairs}

@@ -1,0 +1,52 @@
+"""The tutorial of a real person before a real rig, run as it is written, from OpenCV's genuine pictures."""
+
+from __future__ import annotations
+
+import csv
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from tests.command import vfoa
+from tests.disk import write_text
+from tests.repository import REPOSITORY
+
+PAGE = REPOSITORY / "docs" / "tutorials" / "real-person.md"
+BLOCK = re.compile(r"^```(?P<kind>\w*)(?: title=\"(?P<title>[^\"]+)\")?\n(?P<text>.*?)^```", re.MULTILINE | re.DOTALL)
+FETCHED, SHOWN = ("clips", "fetch"), ("view",)
+
+
+def test_the_tutorial_gives_the_table_that_it_shows(
+    tmp_path: Path,
+    shared_data: Path,
+    shared_models: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "opencv_stereo").symlink_to(shared_data / "chessboard")
+    (tmp_path / "work").mkdir()
+    monkeypatch.chdir(tmp_path / "work")
+    monkeypatch.setenv("VFOA_DATA", str(tmp_path / "data"))
+    monkeypatch.setenv("VFOA_MODELS", str(shared_models))
+    page = PAGE.read_text(encoding="utf-8")
+    printed = ""
+    for block in BLOCK.finditer(page):
+        if block["title"]:
+            write_text(Path(block["title"]), block["text"])
+        for line in re.findall(r"^\$ vfoa (.*)$", block["text"], re.MULTILINE):
+            words = shlex.split(line.replace("${VFOA_DATA}", str(tmp_path / "data")))
+            if words[0] in SHOWN or tuple(words[:2]) == FETCHED:
+                continue
+            code, out, err = vfoa(monkeypatch, capsys, *words)
+            assert (code, err) == (0, ""), line
+            printed += out
+        if block["text"].startswith("stereo.yml"):
+            assert block["text"].strip() in printed
+
+    table = dict(re.findall(r"^\| ([\w-]+)(?: \(.*?\))? \| 1 \| 0 \| (.*?) \|$", page, re.MULTILINE))
+    frames = csv.DictReader(Path("runs/rig/frames.csv").read_text().splitlines())
+    answers = {row["configuration"]: row["predicted"].strip("()") for row in frames if row["truth"] == "monitor"}
+    assert answers == table
