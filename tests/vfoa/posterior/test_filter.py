@@ -267,18 +267,16 @@ def test_answers_of_an_unknown_error_are_flatter_and_most_where_later_frames_are
     assert answered(known, model, told, later_known=True) == pytest.approx(model)
 
 
-def test_where_the_body_faces_follows_the_head_and_not_the_middle_of_the_targets() -> None:
-    """Targets on all sides: a head held 60 % of the way from behind to one of them looks at that one."""
-    settings = PosteriorSettings(cues="head")
-    scene = scenery(-135.0, -90.0, 0.0, 90.0, 150.0)
-    camera = np.array([0.0, 0.0, -1.0])
-    behind, turned = (measured(head=perturb(camera, np.deg2rad(angle), 0.0)) for angle in (120.0, 138.0))
-    found = beliefs_of(scene, [behind] * 40 + [turned] * 8, settings)
-    facing, head = found[39].facing, behind.head
-    assert facing is not None
-    assert head is not None
-    assert facing @ head > np.cos(np.deg2rad(6.0))
-    assert int(np.argmax(found[-1].probabilities)) == 4
+def test_heads_turn_from_where_the_body_faces_and_not_from_the_middle_of_the_targets() -> None:
+    """Targets on all sides: a body that faces 145 degrees to the right, heads 60 % of the way to 100 and 190."""
+    angles = (0.0, 60.0, 100.0, 190.0, -60.0, -110.0)
+    looks = np.repeat([2, 3] * 5, 20)
+    heads = np.deg2rad(145 + 0.6 * (np.array(angles)[looks] - 145))
+    camera, low = np.array([0.0, 0.0, -1.0]), 0.6 * np.deg2rad(8.0)
+    frames = [measured(head=perturb(perturb(camera, head, 0.0), 0.0, -low)) for head in heads]
+    found = beliefs_of(scenery(*angles), frames, PosteriorSettings(cues="head"))
+    right = np.array([int(each.probabilities.argmax()) for each in found]) == looks
+    assert right[60:].mean() > 0.8
 
 
 def test_heads_that_turn_all_of_the_way_make_answers_flatter() -> None:
