@@ -12,12 +12,11 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 
-from harness.known_digests import KNOWN
+from harness.known_digests import KNOWN, LARGE_BYTES, check_unchanged
 from vfoa.errors import VfoaError
 
 _UMASK = os.umask(0)  # reading it changes it for all threads: read it only once
 os.umask(_UMASK)
-_SMALL_BYTES = 1 << 20
 _ABSENT = (errno.ENOENT, errno.ENOTDIR, errno.ELOOP)
 
 
@@ -25,9 +24,12 @@ def read_bytes(path: Path) -> bytes:
     """Read a whole file; raises a :class:`VfoaError` that names it if that fails."""
     check_readable(path)
     try:
-        return path.read_bytes()
+        with path.open("rb") as file:
+            content = file.read()
+            check_unchanged(os.fspath(path), os.fstat(file.fileno()))
     except (OSError, ValueError) as error:
         raise unreadable(path, error) from None
+    return content
 
 
 def read_text(path: Path) -> str:
@@ -198,7 +200,7 @@ def file_digest(path: Path) -> str:
     check_readable(path)
     try:
         with path.open("rb") as file:
-            if os.fstat(file.fileno()).st_size <= _SMALL_BYTES:  # a clip has many: no buffer for each
+            if os.fstat(file.fileno()).st_size <= LARGE_BYTES:  # a clip has many: no buffer for each
                 return hashlib.sha256(file.read()).hexdigest()
     except (OSError, ValueError) as error:
         raise unreadable(path, error) from None

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
 from harness.clips.manifest import ClipManifest
+from harness.known_digests import KNOWN, UnchangedFiles
 from harness.labels.labels import Labels
 from harness.run.checkpoint import Checkpoint, read_checkpoint
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.frame_sink import SinkFactory
+from harness.sources import Clip, MeasuredClip
 from harness.stages.cache.stage import ClipCache, Tally
 from harness.stages.configuration import Configuration
 from harness.stages.drawn import DrawnClip
@@ -22,10 +25,12 @@ class ClipJob:
 
     ``run_id`` is the random id of the run, for its recordings.
 
-    Each finished frame goes to the ``sinks`` in their order. ``drawn`` holds the shapes drawn on the clip. ``cache`` is
-    None if no stage output is stored. ``read_ahead`` and ``perceive_ahead`` are the numbers of frames that one thread
-    reads and another one perceives in advance; 0 for no thread. If ``measured``, stages are compared with the ground
-    truth. ``keeps``: frames cannot be read again, so the frames finished before an error are the complete result.
+    Each finished frame goes to the ``sinks`` in their order. ``drawn`` holds the shapes drawn on the clip. ``digest``
+    is that of the clip's content, of which every frame must be read (None: not checked), and ``known`` are digests by
+    the stamp of their files. ``cache`` is None if no stage output is stored. ``read_ahead`` and ``perceive_ahead`` are
+    the numbers of frames that one thread reads and another one perceives in advance; 0 for no thread. If ``measured``,
+    stages are compared with the ground truth. ``keeps``: frames cannot be read again, so the frames finished before an
+    error are the complete result.
     """
 
     manifest: ClipManifest
@@ -36,6 +41,8 @@ class ClipJob:
     run_id: str = field(default_factory=new_run_id)
     sinks: tuple[SinkFactory, ...] = ()
     drawn: DrawnClip | None = None
+    digest: str | None = None
+    known: Mapping[str, str] = field(default_factory=dict)
     cache: ClipCache | None = None
     read_ahead: int = 0
     perceive_ahead: int = 0
@@ -51,6 +58,19 @@ class ClipJob:
     def pairs(self) -> list[Pair]:
         """The (clip, configuration) pairs of the job."""
         return [(self.manifest.name, configuration.name) for configuration in self.configurations]
+
+    def unchanged(self, clip: Clip | MeasuredClip) -> Callable[[], AbstractContextManager[None]]:
+        """The blocks in which the clip is read as it was when the run began (:class:`.known_digests.UnchangedFiles`).
+
+        Raises
+        ------
+        VfoaError
+            If it has changed already.
+        """
+        if self.digest is None:
+            return nullcontext
+        KNOWN.add(self.known)
+        return UnchangedFiles(self.manifest.name, clip.digest, self.digest).active
 
     def outcome(self, errors: Iterable[VfoaError | None], tallies: Mapping[str, Tally] | None = None) -> ClipOutcome:
         """The outcome of the job, from each configuration's error in order (None: it is finished)."""

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
+from harness.known_digests import KNOWN
 from harness.mirror import Mirror
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
@@ -194,6 +195,8 @@ def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | 
         run_id=directory.read_manifest()["run_id"],
         sinks=(*plan.sinks, *outputs, ResultsSinks()),
         drawn=one.drawn,
+        digest=one.digest,
+        known=KNOWN.known,
     )
     if store is None or isinstance(one.clip, MeasuredClip):  # nothing to perceive
         return job

@@ -31,6 +31,7 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
     """
     try:
         clip = job.manifest.open()
+        unchanged = job.unchanged(clip)
     except VfoaError as error:
         return ClipOutcome(failures=dict.fromkeys(job.pairs, error))
     resumed = checkpoints(job)
@@ -42,7 +43,7 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         scenes = measured_frames(job.configurations, clip, chosen)
         return job.outcome(each.error for each in attend_to(scenes, job, clip.rate_hz, progress, resumed=resumed))
     images, truth = one_at_a_time(clip, 2) if job.read_ahead or job.perceive_ahead else (clip, clip)
-    with closing(
+    shared = closing(
         SharedPipeline(
             job.configurations,
             images,
@@ -52,7 +53,8 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
             begins={name: each.frame + 1 for name, each in resumed.items()},
             starts={name: each.window for name, each in resumed.items() if each.window},
         )
-    ) as pipeline:
+    )
+    with unchanged(), shared as pipeline:
         scenes = reconstructed(images, pipeline, chosen, job)
         measurer = Measurer(truth) if job.measured else None
         runners = attend_to(scenes, job, images.rate_hz, progress, measurer=measurer, resumed=resumed)

@@ -10,7 +10,7 @@ from typing import Any
 
 from harness.cached_values import read_value, write_value
 from harness.files import digest_files
-from harness.known_digests import KNOWN
+from harness.known_digests import KNOWN, changed_during_run
 from harness.mirror import Mirror, forget_copies
 from harness.remote import Remote
 from harness.run import provenance
@@ -153,10 +153,7 @@ def _check_unchanged(plan: Plan, identity: dict[str, Any], done: Done, cache: St
                 done.account.forget(one.manifest.name, cache)
             if all((one.manifest.name, each.name) in done.failures for each in plan.experiment.configurations):
                 continue
-            raise VfoaError(
-                f"{one.manifest.name}: its images or calibration changed during the run; expected the same "
-                "content to the end: remove the run's directory and run again"
-            )
+            raise VfoaError(changed_during_run(one.manifest.name))
 
 
 def _finish(plan: Plan, directory: RunDirectory, of_run: dict[str, Any], done: Done, started: str) -> None:

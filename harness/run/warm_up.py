@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
 
 from harness.run.clip_job import ClipJob, ClipOutcome
@@ -19,8 +20,10 @@ LONGEST_STRETCH = 32
 """Most frames of a stretch, so that nobody waits long for it."""
 
 
-_opened: tuple[object, SharedPipeline] | None = None
-"""The last job of this process and its pipeline: the next stretch is usually of the same clip."""
+Unchanged = Callable[[], AbstractContextManager[None]]
+
+_opened: tuple[object, SharedPipeline, Unchanged] | None = None
+"""The last job of this process, its pipeline and the check of its files: the next stretch is usually of that clip."""
 
 
 def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
@@ -29,22 +32,24 @@ def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
     Clip, models and matchers stay open for the next job if it differs only in its frames.
     """
     try:
-        pipeline = _open(job)
+        pipeline, unchanged = _open(job)
     except VfoaError:  # run_clip will report it
         return ClipOutcome(failures={})
-    for _ in pipeline.warm(job.frames):
-        progress(job.manifest.name)
+    with unchanged():
+        for _ in pipeline.warm(job.frames):
+            progress(job.manifest.name)
     return ClipOutcome(failures={}, tallies=pipeline.take_tallies())
 
 
-def _open(job: ClipJob) -> SharedPipeline:
+def _open(job: ClipJob) -> tuple[SharedPipeline, Unchanged]:
     global _opened
     wanted = (job.manifest, job.configurations, job.cache, job.drawn, job.directory)
     if _opened is None or _opened[0] != wanted:
         _opened = None  # two sets of models may not fit into memory
         clip = job.manifest.open_images()
-        _opened = (wanted, SharedPipeline(job.configurations, clip, job.cache, drawn=job.drawn))
-    return _opened[1]
+        unchanged = job.unchanged(clip)
+        _opened = (wanted, SharedPipeline(job.configurations, clip, job.cache, drawn=job.drawn), unchanged)
+    return _opened[1:]
 
 
 class GivenUpError(Exception):

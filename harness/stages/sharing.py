@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from harness.known_digests import read_unchanged
 from harness.sources import Clip
 from harness.stages.cache.stage import ClipCache, Tally
 from harness.stages.configuration import Configuration
@@ -63,7 +64,7 @@ def read_frames(clip: Clip, numbers: Iterable[int]) -> Generator[ReadFrame]:
     for number in numbers:
         timings: Timings = {}
         with timed(timings, "decode"):
-            frame = clip.frame(number)
+            frame = read_unchanged(clip.frame, number)
         yield ReadFrame(frame=frame, timings=timings)
 
 
@@ -168,7 +169,7 @@ class SharedPipeline:
         """
         for number in numbers:
             with suppress(VfoaError):
-                frame = self._clip.frame(number)
+                frame = read_unchanged(self._clip.frame, number)
                 self._memo.outputs = {}
                 for stages in self._same.values():
                     with suppress(VfoaError):

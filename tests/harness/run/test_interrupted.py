@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -130,9 +131,9 @@ def test_the_lock_of_a_process_that_has_ended_is_taken_over_and_said(tmp_path: P
 
 @dataclass(frozen=True)
 class Exchange:
-    """A sink that exchanges an image of the clip at its second frame."""
+    """A sink that calls a function after each frame with its number."""
 
-    image: Path
+    change: Callable[[int], None]
 
     def described(self) -> Mapping[str, Any]:
         return {}
@@ -146,10 +147,13 @@ class Exchange:
     def __exit__(self, *error: object) -> None: ...
 
     def write(self, frame: FinishedFrame) -> None:
-        if frame.record.frame == 2:
-            image = cv2.imread(str(self.image))
-            assert image is not None
-            cv2.imwrite(str(self.image), 255 - image)
+        self.change(frame.record.frame)
+
+
+def _invert(path: Path) -> None:
+    image = cv2.imread(str(path))
+    assert image is not None
+    cv2.imwrite(str(path), 255 - image)
 
 
 @pytest.fixture
@@ -183,11 +187,59 @@ def test_images_that_change_while_a_run_is_on_end_it_and_leave_nothing_in_the_ca
     if left_alone:
         _left_alone(monkeypatch)
     store = Store(tmp_path / "cache", 10**9)
-    plan = prepare(load_experiment(str(small)), sinks=[Exchange(_third_image(tmp_path))])
+    plan = prepare(
+        load_experiment(str(small)),
+        sinks=[Exchange(lambda frame: _invert(_third_image(tmp_path)) if frame == 2 else None)],
+    )
     with pytest.raises(VfoaError, match="its images or calibration changed during the run"):
         run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None, cache=store)
     assert not list(store.stages.rglob("*.bin"))
     assert not (tmp_path / "out" / "results.jsonl").exists()
+
+
+def _files_put_back(folder: Path) -> Callable[[int], None]:
+    image = _third_image(folder)
+    return lambda frame: _invert(image) if frame in (2, 3) else None
+
+
+def _link_switched_back(folder: Path) -> Callable[[int], None]:
+    shutil.copytree(folder / "data", folder / "other")
+    _invert(_third_image(folder / "other"))
+    (folder / "data").rename(folder / "real")
+    (folder / "data").symlink_to("real")
+
+    def switch(frame: int) -> None:
+        if frame in (2, 3):
+            (folder / "data").unlink()
+            (folder / "data").symlink_to("other" if frame == 2 else "real")
+
+    return switch
+
+
+@pytest.mark.parametrize("exchange", [_files_put_back, _link_switched_back])
+def test_images_that_are_exchanged_and_put_back_end_the_run_and_reach_neither_tables_nor_cache(
+    small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exchange: Callable[[Path], Callable[[int], None]]
+) -> None:
+    _left_alone(monkeypatch)
+    experiment, store = load_experiment(str(small)), Store(tmp_path / "cache", 10**9)
+    expected = run_plan(prepare(experiment), tmp_path / "whole", workers=1, progress=print).results.read_bytes()
+    change = exchange(tmp_path)
+    plan = prepare(experiment, sinks=[Exchange(change)])
+    with pytest.raises(VfoaError, match="its images or calibration changed during the run"):
+        run_plan(plan, tmp_path / "out", workers=1, progress=print, cache=store)
+    assert not (tmp_path / "out" / "results.jsonl").exists()
+    change(3)
+    again = run_plan(prepare(experiment), tmp_path / "again", workers=1, progress=print, cache=store)
+    assert again.results.read_bytes() == expected
+
+
+def test_images_that_are_only_touched_do_not_end_a_run(small: Path, tmp_path: Path) -> None:
+    image = _third_image(tmp_path)
+    touching = Exchange(lambda frame: image.write_bytes(image.read_bytes()) and None)
+    directory = run_plan(
+        prepare(load_experiment(str(small)), sinks=[touching]), tmp_path / "out", workers=1, progress=print
+    )
+    assert directory.results.read_bytes().count(b"\n") == 3
 
 
 def _run_once(small: Path, out: Path, monkeypatch: pytest.MonkeyPatch, *, frames: int = 3) -> list[str]:
