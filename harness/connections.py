@@ -7,7 +7,8 @@ file descriptors, until it could answer nobody.
 from __future__ import annotations
 
 import asyncio
-from typing import cast
+import logging
+from typing import ClassVar, cast
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -18,6 +19,8 @@ REQUEST_S = 20.0
 """Seconds that a client may take for a request, from its connection or from the previous answer."""
 
 _LOOK_S = 1.0
+_SILENT_S = 60.0
+_log = logging.getLogger(__name__)
 
 
 class BoundedConnection(H11Protocol):
@@ -29,6 +32,7 @@ class BoundedConnection(H11Protocol):
 
     _owed_since = 0.0
     _look: asyncio.TimerHandle | None = None
+    _logged_s: ClassVar[float] = -_SILENT_S
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Accept the connection, and take a place."""
@@ -39,6 +43,9 @@ class BoundedConnection(H11Protocol):
             each for each in cast("set[BoundedConnection]", self.connections) if not each.transport.is_closing()
         ]
         if len(open_ones) > MOST:
+            if self.loop.time() - BoundedConnection._logged_s >= _SILENT_S:
+                BoundedConnection._logged_s = self.loop.time()
+                _log.warning("more than %d connections at once: those without a request are closed", MOST)
             owing = [each for each in open_ones if each._owes()]
             min(owing, key=lambda each: each._owed_since, default=self).transport.abort()
 

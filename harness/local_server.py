@@ -34,13 +34,14 @@ class LocalServer:
     def __init__(self, app: ASGIApp, port: int = 0, *, patience_s: int = 1, token: str | None = None) -> None:
         import uvicorn
 
-        from harness.connections import BoundedConnection
+        from harness.connections import MOST, BoundedConnection
         from harness.guard import Guard
 
         self._token = token or secrets.token_urlsafe(24)
         config = uvicorn.Config(
             Guard(app, self._token),
             http=BoundedConnection,
+            backlog=MOST,  # asyncio accepts as many at once, before any of them can be closed again
             log_level="error",
             access_log=False,
             lifespan="off",

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import http.client
 import json
+import os
 import socket
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from subprocess import PIPE
 
 import httpx
 import psutil
@@ -20,6 +24,7 @@ from harness.record.composed import Composed
 from harness.record.web_app import open_path, site
 from harness.record.web_viewer import page_files
 from tests import annotating
+from tests.repository import REPOSITORY
 from tests.web import running
 
 CHANGE = {"kind": "range", "subject": "ann", "at": 0, "last": 3, "target": "cup"}
@@ -180,6 +185,40 @@ def test_many_connections_that_say_nothing_leave_it_reachable(
         assert _answered(server)
         annotating.wait_for(lambda: _connections(server) <= connections.MOST)
         assert _answered(server)
+
+
+FLOODED = """
+import resource, sys
+from pathlib import Path
+from harness.local_server import LocalServer
+from harness.record.web_app import site
+
+resource.setrlimit(resource.RLIMIT_NOFILE, (400, 400))
+server = LocalServer(site({}, {}, page=lambda: "here"))
+print(server.address, flush=True)
+server.run()
+"""
+
+
+def test_a_burst_of_connections_is_one_line_and_leaves_it_reachable() -> None:
+    """A burst beyond its file descriptors, while they are accepted."""
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    command = [sys.executable, "-c", FLOODED]
+    with (
+        subprocess.Popen(command, env=environment, stdout=PIPE, stderr=PIPE, text=True) as process,
+        ExitStack() as stack,
+    ):
+        stack.callback(process.terminate)
+        assert process.stdout
+        server = Server(process.stdout.readline().strip(), (), None)
+        for _ in range(900):
+            connection = stack.enter_context(socket.socket())
+            connection.setblocking(False)
+            connection.connect_ex(("127.0.0.1", server.port))
+        assert server.ask("/", **server.known()).text == "here"
+        process.terminate()
+        said = process.communicate()[1]
+    assert len(said.splitlines()) == 1, said[:1000]
 
 
 def _connections(server: Server) -> int:
