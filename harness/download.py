@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from http import HTTPStatus
 from pathlib import Path
 
@@ -46,13 +48,36 @@ def download(
     partial = target.with_name(f"{target.name}.partial")
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        if sha256 is None and not resume:
-            partial.unlink(missing_ok=True)
-        _receive(url, partial, progress or (lambda done, total: None))
-        _verify(url, partial, sha256, begins)
-        partial.replace(target)
+        if partial.is_symlink():  # what it leads to is no part of this file
+            partial.unlink()
+        with _alone(partial):
+            if sha256 is None and not resume:
+                os.truncate(partial, 0)
+            _receive(url, partial, progress or (lambda done, total: None))
+            _verify(url, partial, sha256, begins)
+            partial.replace(target)
     except OSError as error:
         raise VfoaError(f"{partial}: cannot be written: {error.strerror or error}") from None
+
+
+@contextmanager
+def _alone(partial: Path) -> Iterator[None]:
+    """Lock a partial file for this process; two that append to one file would mix their bytes."""
+    if sys.platform == "win32":
+        yield
+        return
+    import fcntl
+
+    with partial.open("ab") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise VfoaError(f"{partial}: another process downloads this file; wait for it, and try again") from None
+        try:
+            yield
+        finally:
+            if os.fstat(file.fileno()).st_size == 0:
+                partial.unlink(missing_ok=True)
 
 
 def _receive(url: str, partial: Path, progress: Callable[[int, int | None], None]) -> None:

@@ -87,10 +87,22 @@ def write_together(contents: Mapping[Path, str | bytes]) -> None:
     with ExitStack() as drafts:
         for path, content in contents.items():
             data = _encoded(path, content)
-            with drafts.enter_context(replacing(path)).open("wb") as file:
+            draft = drafts.enter_context(replacing(path))
+            with naming(path), draft.open("wb") as file:
                 file.write(data)
                 file.flush()
                 os.fsync(file.fileno())
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Name a file in the errors of the block that name none, such as that of a full disk."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = str(path)
+        raise
 
 
 def _encoded(path: Path, content: str | bytes) -> bytes:

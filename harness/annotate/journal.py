@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import fcntl
+import functools
 import json
+import operator
 import os
 import stat
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +28,14 @@ class Journal:
     """
 
     def __init__(self, path: Path, *, of: Path) -> None:
-        """Open the journal of the file ``of``; a new journal gets that file's read permissions."""
+        """Open the journal of the file ``of``.
+
+        A new journal gets that file's permissions; without that file those of the clip's other journals.
+        """
         self.path = path
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            mode = stat.S_IMODE(of.stat().st_mode) if of.exists() and not path.exists() else None
+            mode = None if path.exists() else _mode_of([of] if of.exists() else path.parent.glob(f"{_clip(of)}*.jsonl"))
             self._file = path.open("a+b", buffering=0)
             if mode is not None:
                 os.fchmod(self._file.fileno(), mode)
@@ -89,3 +95,13 @@ class Journal:
                 raise VfoaError(f"{self.path}:{number}: no entry; move the journal away to continue")
             entries.append(entry)
         return entries
+
+
+def _clip(file: Path) -> str:
+    return file.name.partition(".")[0].partition("@")[0]
+
+
+def _mode_of(files: Iterable[Path]) -> int | None:
+    """The permissions that all of these files give; None without any."""
+    modes = [stat.S_IMODE(each.stat().st_mode) for each in files]
+    return functools.reduce(operator.and_, modes) if modes else None

@@ -53,7 +53,7 @@ def to_csv(table: Table) -> str:
 
 def to_markdown(table: Table, *, level: int = 1) -> str:
     """A heading, the notes, and the table."""
-    head = f"{'#' * level} {_one_line(table.title)}\n\n"
+    head = f"{'#' * level} {_markdown(table.title)}\n\n"
     notes = "".join(f"- {_markdown(note)}\n" for note in table.notes)
     if not table.rows:
         return f"{head}{notes}{chr(10) * bool(notes)}Nothing to show.\n"
@@ -147,7 +147,7 @@ def _one_line(text: str) -> str:
 
 def _markdown(text: str) -> str:
     """Escape characters that would end a cell or be read as mark-up."""
-    return re.sub(r"([\\`*<|\[\]#]|(?<!\w)_|_(?!\w))", r"\\\1", _one_line(text))
+    return re.sub(r"([\\`*|\[\]#]|(?<!\w)_|_(?!\w))", r"\\\1", _one_line(text)).replace("<", "&lt;")
 
 
 _LATEX = {

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import errno
 import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -63,10 +65,10 @@ def test_of_files_that_are_written_together_a_full_disk_leaves_all_as_they_were(
     def full(file: int) -> None:
         forced.append(file)
         if len(forced) == 2:
-            raise OSError("disk full")
+            raise OSError(errno.ENOSPC, "disk full")
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OSError, match="disk full"):
+    with pytest.raises(OSError, match=rf"disk full: .*{re.escape(str(new))}"):
         write_together({old: "changed", new: b"1"})
     assert old.read_text() == "old"
     assert list(new.parent.iterdir()) == []

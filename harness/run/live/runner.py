@@ -109,8 +109,8 @@ def run_live(
     written, error = _follow(clip, job, limit=limit, progress=progress)
     if error is None and clip.damaged and not clip.frames:
         error = VfoaError(f"no frame can be read; the first: {clip.damaged[0]}")
-    if error is not None and not clip.frames:
-        shutil.rmtree(directory.path, ignore_errors=True)  # the directory was new, and no frame was written
+    if error is not None and not written:
+        shutil.rmtree(directory.path, ignore_errors=True)  # the directory was new
         raise error
     report = _report(clip)
     plan = Plan(experiment=experiment, clips=(_prepared(job, clip, written),), sinks=sinks)
@@ -183,7 +183,7 @@ def _write(
     circumstances: dict[str, Any],
     failure: dict[str, str] | None,
 ) -> None:
-    """Write all files but the recordings; a failure before the first frame counts for the whole run."""
+    """Write all files but the recordings."""
     finished = [pair for pair in plan.pairs if directory.is_finished(pair)]
     directory.join(finished)
     failed = [failure] if failure and not finished else []

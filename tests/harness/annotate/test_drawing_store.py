@@ -39,6 +39,12 @@ def store(tmp_path: Path) -> DrawingStore:
     return _open(tmp_path)
 
 
+def test_who_may_not_read_the_journal_of_the_labels_may_not_read_that_of_the_drawing(tmp_path: Path) -> None:
+    write_text(tmp_path / ".journal" / "noise.jsonl", "").chmod(0o600)
+    _open(tmp_path).close()
+    assert (tmp_path / ".journal" / "noise.drawn.jsonl").stat().st_mode & 0o777 == 0o600
+
+
 def test_a_box_is_drawn_moved_hidden_and_deleted(store: DrawingStore, tmp_path: Path) -> None:
     cup = {"name": "cup", "kind": "box"}
     _make(store, "key", **cup, at=0, place=BOX)

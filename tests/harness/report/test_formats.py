@@ -49,7 +49,7 @@ def test_markdown_rows_have_as_many_cells_as_columns_whatever_they_hold() -> Non
 
 
 def test_an_empty_table_says_so() -> None:
-    assert to_markdown(Table(title="T", columns=("a",), words=1, rows=())) == "# T\n\nNothing to show.\n"
+    assert to_markdown(Table(title="<T>", columns=("a",), words=1, rows=())) == "# &lt;T>\n\nNothing to show.\n"
 
 
 def test_latex_has_booktabs_rules_and_nothing_left_to_escape() -> None:

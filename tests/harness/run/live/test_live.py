@@ -200,6 +200,7 @@ def test_a_failing_stage_ends_the_run_although_the_source_waits(experiment: Expe
     failing = replace(configuration, choices={**configuration.choices, "heads": heads})
     with pytest.raises(VfoaError, match=r"heads|people"):
         _run(source, replace(experiment, configurations=(failing,)), tmp_path / "run", threads=2)
+    assert not (tmp_path / "run").exists()  # the first frame failed: nothing is worth keeping
 
 
 class Stills:

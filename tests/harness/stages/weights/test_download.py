@@ -155,3 +155,23 @@ def test_another_kind_of_file_is_refused_by_its_first_bytes(site: Site, target: 
     with pytest.raises(VfoaError, match=r"another kind of file, removed: begins with b'Rar!', expected b'PK'"):
         download(site.url("/model.onnx"), target, sha256=None, begins=b"PK")
     assert list(target.parent.iterdir()) == []
+
+
+def test_a_partial_file_that_is_a_link_does_not_change_what_it_leads_to(site: Site, target: Path) -> None:
+    target.parent.mkdir()
+    target.with_name("precious").write_bytes(b"kept")
+    partial(target).symlink_to("precious")
+    download(site.url("/model.onnx"), target, sha256=SHA256)
+    assert target.read_bytes() == CONTENT
+    assert not target.is_symlink()
+    assert target.with_name("precious").read_bytes() == b"kept"
+
+
+@pytest.mark.parametrize("sha256", [SHA256, None])
+def test_of_two_downloads_of_one_file_the_second_is_refused(site: Site, target: Path, sha256: str | None) -> None:
+    def meanwhile(done: int, total: int | None) -> None:
+        with pytest.raises(VfoaError, match="another process downloads this file"):
+            download(site.url("/model.onnx"), target, sha256=sha256)
+
+    download(site.url("/model.onnx"), target, sha256=sha256, progress=meanwhile)
+    assert target.read_bytes() == CONTENT
