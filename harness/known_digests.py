@@ -152,7 +152,9 @@ class UnchangedFiles:
         for _ in range(_ATTEMPTS):
             try:
                 found = frame(number)
-                for path in self._large if len(self._large) <= _FEW else ():  # a video stays open while it is read
+                for path in (
+                    tuple(self._large) if len(self._large) <= _FEW else ()
+                ):  # a video stays open while it is read
                     self.check(path, os.stat(path))
             except (ChangedError, FileNotFoundError):
                 self._renew()
@@ -173,8 +175,7 @@ class UnchangedFiles:
 
     def _renew(self) -> None:
         global _noting
-        self._stamps, self._large = {}, set()
-        before, _noting = _noting, self
+        before, _noting = _noting, self  # each stamp is replaced: other threads may be reading
         try:
             if self._digest() != self._expected:
                 raise VfoaError(changed_during_run(self._clip))

@@ -152,6 +152,11 @@ def _offer_a_model(address: str) -> None:
 # Faults that are laid on the child
 
 
+def small_files(most_bytes: int) -> None:
+    """No file of more than ``most_bytes``, as under a quota."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, most_bytes))
+
+
 def few_files(spare: int) -> None:
     """No more open files than now and ``spare``."""
     opened = len(os.listdir("/proc/self/fd")) - 1

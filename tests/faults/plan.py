@@ -28,7 +28,17 @@ from tests.faults import child, project
 from tests.faults.files import Snapshot, left_over, snapshot, what_is_wrong
 from tests.faults.verbs import VERBS, Left, Writes
 
-FAULTS = ("kill -9", "SIGINT", "SIGTERM", "full disk", "read-only", "few files", "little memory", "clock back")
+FAULTS = (
+    "kill -9",
+    "SIGINT",
+    "SIGTERM",
+    "full disk",
+    "read-only",
+    "small files",
+    "few files",
+    "little memory",
+    "clock back",
+)
 _SIGNALS = {"kill -9": signal.SIGKILL, "SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM}
 
 
@@ -147,6 +157,7 @@ class Workshop:
             with self._mounted(room):
                 return self.run(verb)
         laid: dict[str, Callable[[], None]] = {
+            "small files": partial(child.small_files, rng.randrange(100_000)),
             "few files": partial(child.few_files, rng.randrange(4)),
             "little memory": partial(child.little_memory, 1 << rng.randrange(12, 26)),
             "clock back": child.clock_back,

@@ -70,5 +70,5 @@ def test_the_table_says_what_failed_and_what_is_left_out() -> None:
     assert "- score, kill -9: cut (exit None)" in text
     assert "- full disk: not tried: no root" in text
     assert all(f"- {name}: {each.reason}" in text for name, each in VERBS.items() if isinstance(each, Left))
-    assert len(FAULTS) == 8
+    assert len(FAULTS) == 9
     assert any(isinstance(each, Writes) for each in VERBS.values())

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.known_digests import KNOWN
 from harness.labels.labels import Labels
 from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
@@ -105,6 +106,8 @@ def _job(
         labels=labels,
         configurations=configurations,
         cache=cache,
+        digest=one.digest if cache else None,
+        known=KNOWN.known,
         directory=directory,
         measured=False,
     )
