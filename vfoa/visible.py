@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import operator
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -45,12 +47,29 @@ class Views:
     variances: Float
 
 
+_recent: deque[tuple[tuple[Target, ...], object, Views]] = deque(maxlen=8)
+"""The last answers of :func:`views_of` with what was asked; targets are compared by identity."""
+
+
 def views_of(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], settings: SurfaceSettings) -> Views:
     """Return what is seen of each target from ``origin`` (3,); completely hidden targets are left out.
 
     ``eyes`` are the eye origins of other people by instance id. Also left out are targets without a box, and targets
-    without a cloud if clouds are the surface and other targets have one.
+    without a cloud if clouds are the surface and other targets have one. Configurations that ask for the same targets
+    one after the other share an answer.
     """
+    asked = (settings.surface, settings.occlusion, settings.faces, settings.directions)
+    eyes_m = {number: eyes[number].tobytes() for number in sorted(eyes)}
+    key = origin.tobytes(), eyes_m, asked
+    for before, known, views in tuple(_recent):
+        if known == key and len(before) == len(targets) and all(map(operator.is_, before, targets)):
+            return views
+    views = _views(origin, targets, eyes, settings)
+    _recent.append((targets, key, views))
+    return views
+
+
+def _views(origin: Float, targets: tuple[Target, ...], eyes: Mapping[int, Float], settings: SurfaceSettings) -> Views:
     clouds = settings.surface == "cloud" and any(len(each.points_left) for each in targets)
     targets = tuple(each for each in targets if each.box and (not clouds or len(each.points_left)))
     boxes = tuple(target.box for target in targets if target.box is not None)

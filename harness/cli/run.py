@@ -85,9 +85,12 @@ def run(
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
     recording: Annotated[
-        Recording,
-        typer.Option(help="Size of the Rerun recordings; failures: complete around wrong frames, thinned elsewhere."),
-    ] = Recording.light,
+        Recording | None,
+        typer.Option(
+            help="Size of the Rerun recordings; failures: complete around wrong frames, thinned elsewhere. "
+            "Default: the experiment's, else light."
+        ),
+    ] = None,
     around: Annotated[
         int | None,
         typer.Option(
@@ -149,10 +152,11 @@ def run(
             experiment = with_oracle_ablation(experiment)
         beside = partial(run_plainly, out=Path(f"{wanted}-fit"), limit=limit, workers=workers)
         experiment = with_left_out_weights(experiment, beside)
+        recorded = recording or Recording(experiment.recording)
         plan = prepare(
             experiment,
             limit=limit,
-            sinks=composed_sinks(experiment.configurations, recording.size, around=_around(recording, around)),
+            sinks=composed_sinks(experiment.configurations, recorded.size, around=_around(recorded, around)),
             save_outputs=save_outputs,
         )
         with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:

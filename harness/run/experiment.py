@@ -6,6 +6,7 @@ An experiment is a TOML file::
     notes = ["Heads and masks are the truth; gaze and head pose are simulated."]
     limit = 20                              # take the first 20 frames of each of these clips; --limit overrides it
     seeds = 20                              # repeat configurations with a simulated error under 20 seeds
+    recording = "none"                      # as --recording of `vfoa run`; light if not given
     preset = "realtime"                     # settings over the defaults, see PRESETS below
     annotator = "anna"                      # score <clip>@anna.csv instead of <clip>.csv
 
@@ -32,7 +33,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -96,6 +97,9 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
     return PRESETS[name]
 
 
+RecordingSize = Literal["light", "full", "failures", "none"]
+
+
 class SweepView(Settings):
     """The axes of a sweep's figure: the best setting for each value of ``per``; the rate over those of ``across``."""
 
@@ -109,7 +113,8 @@ class Experiment:
 
     ``limit`` is the number of frames to take of each clip; None for all. ``annotator`` names the annotator whose labels
     are scored; None for ``annotations/<clip>.csv``. ``sweep``: keep only scores; None for a run. ``published`` are
-    published figures for these configurations. ``missing`` says which clips of a family are not here.
+    published figures for these configurations. ``missing`` says which clips of a family are not here. ``recording`` is
+    the size of the recordings unless the command line names one.
     """
 
     name: str
@@ -121,6 +126,7 @@ class Experiment:
     sweep: SweepView | None = None
     published: Published | None = None
     missing: tuple[str, ...] = ()
+    recording: RecordingSize = "light"
 
 
 class _File(Settings):
@@ -135,6 +141,7 @@ class _File(Settings):
     configuration: tuple[dict[str, Any], ...] = ()
     sweep: SweepView | None = None
     published: Published | None = None
+    recording: RecordingSize = "light"
 
 
 def load_experiment(
@@ -187,6 +194,7 @@ def load_experiment(
         sweep=file.sweep,
         published=file.published,
         missing=missing,
+        recording=file.recording,
     )
 
 

@@ -164,7 +164,7 @@ class FinishedRun:
             probabilistic=frozenset(
                 name
                 for name, each in run["configurations"].items()
-                if each.get("attention", {}).get("method") in ("bayes", "logit")
+                if each.get("attention", {}).get("method") in PROBABILISTIC
             ),
             published=Published.model_validate(run["published"]) if run.get("published") else None,
         )

@@ -51,6 +51,15 @@ def test_what_is_hidden_altogether_is_left_out(settings):
     assert views_of(EYES, targets, {}, settings).ids == (1, 2)
 
 
+def test_an_answer_is_shared_only_by_the_same_question():
+    target, other = plate(1, 0.0, 0.1), plate(1, 0.0, 0.1)
+    first = views_of(EYES, (target,), {}, BOXES)
+    assert views_of(EYES, (target,), {}, BOXES) is first
+    again = [((other,), EYES, {}), ((target,), EYES + 0.1, {}), ((target,), EYES, {1: np.ones(3)})]
+    assert all(views_of(eyes, targets, others, BOXES) is not first for targets, eyes, others in again)
+    assert views_of(EYES, (target,), {}, BOXES.model_copy(update=FIRST)) is not first
+
+
 def test_people_are_looked_at_in_the_face():
     body = make_target(7, make_box((0, 0.5, 2), (0.3, 0.7, 0.2)))
     face = np.array([0.0, -0.1, 2.0])
