@@ -9,7 +9,7 @@ PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # What `vfoa models export` needs beside the lock, which leaves it out for its size.
 TORCH  := torch==2.13.0
 
-.PHONY: demo test test-versions explore fuzz faults test-export export-extra coverage check lint types format lock docs release-notes wheel clean
+.PHONY: demo test test-versions explore fuzz faults test-export export-extra coverage check lint types format lock figures docs release-notes wheel clean
 
 demo: $(READY)
 	$(BIN)/vfoa demo
@@ -73,8 +73,14 @@ lock: $(DEV)
 
 LOCKED := --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate
 
-# The site, into build/site; a warning is an error. Nothing is read from the network.
+# Figures that documents quote from the reports, written from them.
+figures: $(DEV)
+	$(BIN)/python -m scripts.quoted_figures
+
+# The site, into build/site; a warning is an error, and so is a figure that differs from its report. Nothing is read from the
+# network.
 docs: $(DEV)
+	$(BIN)/python -m scripts.quoted_figures --check
 	NO_MKDOCS_2_WARNING=1 PYTHONPATH=. $(BIN)/mkdocs build --strict --quiet
 
 # make release-notes VERSION=0.1.0; without VERSION, what is unreleased.

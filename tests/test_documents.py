@@ -17,6 +17,7 @@ from harness.cli import app
 from harness.data_folders import names
 from harness.stages.settings_reference import setting_keys
 from scripts.pictures import PICTURES
+from scripts.quoted_figures import renewed
 from scripts.site_pages import commands_page, settings_page
 from tests.repository import REPOSITORY
 
@@ -141,3 +142,18 @@ def test_the_notebook_runs_and_shows_a_failure(tmp_path: Path, monkeypatch: pyte
     kinds = [kind for cell in notebook.cells for output in cell.get("outputs", []) for kind in output.get("data", {})]
     assert "image/png" in kinds
     assert "application/vnd.jupyter.widget-view+json" in kinds
+
+
+def test_figures_in_documents_are_those_of_the_reports() -> None:
+    stale = [page.name for page in PAGES if renewed(text := page.read_text(encoding="utf-8")) != text]
+    assert stale == []
+
+
+def test_a_figure_that_differs_from_its_report_is_replaced() -> None:
+    source = "figure: reports/demo.md | Focus recognition rate | (all), sgbm-two | FRR %"
+    stale = f"right in <!-- {source} -->1.2<!-- end --> %"
+    assert re.fullmatch(rf"right in <!-- {re.escape(source)} -->\d\d\.\d<!-- end --> %", renewed(stale))
+    table = "<!-- table: reports/demo.md | Focus recognition rate | (all) | Configuration, FRR % -->?<!-- end -->"
+    assert "| sgbm-two |" in renewed(table)
+    with pytest.raises(ValueError, match="no table"):
+        renewed(stale.replace("sgbm-two", "sgbm-three"))
