@@ -14,7 +14,6 @@ from typing import Any, Literal
 from harness.annotate.drawn_history import DrawnHistory, Keys, plain_tracks
 from harness.annotate.journal import Journal
 from harness.annotate.journaled import Journaled, OutsideClipError
-from harness.annotate.undo import Undo
 from harness.labels.drawn import (
     Drawn,
     KeyFrame,
@@ -182,10 +181,11 @@ class DrawingStore:
         if self.read_only is not None:
             raise VfoaError(self.read_only)
 
-    @property
-    def undo_list(self) -> Undo[dict[str, Any]]:
-        """What can be undone and redone."""
-        return self._history.undo
+    def undo_state(self) -> dict[str, Any]:
+        """What can be undone and redone, as JSON: nothing of a name that the manifest no longer has."""
+        undo, known = self._history.undo, {*self._targets, *self._subjects}
+        steps = {"can_undo": undo.next_undo, "can_redo": undo.next_redo}
+        return {**undo.plain(), **{key: step is not None and step["name"] in known for key, step in steps.items()}}
 
     def read(self, path: Path) -> Drawn:
         """A file with this clip's frames and names (:class:`VfoaError`)."""
@@ -197,9 +197,6 @@ class DrawingStore:
 
     def _make(self, draw: Draw) -> None:
         if draw.do in ("undo", "redo"):
-            step = self.undo_list.next_undo if draw.do == "undo" else self.undo_list.next_redo
-            if step is not None and step["name"] not in (*self._targets, *self._subjects):
-                raise VfoaError(f"{step['name']!r} is no longer in the manifest; its drawing cannot be changed back")
             (self._kept.undo if draw.do == "undo" else self._kept.redo)(draw.revision)
         else:
             self._kept.check_revision(draw.revision)

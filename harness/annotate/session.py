@@ -231,7 +231,8 @@ class Session:
 
     def _next(self, kind: Literal["undo", "redo"]) -> LabelStore | DrawingStore | None:
         """Labels (with targets) or drawing, whichever has the next change to undo or redo; None if neither has."""
-        both = [(each, each.undo_list.plain()) for each in (self._store, self._drawing)]
+        both: list[tuple[LabelStore | DrawingStore, dict[str, Any]]]
+        both = [(self._store, self._store.undo_list.plain()), (self._drawing, self._drawing.undo_state())]
         made_s = max(plain["made_s"] or 0.0 for _, plain in both)
         if kind == "undo":
             found = [(plain["made_s"], each) for each, plain in both if plain["can_undo"]]
@@ -311,6 +312,12 @@ class Session:
         if not change:
             make()
             return
+        if read_bytes(self.manifest.path).decode() != change.manifest[0]:
+            self._store.forget_steps()
+            raise VfoaError(
+                f"{self.manifest.path} was edited since its targets were changed here: changes until then can no "
+                "longer be undone"
+            )
         with with_others(self._store, self.manifest, self._timeline) as stores:
             if change.drawn is not None:
                 self._drawing.check_writable()

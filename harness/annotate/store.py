@@ -208,6 +208,10 @@ class LabelStore:
         if any(self._history.change_to(each.subject, each.after).before != each.after for each in parsed):
             self._commit({"set": list(changes)})
 
+    def forget_steps(self) -> None:
+        """Nothing done before can be undone any more."""
+        self._commit({"set": []})
+
     @property
     def undo_list(self) -> Undo[Step]:
         """What can be undone and redone."""

@@ -20,7 +20,6 @@ from harness.bounded_parsing import parse_json
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.files import atomic_write, read_bytes
 from harness.labels.timeline import Timeline
-from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -53,15 +52,7 @@ class TargetChange(Settings):
 
     @contextmanager
     def kept(self, manifest: ClipManifest) -> Iterator[None]:
-        """Write the manifest, and keep the change in its file while the block runs, also after an error in it.
-
-        Raises
-        ------
-        VfoaError
-            If the manifest is not as it was before the change.
-        """
-        if read_bytes(manifest.path).decode() != self.manifest[0]:
-            raise VfoaError(f"{manifest.path} was edited since its targets were changed here; edit it by hand")
+        """Write the manifest, and keep the change in its file while the block runs, also after an error in it."""
         place = _place(manifest)
         atomic_write(place, self.model_dump_json())
         try:

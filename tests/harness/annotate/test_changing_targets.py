@@ -133,6 +133,8 @@ def test_a_target_that_another_annotator_uses_by_now_stays(opened: Any, work: Pa
     path.write_text(path.read_text() + "# edited\n")
     with pytest.raises(VfoaError, match=r"noise\.toml was edited"):
         session.undo()
+    assert not session.state()["can_undo"]
+    assert path.read_text().endswith("# edited\n")
 
 
 def test_names_are_not_changed_while_another_annotator_labels_the_clip(opened: Any, work: Path) -> None:
