@@ -1,12 +1,15 @@
-"""Coverage of intervals and error rates of the test, by simulation: ``make coverage`` writes ``reports/coverage.md``.
+"""Coverage of intervals, errors of the test, and power of plans, by simulation: writes ``reports/coverage.md``.
 
-A nominal 95 % interval should contain the true rate in 95 % of experiments, and a test at 5 % should call two equal
-configurations different in 5 %.
+A nominal 95 % interval should contain the true rate in 95 % of experiments, a test at 5 % should call two equal
+configurations different in 5 %, and an experiment of the planned size should find the difference as often as promised.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -14,53 +17,71 @@ import numpy as np
 from harness.bench.simulated_looks import HZ, Simulated, World, simulate
 from harness.files import atomic_write
 from harness.report.formats import Table, to_markdown
-from harness.score.intervals import rate_interval
-from harness.score.statistics import SIGNIFICANCE, Interval, sign_flip_p, wilson_interval
+from harness.score.comparison import POWER, Spread, clips_needed
+from harness.score.intervals import LEAST_CLIPS, Units, difference_interval, rate_interval
+from harness.score.sign_flips import sign_flip_p
+from harness.score.statistics import SIGNIFICANCE, Interval, wilson_interval
+from vfoa.types import Float
 
-CLIPS, LOOKS_S, MARGINS = (4, 8, 20), (0.7, 1.5, 3.0), (1.9, 2.6)
+CLIPS, LASTS_S = (4, 5, 6, 8, 12, 24), (0.5, 1.0, 2.0, 4.0, 8.0)
+LOOKS_S, MARGINS = (0.7, 3.0), (1.9, 2.6)
+PILOTS = (2, 3, 4, 6, 12, 24)
+_POOL = 3000
+"""Clips of the world that pilots and experiments are drawn from."""
+_SIZES = (6, 7, 8, 9, 10, 12, 14, 17, 20, 24, 30, 40, 60, 100, 200)
+
+_Case = tuple[World, int, float]
 
 
 def coverage_table(experiments: int) -> Table:
-    """A row for each mean rate, number of clips and length of looks, with this number of experiments each."""
+    """A row for each duration of errors, number of clips, length of looks and mean rate."""
+    cases: list[_Case] = [
+        *((World(margin=MARGINS[0], bias_s=lasts), clips, 1.5) for clips, lasts in product(CLIPS, LASTS_S)),
+        *((World(margin=MARGINS[0], bias_s=2.0), clips, look_s) for clips, look_s in product((4, 8), LOOKS_S)),
+        *((World(margin=MARGINS[1], bias_s=lasts), clips, 1.5) for clips, lasts in product((4, 8), (1.0, 8.0))),
+    ]
+    with ProcessPoolExecutor() as pool:
+        rows = tuple(pool.map(_row, cases, [experiments] * len(cases)))
     return Table(
         title="What intervals and tests are worth, by simulation",
         columns=(
-            *("Rate %", "Clips", "Look s", "Different by frames %", "Different by this test %", "Wilson covers %"),
-            *("Clips resampled covers %", "This interval covers %", "It speaks of", "Mean width, points"),
+            *("Rate %", "Clips", "Error s", "Look s", "Different by frames %", "Different by this test %"),
+            *("Wilson covers %", "Clips resampled covers %", "This interval covers %", "Of a difference covers %"),
+            *("It speaks of", "Mean width, points"),
         ),
         words=0,
-        rows=tuple(
-            _row(World(margin=margin), clips, look_s, experiments)
-            for margin in MARGINS
-            for clips in CLIPS
-            for look_s in LOOKS_S
-        ),
+        rows=rows,
         notes=(
             f"{experiments} experiments a row: clips of 6 to 14 s at {HZ} Hz with one to three subjects; the standard "
             f"error of a share of 5 % is {100 * np.sqrt(0.05 * 0.95 / experiments):.1f} points, of 95 % as much.",
+            "Error s: the time after which the slow half of an error is independent. Look s: mean length of a look.",
             "Different: how often two equal configurations, each with an error of its own, are called different at 5 "
-            "%. By frames: McNemar's exact test. This test: sign flips by clip, by look below 6 clips.",
+            f"%. By frames: McNemar's exact test. This test: sign flips by clip, by joined look below {LEAST_CLIPS} "
+            "clips.",
             "Covers: how often a nominal 95 % interval holds the true rate over all clips there could be; this "
-            "interval, where it speaks of these clips only, that on these clips.",
+            "interval, where it speaks of these clips only, that on these clips. Of a difference: the interval of the "
+            "sign-flip test, for the difference of the two equal configurations.",
             "Clips resampled: plain percentiles, without looks and without a correction for small samples.",
         ),
     )
 
 
-def _row(world: World, clips: int, look_s: float, experiments: int) -> tuple[str, ...]:
-    rng = np.random.default_rng([int(1000 * world.margin), clips, int(1000 * look_s)])
+def _row(case: _Case, experiments: int) -> tuple[str, ...]:
+    world, clips, look_s = case
+    rng = np.random.default_rng([int(1000 * world.margin), clips, int(1000 * look_s), int(1000 * world.bias_s)])
     found = np.array([_measure(simulate(world, clips, look_s, rng), world, rng) for _ in range(experiments)])
-    by_frames, by_units, wilson, plain, ours, width = 100 * found.mean(axis=0)
-    speaks_of = "all clips" if clips >= 6 else "these clips"
+    by_frames, by_units, wilson, plain, ours, of_difference, width = 100 * found.mean(axis=0)
+    speaks_of = "all clips" if clips >= LEAST_CLIPS else "these clips"
     return (
-        *(f"{100 * world.rate():.1f}", str(clips), f"{look_s:.1f}", f"{by_frames:.1f}", f"{by_units:.1f}"),
-        *(f"{wilson:.1f}", f"{plain:.1f}", f"{ours:.1f}", speaks_of, f"{width:.1f}"),
+        *(f"{100 * world.rate():.1f}", str(clips), f"{world.bias_s:.1f}", f"{look_s:.1f}"),
+        *(f"{each:.1f}" for each in (by_frames, by_units, wilson, plain, ours, of_difference)),
+        *(speaks_of, f"{width:.1f}"),
     )
 
 
 def _measure(one: Simulated, world: World, rng: np.random.Generator) -> tuple[float, ...]:
     units, differences = one.units(), one.differences()
-    interval = rate_interval(units)
+    interval, between = rate_interval(units), difference_interval(differences)
     truth = world.rate() if interval.unit == "clip" else one.rate_here
     frames = one.right[1].astype(int) - one.right[0]
     return (
@@ -69,6 +90,7 @@ def _measure(one: Simulated, world: World, rng: np.random.Generator) -> tuple[fl
         _holds(wilson_interval(int(one.right[0].sum()), one.right.shape[1]), world.rate()),
         _holds(_plain(one, rng), world.rate()),
         _holds(interval, truth),
+        not (between.low > 0 or between.high < 0),  # no interval says nothing wrong
         interval.high - interval.low,
     )
 
@@ -84,13 +106,87 @@ def _holds(interval: Interval, truth: float) -> bool:
     return interval.low <= truth <= interval.high
 
 
+def power_table(pilots: int) -> Table:
+    """A row for each size of a pilot: the power that ``vfoa plan`` promises, and the power that its clips have."""
+    cases = [(world, size) for world in _worlds() for size in PILOTS]
+    with ProcessPoolExecutor() as pool:
+        rows = tuple(pool.map(_power_row, cases, [pilots] * len(cases)))
+    return Table(
+        title="Power promised and had, by simulation",
+        columns=(
+            *("Difference, points", "Pilot clips", "Clips needed, median", "80 % of the pilots"),
+            *("Promised %", "Had, mean %", "Had, lowest fifth %", "More than 10 below %"),
+        ),
+        words=0,
+        rows=rows,
+        notes=(
+            f"{pilots} pilots a row, each with its own plan for the true difference at {100 * POWER:.0f} %, and the "
+            "power that the test has on as many clips as the plan says. Clips as above, errors of 1 s.",
+            "Lowest fifth: 20 % of the pilots lead to less power than this. More than 10 below: pilots whose plan has "
+            "more than 10 points less than it promises. A difference so large that the fewest clips show it is found "
+            "more often than a small pilot can promise.",
+        ),
+    )
+
+
+def _worlds() -> tuple[World, ...]:
+    return World(margin=MARGINS[0], advantage=1.08), World(margin=MARGINS[0], advantage=1.15)
+
+
+def _power_row(case: tuple[World, int], pilots: int) -> tuple[str, ...]:
+    world, size = case
+    clips = _pool(world)
+    rng = np.random.default_rng([size, int(1000 * world.advantage)])
+    sums = np.array([[each.values.sum(), each.frames.sum()] for each in clips])
+    difference = float(sums[:, 0].sum() / sums[:, 1].sum())
+    powers = [_true_power(sums[:, 0], n, rng) for n in _SIZES]
+    found = []
+    for _ in range(pilots):
+        drawn = [clips[k] for k in rng.integers(0, len(clips), size)]
+        plan = clips_needed(Spread.of(_together(drawn)), difference)
+        if plan is not None:
+            found.append((plan.needed, plan.power, float(np.interp(plan.needed, _SIZES, powers))))
+    needed, promised, had = np.array(found).T
+    low, high = np.quantile(needed, [0.1, 0.9])
+    return (
+        *(f"{100 * difference:.1f}", str(size), f"{np.median(needed):.0f}", f"{low:.0f} to {high:.0f}"),
+        *(f"{100 * promised.mean():.0f}", f"{100 * had.mean():.0f}", f"{100 * np.quantile(had, 0.2):.0f}"),
+        f"{100 * np.mean(had < promised - 0.1):.0f}",
+    )
+
+
+def _pool(world: World) -> list[Units]:
+    """The looks of each clip of a large sample, with the differences of the two configurations."""
+    units = simulate(world, _POOL, 1.5, np.random.default_rng(int(1000 * world.advantage))).differences()
+    ends = np.searchsorted(units.clips, np.arange(_POOL + 1))
+    return [
+        Units(clips=units.clips[a:b], frames=units.frames[a:b], values=units.values[a:b]) for a, b in pairwise(ends)
+    ]
+
+
+def _together(clips: Sequence[Units]) -> Units:
+    return Units(
+        clips=np.repeat(np.arange(len(clips)), [len(each.frames) for each in clips]),
+        frames=np.concatenate([each.frames for each in clips]),
+        values=np.concatenate([each.values for each in clips]),
+    )
+
+
+def _true_power(values: Float, clips: int, rng: np.random.Generator) -> float:
+    """How often the test finds the difference on this many clips, drawn from all."""
+    drawn = rng.choice(values, (1000, clips))
+    return float(np.mean([sign_flip_p(each) < SIGNIFICANCE for each in drawn]))
+
+
 def main() -> None:
-    """Write the table."""
-    parser = argparse.ArgumentParser(description="Measure the coverage of intervals and the errors of tests.")
+    """Write the tables."""
+    parser = argparse.ArgumentParser(description="Measure the coverage of intervals, the errors of tests, and plans.")
     parser.add_argument("--out", type=Path, default=Path("reports/coverage.md"), help="The Markdown file to write.")
     parser.add_argument("--experiments", type=int, default=1000, help="Experiments in each row.")
+    parser.add_argument("--pilots", type=int, default=400, help="Pilots in each row of the second table.")
     given = parser.parse_args()
-    atomic_write(given.out, to_markdown(coverage_table(given.experiments)))
+    tables = coverage_table(given.experiments), power_table(given.pilots)
+    atomic_write(given.out, "\n".join(map(to_markdown, tables)))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Simulated experiments with known truth, to measure the coverage of intervals and the errors of tests.
 
 A look is right while the gaze's error is smaller than the look's margin. The error is that of the simulated models
-(:mod:`harness.stages.ground_truth.simulated`): half of its variance is a slow bias that is independent after a second.
+(:mod:`harness.stages.ground_truth.simulated`): half of its variance is a slow bias, independent after ``bias_s``.
 Margins differ between clips and between looks, so that some clips are easier than others.
 """
 
@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from harness.score.intervals import Units
-from harness.score.looks import number_looks
+from harness.score.looks import LEAST_S, correlation_time_s, number_looks
 from harness.score.statistics import Codes, Flags
 from vfoa.types import Float
 
 HZ = 25
-_BIAS_FRAMES, _BIAS_SHARE = 25, 0.5
+_BIAS_SHARE = 0.5
 _SHORTEST_S, _LONGEST_S = 6, 14
 _MOST_SUBJECTS = 3
 
@@ -27,13 +27,14 @@ class World:
     """Difficulty of clips and looks. ``margin`` is the median margin, in standard deviations of the error.
 
     ``clip_spread`` and ``look_spread`` are standard deviations of its logarithm; ``advantage`` multiplies the margins
-    of the second configuration: 1 for two equal ones.
+    of the second configuration: 1 for two equal ones. ``bias_s`` is how long the slow part of an error lasts.
     """
 
     margin: float
     clip_spread: float = 0.3
     look_spread: float = 0.3
     advantage: float = 1.0
+    bias_s: float = 1.0
 
     def rate(self, advantage: float = 1.0) -> float:
         """The rate over the population of clips."""
@@ -48,11 +49,13 @@ class World:
 class Simulated:
     """One experiment: two configurations with errors of their own on the same clips.
 
-    ``clips`` and ``looks`` (n,) are the clip and the look (numbered consecutively) of every frame, ``right`` (2, n)
-    whether each configuration is right. ``rate_here`` is the expected rate of the first configuration on these clips.
+    ``clips``, ``tracks`` and ``looks`` (n,) are the clip, the subject and the look of every frame, numbered
+    consecutively; ``right`` (2, n) is whether each configuration is right. ``rate_here`` is the expected rate of the
+    first configuration on these clips.
     """
 
     clips: Codes
+    tracks: Codes
     looks: Codes
     right: Flags
     rate_here: float
@@ -69,6 +72,7 @@ class Simulated:
         first = np.unique(self.looks, return_index=True)[1]
         return Units(
             clips=self.clips[first],
+            tracks=self.tracks[first],
             frames=np.bincount(self.looks).astype(np.float64),
             values=np.bincount(self.looks, values).astype(np.float64),
         )
@@ -85,30 +89,36 @@ def simulate(world: World, clips: int, look_s: float, rng: np.random.Generator) 
             lengths = rng.uniform(0.5 * look_s, 1.5 * look_s, size=int(2 * n / (HZ * look_s)) + 2) * HZ
             looks = np.searchsorted(np.cumsum(lengths), np.arange(n), side="right")
             margins = hardness[clip] * np.exp(world.look_spread * rng.standard_normal(looks[-1] + 1))[looks]
-            sizes = np.linalg.norm(_errors(2, n, rng), axis=2)
+            sizes = np.linalg.norm(_errors(world.bias_s, n, rng), axis=2)
             of_clip.append((clip, looks, sizes < margins * np.array([[1.0], [world.advantage]])))
             frames_of[clip] += n
+    places = [np.arange(len(looks)) for _, looks, _ in of_clip]
+    alike_s = correlation_time_s(
+        (one, place, HZ) for (_, _, right), place in zip(of_clip, places, strict=True) for one in right
+    )
     numbers, total = [], 0
-    for _, looks, _ in of_clip:
-        units = number_looks(looks, np.arange(len(looks), dtype=np.intp), HZ)
+    for (_, looks, _), place in zip(of_clip, places, strict=True):
+        units = number_looks(looks, place, HZ, max(LEAST_S, 2 * alike_s))
         numbers.append(units + total)
         total += int(units[-1]) + 1
     return Simulated(
         clips=np.concatenate([np.full(len(looks), clip) for clip, looks, _ in of_clip]),
+        tracks=np.concatenate([np.full(len(looks), track) for track, (_, looks, _) in enumerate(of_clip)]),
         looks=np.concatenate(numbers),
         right=np.concatenate([right for _, _, right in of_clip], axis=1),
         rate_here=float(np.average(_mean_rate(hardness, world.look_spread), weights=frames_of)),
     )
 
 
-def _errors(configurations: int, n: int, rng: np.random.Generator) -> Float:
-    """Errors (configurations, n, 2) in the two tangent directions, in standard deviations."""
-    places = np.arange(n) + int(rng.integers(_BIAS_FRAMES))
-    knots, within = np.divmod(places, _BIAS_FRAMES)
-    biases = rng.standard_normal((configurations, knots[-1] + 2, 2))
-    turn = (np.pi / 2 * within / _BIAS_FRAMES)[:, None]
+def _errors(bias_s: float, n: int, rng: np.random.Generator) -> Float:
+    """Errors (2, n, 2) of two configurations in the two tangent directions, in standard deviations."""
+    every = round(bias_s * HZ)
+    places = np.arange(n) + int(rng.integers(every))
+    knots, within = np.divmod(places, every)
+    biases = rng.standard_normal((2, knots[-1] + 2, 2))
+    turn = (np.pi / 2 * within / every)[:, None]
     bias = np.cos(turn) * biases[:, knots] + np.sin(turn) * biases[:, knots + 1]
-    return np.sqrt(_BIAS_SHARE) * bias + np.sqrt(1 - _BIAS_SHARE) * rng.standard_normal((configurations, n, 2))
+    return np.sqrt(_BIAS_SHARE) * bias + np.sqrt(1 - _BIAS_SHARE) * rng.standard_normal((2, n, 2))
 
 
 def _mean_rate(margins: Float, spread: float) -> Float:

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from harness.cli.options import Json, run_folder
 from harness.cli.terminal import print_json, print_reports, say
 
+if TYPE_CHECKING:
+    from harness.score.comparison import Comparison
 
-class FailOn(StrEnum):
-    """Events for which the command exits with 1."""
-
-    significant_drop = "significant-drop"
+_KINDS = "significant-drop[=POINTS], drop=POINTS or possible-drop=POINTS"
 
 
 def compare(
@@ -28,11 +27,16 @@ def compare(
     baseline: Annotated[
         str | None, typer.Option(metavar="RUN", help="Compare each configuration with this run's of the same name.")
     ] = None,
-    fail_on: Annotated[FailOn | None, typer.Option(help="Exit with 1 if this happens; needs --baseline.")] = None,
-    tolerance: Annotated[
-        float,
-        typer.Option(min=0, metavar="POINTS", help="Accept a significant drop of at most this many points of FRR."),
-    ] = 0.0,
+    fail_on: Annotated[
+        str | None,
+        typer.Option(
+            metavar="KIND",
+            help="Exit with 1 on a drop against --baseline. significant-drop: one that is significant after "
+            "correction (=POINTS: and larger than this). drop=POINTS: a larger one on these frames, whatever its "
+            "chance. possible-drop=POINTS: a larger one that these clips cannot rule out (non-inferiority test at "
+            "5 %). A check that cannot fail, or cannot pass, is refused.",
+        ),
+    ] = None,
     model: Annotated[
         bool, typer.Option("--model", help="Also fit a mixed-effects logistic regression (extra: model).")
     ] = False,
@@ -42,8 +46,12 @@ def compare(
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --page.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Compare configurations on the same frames: difference, interval, exact permutation test, Holm's correction."""
+    """Compare configurations on the same frames: difference, exact sign-flip test, its interval, for all comparisons.
+
+    Tests and intervals are corrected for the number of comparisons by Holm's method.
+    """
     from dataclasses import asdict
+    from dataclasses import replace as with_values
 
     from harness.files import atomic_write, check_new
     from harness.report.comparisons import model_table, terminal_comparisons
@@ -53,6 +61,7 @@ def compare(
 
     if fail_on is not None and baseline is None:
         raise VfoaError("compare: --fail-on needs --baseline RUN, found none")
+    check = None if fail_on is None else _parsed(fail_on)
     if page is not None and as_json:
         raise VfoaError("compare: --page does not go with --json")
     if model and (baseline is not None or as_json):
@@ -61,13 +70,68 @@ def compare(
         check_new(page, replace=replace, hint=", or another --page")
     folders = [run_folder(run) for run in runs]
     found = compare_runs(folders) if baseline is None else compare_with_baseline(folders, run_folder(baseline))
+    failing = [] if check is None else _failing(found, *check)
     if as_json:
-        print_json([{**asdict(each), "verdict": each.verdict, "sentence": each.sentence} for each in found])
+        plain = [{**asdict(with_values(each, units=None)), "verdict": each.verdict} for each in found]
+        print_json([{**row, "sentence": each.sentence} for row, each in zip(plain, found, strict=True)])
     else:
         models = [model_table(model_runs(folders))] if model else []
         print_reports([terminal_comparisons(found), *models])
         if page is not None:
             atomic_write(page, render_comparison(found, models))
             say(f"Page: {page}")
-    if fail_on is FailOn.significant_drop and any(each.is_drop(tolerance / 100) for each in found):
+    for line in failing:
+        say(f"vfoa: --fail-on {fail_on}: {line}", err=True)
+    if failing:
         raise typer.Exit(1)
+
+
+def _parsed(fail_on: str) -> tuple[str, float]:
+    """The kind of a check and its points."""
+    from vfoa.errors import VfoaError
+
+    kind, given, points = fail_on.partition("=")
+    try:
+        limit = float(points) if given else 0.0
+    except ValueError:
+        limit = -1.0
+    has_limit = kind == "significant-drop" or (kind in ("drop", "possible-drop") and given)
+    if not has_limit or not 0 <= limit <= 100 or (kind == "possible-drop" and limit == 0):
+        raise VfoaError(f"compare: --fail-on: found {fail_on!r}; expected {_KINDS}, in points of FRR up to 100")
+    return kind, limit
+
+
+def _failing(found: Sequence[Comparison], kind: str, points: float) -> list[str]:
+    """A line for each comparison on which a check fails.
+
+    Raises
+    ------
+    VfoaError
+        If no result could make the check fail, or none could make it pass.
+    """
+    from harness.score.comparison import format_p
+    from harness.score.statistics import SIGNIFICANCE
+    from vfoa.errors import VfoaError
+
+    if kind == "significant-drop" and not any(each.can_be_significant for each in found):
+        least = min(each.smallest_p for each in found)
+        raise VfoaError(
+            f"compare: --fail-on significant-drop: cannot fail: with {found[0].counted_units} and {len(found)} "
+            f"comparisons the smallest corrected p is {min(least * len(found), 1.0):.2g}; expected below "
+            f"{SIGNIFICANCE:g}. Use --fail-on drop=POINTS, more clips, or fewer configurations"
+        )
+    lines = []
+    for each in found:
+        dropped = f"{each.configuration}: {100 * each.difference:+.1f} points against {each.reference}"
+        if kind != "possible-drop":
+            if each.difference < -points / 100 and (kind == "drop" or each.verdict == "worse"):
+                lines.append(dropped)
+            continue
+        if each.smallest_p / 2 >= SIGNIFICANCE:
+            raise VfoaError(
+                f"compare: --fail-on possible-drop: cannot pass: {each.configuration} has {each.counted_units}; "
+                "expected at least 5. Use --fail-on drop=POINTS, or more clips"
+            )
+        if (p := each.inferiority_p(points / 100)) >= SIGNIFICANCE:
+            lines.append(f"{dropped}; a drop of {points:g} is not ruled out (one-sided {format_p(p)})")
+    return lines

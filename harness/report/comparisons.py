@@ -17,14 +17,14 @@ from harness.score.statistics import SIGNIFICANCE, Interval
 
 _TITLE = "Configurations compared on the same frames"
 _NOTES = (
-    "Points: difference of the FRR on the common frames, with its 95 % interval. Better, worse: frames that only the "
-    "first, only the second gets right.",
-    f"p: exact paired permutation test (sign flips), two-sided, by clip from {LEAST_CLIPS} clips on, by look below "
-    "that; a test by look speaks of these clips only. Holm: corrected for all comparisons in this table; significant "
-    f"below {100 * SIGNIFICANCE:.0f} % after it.",
-    "The smallest p that a test can give is 2 / 2^units, 0.031 with six clips: many comparisons at once need more "
-    "clips.",
-    "Detectable: the true difference that would be found significant, before Holm, in 80 of 100 such experiments.",
+    "Points: difference of the FRR on the common frames. Better, worse: frames that only the first, only the second "
+    "gets right.",
+    f"p: exact sign-flip test, two-sided, by clip from {LEAST_CLIPS} clips on, by joined look below that; a test by "
+    "look speaks of these clips only. Corrected: for the number of comparisons in this table, by Holm's method; "
+    f"significant below {100 * SIGNIFICANCE:.0f} %. 95 %: the differences that the corrected test does not reject.",
+    "Detectable: the true difference that would be significant, corrected, in 80 of 100 such experiments, if clips "
+    "vary as these do. None: with so few units, no difference can be significant. n units give p = 2 / 2^n at best, "
+    "0.031 with six.",
 )
 
 
@@ -39,7 +39,7 @@ def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:
     shared = _shared_folder(names)
     return Table(
         title=_TITLE,
-        columns=("Configuration", "Against", "Verdict", "Points", "95 %", "Units", "p", "p (Holm)", "Detectable"),
+        columns=("Configuration", "Against", "Verdict", "Points", "95 %", "Units", "p", "Corrected", "Detectable"),
         words=3,
         rows=tuple(
             (
@@ -129,7 +129,7 @@ def _units(each: Comparison) -> str:
 
 
 def _number(share: float) -> str:
-    return UNKNOWN if math.isnan(share) else f"{100 * share:.1f}"
+    return UNKNOWN if math.isnan(share) else "none" if math.isinf(share) else f"{100 * share:.1f}"
 
 
 def _share(value: float) -> str:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from harness.report.formats import UNKNOWN, Table
-from harness.score.comparison import POWER, Spread, clips_needed, detectable_difference
+from harness.score.comparison import POWER, Clips, Spread, clips_needed, detectable_difference
 from harness.score.intervals import LEAST_CLIPS, Units
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
@@ -19,8 +19,8 @@ from harness.score.scored_frames import pair
 class Plan:
     """Clips that two configurations need: ``clips`` with as many looks each as now, ``clips_longer`` with twice those.
 
-    ``difference`` is the observed one, ``detectable`` the one that this run can detect; all three are shares. None: not
-    reachable, or not known from so few clips.
+    ``difference`` is the observed one, ``detectable`` the one that this run can detect; both are shares. The tests are
+    corrected for ``family`` comparisons. None: not reachable, or not known from so few clips.
     """
 
     reference: str
@@ -28,13 +28,15 @@ class Plan:
     difference: float
     detectable: float
     spread: Spread
-    clips: int | None
-    clips_longer: int | None
+    family: int
+    clips: Clips | None
+    clips_longer: Clips | None
 
 
 def plans(scores: Scores, points: float, power: float = POWER) -> list[Plan]:
     """Plan for every two configurations how to detect a difference of ``points`` points of FRR."""
-    return [_plan(one, two, units, points / 100, power) for one, two, units in _pairs(scores)]
+    pairs = list(_pairs(scores))
+    return [_plan(one, two, units, points / 100, power, len(pairs)) for one, two, units in pairs]
 
 
 def _pairs(scores: Scores) -> Iterator[tuple[str, str, Units]]:
@@ -44,52 +46,62 @@ def _pairs(scores: Scores) -> Iterator[tuple[str, str, Units]]:
             yield one, two, units
 
 
-def _plan(reference: str, configuration: str, units: Units, difference: float, power: float) -> Plan:
+def _plan(reference: str, configuration: str, units: Units, difference: float, power: float, family: int) -> Plan:
     spread = Spread.of(units)
     return Plan(
         reference=reference,
         configuration=configuration,
         difference=units.rate,
-        detectable=detectable_difference(units, power),
+        detectable=detectable_difference(units, family, power),
         spread=spread,
-        clips=clips_needed(spread, difference, power=power),
-        clips_longer=clips_needed(spread, difference, looks=2 * spread.looks, power=power),
+        family=family,
+        clips=clips_needed(spread, difference, power=power, family=family),
+        clips_longer=clips_needed(spread, difference, looks=2 * spread.looks, power=power, family=family),
     )
 
 
 def plan_table(found: list[Plan], points: float, power: float = POWER) -> Table:
     """The clips and looks that every two configurations need."""
+    family = found[0].family if found else 1
     return Table(
         title=f"Clips needed to see a difference of {points:g} points",
         columns=(
             *("Configuration", "Against", "Points now", "Detectable now", "Spread of clips", "Spread of looks"),
-            *("Looks per clip", "Clips", "Looks", "Clips at twice the looks"),
+            *("Clips", "Range", "Power %", "Twice the looks"),
         ),
         words=2,
         rows=tuple(
             (
                 *(each.configuration, each.reference, f"{100 * each.difference:+.1f}", _points(each.detectable)),
                 *(_deviation(each.spread.between), _deviation(each.spread.within)),
-                f"{each.spread.looks:.1f}",
-                UNKNOWN if each.clips is None else str(each.clips),
-                UNKNOWN if each.clips is None else str(math.ceil(each.clips * each.spread.looks)),
-                UNKNOWN if each.clips_longer is None else str(each.clips_longer),
+                *_clips(each.clips),
+                UNKNOWN if each.clips_longer is None else str(each.clips_longer.needed),
             )
             for each in found
         ),
         notes=(
-            "Clips and looks on which a true difference of this size is found significant at 5 %, before Holm, in "
-            f"{100 * power:.0f} of 100 experiments; at least {LEAST_CLIPS} clips, the fewest that a test by clip "
-            "takes.",
+            f"Clips: as many as find a true difference of this size significant at 5 %, corrected for {family} "
+            f"comparison{'s' if family > 1 else ''}, with a probability of {100 * power:.0f} %; at least "
+            f"{LEAST_CLIPS}, the fewest that a test by clip takes. Power: that probability for the clips given. Twice "
+            "the looks: the clips if each has twice as many looks.",
+            "The spread of few clips is uncertain itself: power is averaged over the spreads that these clips leave "
+            "possible. Range: the clips if the spread is at the ends of its own 80 % interval. Few clips make it wide: "
+            "plan again when there are more.",
             "Spread: standard deviation of the difference between clips, and what the looks of one clip add to it, "
-            "in points. A look is at least 2 s long. A spread that few clips have shown is uncertain itself: plan "
-            "again when there are more.",
+            "in points. The differences of clips are taken as normal and independent.",
         ),
     )
 
 
+def _clips(clips: Clips | None) -> tuple[str, str, str]:
+    if clips is None:
+        return UNKNOWN, UNKNOWN, UNKNOWN
+    most = "more than 100000" if clips.most is None else str(clips.most)
+    return str(clips.needed), f"{clips.fewest} to {most}", f"{100 * clips.power:.0f}"
+
+
 def _points(share: float) -> str:
-    return UNKNOWN if math.isnan(share) else f"{100 * share:.1f}"
+    return UNKNOWN if math.isnan(share) else "none" if math.isinf(share) else f"{100 * share:.1f}"
 
 
 def _deviation(variance: float) -> str:

@@ -19,8 +19,9 @@ from harness.score.verdicts import ERROR_TYPES
 FRR_NOTES = (
     "FRR: correct / annotated (frame, subject) pairs that are not marked ignore; n counts these pairs. A pair "
     "without a prediction is wrong.",
-    "Units: looks, the longest runs of one true target of a subject; one shorter than 2 s is joined with the next. "
-    "Each counts as one observation, because the frames of a look are right or wrong together.",
+    "Units: looks, the longest runs of one true target of a subject, joined until they last 2 s, twice as long as "
+    f"verdicts stay alike and, below {LEAST_CLIPS} clips, a sixteenth of all. Each counts as one observation, because "
+    "the frames of a look are right or wrong together.",
     f"95 %: confidence interval. From {LEAST_CLIPS} clips on it resamples clips, then looks within them, and speaks "
     "of clips like these. Below that, and in the row of one clip, it resamples looks and speaks of these clips only. "
     "Percentiles are expanded for small samples; few or equal units get an exact interval. One look has none.",

@@ -13,6 +13,7 @@ from harness.score.comparison import Comparison, compare, with_holm
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import ScoreRow, Scores
 from harness.score.scored_frames import ScoredFrames
+from harness.score.statistics import Interval
 from harness.score.verdicts import ERROR_TYPES, Verdict
 
 _MOST_NAMES = 4
@@ -75,7 +76,7 @@ def verdict_sentence(scores: Scores) -> str:
     if len(rows) == 1:
         return f"{_against_baseline(next(iter(rows.values())))}{losses}"
     frames = {name: scores.frames_of(name) for name in rows}
-    groups = compare_factors(frames) or [compare(frames)]
+    groups = compare_factors(frames, scores.factors) or [compare(frames)]
     said = [_of_group(group) for group in groups]
     told, untold = [part for parts, _ in said for part in parts], [part for _, parts in said for part in parts]
     sentence = "; ".join([*told, *untold])
@@ -123,7 +124,7 @@ def _against_baseline(row: ScoreRow) -> str:
     rate = f"{row.configuration} is right in {100 * row.frr:.1f} % of {row.n} frames"
     ends = ""
     if not math.isnan(row.interval.low):
-        ends = f" ({100 * row.interval.low:.1f} to {100 * row.interval.high:.1f}, {row.interval.unit}s resampled)"
+        ends = f" (95 %: {100 * row.interval.low:.1f} to {100 * row.interval.high:.1f}{_only(row.interval)})"
     return f"{rate}{ends} and {words[row.beats]}, {best.replace('_', ' ')}, at {100 * row.baselines[best]:.1f} %."
 
 
@@ -168,47 +169,60 @@ def _points(best: str, gain: float, each: Comparison) -> str:
 
 
 def _ends(best: str, each: Comparison) -> str:
+    """The interval that belongs to the test, as corrected as it is."""
     low, high = each.interval.low, each.interval.high
     if math.isnan(low):
-        return ""
+        return f" ({each.counted_units} are too few for a test)" if each.units and not each.can_be_significant else ""
     if each.configuration != best:
         low, high = -high, -low
-    return f" ({100 * low:.1f} to {100 * high:.1f}, {each.interval.unit}s resampled)"
+    corrected = f", corrected for {each.family} comparisons" if each.family > 1 else ""
+    return f" (95 %: {100 * low:.1f} to {100 * high:.1f}{_only(each.interval)}{corrected})"
+
+
+def _only(interval: Interval) -> str:
+    return "" if interval.unit == "clip" else ", these clips only"
 
 
 def _joined(words: Sequence[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def factor_levels(configurations: Sequence[str]) -> list[tuple[str, ...]]:
-    """The values of each factor of a grid, from names like bm-one, bm-two, sgbm-one, sgbm-two; () for one value.
+def grid_levels(factors: Mapping[str, Mapping[str, str]]) -> dict[str, list[str]]:
+    """The labels of each factor of a grid that has several, by dotted key, from those of each configuration.
 
-    Empty if the names are not all combinations, or if fewer than two factors have several values.
+    Empty if the configurations are not all combinations, or if fewer than two factors have several labels.
     """
-    words = [name.split("-") for name in configurations]
-    if len({len(each) for each in words}) != 1:
-        return []
-    levels = [tuple(dict.fromkeys(column)) for column in zip(*words, strict=True)]
-    if math.prod(map(len, levels)) != len(configurations) or sum(len(each) > 1 for each in levels) < 2:
-        return []
-    return [each if len(each) > 1 else () for each in levels]
+    keys = {tuple(each) for each in factors.values()}
+    if len(keys) != 1:
+        return {}
+    levels = {key: list(dict.fromkeys(each[key] for each in factors.values())) for key in keys.pop()}
+    if math.prod(map(len, levels.values())) != len(factors):
+        return {}
+    several = {key: labels for key, labels in levels.items() if len(labels) > 1}
+    return several if len(several) > 1 else {}
 
 
-def compare_factors(frames: Mapping[str, Sequence[ScoredFrames]]) -> list[tuple[Comparison, ...]]:
-    """For each factor of a grid, compare every two of its values on the frames of all configurations that have them.
+def compare_factors(
+    frames: Mapping[str, Sequence[ScoredFrames]], factors: Mapping[str, Mapping[str, str]]
+) -> list[tuple[Comparison, ...]]:
+    """For each factor of a grid, compare every two of its labels on the frames of all configurations that have them.
 
-    A frame counts once for each value of the other factors. p values are corrected over all factors together.
-    ``frames`` are by configuration; the result is empty if the names form no grid.
+    A frame counts once for each label of the other factors. p values are corrected over all factors together.
+    ``frames`` and ``factors`` are by configuration; the result is empty if the configurations are no grid.
     """
-    names = list(frames)
+    grid = grid_levels({name: factors.get(name, {}) for name in frames})
+    labels = Counter(label for each in grid.values() for label in each)
     found = []
-    for place, levels in enumerate(factor_levels(names)):
+    for key, levels in grid.items():
         pooled = {
-            level: _pooled([frames[name] for name in names if name.split("-")[place] == level]) for level in levels
+            level if labels[level] == 1 else f"{key}={level}": _pooled(
+                [each for name, each in frames.items() if factors[name][key] == level]
+            )
+            for level in levels
         }
         found.append(compare(pooled))
     corrected = list(with_holm([each for group in found for each in group]))
-    return [tuple(corrected.pop(0) for _ in group) for group in found if group]
+    return [tuple(corrected.pop(0) for _ in group) for group in found]
 
 
 def _pooled(configurations: Sequence[Sequence[ScoredFrames]]) -> list[ScoredFrames]:

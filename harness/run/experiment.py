@@ -51,6 +51,7 @@ from harness.stages.configuration import (
     inherited,
     make_configuration,
     merged,
+    takes,
 )
 from harness.toml_text import parse_assignment
 from vfoa.errors import VfoaError, did_you_mean
@@ -155,7 +156,7 @@ def load_experiment(
         Run these instead of the file's own, and all of their frames.
     overrides
         ``"stereo.min_depth_m=0.5"``: a dotted key and a TOML value (a bare word is a string), set in every
-        configuration, over its defaults and its grid.
+        configuration that has it, over its defaults and its grid; a note names the others.
     preset
         A bundle of settings by name, over the defaults of every configuration, instead of the file's own.
 
@@ -180,7 +181,7 @@ def load_experiment(
     missing = (f"Not here, and not run: {', '.join(absent)}.",) if absent else ()
     changes = [parse_assignment(text, "stereo.matcher=sgbm") for text in overrides]
     _check_sweep(file, where)
-    configurations = _configurations(file, changes, preset, where)
+    configurations, partly = _configurations(file, changes, preset, where)
     if file.seeds > 1:
         configurations = tuple(each for one in configurations for each in repeated(one, file.seeds, where))
     _check_published(file, [base_of(each.name) for each in configurations], where)
@@ -189,7 +190,7 @@ def load_experiment(
         clips=present,
         configurations=configurations,
         limit=None if clips else file.limit,
-        notes=(*file.notes, *missing, *_fitted_notes(file, preset, present)),
+        notes=(*file.notes, *missing, *partly, *_fitted_notes(file, preset, present)),
         annotator=file.annotator,
         sweep=file.sweep,
         published=file.published,
@@ -213,13 +214,24 @@ def _with_fitted_files(file: _File, folder: Path) -> _File:
 
 def _configurations(
     file: _File, changes: list[tuple[str, Any]], preset: str | None, where: str
-) -> tuple[Configuration, ...]:
-    """Return every configuration of the file, with the changes applied to each and the defaults inherited."""
+) -> tuple[tuple[Configuration, ...], list[str]]:
+    """Return every configuration of the file with its defaults and the changes, and notes on changes that some lack."""
     found = []
     used: set[tuple[str, str]] = set()
-    for variant in variants(file.grid, file.configuration, where):
+    of_variants = list(variants(file.grid, file.configuration, where))
+    tables_of = {
+        each.name: merged(
+            merged(file.defaults, _bundle(preset, each.preset or file.preset, where)),
+            dotted_tables([*each.differences, *changes], where),
+        )
+        for each in of_variants
+    }
+    lacking = {key: [name for name, each in tables_of.items() if not takes(each, key)] for key, _ in changes}
+    lacking = {key: names if len(names) < len(of_variants) else [] for key, names in lacking.items()}  # all: an error
+    for variant in of_variants:
         of_file = dotted_tables(variant.differences, where)
-        own = dotted_tables([*variant.differences, *changes], where)
+        taken = [(key, value) for key, value in changes if variant.name not in lacking[key]]
+        own = dotted_tables([*variant.differences, *taken], where)
         for each in (of_file, own):  # a stage that a change exchanges has still used its defaults
             used |= {(table, key) for table, settings in inherited(file.defaults, each).items() for key in settings}
         bundle = _bundle(preset, variant.preset or file.preset, where)
@@ -230,7 +242,10 @@ def _configurations(
         of_variant = f"{where}: configuration {variant.name!r}"
         found.append(make_configuration(variant.name, tables, variant.factors, of_variant))
     check_all_used(file.defaults, used, where)
-    return tuple(found)
+    notes = [
+        f"{key} is not set in {', '.join(names)}: no such setting there." for key, names in lacking.items() if names
+    ]
+    return tuple(found), notes
 
 
 def _bundle(given: str | None, own: str | None, where: str) -> Tables:

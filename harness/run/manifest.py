@@ -73,6 +73,7 @@ class _RunManifest(_Table):
     notes: list[str] = []
     clips: list[_Clip] = []
     configurations: dict[str, _Configuration] = {}
+    factors: dict[str, dict[str, str]] = {}
     failed: list[_Failure] = []
     labels_sha256: dict[str, str | None] = {}
     versions: dict[str, Any] = {}

@@ -181,6 +181,7 @@ def describe(plan: Plan) -> dict[str, Any]:
         **{key: value for sink in plan.sinks for key, value in sink.described().items()},
         "clips": [_describe_clip(one, plan.experiment) for one in plan.clips],
         "configurations": {one.name: one.plain() for one in plan.experiment.configurations},
+        "factors": {one.name: dict(one.factors) for one in plan.experiment.configurations},
         "weights_sha256": provenance.weights_digests(plan.experiment),
         "versions": provenance.versions(),
         "source_sha256": code_digest(plan.deciding_modules),

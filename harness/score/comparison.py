@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from typing import Literal
 
 import numpy as np
 
-from harness.score.intervals import LEAST_CLIPS, Units, degrees_of_freedom, difference_interval, standard_error
+from harness.score.intervals import LEAST_CLIPS, Units, difference_interval, standard_error
 from harness.score.scored_frames import Pairs, ScoredFrames, pair
-from harness.score.statistics import LEVEL, SIGNIFICANCE, UNKNOWN, Interval, holm, sign_flip_p
+from harness.score.sign_flips import inferiority_p, needed_shift, sign_flip_p, smallest_p
+from harness.score.sign_flips import power as flip_power
+from harness.score.statistics import SIGNIFICANCE, UNKNOWN, Interval, holm
+from vfoa.types import Float
 
 POWER = 0.8
 _MOST_CLIPS = 100_000
+_POSSIBLE = 400
+"""Number of spreads, equally probable, that stand for what a pilot leaves possible."""
+_SHARE_NEAR, _NEAR = 0.88, 0.1
+"""The share of the possible spreads at which the power is at most this much below its mean."""
+_LEAST_DEVIATION = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,10 +31,11 @@ class Comparison:
     """A configuration compared with an earlier one (``reference``) on ``n`` common frames.
 
     ``better`` frames are right only in the configuration, ``worse`` frames only in the reference. ``difference`` is
-    that of the rates, with its 95 % interval. ``p`` is of the exact sign-flip test over ``unit``: clips if there are
-    enough, else looks, in which case it is valid for these clips only. ``p_holm`` is corrected for the comparisons made
-    together (``family``). ``detectable`` is the true difference that such a comparison finds significant with 80 %
-    power; NaN if unknown.
+    that of the rates. ``p`` is of the exact sign-flip test over ``unit``: clips if there are enough, else looks, in
+    which case it is valid for these clips only. ``p_holm`` is corrected for the comparisons made together
+    (``family``). ``interval`` are the differences that the corrected test does not reject. ``detectable`` is the true
+    difference that such a comparison finds significant, after the correction, with 80 % power; infinite if none is
+    large enough, NaN if unknown. ``looks`` are joined ones.
     """
 
     reference: str
@@ -43,6 +52,7 @@ class Comparison:
     p_holm: float
     family: int
     detectable: float
+    units: Units | None = field(default=None, compare=False, repr=False)
 
     @property
     def is_significant(self) -> bool:
@@ -56,9 +66,27 @@ class Comparison:
             return "cannot be told apart"
         return "worse" if self.worse > self.better else "better"
 
-    def is_drop(self, tolerance: float = 0.0) -> bool:
-        """Whether the configuration is significantly worse, and by more than the tolerance (a share)."""
-        return self.verdict == "worse" and self.difference < -tolerance
+    @property
+    def smallest_p(self) -> float:
+        """The smallest p that the test can give on as many units, before the correction."""
+        return 1.0 if self.units is None else smallest_p(len(self.units.merged().frames))
+
+    @property
+    def can_be_significant(self) -> bool:
+        """Whether any result on as many units could be significant by itself."""
+        return self.smallest_p * self.family < SIGNIFICANCE
+
+    @property
+    def counted_units(self) -> str:
+        """The number of units of the test, in words."""
+        return _counted(self.clips, "clip") if self.unit == "clip" else _counted(self.looks, "joined look")
+
+    def inferiority_p(self, margin: float) -> float:
+        """One-sided p of the hypothesis that the configuration is worse by the margin (a share) or more."""
+        if self.units is None:
+            return 1.0
+        merged = self.units.merged()
+        return inferiority_p(merged.values, merged.frames, margin)
 
     @property
     def sentence(self) -> str:
@@ -66,30 +94,32 @@ class Comparison:
         names = f"{self.configuration} vs {self.reference}"
         if self.n == 0:
             return f"{names}: no common frame"
-        corrected = f" ({format_p(self.p_holm)} after Holm)" if self.family > 1 else ""
+        corrected = f"{format_p(self.p_holm)}, corrected for {self.family} comparisons" if self.family > 1 else ""
         verdict = f"significantly {self.verdict}" if self.is_significant else self.verdict
         return (
             f"{names}: {100 * self.difference:+.1f} points{self._interval_in_words}, {self._basis}, "
-            f"{format_p(self.p)}{corrected}: {verdict}{self._detectable_in_words}"
+            f"{corrected or format_p(self.p)}: {verdict}{self._detectable_in_words}"
         )
 
     @property
     def _interval_in_words(self) -> str:
         if math.isnan(self.interval.low):
-            return " (no interval from so few looks)"
+            return " (no interval)"
         return f" (95 % {100 * self.interval.low:+.1f} to {100 * self.interval.high:+.1f})"
 
     @property
     def _basis(self) -> str:
-        clips, looks = _counted(self.clips, "clip"), _counted(self.looks, "joined look")
         if self.unit == "clip":
-            return f"{clips}, {looks}"
-        return f"{looks} of {clips}, {'this clip' if self.clips == 1 else 'these clips'} only"
+            return self.counted_units
+        only = "this clip" if self.clips == 1 else "these clips"
+        return f"{self.counted_units} of {_counted(self.clips, 'clip')}, {only} only"
 
     @property
     def _detectable_in_words(self) -> str:
         if self.is_significant or math.isnan(self.detectable):
             return ""
+        if math.isinf(self.detectable):
+            return "; with so few units no difference can be significant"
         return f"; a true difference of {100 * self.detectable:.1f} points would be seen with 80 % power"
 
 
@@ -104,31 +134,44 @@ def compare(frames: Mapping[str, Iterable[ScoredFrames]]) -> tuple[Comparison, .
 
 
 def with_holm(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
-    """Return the comparisons, corrected together for their number."""
+    """Return the comparisons, corrected together for their number by Holm's method, with the intervals that belong."""
     corrected = holm([each.p for each in comparisons])
+    family, rejected = len(comparisons), sum(p < SIGNIFICANCE for p in corrected)
+    order = sorted(range(family), key=lambda i: comparisons[i].p)
+    # Holm tests the smallest p at 5 % / family, the next at 5 % / (family - 1) ..., and stops at the first not below
+    levels = {index: SIGNIFICANCE / (family - min(rank, rejected)) for rank, index in enumerate(order)}
     return tuple(
-        replace(each, p_holm=p, family=len(comparisons)) for each, p in zip(comparisons, corrected, strict=True)
+        replace(
+            each,
+            p_holm=p,
+            family=family,
+            interval=UNKNOWN if each.units is None else difference_interval(each.units, levels[index]),
+            detectable=math.nan if each.units is None else detectable_difference(each.units, family),
+        )
+        for index, (each, p) in enumerate(zip(comparisons, corrected, strict=True))
     )
 
 
 def _comparison(reference: str, configuration: str, pairs: Pairs) -> Comparison:
     units = pairs.units
-    p = 1.0 if units is None else sign_flip_p(units.merged().values)
+    merged = None if units is None else units.merged()
+    p = 1.0 if merged is None else sign_flip_p(merged.values)
     return Comparison(
         reference=reference,
         configuration=configuration,
         n=pairs.n,
-        looks=0 if units is None else len(units.frames),
+        looks=0 if units is None else len(units.stretched().frames),
         clips=0 if units is None else units.n_clips,
         better=pairs.better,
         worse=pairs.worse,
         difference=math.nan if units is None else units.rate,
-        interval=UNKNOWN if units is None else difference_interval(units),
+        interval=UNKNOWN,
         unit="clip" if units is not None and units.speaks_of_clips else "look",
         p=p,
         p_holm=p,
         family=1,
-        detectable=math.nan if units is None else detectable_difference(units),
+        detectable=math.nan,
+        units=units,
     )
 
 
@@ -141,12 +184,19 @@ def format_p(p: float) -> str:
     return "p < 0.001" if p < 0.001 else f"p = {p:.2g}"
 
 
-def detectable_difference(units: Units, power: float = POWER) -> float:
-    """The true difference that a comparison on these units finds significant with this probability; NaN if unknown."""
-    if len(units.frames) < 2:
-        return math.nan
-    error, df = standard_error(units), degrees_of_freedom(units)
-    return math.nan if error == 0 else error * _needed_errors(df, power)
+def detectable_difference(units: Units, family: int = 1, power: float = POWER) -> float:
+    """The true difference that the test on these units, corrected for ``family`` comparisons, finds with this power.
+
+    Infinite if it can find none; NaN if the units do not vary, so that their spread is unknown. Their spread is taken
+    as the true one, and normal.
+    """
+    merged = units.merged()
+    n = len(merged.frames)
+    shift = needed_shift(n, SIGNIFICANCE / family, power)
+    if math.isinf(shift):
+        return shift
+    error = standard_error(units)
+    return math.nan if error == 0 else error * math.sqrt(n) * shift
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,46 +237,81 @@ class Spread:
         return self.between + self.within * self.looks / looks
 
 
-def clips_needed(spread: Spread, difference: float, looks: float | None = None, power: float = POWER) -> int | None:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clips:
+    """How many clips a comparison needs.
+
+    ``power`` is the probability that it then finds the difference, over all spreads that the pilot leaves possible.
+    ``fewest`` and ``most`` are the clips for the same power if the spread is at the ends of its own 80 % interval; None
+    if more than 100,000.
+    """
+
+    needed: int
+    power: float
+    fewest: int
+    most: int | None
+
+
+def clips_needed(
+    spread: Spread, difference: float, looks: float | None = None, power: float = POWER, family: int = 1
+) -> Clips | None:
     """The fewest clips on which a true difference (a share) is found significant with this probability.
+
+    The spread of few clips is uncertain itself. So the power is averaged over the spreads that it leaves possible
+    (assurance: O'Hagan, Stevens and Campbell, "Assurance in clinical trial design", 2005), with clips' differences
+    normal, and is at most 0.1 less for most of these spreads.
 
     Parameters
     ----------
     looks
         Looks in each clip; as many as now if None.
+    family
+        Number of comparisons that the test is corrected for.
 
     Returns
     -------
-    int or None
+    Clips or None
         At least :data:`harness.score.intervals.LEAST_CLIPS`; None if more than 100,000 would be needed, or the spread
         between clips is not known.
     """
+    from scipy.special import chdtri
+
     variance = spread.variance(looks or spread.looks)
     if math.isnan(variance):
         return None
-    deviation = math.sqrt(variance)
+    df, level = spread.clips - 1, SIGNIFICANCE / family
+    # the true variance over the one seen: degrees of freedom over a chi-square
+    chances = (np.arange(_POSSIBLE) + 0.5) / _POSSIBLE
+    possible = np.sqrt(variance * df / chdtri(df, chances))
+    wide, narrow = (float(np.quantile(possible, at)) for at in (0.9, 0.1))
+    careful = float(np.quantile(possible, _SHARE_NEAR))
+
+    def powers(clips: int, deviation: float | Float) -> Float:
+        return flip_power(clips, level, difference / np.maximum(deviation, _LEAST_DEVIATION))
+
+    def enough(clips: int) -> bool:
+        mean = float(powers(clips, possible).mean())
+        return mean >= power and float(powers(clips, careful)) >= mean - _NEAR
+
+    needed = _fewest(enough)
+    if needed is None:
+        return None
+    return Clips(
+        needed=needed,
+        power=float(powers(needed, possible).mean()),
+        fewest=_fewest(lambda clips: float(powers(clips, narrow)) >= power) or needed,
+        most=_fewest(lambda clips: float(powers(clips, wide)) >= power),
+    )
+
+
+def _fewest(enough: Callable[[int], bool]) -> int | None:
+    """The smallest number of clips that is enough; larger ones are, too."""
     low, high = LEAST_CLIPS - 1, LEAST_CLIPS
-    while deviation / math.sqrt(high) * _needed_errors(high - 1, power) > difference:
+    while not enough(high):
         low, high = high, 2 * high
         if high > _MOST_CLIPS:
             return None
     while high - low > 1:
         middle = (low + high) // 2
-        if deviation / math.sqrt(middle) * _needed_errors(middle - 1, power) > difference:
-            low = middle
-        else:
-            high = middle
-    return high
-
-
-def _needed_errors(df: int, power: float) -> float:
-    """The required difference in standard errors: the non-centrality at which Student's test has this power."""
-    from scipy.special import nctdtr, stdtrit
-
-    critical = float(stdtrit(df, (1 + LEVEL) / 2))
-    low, high = 0.0, 4 * critical + 4
-    for _ in range(60):
-        middle = (low + high) / 2
-        seen = 1 - float(nctdtr(df, middle, critical)) + float(nctdtr(df, middle, -critical))
-        low, high = (middle, high) if not seen >= power else (low, middle)
+        low, high = (low, middle) if enough(middle) else (middle, high)
     return high

@@ -167,6 +167,7 @@ class FinishedRun:
                 if each.get("attention", {}).get("method") in PROBABILISTIC
             ),
             published=Published.model_validate(run["published"]) if run.get("published") else None,
+            factors=run.get("factors", {}),
         )
 
     def note_labels(self, annotator: str | None = None) -> None:

@@ -2,18 +2,21 @@
 
 Frames are not independent: those of a look are right or wrong together, and so are, less strongly, the looks of a clip.
 From :data:`LEAST_CLIPS` clips on, clips are resampled with replacement, then looks within each drawn clip: the interval
-is valid for clips like these. Below that, the clips are fixed and looks are resampled within each: the interval is
-valid for these clips only.
+is valid for clips like these. Below that, the clips are fixed and stretches of them are resampled within each: the
+interval is valid for these clips only. A stretch is as many consecutive looks of a subject as leave at most
+:data:`MOST_STRETCHES` stretches in all. Few long ones are worth nearly as much as many short ones, and errors seldom
+outlast them (Ibragimov and Müller, "t-statistic based correlation and heterogeneity robust inference", 2010).
 
-Both are percentile intervals whose percentiles are expanded for small samples (Hesterberg, "What Teachers Should Know
-about the Bootstrap", The American Statistician 69, 2015, section 4.3): as far out as Student's t with the resample's
-degrees of freedom, and by the factor by which a resample's spread is too small. In ``reports/coverage.md`` the plain
-percentiles of resampled clips cover 80 to 90 % at 4 to 8 clips, these 92 % and more; a bootstrap-t covers as well, but
-with intervals two to five times as wide at 4 to 6 clips.
+The interval of a difference is that of the sign-flip test (:mod:`harness.score.sign_flips`). Those of a rate are
+percentile intervals whose percentiles are expanded for small samples (Hesterberg, "What Teachers Should Know about the
+Bootstrap", The American Statistician 69, 2015, section 4.3): as far out as Student's t with the resample's degrees of
+freedom, and by the factor by which a resample's spread is too small. In ``reports/coverage.md`` the plain percentiles
+of resampled clips cover 80 to 90 % at 4 to 8 clips, these 92 % and more; a bootstrap-t covers as well, but with
+intervals two to five times as wide at 4 to 6 clips.
 
-If resampling is not possible (fewer than :data:`LEAST_UNITS` units, or all of them equal), the interval has a closed
-form: that of Clopper and Pearson (1934) with the effective sample size of Korn and Graubard (Survey Methodology 24,
-1998) for a rate, Student's t for a difference.
+If resampling is not possible (fewer than :data:`LEAST_UNITS` units, or all of them equal), the interval of a rate has a
+closed form: that of Clopper and Pearson (1934) with the effective sample size of Korn and Graubard (Survey Methodology
+24, 1998).
 """
 
 from __future__ import annotations
@@ -27,13 +30,17 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.score.statistics import LEVEL, REPLICATES, UNKNOWN, Codes, Interval
+from harness.score.looks import joined
+from harness.score.sign_flips import sign_flip_interval
+from harness.score.statistics import LEVEL, REPLICATES, SIGNIFICANCE, UNKNOWN, Codes, Interval
 from vfoa.types import Float
 
 LEAST_CLIPS = 6
 """Fewest clips for intervals and tests about other clips: with fewer, a sign flip cannot reach p < .05."""
 LEAST_UNITS = 6
-"""Fewest looks that are resampled."""
+"""Fewest units that are resampled."""
+MOST_STRETCHES = 16
+"""Most stretches that fewer clips are divided into."""
 
 _Z = NormalDist().inv_cdf((1 + LEVEL) / 2)
 _ROWS_AT_ONCE = 256
@@ -44,11 +51,13 @@ class Units:
     """Looks with their sums: ``clips`` (U,) the code of the clip of each, ``frames`` (U,) its number of frames.
 
     ``values`` (U,) are sums over the frames: right frames for a rate, better minus worse frames for a difference.
+    ``tracks`` (U,) are codes of clip and subject, whose looks are consecutive; None: looks are never joined.
     """
 
     clips: Codes
     frames: Float
     values: Float
+    tracks: Codes | None = None
 
     @property
     def rate(self) -> float:
@@ -65,20 +74,30 @@ class Units:
         """Whether there are enough clips for statements about other clips."""
         return self.n_clips >= LEAST_CLIPS
 
-    def merged(self) -> Units:
-        """The units that are exchangeable in a test: clips if there are enough, looks otherwise."""
-        if not self.speaks_of_clips:
+    def stretched(self) -> Units:
+        """The units that are resampled last: stretches of few clips, looks of many."""
+        if self.tracks is None or self.speaks_of_clips:
             return self
-        clips, codes = np.unique(self.clips, return_inverse=True)
+        least = float(self.frames.sum()) / MOST_STRETCHES
+        parts = [joined(self.frames[self.tracks == track], least) for track in dict.fromkeys(self.tracks.tolist())]
+        before = np.cumsum([0, *(part[-1] + 1 for part in parts)])
+        return self._summed(np.concatenate([part + first for part, first in zip(parts, before, strict=False)]))
+
+    def merged(self) -> Units:
+        """The units that are exchangeable in a test: clips if there are enough, stretches otherwise."""
+        return self._summed(np.unique(self.clips, return_inverse=True)[1]) if self.speaks_of_clips else self.stretched()
+
+    def _summed(self, codes: Codes) -> Units:
         return Units(
-            clips=np.arange(len(clips)),
+            clips=self.clips[np.unique(codes, return_index=True)[1]],
             frames=np.bincount(codes, self.frames).astype(np.float64),
             values=np.bincount(codes, self.values).astype(np.float64),
         )
 
 
 def rate_interval(units: Units) -> Interval:
-    """The 95 % interval of a pooled rate; unknown with fewer than two looks."""
+    """The 95 % interval of a pooled rate; unknown with fewer than two units."""
+    units = units.stretched()
     if len(units.frames) < 2:
         return UNKNOWN
     share = units.rate
@@ -88,26 +107,22 @@ def rate_interval(units: Units) -> Interval:
     return _interval(units, *ends)
 
 
-def difference_interval(units: Units) -> Interval:
-    """The 95 % interval of a difference of two rates on the same frames.
+def difference_interval(units: Units, alpha: float = SIGNIFICANCE) -> Interval:
+    """The interval of a difference of two rates on the same frames: what the sign-flip test at ``alpha`` leaves.
 
-    Unknown with fewer than two looks, or if all units differ alike, so that their spread is not known. If no frame
-    differs, it is the exact bound: the largest difference that this many units can miss completely.
+    Unknown if the test can reject nothing with so few units, or if all units differ alike, so that their spread is not
+    known. If no frame differs, it is the exact bound: the largest difference that this many units can miss completely.
     """
-    if len(units.frames) < 2:
+    merged = units.merged()
+    if len(merged.frames) < 2:
         return UNKNOWN
     if not units.values.any():
-        widest = _clopper_pearson(0.0, len(units.merged().frames))[1]
+        widest = _clopper_pearson(0.0, len(merged.frames), alpha)[1]
         return _interval(units, -widest, widest)
-    ends = _resampled(units)
-    if ends is None:
-        from scipy.special import stdtrit
-
-        half = float(stdtrit(degrees_of_freedom(units), (1 + LEVEL) / 2)) * standard_error(units)
-        if half == 0:
-            return UNKNOWN
-        ends = max(units.rate - half, -1.0), min(units.rate + half, 1.0)
-    return _interval(units, *ends)
+    if np.ptp(merged.values / merged.frames) == 0:
+        return UNKNOWN
+    ends = sign_flip_interval(merged.values, merged.frames, alpha)
+    return UNKNOWN if ends is None else _interval(units, *ends)
 
 
 def standard_error(units: Units) -> float:
@@ -211,11 +226,11 @@ def _effective(units: Units) -> float:
     return min(share * (1 - share) / error**2 * widened, float(units.frames.sum()))
 
 
-def _clopper_pearson(share: float, n: float) -> tuple[float, float]:
+def _clopper_pearson(share: float, n: float, alpha: float = SIGNIFICANCE) -> tuple[float, float]:
     """The exact interval of a share of ``n`` trials, where ``n`` need not be whole."""
     from scipy.special import betaincinv
 
-    right, tail = share * n, (1 - LEVEL) / 2
+    right, tail = share * n, alpha / 2
     low = float(betaincinv(right, n - right + 1, tail)) if right > 0 else 0.0
     high = float(betaincinv(right + 1, n - right, 1 - tail)) if right < n else 1.0
     return low, high

@@ -2,9 +2,8 @@
 
 A look is a longest run of one true target of one subject. The frames of a look share what makes them right or wrong
 (the target, its size and place, a slow error of the gaze), so they count as one observation, not as many. An error also
-outlasts a short look: looks of less than :data:`LEAST_S` seconds are joined with the subject's next ones until they
-last that long. ``reports/coverage.md`` shows the effect: without joining, a test by looks of 0.7 s calls equal
-configurations different in about 10 % of experiments; with it, in about 6 %.
+outlasts a short look, so a subject's looks are joined with the next ones until they last :data:`LEAST_S` seconds and
+twice the time for which verdicts stay alike (:func:`correlation_time_s`). ``reports/coverage.md`` measures the effect.
 
 An event is a longest run of one target, true or predicted, whatever its length. Frame rates reward long looks; events
 count a glance as much as a stare (Ba and Odobez, "Recognizing visual focus of attention from head pose in natural
@@ -20,13 +19,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.score.statistics import Codes
+from harness.score.statistics import Codes, Flags
+from vfoa.types import Float
 
 LEAST_S = 2.0
 """Shortest duration of a unit in seconds, unless the subject's frames last less."""
+_LAGS_S = np.geomspace(0.04, 60, 32)
+"""Times between verdicts, and ranges that are tried, in seconds."""
 
 
-def number_looks(truth: Codes, positions: Codes, frames_per_second: float | None) -> Codes:
+def number_looks(truth: Codes, positions: Codes, frames_per_second: float | None, least_s: float = LEAST_S) -> Codes:
     """Number the looks of one subject's scored frames from 0: (n,).
 
     Parameters
@@ -35,6 +37,8 @@ def number_looks(truth: Codes, positions: Codes, frames_per_second: float | None
         The code of the true target and the place in the clip of each scored frame, in order: (n,).
     frames_per_second
         The rate of the clip's frames; None if it is not known: looks are not joined then.
+    least_s
+        Shortest duration of a unit in seconds.
     """
     if len(truth) == 0:
         return np.zeros(0, dtype=np.intp)
@@ -44,21 +48,73 @@ def number_looks(truth: Codes, positions: Codes, frames_per_second: float | None
     looks = np.cumsum(begins) - 1
     if frames_per_second is None:
         return looks
-    return _joined(np.bincount(looks) * stride / frames_per_second)[looks]
+    return joined(np.bincount(looks).astype(np.float64) * stride / frames_per_second, least_s)[looks]
 
 
-def _joined(seconds: np.ndarray) -> Codes:
-    """The number of the unit that each look belongs to; a short rest at the end joins the unit before it."""
-    units = np.zeros(len(seconds), dtype=np.intp)
-    unit, lasted = 0, 0.0
-    for look, each in enumerate(seconds.tolist()):
-        if lasted >= LEAST_S:
-            unit, lasted = unit + 1, 0.0
-        units[look] = unit
-        lasted += each
-    if unit and lasted < LEAST_S:
+def joined(lengths: Float, least: float) -> Codes:
+    """Number the units of consecutive runs (m,) that are joined until they are this long.
+
+    A short rest at the end joins the unit before it.
+    """
+    units = np.zeros(len(lengths), dtype=np.intp)
+    unit, length = 0, 0.0
+    for run, each in enumerate(lengths.tolist()):
+        if length >= least:
+            unit, length = unit + 1, 0.0
+        units[run] = unit
+        length += each
+    if unit and length < least:
         units[units == unit] = unit - 1
     return units
+
+
+def correlation_time_s(sequences: Iterable[tuple[Flags, Codes, float | None]]) -> float:
+    """The time for which verdicts stay alike, in seconds: the range of an exponential variogram.
+
+    The variogram is half the mean squared difference of verdicts of one subject in one clip, by the time between them
+    (Cressie, "Statistics for Spatial Data", 1993, chapter 2). It needs no mean, which short sequences do not give.
+
+    Parameters
+    ----------
+    sequences
+        Whether each frame is right and its place in the clip, both (n,), and the rate of the clip's frames. Sequences
+        of unknown rate are left out.
+
+    Returns
+    -------
+    float
+        At most about the length of the longest sequence; 0 if verdicts do not change, or change as independent ones.
+    """
+    squares, counts = np.zeros(len(_LAGS_S)), np.zeros(len(_LAGS_S))
+    for right, positions, rate in sequences:
+        if rate is None or len(right) < 2:
+            continue
+        values = np.full(positions[-1] - positions[0] + 1, np.nan)
+        values[positions - positions[0]] = right
+        for place in range(len(_LAGS_S)):
+            lag = max(round(_LAGS_S[place] * rate), 1)
+            if lag >= len(values):
+                break
+            change = values[lag:] - values[:-lag]
+            squares[place] += np.nansum(change**2)
+            counts[place] += np.count_nonzero(~np.isnan(change))
+    known = counts > 0
+    if not squares.any():
+        return 0.0
+    seconds, heights = _LAGS_S[known], 0.5 * squares[known] / counts[known]
+    weights = counts[known] / seconds  # pairs that are further apart overlap more
+    fits = [_fitted(1 - np.exp(-seconds / each), heights, weights) for each in _LAGS_S]
+    best = int(np.argmin([error for error, _ in fits]))
+    return float(_LAGS_S[best]) if fits[best][1] > 0 else 0.0
+
+
+def _fitted(shape: Float, heights: Float, weights: Float) -> tuple[float, float]:
+    """The weighted squared error of the best line over a shape, with a slope of at least 0, and the slope."""
+    center, level = np.average(shape, weights=weights), np.average(heights, weights=weights)
+    across = float(np.average((shape - center) ** 2, weights=weights))
+    slope = max(float(np.average((shape - center) * heights, weights=weights)) / across, 0.0) if across > 0 else 0.0
+    rest = heights - level - slope * (shape - center)
+    return float(np.average(rest**2, weights=weights)), slope
 
 
 class Event(NamedTuple):

@@ -12,7 +12,7 @@ import numpy as np
 from harness.labels.labels import NOWHERE, Label, Labels
 from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES, NO_HITS, Baselines, Hits, best_limit_rad, commonest, hits_of
-from harness.score.looks import number_looks
+from harness.score.looks import LEAST_S, correlation_time_s, number_looks
 from harness.score.reference import Reference
 from harness.score.reliability import NO_PROBABILITIES, worth_of
 from harness.score.statistics import Codes, Flags
@@ -161,7 +161,15 @@ class OutcomeLog:
             for (name, configuration), by_subject in sorted(self._tracks.items(), key=lambda it: first_seen[it[0][0]])
             for subject, judged in sorted(by_subject.items())
         ]
-        return _with_limits(found)
+        return _with_limits(_with_longer_looks(found))
+
+
+def _with_longer_looks(outcomes: list[Outcomes]) -> list[Outcomes]:
+    """The outcomes with looks joined until they last twice as long as verdicts of this run stay alike."""
+    least_s = 2 * correlation_time_s((each.correct, each.positions, each.rate_hz) for each in outcomes)
+    if least_s <= LEAST_S:
+        return outcomes
+    return [replace(each, looks=number_looks(each.truth, each.positions, each.rate_hz, least_s)) for each in outcomes]
 
 
 def _wanted(labels: Labels | None, frames: Iterable[int] | None) -> list[int]:

@@ -19,6 +19,7 @@ class Reference:
     ``says_nowhere`` are the configurations whose method can answer "looks at nothing", ``probabilistic`` those whose
     attention is a probability. ``unknown_names`` are names in the results of a clip that its manifest does not know:
     they can only be wrong. ``names_now`` are the present names of renamed targets by clip and name in the results.
+    ``factors`` are the labels of each configuration's place in a grid, by dotted key; empty without a grid.
     """
 
     labels: Mapping[str, Labels]
@@ -29,3 +30,4 @@ class Reference:
     probabilistic: frozenset[str] = frozenset()
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     names_now: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)

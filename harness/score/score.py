@@ -25,7 +25,8 @@ from harness.score.metrics import Metric, load_metrics
 from harness.score.outcomes import OutcomeLog, Outcomes
 from harness.score.reference import Reference
 from harness.score.scored_frames import ScoredFrames, units_of
-from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
+from harness.score.sign_flips import sign_flip_p
+from harness.score.statistics import SIGNIFICANCE, Flags, Interval, wilson_interval
 from harness.score.verdicts import ERROR_TYPES, Verdict
 
 Beats = Literal["yes", "not shown", "no"]
@@ -120,7 +121,7 @@ class Scores:
 
     Clips and configurations are in the order of the results; verdicts by clip, configuration, subject, frame. ``notes``
     are shown with every table; ``published`` are published figures. ``measures`` compare the stages with the ground
-    truth. ``outcomes`` are the input of the rows. ``unknown_names`` are as in :class:`Reference`.
+    truth. ``outcomes`` are the input of the rows. ``unknown_names`` and ``factors`` are as in :class:`Reference`.
     """
 
     clips: tuple[str, ...]
@@ -129,6 +130,7 @@ class Scores:
     rows: tuple[ScoreRow, ...]
     notes: tuple[str, ...] = ()
     published: Published | None = None
+    factors: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     measures: MeasureLog = field(default_factory=MeasureLog, compare=False, repr=False)
     outcomes: tuple[Outcomes, ...] = field(default=(), compare=False, repr=False)
     unknown_names: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
@@ -208,6 +210,7 @@ def score_outcomes(outcomes: Sequence[Outcomes], measures: MeasureLog, reference
         rows=tuple(rows),
         notes=reference.notes,
         published=reference.published,
+        factors={base_of(name): each for name, each in reference.factors.items()},
         measures=measures,
         outcomes=tuple(outcomes),
         unknown_names=reference.unknown_names,
@@ -256,7 +259,7 @@ def _row(
         subject=subject,
         configuration=configuration,
         n=len(correct),
-        looks=len(units.frames),
+        looks=len(units.stretched().frames),
         clips=units.n_clips,
         correct=_count(correct),
         predicted=_count(answered),

@@ -63,6 +63,7 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
     others = {(each.clip, each.subject): each for each in second}
     clips: dict[str, int] = {}
     codes: list[int] = []
+    tracks: list[int] = []
     frames, values = [np.zeros(0)], [np.zeros(0)]
     better = worse = 0
     for each in first:
@@ -75,12 +76,18 @@ def pair(first: Iterable[ScoredFrames], second: Iterable[ScoredFrames]) -> Pairs
         gains = right[theirs] - was_right[ours]
         begins = np.flatnonzero(np.diff(np.array(each.looks)[ours], prepend=np.nan) != 0)
         codes += [clips.setdefault(each.clip, len(clips))] * len(begins)
+        tracks += [len(frames)] * len(begins)
         frames.append(np.diff(begins, append=len(ours)) * float(repeats))
         values.append(np.add.reduceat(gains, begins).astype(np.float64))
         better, worse = better + int((gains > 0).sum()), worse + int((gains < 0).sum())
     if not codes:
         return Pairs(n=0, better=0, worse=0, units=None)
-    units = Units(clips=np.array(codes, dtype=np.intp), frames=np.concatenate(frames), values=np.concatenate(values))
+    units = Units(
+        clips=np.array(codes, dtype=np.intp),
+        frames=np.concatenate(frames),
+        values=np.concatenate(values),
+        tracks=np.array(tracks, dtype=np.intp),
+    )
     return Pairs(n=int(units.frames.sum()) // repeats, better=better, worse=worse, units=units)
 
 
@@ -110,5 +117,6 @@ def units_of(group: Sequence[Outcomes], values: Sequence[NDArray[Any]]) -> Units
         key = each.clip, each.subject
         sums[key] = sums[key] + of_looks if key in sums else of_looks
     codes = [np.full(len(each), clips.setdefault(clip, len(clips)), dtype=np.intp) for (clip, _), each in sums.items()]
+    tracks = np.repeat(np.arange(len(sums)), [len(each) for each in sums.values()])
     frames, totals = np.concatenate(list(sums.values())).T
-    return Units(clips=np.concatenate(codes), frames=frames, values=totals)
+    return Units(clips=np.concatenate(codes), frames=frames, values=totals, tracks=tracks)

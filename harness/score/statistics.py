@@ -1,4 +1,4 @@
-"""Shares, corrections, agreement measures and an exact paired test for right-or-wrong sequences.
+"""Shares, corrections and agreement measures for right-or-wrong sequences.
 
 They are short closed forms, written out: importing scipy.stats, statsmodels or scikit-learn takes as long as scoring a
 run. The tests compare each of them with those libraries.
@@ -14,8 +14,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-
-from vfoa.types import Float
 
 Codes = NDArray[np.intp]
 Counts = NDArray[np.intp]
@@ -85,26 +83,3 @@ def macro_f1(confusion: Counts) -> float:
     if not occurs.any():
         return math.nan
     return float((2 * np.diagonal(confusion)[occurs] / (true + found)[occurs]).mean())
-
-
-def sign_flip_p(differences: Codes | Float) -> float:
-    """Two-sided p of sums of differences (U,) in whole frames, if each unit's sign is as likely as its opposite.
-
-    If the two configurations were equal, each unit's difference could as well have the other sign. p is the share of
-    all 2^U assignments whose total is at least as far from 0 as the observed one. The total is a whole number, so its
-    whole distribution is computed, one unit after another: p is exact for any number of units.
-    """
-    sizes = np.abs(np.rint(differences[differences != 0])).astype(np.int64)
-    if not len(sizes):
-        return 1.0
-    step = math.gcd(*sizes.tolist())
-    found = abs(int(differences.sum())) // step
-    chance = np.ones(1)  # distribution over the totals -k, -k + 2, ..., k, where k is the sum of the sizes so far
-    for size in (sizes // step).tolist():
-        wider = np.zeros(len(chance) + size)
-        wider[: len(chance)] += chance / 2
-        wider[size:] += chance / 2
-        chance = wider
-    # place i is the total 2 i - k: the totals from `found` up, and by symmetry as many from -found down
-    upper = float(chance[(found + len(chance) - 1) // 2 :].sum())
-    return 1.0 if found == 0 else min(1.0, 2 * upper)

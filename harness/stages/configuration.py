@@ -135,6 +135,15 @@ def inherited(defaults: Tables, own: Tables) -> Tables:
     return tables
 
 
+def takes(tables: Tables, dotted: str) -> bool:
+    """Whether the stage or step that these tables select has the setting ``table.key``."""
+    table, _, key = dotted.partition(".")
+    settings = tables.get(table, {})
+    if slot := SLOTS.get(table):
+        return slot.takes(settings.get(slot.key), key)
+    return table in STEPS and (key == "method" or key in _settings_of(table, settings).model_fields)
+
+
 def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> None:
     """Reject a default, as (table, key), that no configuration has ``used``: it is probably misspelt.
 

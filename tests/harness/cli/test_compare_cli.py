@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.run.results import to_line
+from harness.score.exported import ExportedSubject, ExportedTable, Sheet
 from tests.records import answers
 from vfoa.errors import VfoaError
 
@@ -48,14 +50,90 @@ def _run(folder: Path, correct: int, configuration: str = "one", frames: range =
     return str(folder)
 
 
+def _exported(path: Path, looks: int, right: Mapping[str, int]) -> str:
+    """An exported table of one look of fifty frames in each clip; below six clips are the looks of one."""
+    clips = [f"clip {k}" if looks >= 6 else "clip" for k in range(looks)]
+    subjects = [f"girl {k}" for k in range(looks)]
+    frames = tuple(
+        ExportedSubject(
+            clip=clip,
+            subject=subject,
+            frames=tuple(range(LOOK)),
+            looks=(0,) * LOOK,
+            truth=("cup",) * LOOK,
+            correct={name: "1" * n + "0" * (LOOK - n) for name, n in right.items()},
+        )
+        for clip, subject in zip(clips, subjects, strict=True)
+    )
+    sheet = Sheet(
+        experiment="",
+        clips=(),
+        subjects=1,
+        pairs=0,
+        units="",
+        seeds={},
+        notes=(),
+        versions={},
+        source_sha256=None,
+        commit=None,
+    )
+    table = ExportedTable(sheet=sheet, configurations={key: {} for key in right}, rows=(), frames=frames)
+    path.write_text(table.with_digest().model_dump_json())
+    return str(path)
+
+
 def test_a_significant_drop_fails_and_a_small_one_does_not(tmp_path: Path) -> None:
     before, worse = _run(tmp_path / "before", 20), _run(tmp_path / "worse", 8)
     little = _run(tmp_path / "little", 18)
     guard = ["--baseline", before, "--fail-on", "significant-drop"]
     assert CliRunner().invoke(app, ["compare", worse, *guard]).exit_code == 1
     assert CliRunner().invoke(app, ["compare", worse, "--baseline", before]).exit_code == 0
-    assert CliRunner().invoke(app, ["compare", little, *guard, "--tolerance", "5"]).exit_code == 0
-    assert CliRunner().invoke(app, ["compare", little, *guard, "--tolerance", "3"]).exit_code == 1
+    guard[-1] = "significant-drop=5"
+    assert CliRunner().invoke(app, ["compare", little, *guard]).exit_code == 0
+    guard[-1] = "significant-drop=3"
+    assert CliRunner().invoke(app, ["compare", little, *guard]).exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("looks", "kind", "ends"),
+    [
+        # ends: no change, 4 points less, all lost; 0 passes, 1 fails, None is refused
+        (3, "significant-drop", (None, None, None)),
+        (7, "significant-drop", (None, None, None)),  # four comparisons: 4 x 2 / 2^7 > 0.05
+        (20, "significant-drop", (0, 1, 1)),
+        (3, "drop=5", (0, 0, 1)),
+        (7, "drop=5", (0, 0, 1)),
+        (20, "drop=5", (0, 0, 1)),
+        (7, "drop=3", (0, 1, 1)),
+        (3, "possible-drop=5", (None, None, None)),
+        (7, "possible-drop=5", (0, 0, 1)),
+        (20, "possible-drop=5", (0, 0, 1)),
+        (20, "possible-drop=3", (0, 1, 1)),
+    ],
+)
+def test_a_check_passes_or_fails_by_its_kind_and_is_refused_where_it_cannot(
+    tmp_path: Path, looks: int, kind: str, ends: tuple[int | None, ...]
+) -> None:
+    # one look in each of as many clips, but of few: below six clips, looks are the units
+    names = ("bm-one", "bm-two", "sgbm-one", "sgbm-two")
+    before = _exported(tmp_path / "before.json", looks, dict.fromkeys(names, 20))
+    for number, (right, expected) in enumerate(zip((20, 18, 0), ends, strict=True)):
+        after = _exported(tmp_path / f"{number}.json", looks, dict.fromkeys(names, right))
+        done = CliRunner().invoke(app, ["compare", after, "--baseline", before, "--fail-on", kind])
+        if expected is None:
+            assert isinstance(done.exception, VfoaError)
+            assert "cannot fail" in str(done.exception) or "cannot pass" in str(done.exception)
+        else:
+            assert done.exit_code == expected, done.output
+            assert (f"vfoa: --fail-on {kind}: " in done.stderr) == bool(expected)
+
+
+@pytest.mark.parametrize("kind", ["drop", "drop=", "drop=-1", "drop=x", "possible-drop=0", "drip=5", "drop=nan"])
+def test_a_kind_of_check_is_refused_that_is_none(tmp_path: Path, kind: str) -> None:
+    before, worse = _run(tmp_path / "before", 20), _run(tmp_path / "worse", 8)
+    error = CliRunner().invoke(app, ["compare", worse, "--baseline", before, "--fail-on", kind]).exception
+    assert isinstance(error, VfoaError)
+    assert "expected significant-drop[=POINTS], drop=POINTS or possible-drop=POINTS" in str(error)
 
 
 def test_a_significant_gain_does_not_fail(tmp_path: Path) -> None:
@@ -79,7 +157,7 @@ def test_several_runs_against_a_baseline_are_corrected_together(tmp_path: Path) 
     said = CliRunner().invoke(app, ["compare", *others, "--baseline", before, "--json"])
     better, same = json.loads(said.stdout)
     assert (better["p"], better["p_holm"]) == (2 / 2**LOOKS, 4 / 2**LOOKS)
-    assert "p = 0.0078 (p = 0.016 after Holm): significantly better" in better["sentence"]
+    assert "p = 0.016, corrected for 2 comparisons: significantly better" in better["sentence"]
     assert (same["p"], same["p_holm"]) == (1, 1)
 
 

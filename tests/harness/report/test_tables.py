@@ -133,8 +133,8 @@ def test_the_numbers_for_programs_add_up() -> None:
 def test_comparisons_are_said_in_words() -> None:
     texts = render_tables(score(_paper_records(), Reference(labels=PAPER_LABELS)))
     sentence = (
-        "BM, 2 cones vs BM, 1 cone: +6.0 points (no interval from so few looks), 1 joined look of 1 clip, this clip "
-        "only, p = 1 (p = 1 after Holm): cannot be told apart"
+        "BM, 2 cones vs BM, 1 cone: +6.0 points (no interval), 1 joined look of 1 clip, this clip only, p = 1, "
+        "corrected for 6 comparisons: cannot be told apart; with so few units no difference can be significant"
     )
     assert "| BM, 2 cones" in texts["comparisons.md"]
     row = next(row for row in _csv(texts["comparisons.csv"]) if row["sentence"] == sentence)

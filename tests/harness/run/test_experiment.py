@@ -183,3 +183,12 @@ def test_a_preset_may_be_an_axis_or_asked_for_from_outside(tmp_path: Path) -> No
 def test_a_preset_that_is_not_there_or_does_not_fit_is_refused(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(VfoaError, match=said):
         load_experiment(_write(tmp_path, text))
+
+
+def test_an_override_holds_where_the_stage_has_the_setting_and_a_note_names_the_others() -> None:
+    experiment = load_experiment("demo", clips=("studio_table",), overrides=("stereo.search=guided",))
+    found = _by_name(experiment.configurations)
+    assert [found[name]["stereo"].get("search") for name in ("bm-one", "sgbm-one")] == [None, "guided"]  # type: ignore[attr-defined]
+    assert "stereo.search is not set in bm-one, bm-two: no such setting there." in experiment.notes
+    with pytest.raises(VfoaError, match="unknown key 'serach'"):
+        load_experiment("demo", overrides=("stereo.serach=guided",))

@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import pytest
 
 from harness.score.comparison import compare, format_p
@@ -52,19 +53,29 @@ def test_a_long_look_is_no_evidence_by_itself() -> None:
     (found,) = compare({"a": _clips([0]), "b": _clips([9])})
     assert (found.n, found.better, found.worse, found.p, found.looks) == (10, 9, 0, 1.0, 1)
     assert math.isnan(found.interval.low)
-    assert math.isnan(found.detectable)
+    assert found.detectable == math.inf
+    assert not found.can_be_significant
     assert found.verdict == "cannot be told apart"
 
 
-def test_a_drop_is_told_from_one_within_the_tolerance() -> None:
-    (found,) = compare({"old": _clips([9] * 8), "new": _clips([7] * 8)})
-    assert found.difference == pytest.approx(-0.2)
-    assert found.is_drop()
-    assert found.is_drop(0.19)
-    assert not found.is_drop(0.21)
-    (upward,) = compare({"new": _clips([7] * 8), "old": _clips([9] * 8)})
-    assert upward.is_significant
-    assert not upward.is_drop()
+@pytest.mark.parametrize("seed", range(6))
+def test_an_interval_holds_no_difference_exactly_where_the_corrected_test_rejects_none(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    right = {name: _clips(*rng.integers(0, 6 + 2 * k, (9, 3)).tolist()) for k, name in enumerate("abcd")}
+    found = compare(right)
+    assert {each.is_significant for each in found} == {True, False}
+    for each in found:
+        assert (each.interval.low <= 0 <= each.interval.high) == (not each.is_significant)
+        assert each.interval.low < each.difference < each.interval.high
+
+
+def test_a_corrected_interval_is_longer_than_one_of_a_single_comparison() -> None:
+    right = {name: _clips(*[[k + j, 5] for j in range(9)]) for k, name in enumerate("abc")}
+    right["b"] = _clips(*[[10 - j, 5] for j in range(9)])
+    (alone,) = compare({name: right[name] for name in "ab"})
+    corrected = compare(right)[0]
+    assert corrected.interval.low < alone.interval.low
+    assert corrected.interval.high > alone.interval.high
 
 
 def test_several_comparisons_are_corrected_together() -> None:
@@ -75,7 +86,7 @@ def test_several_comparisons_are_corrected_together() -> None:
         ("b", "c", 3),
     ]
     assert [each.p_holm for each in found] == pytest.approx([6 / 2**8, 6 / 2**8, 1.0])
-    assert "after Holm" in found[0].sentence
+    assert "corrected for 3 comparisons" in found[0].sentence
 
 
 def test_what_cannot_be_told_apart_says_what_could_have_been() -> None:

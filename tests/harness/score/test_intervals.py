@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from scipy.stats import beta, bootstrap, permutation_test
-from statsmodels.stats.power import TTestPower
 
 from harness.score.comparison import Spread, clips_needed, detectable_difference
 from harness.score.intervals import (
@@ -22,7 +22,7 @@ from harness.score.intervals import (
     resampled_rates,
     standard_error,
 )
-from harness.score.statistics import sign_flip_p
+from harness.score.sign_flips import inferiority_p, needed_shift, power, sign_flip_interval, sign_flip_p, smallest_p
 
 
 def _run(rng: np.random.Generator, clips: int, looks: int = 5, signed: bool = False) -> Units:
@@ -138,30 +138,74 @@ def test_where_all_is_right_the_interval_is_the_exact_one_of_the_units(n: int) -
 def test_an_interval_holds_its_rate_and_stays_within_bounds(seed: int, clips: int, signed: bool) -> None:
     units = _run(np.random.default_rng(seed), clips, signed=signed)
     found = (difference_interval if signed else rate_interval)(units)
-    if math.isnan(found.low):  # every look differs alike
-        assert standard_error(units) == pytest.approx(0, abs=1e-12)
+    if math.isnan(found.low):  # too few units for a test, or every look differs alike
+        assert len(units.merged().frames) < 6 or standard_error(units) == pytest.approx(0, abs=1e-12)
         return
     assert (-1.0 if signed else 0.0) <= found.low <= units.rate <= found.high <= 1.0
 
 
-def test_power_is_that_of_statsmodels() -> None:
-    rng = np.random.default_rng(3)
-    for clips in (6, 10, 40):
-        units = _run(rng, clips, signed=True)
-        error = standard_error(units)
-        expected = TTestPower().solve_power(nobs=clips, alpha=0.05, power=0.8)
-        assert detectable_difference(units) == pytest.approx(expected * error * math.sqrt(clips), rel=1e-3)
+@pytest.mark.parametrize("alpha", [0.05, 0.0125])
+@pytest.mark.parametrize("units", [4, 6, 8, 12, 30])
+def test_power_is_that_of_brute_force(units: int, alpha: float) -> None:
+    shift = needed_shift(units, alpha, 0.8)
+    if smallest_p(units) >= alpha:
+        assert shift == math.inf
+        assert power(units, alpha, 100.0) == 0
+        return
+    rng = np.random.default_rng(units)
+    samples = np.rint(100 * (shift + rng.standard_normal((400, units))))
+    assert np.mean([sign_flip_p(each) < alpha for each in samples]) == pytest.approx(0.8, abs=0.06)
+    assert power(units, alpha, shift) == pytest.approx(0.8, abs=0.01)
 
 
-def test_fewer_clips_are_needed_for_a_larger_difference_and_with_more_looks() -> None:
+def test_nothing_is_detectable_where_no_result_is_significant() -> None:
+    units = _run(np.random.default_rng(3), 7, signed=True)
+    alone, corrected = detectable_difference(units), detectable_difference(units, family=4)
+    assert 0 < alone < corrected == math.inf
+
+
+@given(
+    hnp.arrays(np.int64, st.integers(6, 14), elements=st.integers(-30, 30)), st.sampled_from([0.05, 0.0125, 0.05 / 45])
+)
+def test_an_interval_holds_what_its_test_does_not_reject(differences: np.ndarray, alpha: float) -> None:
+    frames = np.full(len(differences), 30.0)
+    found = sign_flip_interval(differences.astype(np.float64), frames, alpha)
+    if smallest_p(len(differences)) >= alpha:
+        assert found is None
+        return
+    assert found is not None
+    assert (found[0] <= 0 <= found[1]) == (sign_flip_p(differences) >= alpha)
+    if len(differences) <= 12:  # all subsets are listed: what lies beyond the ends is rejected
+        for end, beyond in ((found[0], -0.02), (found[1], 0.02)):
+            shifted = np.rint(100 * (differences - (end + beyond) * frames))
+            if found[0] < found[1]:
+                assert sign_flip_p(shifted) < alpha
+
+
+def test_a_drop_is_ruled_out_by_units_that_agree() -> None:
+    frames = np.full(10, 30.0)
+    assert inferiority_p(np.zeros(10), frames, 0.05) == pytest.approx(2.0**-10)
+    assert inferiority_p(-0.05 * frames, frames, 0.05) == 1.0
+    rng = np.random.default_rng(1)
+    equal = [inferiority_p(np.rint(rng.normal(-1.5, 6, 10)), frames, 0.05) < 0.05 for _ in range(400)]
+    assert np.mean(equal) == pytest.approx(0.05, abs=0.035)
+
+
+def test_fewer_clips_are_needed_for_a_larger_difference_with_more_looks_and_a_larger_pilot() -> None:
     spread = Spread(between=0.01, within=0.02, clips=8, looks=4)
-    small, large = clips_needed(spread, 0.05), clips_needed(spread, 0.2)
-    assert small is not None
-    assert large is not None
-    assert small > large >= 6
-    more = clips_needed(spread, 0.05, looks=40)
-    assert more is not None
-    assert more < small
+    small, large, more = clips_needed(spread, 0.05), clips_needed(spread, 0.2), clips_needed(spread, 0.05, looks=40)
+    known, corrected = clips_needed(replace(spread, clips=200), 0.05), clips_needed(spread, 0.05, family=6)
+    assert small
+    assert large
+    assert more
+    assert known
+    assert corrected
+    assert corrected.needed > small.needed > large.needed >= 6
+    assert more.needed < small.needed
+    assert known.needed < small.needed
+    assert known.most
+    assert small.most
+    assert small.fewest < known.fewest <= known.needed <= known.most < small.most
     never = Spread(between=math.nan, within=0.02, clips=1, looks=4)
     assert clips_needed(never, 0.05) is None
 
@@ -192,10 +236,12 @@ def test_a_plan_is_that_of_brute_force(between: float, within: float, difference
             values=np.rint(frames * rates),
         )
 
-    def power(clips: int) -> float:
+    def found(clips: int) -> float:
         return float(np.mean([sign_flip_p(drawn(clips).merged().values) < 0.05 for _ in range(1500)]))
 
     planned = clips_needed(Spread.of(drawn(2000)), difference)
-    assert planned is not None
-    assert power(math.floor(0.9 * planned)) < 0.8 < power(math.ceil(1.1 * planned))
-    assert clips_needed(Spread.of(drawn(2000)), difference, looks=2 * looks) < planned
+    longer = clips_needed(Spread.of(drawn(2000)), difference, looks=2 * looks)
+    assert planned
+    assert longer
+    assert found(math.floor(0.9 * planned.needed)) < 0.8 < found(math.ceil(1.1 * planned.needed))
+    assert longer.needed < planned.needed
