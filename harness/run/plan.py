@@ -157,15 +157,16 @@ def _said_of_near(clips: Iterable[PreparedClip], configurations: Iterable[Config
     """Notes on objects nearer than a matcher searches. Unreadable images are ignored: the run reports them."""
     stereo = [choice.settings for each in configurations if (choice := each.choices["stereo"])]
     limits_m: set[float] = {each.min_depth_m for each in stereo if isinstance(each, BlockMatchingSettings)}
-    for clip in clips if limits_m else ():
+    for clip in clips:
         images = clip.clip
-        if isinstance(images, MeasuredClip):
+        searched_m = [limit_m for limit_m in sorted(limits_m) if limit_m > getattr(images, "nearest_m", 0.0)]
+        if isinstance(images, MeasuredClip) or not searched_m:
             continue
         try:
             frames = [images.frame(number) for number in first_middle_last(clip.frames)]
         except VfoaError:
             continue
-        for limit_m in sorted(limits_m):
+        for limit_m in searched_m:
             yield from (f"{clip.manifest.name}: {note}." for note in near_notes(frames, limit_m))
 
 

@@ -55,6 +55,9 @@ class StudioClip:
             raise VfoaError(f"root: found {str(root)!r}; expected none: the studio renders its frames")
         self._settings = settings
 
+    nearest_m = 1.0
+    """Nothing is nearer to the cameras. A limit of depth below this needs no frame to be rendered for a check."""
+
     @property
     def frames(self) -> range:
         """Frame numbers, from 1."""

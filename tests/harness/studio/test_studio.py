@@ -156,6 +156,8 @@ class TestTruth:
     def test_surfaces_lie_in_the_boxes_and_on_their_faces(self, name: ScenarioName) -> None:
         truth = clip(name).truth(20)
         assert truth.disparity is not None
+        depth_m = RIG.fx_px * RIG.baseline_m / truth.disparity.disparity_px
+        assert np.nanmin(depth_m) > StudioClip.nearest_m
         assert truth.instances is not None
         assert truth.boxes is not None
         seen = Seen(disparity=truth.disparity, instances=truth.instances, rig=RIG)
