@@ -41,6 +41,7 @@ def fit(
     even_if_worse: Annotated[
         bool, typer.Option("--even-if-worse", help="Write the file even if the default weights are better.")
     ] = False,
+    tables: Annotated[Path | None, typer.Option(metavar="FILE.md", help="Also write the tables as Markdown.")] = None,
     replace: Replace = False,
 ) -> None:
     """Fit attention to labelled clips: the weights of a conditional logit over the targets and nowhere.
@@ -50,6 +51,7 @@ def fit(
     from harness.cli.terminal import print_reports
     from harness.files import atomic_write, check_new
     from harness.report.fit import fit_tables, fitted_text
+    from harness.report.formats import to_markdown
     from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED, fit_logit, read_labelled
     from vfoa.errors import VfoaError
     from vfoa.logit import shipped_fit
@@ -59,6 +61,8 @@ def fit(
         check_new(out, replace=replace, hint=", or another --out", inputs=inputs)
     first_s = _seconds(first)
     run = read_labelled(_directory(what), config)
+    if tables is not None:
+        check_new(tables, replace=replace, hint=", or another --tables", inputs=inputs)
     path = out or Path(f"{run.experiment}-fitted.toml")
     check_new(path, replace=replace, hint=", or another --out", inputs=inputs)
     try:
@@ -67,7 +71,10 @@ def fit(
         if not even_if_worse:
             raise
         fitted = fit_logit(run, first_s=first_s, scored=False)
-    print_reports(fit_tables(fitted))
+    reports = fit_tables(fitted)
+    print_reports(reports)
+    if tables is not None:
+        atomic_write(tables, "\n".join(map(to_markdown, reports)))
     own = fitted.fit.score_of(f"{FITTED}, forward")
     # default weights that were fitted on these clips are no measure
     rival = COMMONEST if set(fitted.fit.clips) & set(shipped_fit().get("clips", ())) else f"{DEFAULT}, forward"

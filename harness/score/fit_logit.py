@@ -126,7 +126,7 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
         if record.clip in labels:
             if base == chosen:
                 by_run.setdefault((record.clip, record.configuration), []).append(record)
-            elif base == record.configuration or record.configuration.endswith(".seed1"):
+            if base == record.configuration or record.configuration.endswith(".seed1"):
                 has_probabilities = known[record.configuration]["attention"]["method"] in PROBABILISTIC
                 for name, outcome in _outcomes(record, labels[record.clip], has_probabilities=has_probabilities):
                     others.setdefault((record.clip, name, record.frame), {})[base] = outcome
