@@ -36,8 +36,9 @@ FRR_NOTES = (
     f"{ALL}: the pairs of all clips together, so that longer clips weigh more.",
 )
 TERMINAL_NOTE = (
-    "n: labelled (frame, subject) pairs; FRR: right ones. 95 %, and the test of whether the best baseline is beaten: "
-    f"by clips from {LEAST_CLIPS} clips on, else by looks of these clips only. No hit: no ray hit anything."
+    "n: labelled (frame, subject) pairs; FRR: right ones; Balanced: mean of those with and without a target. 95 %, and "
+    f"the test of whether the best baseline is beaten: by clips from {LEAST_CLIPS} clips on, else by looks of these "
+    "clips only. No hit: no ray hit anything."
 )
 
 
@@ -80,17 +81,24 @@ def summary_table(scores: Scores) -> tuple[Table, int | None]:
     kept = set(map(id, sorted(rows, key=lambda row: -row.frr)[:MOST_ROWS]))
     places = [row for row in rows if id(row) in kept]
     left_out = f" The best {MOST_ROWS} of {len(rows)} configurations." if len(rows) > MOST_ROWS else ""
+    columns: dict[str, list[str]] = {
+        "Configuration": [row.configuration for row in places],
+        "n": [str(row.n) for row in places],
+        "FRR %": [_percent(row.frr) for row in places],
+        "95 %": [_range(row.interval) for row in places],
+        "Balanced %": [_percent(row.metrics["balanced_frr"]) for row in places],
+        "Log loss": [_loss(row, "log_loss") for row in places],
+        "Baseline %": [_percent(row.baselines[row.best_baseline]) for row in places],
+        "Beaten": [row.beats for row in places],
+        "No hit %": [_percent(row.no_hit / row.n) for row in places],
+    }
+    has_losses = any(not math.isnan(row.metrics["log_loss"]) for row in places)
+    columns.pop("No hit %" if has_losses else "Log loss")  # both do not fit
     table = Table(
         title="FRR of each configuration over all clips",
-        columns=("Configuration", "n", "FRR %", "95 %", "Baseline %", "Beaten", "No hit %"),
+        columns=tuple(columns),
         words=1,
-        rows=tuple(
-            (
-                *(row.configuration, str(row.n), _percent(row.frr), _range(row.interval)),
-                *(_percent(row.baselines[row.best_baseline]), row.beats, _percent(row.no_hit / row.n)),
-            )
-            for row in places
-        ),
+        rows=tuple(zip(*columns.values(), strict=True)),
         notes=(TERMINAL_NOTE + left_out,) if rows else (),
     )
     return table, places.index(max(places, key=lambda row: row.frr)) if places else None
@@ -308,11 +316,11 @@ def remarks(scores: Scores) -> list[str]:
 
 
 def _balanced(row: ScoreRow) -> tuple[str, ...]:
-    losses = (row.metrics[name] for name in LOSSES)
-    return (
-        *(_percent(row.metrics[name]) for name in SHARES),
-        *(UNKNOWN if math.isnan(loss) else f"{loss:.3f}" for loss in losses),
-    )
+    return *(_percent(row.metrics[name]) for name in SHARES), *(_loss(row, name) for name in LOSSES)
+
+
+def _loss(row: ScoreRow, name: str) -> str:
+    return UNKNOWN if math.isnan(row.metrics[name]) else f"{row.metrics[name]:.3f}"
 
 
 def _names(row: ScoreRow) -> tuple[str, str]:
