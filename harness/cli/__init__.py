@@ -10,7 +10,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -46,6 +46,10 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+_WrongCommandLine: Any = typer.BadParameter.__mro__[2]
+"""Click's error of a command line. Typer has its own copy of Click, or an older one the package."""
 
 
 def _print_version(wanted: bool) -> None:
@@ -100,7 +104,7 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")  # a file's name need not be valid text
     with one_line_errors():
         _check_working_directory()
-        app(prog_name="vfoa")
+        raise SystemExit(app(prog_name="vfoa", standalone_mode=False) or 0)
 
 
 @contextmanager
@@ -113,6 +117,16 @@ def one_line_errors() -> Iterator[None]:
         _refuse(str(error))
     except VfoaError as error:
         _refuse(str(error))
+    except _WrongCommandLine as error:
+        if type(error).__name__ == "NoArgsIsHelpError":
+            error.show()
+            raise SystemExit(error.exit_code) from None
+        context = getattr(error, "ctx", None)
+        named = context.command_path.removeprefix("vfoa").strip() if context else ""
+        advice = f"vfoa {named} -h".replace("  ", " ")
+        _refuse(f"{named}{': ' if named else ''}{error.format_message().rstrip('.')}; see `{advice}`")
+    except typer.Abort:
+        _refuse("nothing was changed")
     except BrokenPipeError:
         # the reader of the output has closed it; the interpreter would complain when it closes stdout
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -33,6 +33,9 @@ def plot(
     subject: Annotated[
         str | None, typer.Option(metavar="SUBJECT", help="Subject of a timeline. Default: the first.")
     ] = None,
+    width: Annotated[
+        float | None, typer.Option(min=1, metavar="INCHES", help="Width of the figure. Default: that of its kind.")
+    ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --out.")] = False,
 ) -> None:
     """Draw a figure of a run or of a sweep, in a style for print."""
@@ -40,9 +43,15 @@ def plot(
     from harness.report.figures import check_format, save_figure
     from harness.report.plots.draw import plot_run
     from harness.run.directory import RunDirectory
+    from vfoa.errors import VfoaError
 
     check_format(out)
     folder = run_folder(run)
     check_new(out, replace=replace, hint=", or another --out", inputs=RunDirectory(folder).inputs)
-    save_figure(out, plot_run(folder, kind.value, clip=clip, subject=subject))
+    if not out.parent.is_dir():
+        raise VfoaError(f"{out.parent}: found no such folder; expected an existing one for --out")
+    figure = plot_run(folder, kind.value, clip=clip, subject=subject)
+    if width is not None:
+        figure.set_figwidth(width)
+    save_figure(out, figure)
     say(f"Figure: {out}")

@@ -36,10 +36,11 @@ function axes(counts) {
 
 function heatmap(clip, name, of, { truths, answers }, width) {
   const left = Math.min(6.9 * Math.max(...truths.map((each) => nameOf(each).length)) + 14, 0.32 * width);
-  const cell = Math.max(Math.min((width - left) / answers.length, 54), 14);
+  const last = Math.min(6.5 * nameOf(answers.at(-1)).length, 118); // its slanted label needs room on the right
+  const cell = Math.max(Math.min((width - left) / answers.length, (width - left - 0.82 * last) / (answers.length - 0.5), 54), 14);
   const high = Math.min(cell, 26);
   const top = 8 + Math.min(6.5 * Math.max(...answers.map((each) => nameOf(each).length)), 112);
-  const svg = canvas(Math.max(left + cell * answers.length, 40), top + high * truths.length + 4, `Confusion of ${name} on ${data.clips[clip].name}`);
+  const svg = canvas(Math.max(left + cell * answers.length, left + cell * (answers.length - 0.5) + 0.82 * last + 8, 40), top + high * truths.length + 4, `Confusion of ${name} on ${data.clips[clip].name}`);
   answers.forEach((answer, k) => {
     const [x, y] = [left + cell * k + cell / 2 + 4, top - 6];
     svg.append(text(x, y, fitted(nameOf(answer), 118), { class: "tick", transform: `rotate(-${cell > 50 ? 35 : 60} ${x} ${y})` }));

@@ -99,7 +99,8 @@ function values({ track, lane, i }) {
     element(words ? "th" : "td", words ? { scope: "col", class: column ? "n" : "" } : {}, words)));
   const rows = known.filter(told).map(([code, ...numbers]) => {
     const name = nameOf(code);
-    const level = element("meter", { min: 0, max: 1, value: numbers[0], "aria-label": `attention to ${name}` });
+    const kind = code === track.truth[i] ? "truth" : code === lane.predicted[i] ? "wrong" : "other";
+    const level = element("meter", { min: 0, max: 1, value: numbers[0], class: kind, "aria-label": `attention to ${name}` });
     const role = [code === track.truth[i] ? "truth" : "", code === lane.predicted[i] ? "predicted" : ""].filter(Boolean).join(", ");
     return element("tr", {}, element("th", { scope: "row" }, name, element("small", {}, role && ` (${role})`)),
       element("td", {}, level), ...numbers.map((each) => element("td", { class: "n" }, decimals(each))));

@@ -13,8 +13,8 @@ export function axisLane(track, rate) {
     height: rate ? 30 : 18,
     draw(pen, view, top, colours) {
       const first = track.frames[0];
-      for (const tick of ticks(view.from, view.to, Math.max(2, view.width / 90))) {
-        const i = Math.round(tick);
+      const places = ticks(view.from, view.to, Math.max(2, view.width / 90)).map(Math.round);
+      for (const i of new Set(places)) {
         if (i < 0 || i >= track.frames.length || i < view.from) continue;
         const x = toX(view, i + 0.5);
         pen.line([[x, top + 1], [x, top + 5]], colours.of("soft"));
@@ -48,7 +48,8 @@ export function truthLane(track) {
         const [x, wide] = [toX(view, start), toX(view, end) - toX(view, start)];
         pen.rect(x, top, Math.max(wide - 0.6, 0.4), 18, colours.shade(track.colours[code] ?? "rgb(150 150 150)"), 0.55);
         const words = nameOf(code);
-        if (pen.measure(words, 11) < wide - 6) pen.text(x + 4, top + 13, words, colours.of("ink"), { size: 11 });
+        const seen = Math.max(x, view.left); // a look may begin off-screen
+        if (pen.measure(words, 11) < x + wide - seen - 6) pen.text(seen + 4, top + 13, words, colours.of("ink"), { size: 11 });
       });
     },
   };

@@ -17,6 +17,7 @@ from harness.report.plots.sweep_heatmap import draw_sweep
 from harness.report.plots.timeline import draw_timeline
 from harness.run.directory import RunDirectory
 from harness.score.finished_run import read_scores
+from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
 from harness.score.sweep.read import is_sweep, read_sweep
 from vfoa.errors import VfoaError
@@ -57,7 +58,7 @@ def plot_run(directory: Path, kind: str, *, clip: str | None = None, subject: st
         raise VfoaError(f"plot: --subject is for timeline; found --kind {kind}")
     with mpl.rc_context(STYLE):
         if is_sweep(directory) != (kind == "sweep"):
-            wanted = "sweep" if is_sweep(directory) else f"one of {', '.join(SCORED)}"
+            wanted = "sweep" if is_sweep(directory) else f"one of {', '.join(_kinds_of(directory))}"
             raise VfoaError(f"{directory}: found --kind {kind}; expected {wanted}, which it has")
         if kind == "sweep":
             return draw_sweep(read_sweep(directory))
@@ -67,3 +68,10 @@ def plot_run(directory: Path, kind: str, *, clip: str | None = None, subject: st
         if kind in ("forest", "errors") and not scores.rows:
             raise VfoaError(f"{directory}: no frame is labelled; expected a run with scores")
         return SCORED[kind](scores, clip, subject)
+
+
+def _kinds_of(run: Path) -> list[str]:
+    """The kinds of figures that a run has: an oracle ablation only if it was run with one."""
+    configurations = list(RunDirectory(run).read_manifest()["configurations"])
+    has_oracle = without_oracles(configurations) != configurations
+    return [kind for kind in SCORED if kind != "oracle" or has_oracle]

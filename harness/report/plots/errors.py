@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from matplotlib.figure import Figure
 
-from harness.report.plots.style import COLUMN_IN, HATCHES, colour
+from harness.report.plots.style import COLUMN_IN, error_style
 from harness.report.verdict import overall
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
@@ -19,16 +19,17 @@ def draw_errors(scores: Scores) -> Figure:
     figure = Figure(figsize=(1.5 * COLUMN_IN, 0.28 * len(rows) + 1.2), layout="constrained")
     axes = figure.subplots()
     starts = [0.0] * len(rows)
-    for number, error_type in enumerate(seen):
+    for error_type in seen:
+        colour, hatch = error_style(error_type)
         shares = [100 * row.error_types[error_type] / row.n for row in rows]
         axes.barh(
             range(len(rows)),
             shares,
             left=starts,
             height=0.7,
-            color=colour(number),
+            color=colour,
             edgecolor="white",
-            hatch=HATCHES[number % len(HATCHES)],
+            hatch=hatch,
             label=error_type.replace("_", " "),
         )
         starts = [start + share for start, share in zip(starts, shares, strict=True)]

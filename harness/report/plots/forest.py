@@ -29,6 +29,8 @@ def draw_forest(scores: Scores) -> Figure:
     _finish(panels[0], pooled)
     panels[0].set_yticks(range(len(pooled)), [row.configuration for row in reversed(pooled)])
     panels[0].set_title("All clips" if clips else f"{pooled[0].clip or 'All clips'}")
+    panels[0].plot([], [], color=GREY, ls=(0, (2, 1)), label="best baseline")
+    panels[0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.16))
     if clips:
         _draw_clips(panels[1], clips, names)
     return figure

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from harness.report.plots.style import HATCHES, PAGE_IN, colour
+from harness.report.plots.style import PAGE_IN, error_style
 from harness.score.oracle_ablation import without_oracles
 from harness.score.score import Scores
 from harness.score.verdicts import ERROR_TYPES, Verdict
@@ -44,7 +44,7 @@ def draw_timeline(scores: Scores, clip: str | None, subject: str | None) -> Figu
     axes = figure.subplots()
     _draw_truth(axes, next(iter(strips.values())))
     for row, verdicts in enumerate(strips.values(), start=1):
-        _draw_strip(axes, row, verdicts, seen)
+        _draw_strip(axes, row, verdicts)
     axes.set_yticks(range(len(strips) + 1), ["truth", *strips])
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
@@ -53,8 +53,8 @@ def draw_timeline(scores: Scores, clip: str | None, subject: str | None) -> Figu
     axes.set_title(f"{clip}, {subject}")
     patches = [Patch(fc=CORRECT, label="correct"), Patch(fc=UNSCORED, label="unscored")]
     patches += [
-        Patch(fc=colour(i), ec="w", hatch=HATCHES[i % len(HATCHES)], label=each.replace("_", " "))
-        for i, each in enumerate(seen)
+        Patch(fc=error_style(each)[0], ec="w", hatch=error_style(each)[1], label=each.replace("_", " "))
+        for each in seen
     ]
     figure.legend(handles=patches, loc="outside lower center", ncols=6)
     return figure
@@ -74,12 +74,12 @@ def _draw_truth(axes: Axes, verdicts: list[Verdict]) -> None:
             axes.text(frames[0] + wide / 2 - 0.5, 0, truth, ha="center", va="center", fontsize=6.5)
 
 
-def _draw_strip(axes: Axes, row: int, verdicts: list[Verdict], seen: list[str]) -> None:
+def _draw_strip(axes: Axes, row: int, verdicts: list[Verdict]) -> None:
     for kind, same in groupby(verdicts, key=lambda each: each.error_type or each.outcome):
         frames = [each.frame for each in same]
-        number = seen.index(kind) if kind in seen else -1
-        face = colour(number) if number >= 0 else CORRECT if kind == "correct" else UNSCORED
-        hatch = HATCHES[number % len(HATCHES)] if number >= 0 else ""
+        face, hatch = (CORRECT if kind == "correct" else UNSCORED), ""
+        if kind in ERROR_TYPES:
+            face, hatch = error_style(kind)
         axes.barh(
             row,
             frames[-1] - frames[0] + 1,

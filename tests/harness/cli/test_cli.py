@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from harness.cli import main
 from harness.cli.run import experiment_of
 from tests.command import vfoa
 from tests.disk import picture, sintel_scene, stereo_pair_folder, write_image, write_text
@@ -189,3 +190,20 @@ def test_the_doctor_names_a_fix_for_what_is_missing_and_fails_where_running_cann
     code, out, _ = vfoa(monkeypatch, capsys, "doctor", "--json")
     (open3d,) = (row for row in json.loads(out) if row["what"] == "open3d")
     assert (code, "libgl1" in open3d["fix"]) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["run", "--nope"], "vfoa: run: No such option: --nope"),
+        (["nope"], "vfoa: No such command 'nope'; see `vfoa -h`"),
+    ],
+)
+def test_a_wrong_command_line_is_one_line(words, said, monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["vfoa", *words])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    error = capsys.readouterr().err
+    assert error.startswith(said)
+    assert error.count("\n") == 1

@@ -1,0 +1,99 @@
+"""The tutorials, executed as written: the commands of each page in order, after ``make demo``, with what they print.
+
+A new page in docs/tutorials needs no code here: a block below ``<!-- not executed: REASON -->`` is left out. Runs of
+the demo are short (:data:`LIMIT`), so numbers are not compared, but the words and the number of cells around them.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.repository import REPOSITORY
+
+PAGES = sorted((REPOSITORY / "docs" / "tutorials").glob("*.md"))
+LIMIT = ("--limit", "3")
+SERVING = ("--serve", "--web", "annotate")
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """A folder in which ``make demo`` has run, and what it printed at 80 columns."""
+    folder = tmp_path_factory.mktemp("tutorial")
+    return folder, _vfoa(["demo"], folder, folder / "cache", columns=80)
+
+
+def test_the_demo_prints_one_screen_that_ends_with_the_next_commands(demo: tuple[Path, str]) -> None:
+    lines = demo[1].splitlines()
+    assert len(lines) <= 30
+    assert max(map(len, lines)) <= 80
+    assert [
+        f" {name} " for name in ("bm-one", "bm-two", "sgbm-one", "sgbm-two") if demo[1].count(f" {name} ") != 1
+    ] == []
+    assert "best of 4" in demo[1]
+    assert lines[-2:] == [
+        "Report (all tables: frr.md): runs/demo/report.html",
+        "Scrub a failure: vfoa view runs/demo --failures",
+    ]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_tutorial_does_what_it_says(page: Path, demo: tuple[Path, str], tmp_path: Path) -> None:
+    folder, printed = demo
+    shutil.copytree(folder / "runs", tmp_path / "runs")
+    for command, expected in _steps(page.read_text(encoding="utf-8")):
+        if command == "make demo":
+            said = printed
+        else:
+            words = shlex.split(command)
+            assert words[0] == "vfoa", f"{page.name}: {command}"
+            said = _vfoa(words[1:], tmp_path, folder / "cache")
+        if expected.strip():
+            assert _shape(said) == _shape(expected), f"{page.name}: {command}\n{said}"
+
+
+def _steps(page: str) -> Iterator[tuple[str, str]]:
+    """The commands of a page's blocks, each with the output printed below it."""
+    for block in re.finditer(
+        r"^(<!-- not executed:.*?-->\n+)?```(?:console)?\n(.*?)^```", page, re.MULTILINE | re.DOTALL
+    ):
+        if block[1] is None:
+            for step in re.split(r"^\$ ", block[2], flags=re.MULTILINE)[1:]:
+                command, _, expected = step.partition("\n")
+                yield command, expected
+
+
+def _shape(text: str) -> list[list[str]]:
+    """The words of each line, every number as ``0`` and every rule left out."""
+    lines = [re.sub(r"[+-]?\d[\d.,]*", "0", line).split() for line in text.splitlines()]
+    return [words for words in lines if words and not re.fullmatch(r"[─-]+", words[0])]
+
+
+def _vfoa(words: list[str], folder: Path, cache: Path, columns: int = 100) -> str:
+    """What the program prints; a server is ended as soon as it has printed its address."""
+    runs_demo = words[0] == "demo" or words[:2] == ["run", "demo"]
+    short = LIMIT if runs_demo and "--limit" not in words else ()
+    command = [sys.executable, "-m", "harness.cli", *words, *short]
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "VFOA_CACHE": str(cache), "COLUMNS": str(columns)}
+    environment.pop("DISPLAY", None)
+    with subprocess.Popen(
+        command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    ) as process:
+        assert process.stdout is not None
+        said = ""
+        for line in process.stdout:
+            said += line
+            if "http://127.0.0.1:" in line and any(word in SERVING for word in words):
+                process.send_signal(signal.SIGINT)
+        process.wait()
+    assert process.returncode == 0, f"vfoa {shlex.join(words)}\n{said}"
+    return said
