@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
+from functools import lru_cache
 from itertools import pairwise, product
 from pathlib import Path
 
@@ -21,7 +22,6 @@ from harness.score.comparison import POWER, Spread, clips_needed
 from harness.score.intervals import LEAST_CLIPS, Units, difference_interval, rate_interval
 from harness.score.sign_flips import sign_flip_p
 from harness.score.statistics import SIGNIFICANCE, Interval, wilson_interval
-from vfoa.types import Float
 
 CLIPS, LASTS_S = (4, 5, 6, 8, 12, 24), (0.5, 1.0, 2.0, 4.0, 8.0)
 LOOKS_S, MARGINS = (0.7, 3.0), (1.9, 2.6)
@@ -139,7 +139,7 @@ def _power_row(case: tuple[World, int], pilots: int) -> tuple[str, ...]:
     rng = np.random.default_rng([size, int(1000 * world.advantage)])
     sums = np.array([[each.values.sum(), each.frames.sum()] for each in clips])
     difference = float(sums[:, 0].sum() / sums[:, 1].sum())
-    powers = [_true_power(sums[:, 0], n, rng) for n in _SIZES]
+    powers = _true_powers(world)
     found = []
     for _ in range(pilots):
         drawn = [clips[k] for k in rng.integers(0, len(clips), size)]
@@ -155,6 +155,7 @@ def _power_row(case: tuple[World, int], pilots: int) -> tuple[str, ...]:
     )
 
 
+@lru_cache
 def _pool(world: World) -> list[Units]:
     """The looks of each clip of a large sample, with the differences of the two configurations."""
     units = simulate(world, _POOL, 1.5, np.random.default_rng(int(1000 * world.advantage))).differences()
@@ -172,10 +173,15 @@ def _together(clips: Sequence[Units]) -> Units:
     )
 
 
-def _true_power(values: Float, clips: int, rng: np.random.Generator) -> float:
-    """How often the test finds the difference on this many clips, drawn from all."""
-    drawn = rng.choice(values, (1000, clips))
-    return float(np.mean([sign_flip_p(each) < SIGNIFICANCE for each in drawn]))
+@lru_cache
+def _true_powers(world: World) -> list[float]:
+    """How often the test finds the difference on each number of clips of :data:`_SIZES`, drawn from all."""
+    rng = np.random.default_rng(int(1000 * world.advantage))
+    values = np.array([each.values.sum() for each in _pool(world)])
+    return [
+        float(np.mean([sign_flip_p(each) < SIGNIFICANCE for each in rng.choice(values, (1000, clips))]))
+        for clips in _SIZES
+    ]
 
 
 def main() -> None:
