@@ -29,7 +29,7 @@ from tests.repository import REPOSITORY
 
 LONGEST_S = 5.0
 FRAMES = range(1, 9)
-TABLES = ("results.jsonl", "frr.csv", "verdicts.csv")
+TABLES = ("results.jsonl", "frr.csv", "frames.csv", "comparisons.csv")
 IN_A_ROW = 8
 """Interrupts of one run before it is left to end."""
 
