@@ -192,3 +192,23 @@ def test_an_override_holds_where_the_stage_has_the_setting_and_a_note_names_the_
     assert "stereo.search is not set in bm-one, bm-two: no such setting there." in experiment.notes
     with pytest.raises(VfoaError, match="unknown key 'serach'"):
         load_experiment("demo", overrides=("stereo.serach=guided",))
+
+
+def test_an_experiment_says_the_size_of_its_recordings(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('clips = ["a"]\npreset = "measured"\nrecording = "none"\n')
+    assert load_experiment(str(path)).recording == "none"
+    path.write_text('clips = ["a"]\npreset = "measured"\n')
+    assert load_experiment(str(path)).recording == "light"
+
+
+def test_a_label_of_a_grid_can_stand_for_several_settings(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(
+        'clips = ["a"]\npreset = "measured"\n[grid.gaze]\nheads = { model = "none" }\n'
+        'wrong = { model = "simulated", error_deg = 20 }\n'
+    )
+    heads, wrong = load_experiment(str(path)).configurations
+    assert (heads.name, heads.choices["gaze"]) == ("heads", None)
+    assert wrong.choices["gaze"] is not None
+    assert wrong.choices["gaze"].plain()["error_deg"] == 20
