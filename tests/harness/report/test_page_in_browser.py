@@ -315,7 +315,7 @@ def test_a_page_compares_runs_in_a_table_that_is_sorted_by_points_interval_and_p
     assert requested(session) == [path.as_uri()]
     assert session.find_element("id", "verdict").text == "No two of them differ significantly."
     heads = {each.text: each for each in session.find_elements("css selector", ".head")}
-    assert {"Points", "95 %", "p", "p (Holm)"} <= heads.keys()
+    assert {"Points", "95 %", "p", "Corrected"} <= heads.keys()
 
     def points() -> list[float]:
         return [
