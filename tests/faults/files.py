@@ -28,10 +28,10 @@ def _content(path: Path) -> bytes:
 
 
 def is_draft(path: str) -> bool:
-    """Whether a file is by its name none that is read: hidden, or not finished."""
+    """Whether a file is by its name none that is read: hidden, not finished, or of stamps of files left alone."""
     parts = PurePosixPath(path).parts
     return any(part.startswith(".") or part == "partial" for part in parts) or parts[-1].endswith(
-        (".partial", ".tmp", ".lock")
+        (".partial", ".tmp", ".lock", ".noted")
     )
 
 
