@@ -33,7 +33,9 @@ PAGES = sorted(
     )
     for path in REPOSITORY.glob(pattern)
 )
-PLACEHOLDERS = re.compile(r"^(my_\w+|kitchen|dragon|talk|CLIP|NAME|X|PATH|MODEL|[A-Z]{2,}|.*\.(toml|mcap|rrd)|<.*)$")
+PLACEHOLDERS = re.compile(
+    r"^(my_\w+|kitchen(_p\d+)?|dragon|talk|CLIP|NAME|X|PATH|MODEL|[A-Z]{2,}|.*\.(toml|mcap|rrd)|<.*)$"
+)
 """Names that stand for a reader's own clip or experiment."""
 
 SIMULATED = {

@@ -7,14 +7,16 @@ from pathlib import Path
 import pytest
 
 from harness.cli.fit import fit
-from harness.cli.run import run_plainly
+from harness.cli.run import experiment_of, run_plainly
 from harness.clips.add import add_clip
 from harness.run.experiment import load_experiment
 from harness.run.fitted_weights import read_fitted
 from harness.score.fit_logit import folds_of, read_labelled
 from harness.score.left_out import with_left_out_weights
+from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels
+from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, shipped_weights
 
@@ -127,3 +129,24 @@ def test_every_clip_gets_weights_of_the_others(tmp_path: Path, monkeypatch: pyte
     assert isinstance(other, LogitSettings)
     assert other.by_clip["one"] == attention.by_clip["one"]
     assert other.by_clip["two"] != attention.by_clip["two"]
+
+
+def test_the_tutorial_shows_what_its_commands_print(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    shared_data: Path,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("VFOA_DATA", str(shared_data))
+    monkeypatch.setenv("COLUMNS", "80")
+    page = (REPOSITORY / "docs/tutorials/label-fit-run.md").read_text(encoding="utf-8")
+    code, said, _ = vfoa(monkeypatch, capsys, "fit", "kitchen_p12", "--first", "20s")
+    assert code == 0
+    shown = page.split("$ vfoa fit kitchen_p12 --first 20s\n")[1].split("```")[0]
+    assert [line.rstrip() for line in said.strip().splitlines()] == shown.rstrip().splitlines()
+    experiment = experiment_of(["kitchen_p12"], (), (), "kitchen_p12-fitted.toml")
+    assert experiment.notes == (
+        "FITTED ON WHAT IS REPORTED: the weights of kitchen_p12-fitted.toml were fitted on kitchen_p12.",
+    )
+    assert experiment.configurations[0].attend.attention.method == "logit"
