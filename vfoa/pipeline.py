@@ -31,7 +31,7 @@ from vfoa.settings import Settings
 from vfoa.stereo import RegionMatcher, StereoMatcher
 from vfoa.stereo.region import needed_region
 from vfoa.tracking import TrackerState, TrackingSettings, track_people
-from vfoa.types import Disparity, FrameResult, Head, HeadView, Instances, Percepts, Scene, StereoFrame
+from vfoa.types import Disparity, FrameResult, Gaze, Head, HeadView, Instances, NoGaze, Percepts, Scene, StereoFrame
 
 __all__ = ["AttendSettings", "Memory", "Stages", "attend", "perceive", "reconstruct"]
 
@@ -106,7 +106,9 @@ def _view(frame: StereoFrame, heads: tuple[Head, ...], stages: Stages) -> tuple[
         head_pose = stages.head_pose.estimate(frame, head) if stages.head_pose else None
         gaze = stages.gaze.estimate(frame, head, head_pose) if stages.gaze else None
         crop = stages.temporal_gaze.crop(frame, head) if stages.temporal_gaze else None
-        views.append(HeadView(head=head, head_pose=head_pose, gaze=gaze, crop=crop))
+        cause = gaze if isinstance(gaze, NoGaze) else None
+        seen = gaze if isinstance(gaze, Gaze) else None
+        views.append(HeadView(head=head, head_pose=head_pose, gaze=seen, no_gaze=cause, crop=crop))
     return tuple(views)
 
 

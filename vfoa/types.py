@@ -280,11 +280,19 @@ class Gaze:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class NoGaze:
+    """A gaze model's reason to give no gaze. ``face_turned_away``: the head is turned too far to read the eyes."""
+
+    cause: Literal["face_turned_away"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Cues:
-    """Head pose and gaze of one person in one frame. None: not measured."""
+    """Head pose and gaze of one person in one frame. None: not measured; ``no_gaze`` is the reason, if there is one."""
 
     head_pose: HeadPose | None
     gaze: Gaze | None
+    no_gaze: NoGaze | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

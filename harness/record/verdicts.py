@@ -213,6 +213,7 @@ def _attention_table(record: FrameRecord) -> list[str]:
         for target, value in column.items():
             strongest[target] = max(value.total, strongest.get(target, 0.0))
     lines = [f"{_cell(names[s.track_id])}: no attention, {_cell(s.missing)}\n" for s in record.subjects if s.missing]
+    lines += [f"{_cell(names[s.track_id])}: {ERROR_TYPES[s.no_gaze]}\n" for s in record.subjects if s.no_gaze]
     if not strongest:
         return lines
     lines.append(f"| total (gaze, head) | {' | '.join(_cell(name) for name in columns)} |")

@@ -28,6 +28,7 @@ NEXT_STEPS = {
         "the head has no depth: check stereo.min_depth_m and the calibration (vfoa clips check CLIP), or another "
         "matcher (--set stereo.matcher=bm)"
     ),
+    "face_turned_away": "use the head as well, which has an answer where the gaze has none (--set attention.cues=both)",
     "no_direction": (
         "gaze and head models gave nothing: look at the head boxes (vfoa view RUN --failures), or score coverage apart"
     ),

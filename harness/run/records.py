@@ -69,7 +69,7 @@ class SubjectRecord:
     ``name`` is the manifest's name, None for an unknown person. Directions are unit vectors after filtering, camera
     frame. ``missing`` is ``no_eyes_3d``, ``no_direction`` or None. ``focus`` is the instance id with the most
     attention, None for nowhere. ``head_box_px`` is None if the clip has no images. ``fit`` is set if the attention is a
-    probability.
+    probability. ``no_gaze`` is the gaze model's reason to give none: ``face_turned_away`` or None.
     """
 
     track_id: int
@@ -85,6 +85,7 @@ class SubjectRecord:
     focus: int | None
     tied: tuple[int, ...]
     fit: DirectionFitRecord | None = None
+    no_gaze: str | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,6 +181,7 @@ def _subject(attention: Attention, name: str | None) -> SubjectRecord:
         eye_origin_m=None if origin is None else _vector(origin),
         gaze=None if gaze is None else _vector(gaze),
         gaze_sigma_rad=None if subject.gaze is None else subject.gaze.sigma_rad,
+        no_gaze=None if subject.person.view.no_gaze is None else subject.person.view.no_gaze.cause,
         head=None if head is None else _vector(head),
         missing=None if attention.missing is None else attention.missing.value,
         attention=attention_records(attention),

@@ -4,6 +4,7 @@ The error type is the first of these that applies, in the order of the pipeline:
 
 ``no_subject``            no record of the frame, or no tracked person in it has the subject's name
 ``no_eyes_3d``            the subject was seen, but the 3D position of the eyes is not known
+``face_turned_away``      nothing but gaze was asked for, and the face is turned too far for the gaze model
 ``no_direction``          neither gaze nor head direction was measured
 ``target_not_segmented``  no instance has the true target's name
 ``target_without_box``    instances have the name, but none has a 3D box
@@ -33,6 +34,7 @@ Outcome = Literal["correct", "wrong", "unscored"]
 ERROR_TYPES = {
     "no_subject": "the person was not found",
     "no_eyes_3d": "where the eyes are in space is not known",
+    "face_turned_away": "no gaze: face turned away",
     "no_direction": "neither gaze nor head was measured",
     "target_not_segmented": "the true target has no mask",
     "target_without_box": "the true target has a mask and no 3D box",
@@ -145,6 +147,8 @@ def _error_type(
     """Why the frame is wrong: the first error type that applies; None if it is correct."""
     if found is None:
         return "no_subject"
+    if found.missing == "no_direction" and found.no_gaze is not None:
+        return found.no_gaze
     if found.missing is not None:
         return found.missing
     if found.focus in right_answers(record, label):

@@ -27,7 +27,7 @@ from harness.stages.slots import SLOTS, StageChoice
 from vfoa.errors import StageError, VfoaError
 from vfoa.settings import Settings
 from vfoa.stereo.region import Region
-from vfoa.types import Disparity, Gaze, Head, HeadPose, Instances, StereoFrame
+from vfoa.types import Disparity, Gaze, Head, HeadPose, Instances, NoGaze, StereoFrame
 
 T = TypeVar("T")
 Timings = dict[str, float]
@@ -37,7 +37,7 @@ LONGEST_TEXT = 300
 """Longest text of an exception that is quoted in a line."""
 
 _ONE_OF = {"match": Disparity, "match_region": Disparity, "segment": Instances, "estimate_sequence": Gaze}
-_ONE_OR_NONE = {"head_pose": HeadPose, "gaze": Gaze}
+_ONE_OR_NONE = {"head_pose": (HeadPose,), "gaze": (Gaze, NoGaze)}
 
 
 @contextmanager
@@ -145,7 +145,8 @@ def _check_kind(value: object, method: str, slot: str) -> None:
     if method in _ONE_OF:
         expected, is_right = _ONE_OF[method].__name__, isinstance(value, _ONE_OF[method])
     elif method == "estimate":
-        expected, is_right = f"{_ONE_OR_NONE[slot].__name__} or None", isinstance(value, _ONE_OR_NONE[slot] | None)
+        kinds = _ONE_OR_NONE[slot]
+        expected, is_right = f"{kinds[0].__name__} or None", value is None or isinstance(value, kinds)
     elif method == "detect":
         heads = isinstance(value, tuple | list) and all(isinstance(each, Head) for each in value)
         expected, is_right = "tuple of Head", heads

@@ -6,14 +6,17 @@ from collections.abc import Sequence
 from typing import Protocol, runtime_checkable
 
 from vfoa.registry import Registry
-from vfoa.types import Gaze, Head, HeadPose, Image, StereoFrame, StereoRig
+from vfoa.types import Gaze, Head, HeadPose, Image, NoGaze, StereoFrame, StereoRig
 
 
 class GazeModel(Protocol):
     """Estimates the gaze of a head from one frame. Built as ``Class(settings)``, with ``Class.Settings``."""
 
-    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
-        """Estimate one head's gaze; None if the model has no answer (for example, it finds no eyes)."""
+    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | NoGaze | None:
+        """Estimate one head's gaze; None if the model has no answer (for example, it finds no eyes).
+
+        A :class:`NoGaze` states the cause.
+        """
         ...
 
 

@@ -17,7 +17,8 @@ from pydantic import Field
 from vfoa.crops import center, crop, square
 from vfoa.geometry import direction_from_crop, direction_to_crop, pixel_ray
 from vfoa.onnx import Model, OnnxSettings, Signature, blob
-from vfoa.types import Float, Gaze, Head, HeadPose, Image, StereoFrame
+from vfoa.posterior.settings import sigma_rad
+from vfoa.types import Float, Gaze, Head, HeadPose, Image, NoGaze, StereoFrame
 
 GAZE = Signature(
     inputs={
@@ -37,6 +38,10 @@ FACE_SIDE = 1.1
 
 Of the values 0.9 to 1.3, this one gives the most accurate roll on a portrait that is turned by known angles.
 """
+
+_FRONTAL_DEG, _PER_TURN = 11.0, 0.9
+_EYEBALL, _SHARP_DETAIL, _NO_DETAIL = 0.19, 0.05, 0.22
+"""Radius of an eyeball, and the finest detail of sharp eyes and of eyes blurred away, in distances between the eyes."""
 
 
 class Adas0002:
@@ -88,6 +93,9 @@ class Adas0002:
         """Network that ``landmarks`` = ``own`` runs."""
         eye_side: float = Field(default=0.85, gt=0)
         """Side of an eye crop over the distance between the eyes."""
+        most_turned_deg: float = Field(default=40.0, gt=0, le=180)
+        """Angle of the head from the camera beyond which there is no gaze: models of head pose read 44 degrees on a
+        face in profile, and the farther eye is hidden before."""
 
         @property
         def used_weights(self) -> tuple[str, ...]:
@@ -103,33 +111,42 @@ class Adas0002:
         self._head_pose = Model(settings.head_pose_weights, HEAD_POSE, settings) if own_pose else None
         self._landmarks = Model(settings.landmarks_weights, LANDMARKS, settings) if own_landmarks else None
 
-    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | None:
-        """Estimate one head's gaze; None without a face, its landmarks, or the stage's pose if that is used."""
+    def estimate(self, frame: StereoFrame, head: Head, head_pose: HeadPose | None) -> Gaze | NoGaze | None:
+        """Estimate one head's gaze; None without a face, its landmarks, or the stage's pose if that is used.
+
+        A head turned too far from the camera has a :class:`NoGaze`.
+        """
         if head.face_box_px is None:
             return None
         landmarks = self._points(frame.left, head.face_box_px) if self._landmarks else head.landmarks_px
         if landmarks is None:
             return None
         right_eye, left_eye = landmarks[:2]
+        across = left_eye - right_eye
+        if not across.any():
+            return None
         u, v = (right_eye + left_eye) / 2
         ray = pixel_ray(u, v, frame.rig)
         angles = self._angles(frame.left, head.face_box_px) if self._head_pose else _angles(head_pose, ray)
         if angles is None:
             return None
-        return Gaze(direction=direction_from_crop(self._look(frame.left, right_eye, left_eye, angles), ray))
-
-    def _look(self, image: Image, right_eye: Float, left_eye: Float, angles_deg: tuple[float, float]) -> Float:
-        """Direction (3,) in the crop's axes: the network's answer for upright eyes, turned back by the roll.
-
-        ``right_eye`` and ``left_eye`` (2,) are the person's own; the network names them by their side of the image.
-        """
-        across = left_eye - right_eye
+        # the most turned of the two: networks of head pose underestimate
+        turned_deg = max(_turned_deg(*each) for each in (angles, _angles(head_pose, ray)) if each is not None)
+        if turned_deg > self.settings.most_turned_deg:
+            return NoGaze(cause="face_turned_away")
         roll = math.atan2(across[1], across[0])
         side = self.settings.eye_side * float(np.hypot(*across))
-        eyes = {
-            name: blob(crop(image, square(eye, side), 60, roll_rad=roll), bgr=True)
-            for name, eye in (("left_eye_image", right_eye), ("right_eye_image", left_eye))
-        }
+        # the person's own right eye is on the image's left
+        eyes = [crop(frame.left, square(eye, side), 60, roll_rad=roll) for eye in (right_eye, left_eye)]
+        detail = max(_detail(eye) for eye in eyes) * self.settings.eye_side
+        return Gaze(
+            direction=direction_from_crop(self._look(eyes[0], eyes[1], roll, angles), ray),
+            sigma_rad=claimed_sigma_rad(turned_deg, detail),
+        )
+
+    def _look(self, left: Image, right: Image, roll: float, angles_deg: tuple[float, float]) -> Float:
+        """Direction (3,) in the crop's axes: the answer for upright eyes at each side of the image, turned back."""
+        eyes = {"left_eye_image": blob(left, bgr=True), "right_eye_image": blob(right, bgr=True)}
         found = self._gaze.run(head_pose_angles=np.array([[*angles_deg, 0.0]], np.float32), **eyes)
         x, y, z = found["gaze_vector"][0].astype(np.float64) * [1, -1, 1]
         cos, sin = math.cos(roll), math.sin(roll)
@@ -148,6 +165,36 @@ class Adas0002:
         assert self._landmarks is not None
         found = self._landmarks.run(face=blob(crop(image, face_box_px, 48), bgr=True))
         return face_box_px[:2] + found["points"].reshape(5, 2).astype(np.float64) * (face_box_px[2:] - face_box_px[:2])
+
+
+def claimed_sigma_rad(turned_deg: float, detail: float) -> float:
+    """The claimed error per tangent direction, for a head turned from the camera and eyes with this finest detail.
+
+    ``detail`` is a length in distances between the eyes. The mean angle is the root of the sum of three squares:
+
+    - 11.0 degrees of faces to the camera that look into it.
+    - 0.9 of the angle that the head is turned: labelled faces of two people, 16.6 degrees for the frontal one and 36.2
+      for the other, worse than the head alone; the slope of gaze over true yaw is 0.7, and the head is underestimated.
+    - the angle of an eyeball (radius 12 of 63 mm, 0.19) whose iris is off by half of the detail beyond a sharp eye's.
+    """
+    unsharp_deg = math.degrees(max(0.0, detail - _SHARP_DETAIL) / 2 / _EYEBALL)
+    return sigma_rad(math.hypot(_FRONTAL_DEG, _PER_TURN * turned_deg, unsharp_deg))
+
+
+def _turned_deg(yaw_deg: float, pitch_deg: float) -> float:
+    """Angle between a head and the direction to the camera."""
+    return math.degrees(math.acos(math.cos(math.radians(yaw_deg)) * math.cos(math.radians(pitch_deg))))
+
+
+def _detail(eye: Image) -> float:
+    """Scale of the finest detail over the width of an eye's crop (h, w, 3): few pixels and blur both enlarge it.
+
+    The standard deviation over the root mean square slope; that of a fully blurred eye for a crop of one colour.
+    """
+    grey = eye.mean(axis=2)
+    down, right = np.gradient(grey)
+    slope = float(np.sqrt((right**2 + down**2).mean()))
+    return float(grey.std()) / slope / eye.shape[1] if slope > 0 else _NO_DETAIL
 
 
 def _angles(head_pose: HeadPose | None, ray: Float) -> tuple[float, float] | None:

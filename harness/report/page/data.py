@@ -26,6 +26,7 @@ LETTERS = {
     "unscored": "·",
     "no_subject": "S",
     "no_eyes_3d": "E",
+    "face_turned_away": "A",
     "no_direction": "D",
     "target_not_segmented": "T",
     "target_without_box": "B",

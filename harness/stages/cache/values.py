@@ -18,7 +18,7 @@ import zstandard
 from numpy.typing import NDArray
 
 from vfoa.stereo.region import Region
-from vfoa.types import Disparity, Gaze, Head, HeadPose, Instance, Instances, StereoRig
+from vfoa.types import Disparity, Gaze, Head, HeadPose, Instance, Instances, NoGaze, StereoRig
 
 _TYPE = "$type"
 _ARRAY, _SCALAR = 1, 2
@@ -67,7 +67,7 @@ class Codec:
         return tuple(self._value(each) for each in plain) if isinstance(plain, list) else plain
 
 
-_outputs = Codec((Disparity, Gaze, Head, HeadPose, Instance, Instances, Region, StereoRig))
+_outputs = Codec((Disparity, Gaze, Head, HeadPose, Instance, Instances, NoGaze, Region, StereoRig))
 encode, decode, content_digest = _outputs.encode, _outputs.decode, _outputs.digest
 
 

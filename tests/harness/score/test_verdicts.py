@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from harness.labels.labels import Label
@@ -52,6 +54,9 @@ def test_without_a_label_nothing_is_scored(label: Label | None) -> None:
     assert _outcome(absent) == (None, "unscored", None)
 
 
+TURNED_AWAY = replace(subject_record("girl", missing="no_direction"), no_gaze="face_turned_away")
+
+
 @pytest.mark.parametrize(
     ("record", "truth", "predicted", "error_type"),
     [
@@ -59,6 +64,7 @@ def test_without_a_label_nothing_is_scored(label: Label | None) -> None:
         (frame_record([CUP], [subject_record(None, totals={1: 0.5}, focus=1)]), "cup", None, "no_subject"),
         (frame_record([CUP], [subject_record("girl", missing="no_eyes_3d")]), "cup", None, "no_eyes_3d"),
         (frame_record([CUP], [subject_record("girl", missing="no_direction")]), "cup", None, "no_direction"),
+        (frame_record([CUP], [TURNED_AWAY]), "cup", None, "face_turned_away"),
         (frame_record([CAN], [subject_record("girl", totals={2: 0.5}, focus=2)]), "cup", "can", "target_not_segmented"),
         (frame_record([FLAT_CUP], [subject_record("girl")]), "cup", NO_HIT, "target_without_box"),
         (frame_record([CUP], [subject_record("girl", totals={1: 0.5}, focus=1)]), "none", "cup", "false_attention"),

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,10 +11,10 @@ import pytest
 from tests import graphs
 from tests.mirror import bandage_frame, frame_of, mirrored, mirrored_direction, mirrored_head
 from vfoa.errors import VfoaError
-from vfoa.gaze.adas import Adas0002
+from vfoa.gaze.adas import Adas0002, claimed_sigma_rad
 from vfoa.geometry import angle_between, direction_from_crop, head_direction_crop, pixel_ray
 from vfoa.heads.yunet import YuNet
-from vfoa.types import Gaze, Head, HeadPose, Instances, StereoFrame
+from vfoa.types import Gaze, Head, HeadPose, Instances, NoGaze, StereoFrame
 
 EYES = {"head_pose_angles": (1, 3), "left_eye_image": (1, 3, 60, 60), "right_eye_image": (1, 3, 60, 60)}
 FRAME = frame_of(np.zeros((200, 300, 3), np.uint8))
@@ -46,8 +47,8 @@ def angles_as_gaze(folder: Path) -> Adas0002:
     return Adas0002(Adas0002.Settings(weights=weights, head_pose="stage"))
 
 
-def direction(gaze: Gaze | None) -> np.ndarray:
-    assert gaze is not None
+def direction(gaze: Gaze | NoGaze | None) -> np.ndarray:
+    assert isinstance(gaze, Gaze)
     return gaze.direction
 
 
@@ -173,3 +174,40 @@ def test_mirrored_frames_give_mirrored_gazes(shared_data: Path, shared_models: P
     numbers = [*range(1, 7), *range(9, 51, 6)]  # her eyes are shut in 7 and 8
     errors = mirror_errors_deg(model, detector, [bandage_frame(shared_data, number) for number in numbers])
     assert np.median(errors) < 15  # a rendered face near its profile: 18 with the roll of the head-pose network
+
+
+@pytest.mark.parametrize(("yaw_deg", "seen"), [(0, True), (35, True), (45, False), (-60, False)])
+def test_a_face_turned_away_has_no_gaze(tmp_path: Path, yaw_deg: float, seen: bool) -> None:
+    head = head_at(150, 100)
+    ray = pixel_ray(150, 100, FRAME.rig)
+    pose = HeadPose(direction=direction_from_crop(head_direction_crop(np.radians(yaw_deg), 0.0), ray))
+    found = constant_gaze(tmp_path, (0, 0, -1)).estimate(FRAME, head, pose)
+    assert isinstance(found, Gaze if seen else NoGaze)
+
+
+def test_the_claimed_error_grows_with_the_turn_of_the_head_and_with_blur() -> None:
+    frontal, turned, blurred = (claimed_sigma_rad(*each) for each in ((0.0, 0.05), (30.0, 0.05), (0.0, 0.2)))
+    assert np.degrees(frontal) * np.sqrt(np.pi / 2) == pytest.approx(11.0)
+    assert turned > 1.5 * frontal
+    assert blurred > 1.5 * frontal
+
+
+def test_eyes_of_few_pixels_or_out_of_focus_claim_a_larger_error(
+    shared_data: Path, shared_models: Path, detector: YuNet
+) -> None:
+    weights = {"weights": str(shared_models / "gaze-estimation-adas-0002.onnx"), "head_pose": "stage"}
+    model = Adas0002(Adas0002.Settings.model_validate(weights))
+    frame = bandage_frame(shared_data, 1)
+    (head,) = detector.detect(frame, Instances(ids=np.zeros(frame.left.shape[:2], np.uint16), instances=()))
+    assert head.face_box_px is not None
+    assert head.landmarks_px is not None
+    claims = []
+    for image, share in ((frame.left, 1.0), (cv2.GaussianBlur(frame.left, (0, 0), 12), 1.0), (frame.left, 0.15)):
+        small = cv2.resize(image, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+        box, face, points = (share * each for each in (head.box_px, head.face_box_px, head.landmarks_px))
+        scaled = replace(head, box_px=box, face_box_px=face, landmarks_px=points)
+        found = model.estimate(frame_of(small, fx_px=share * 896.0), scaled, AHEAD)
+        assert isinstance(found, Gaze)
+        claims.append(found.sigma_rad or 0.0)
+    assert claims[1] > 1.2 * claims[0]
+    assert claims[2] > 1.05 * claims[0]
