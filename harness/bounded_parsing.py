@@ -38,7 +38,8 @@ MOST_UNPACKED_BYTES = 2**30
 MOST_COMPRESSION = 250
 """Most unpacked bytes per packed one. Labels in XML compress to a fiftieth, zeros to a thousandth."""
 LARGEST_INTEGER = 2**64 - 1
-_LONG_KEY = re.compile(rf"(?<![\w'\"-])(?:[\w'\"-]++[ \t]*+\.[ \t]*+){{{MOST_LEVELS},}}")
+_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+"""
+_LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*+(?:{_PART}){{{MOST_LEVELS},}}", re.MULTILINE)
 """A dotted key: tomllib takes time quadratic in its number of parts."""
 
 _ZIP_DAMAGE = (

@@ -20,6 +20,10 @@ INTEGER = re.compile(r"-?[0-9]{1,19}")
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
+LARGEST = 1e6
+"""Greatest coordinate and size in metres; squares of much greater ones are infinite."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableRow:
     """One row: its place for messages, and the non-blank cells by column."""
@@ -61,7 +65,7 @@ class TableRow:
         Raises
         ------
         VfoaError
-            If some are blank, or one is no finite number.
+            If some are blank, or one is no number within :data:`LARGEST`.
         """
         found = [self.number(column) for column in columns]
         if all(value is None for value in found):
@@ -69,7 +73,10 @@ class TableRow:
         if None in found:
             blank = columns[found.index(None)]
             raise VfoaError(f"{self.where}: {blank}: found nothing; expected all of {', '.join(columns)}, or none")
-        return np.array(found, dtype=np.float64)
+        vector = np.array(found, dtype=np.float64)
+        if not (np.abs(vector) <= LARGEST).all():
+            raise VfoaError(f"{self.where}: {', '.join(columns)}: found {vector}; expected at most {LARGEST:g}")
+        return vector
 
 
 def read_rows(

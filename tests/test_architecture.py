@@ -41,7 +41,12 @@ DOORS = {
     "mcap": ("harness/sources/mcap/", "harness/sources/recordings/decoding.py", "harness/bench/mcap_memory.py"),
     "OpenEXR": ("harness/sources/media/depth_files.py",),
     "rosbags": ("harness/sources/bags/", "harness/sources/recordings/decoding.py", "harness/bench/depth_memory.py"),
-    "av": ("harness/sources/recordings/video_decoder.py", "harness/record/images.py", "harness/bench/depth_memory.py"),
+    "av": (
+        "harness/sources/recordings/video_decoder.py",
+        "harness/sources/media/jpeg_damage.py",
+        "harness/record/images.py",
+        "harness/bench/depth_memory.py",
+    ),
     "mcap_protobuf": ("harness/sources/recordings/decoding.py",),
     "onnxruntime": ("vfoa/onnx.py",),
     "typer": ("harness/cli/",),

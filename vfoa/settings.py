@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+from typing import Any, get_args
+
+from pydantic import BaseModel, ConfigDict, model_validator
 
 
 class Settings(BaseModel):
@@ -14,3 +16,14 @@ class Settings(BaseModel):
     model_config = ConfigDict(
         extra="forbid", frozen=True, allow_inf_nan=False, protected_namespaces=(), use_attribute_docstrings=True
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_number_is_true(cls, data: Any) -> Any:
+        """Reject ``true`` and ``false`` for numbers, which pydantic reads as 1 and 0."""
+        for name, field in cls.model_fields.items():
+            value = data.get(name) if isinstance(data, dict) else None
+            kinds = {field.annotation, *get_args(field.annotation)}
+            if isinstance(value, bool) and bool not in kinds and kinds & {int, float}:
+                raise ValueError(f"{name}: expected a number, found {str(value).lower()}")
+        return data

@@ -42,13 +42,16 @@ def check_clips(
             autocompletion=clip_names,
         ),
     ] = None,
+    every_frame: Annotated[
+        bool, typer.Option("--every-frame", help="Decode all frames; count and name damaged ones.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Open clips, decode three frames of each, check calibration, rectification and labels; exit 2 if one fails."""
     from harness.clips.check import check_clip, clips_at_hand
 
     at_hand = None if clips else clips_at_hand()
-    checks = [check_clip(clip) for clip in (at_hand.clips if at_hand else clips or ())]
+    checks = [check_clip(clip, every_frame=every_frame) for clip in (at_hand.clips if at_hand else clips or ())]
     if as_json:
         print_json([asdict(check) for check in checks])
     else:

@@ -94,18 +94,21 @@ def clips_at_hand() -> AtHand:
     return AtHand(clips=tuple(here), elsewhere=elsewhere, packaged=packaged)
 
 
-def check_clip(name_or_path: str) -> ClipCheck:
+def check_clip(name_or_path: str, *, every_frame: bool = False) -> ClipCheck:
     """Open a clip, decode its first, middle and last frame, and check calibration, rectification and labels.
 
-    For a clip of measurements: check every frame, that its names exist and that its positions are in metres.
+    With ``every_frame``, decode all frames, and count those that cannot be read. Of a clip of measurements, check every
+    frame: that its names exist and that its positions are in metres.
     """
     name = Path(name_or_path).stem if name_or_path.endswith(".toml") else name_or_path
+    unreadable: tuple[str, ...] = ()
     try:
         manifest = load_manifest(name_or_path)
         clip = manifest.open()
+        unreadable = _unreadable(clip) if every_frame and not isinstance(clip, MeasuredClip) else ()
         frames = [] if isinstance(clip, MeasuredClip) else _sample(clip)
     except VfoaError as error:
-        return ClipCheck(name=name, problems=(str(error),))
+        return ClipCheck(name=name, problems=unreadable or (str(error),))
     labels, label_problems = _labels(manifest, clip)
     if isinstance(clip, MeasuredClip):
         return ClipCheck(
@@ -139,6 +142,7 @@ def check_clip(name_or_path: str) -> ClipCheck:
             *manifest_notes(manifest, clip),
         ),
         problems=(
+            *unreadable,
             *frame_checks.calibration_problems(frames, says_unit="calibration_unit" in manifest.source),
             *frame_checks.image_problems(frames),
             *frame_checks.rectification_problems(error_px),
@@ -149,6 +153,20 @@ def check_clip(name_or_path: str) -> ClipCheck:
             *_drawn_problems(manifest, clip),
         ),
     )
+
+
+def _unreadable(clip: Clip) -> tuple[str, ...]:
+    """The frames that cannot be read: their number, each number, and the first error."""
+    errors: dict[int, str] = {}
+    for number in clip.frames:
+        try:
+            clip.frame(number)
+        except VfoaError as error:
+            errors[number] = str(error)
+    if not errors:
+        return ()
+    first = next(iter(errors.values()))
+    return (f"{len(errors)} of {len(clip.frames)} frames cannot be read: {', '.join(map(str, errors))}; {first}",)
 
 
 def _drawn_problems(manifest: ClipManifest, clip: Clip) -> tuple[str, ...]:

@@ -163,6 +163,7 @@ class ClipManifest(Settings):
         root = self.resolve_root()
         try:
             clip: Clip | MeasuredClip = adapter(settings, root)
+            _check_times(clip)
         except VfoaError as error:
             raise VfoaError(f"{self._path}: {error}") from None
         return clip
@@ -201,6 +202,16 @@ class ClipManifest(Settings):
         return read_annotations(
             path, timeline=timeline, subjects=self.subjects, targets=self.targets, allow_gaps=allow_gaps
         )
+
+
+def _check_times(clip: Clip | MeasuredClip) -> None:
+    """Reject times that no file of ours and no recording can hold: a large frame number over a rate."""
+    for number in (*clip.frames[:1], *clip.frames[-1:]):
+        if not abs(time_ns := clip.time_ns(number)) < 2**63:
+            raise VfoaError(
+                f"frame {number}: its time is {time_ns / 1e9:.3g} s; expected less than 9.2e9: numbers that are times "
+                'have no rate_hz, but stamps = "ns" (or us, ms, s) in [source]'
+            )
 
 
 def as_clip_name(text: str, *, default: str) -> str:

@@ -26,7 +26,7 @@ def opened(out: str | Path, tell: Callable[[str], None] = lambda line: None) -> 
     address = str(out).rstrip("/")
     here = folder_of(address) if is_address(address) else Path(out)
     if here is not None:
-        yield here
+        yield here if here.name not in ("", "..") else here.resolve()  # "." has no name, which another run is named by
         return
     Remote(address).check_writable()
     with leased(address, tell) as check_lease:

@@ -10,6 +10,32 @@ from numpy.typing import ArrayLike
 from vfoa.errors import VfoaError
 from vfoa.types import StereoRig
 
+SIDE_PX = (4, 16_383)
+"""Least and greatest side of a clip's images: WebP, in which recordings and thumbnails are, has no larger ones."""
+FOCAL_PX = (0.1, 1e6)
+PLACE_PX = 1e6
+BASELINE_M = (1e-6, 1e4)
+"""Bounds of a camera's numbers, far beyond real ones: further products of them stay finite."""
+
+
+def check_camera(size_px: tuple[int, int], focal_px: tuple[float, float], place_px: tuple[float, ...]) -> None:
+    """Reject sizes and numbers that no camera has; further steps could not compute with them.
+
+    Raises
+    ------
+    VfoaError
+        With the numbers.
+    """
+    if not all(SIDE_PX[0] <= side <= SIDE_PX[1] for side in size_px):
+        found = f"{size_px[0]} x {size_px[1]}"
+        raise VfoaError(f"images of {found} pixels; expected {SIDE_PX[0]} to {SIDE_PX[1]} on each side")
+    if not all(FOCAL_PX[0] <= focal <= FOCAL_PX[1] for focal in focal_px):
+        found = ", ".join(f"{focal:g}" for focal in focal_px)
+        raise VfoaError(f"fx, fy: found {found}; expected {FOCAL_PX[0]:g} to {FOCAL_PX[1]:g} pixels")
+    if not all(abs(place) <= PLACE_PX for place in place_px):
+        found = ", ".join(f"{place:g}" for place in place_px)
+        raise VfoaError(f"cx, cy: found {found}; expected at most {PLACE_PX:g} pixels")
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Calibration:
@@ -36,19 +62,22 @@ class Calibration:
         """
         if self.size_px not in (None, (width_px, height_px)):
             raise VfoaError(f"the calibration is for {self.size_px} pixels, the images have ({width_px}, {height_px})")
-        try:
-            return StereoRig(
-                width_px=width_px,
-                height_px=height_px,
-                fx_px=self.fx_px,
-                fy_px=self.fy_px,
-                cx_px=self.cx_px,
-                cy_px=self.cy_px,
-                baseline_m=self.baseline_m,
-                cx_right_px=self.cx_right_px,
+        places_px = self.cx_px, self.cy_px, self.cx_right_px
+        check_camera((width_px, height_px), (self.fx_px, self.fy_px), places_px)
+        if not BASELINE_M[0] <= self.baseline_m <= BASELINE_M[1]:
+            raise VfoaError(
+                f"baseline: found {self.baseline_m:g} m; expected {BASELINE_M[0]:g} to {BASELINE_M[1]:g} (metres)"
             )
-        except ValueError as error:  # an image without a pixel, a focal length of 0
-            raise VfoaError(str(error)) from None
+        return StereoRig(
+            width_px=width_px,
+            height_px=height_px,
+            fx_px=self.fx_px,
+            fy_px=self.fy_px,
+            cx_px=self.cx_px,
+            cy_px=self.cy_px,
+            baseline_m=self.baseline_m,
+            cx_right_px=self.cx_right_px,
+        )
 
 
 def from_projections(

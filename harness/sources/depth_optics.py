@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from pydantic import Field
 
-from harness.sources.calibration import Calibration
+from harness.sources.calibration import Calibration, check_camera
 from harness.sources.rectification import RawCamera
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
@@ -71,8 +71,11 @@ class DepthOptics:
             raise VfoaError(
                 f"{where}: found focal lengths {camera.k[0, 0]:g}, {camera.k[1, 1]:g}; expected a calibrated camera"
             )
-        if min(camera.size_px) < 1:
-            raise VfoaError(f"{where}: found a camera of {camera.size_px} pixels; expected a calibrated camera")
+        k = camera.k
+        try:
+            check_camera(camera.size_px, (float(k[0, 0]), float(k[1, 1])), (float(k[0, 2]), float(k[1, 2])))
+        except VfoaError as error:
+            raise VfoaError(f"{where}: {error}") from None
         self._camera, self._where = camera, where
         self._maps = _maps(camera) if camera.d.any() else None
 

@@ -55,6 +55,8 @@ def _nested(opening: str, closing: str, levels: int) -> str:
 DEEP: dict[str, Callable[[int], Any]] = {
     "TOML arrays": lambda levels: parse_toml(f"a = {_nested('[', ']', levels - 1)}", PATH),
     "TOML keys": lambda levels: parse_toml(f"{'.'.join(levels * 'a')} = {{}}", PATH),
+    "TOML keys in quotes": lambda levels: parse_toml("[" + ".".join(levels * ['"a b"']) + "]", PATH),
+    "TOML keys with escapes": lambda levels: parse_toml("a = { " + ".".join(levels * [r'"\\"']) + " = 1 }", PATH),
     "JSON": lambda levels: parse_json(_nested("[", "]", levels), PATH),
     "YAML": lambda levels: parse_yaml(_nested("[", "]", levels), PATH),
     "XML": lambda levels: parse_xml(_nested("<a>", "</a>", levels).encode(), PATH),

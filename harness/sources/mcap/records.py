@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, McapRecord, Message, Schema, Statistics
@@ -25,6 +28,8 @@ PARSED = {
 }
 _SPAN = struct.Struct("<QQ")  # first and last log time, the first fields of a chunk
 _COMPRESSIONS = ("", "lz4", "zstd")
+MOST_CHUNK_BYTES = 2**28
+"""Most bytes of a decompressed chunk; writers begin a new one after 1 to 4 MB, or after a message that is larger."""
 
 
 def is_mcap(path: Path) -> bool:
@@ -65,7 +70,22 @@ def parts_of(record: McapRecord) -> list[McapRecord]:
         return [record]
     if record.compression not in _COMPRESSIONS:  # the library would read it as uncompressed
         raise ValueError(f"compression {record.compression!r}; expected lz4, zstd or none")
-    return breakup_chunk(record, validate_crc=True)
+    return breakup_chunk(replace(record, compression="", data=_unpacked(record)), validate_crc=True)
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """The records of a chunk, decompressed to the size that it states; the library takes any size."""
+    size = chunk.uncompressed_size
+    if size > MOST_CHUNK_BYTES:
+        raise ValueError(f"it claims {size} bytes; expected at most {MOST_CHUNK_BYTES}")
+    data: bytes = chunk.data
+    if chunk.compression == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
+    elif chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+    if len(data) != size:
+        raise ValueError(f"it does not unpack to the {size} bytes that it claims")
+    return data
 
 
 def chunk_span_ns(opcode: int, file: BinaryIO) -> tuple[int, int] | None:

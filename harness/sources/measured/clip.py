@@ -11,11 +11,13 @@ import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, field_validator
 
 from harness.sources import PersonTruth, Truth
+from harness.strict_tables import LARGEST
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Person, Scene, Target
@@ -23,7 +25,8 @@ from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Person, Sce
 PERSON = "person"
 """The category of people."""
 
-Metres = tuple[float, float, float]
+Length = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Metres = tuple[Length, Length, Length]
 
 
 class FixedObject(Settings):

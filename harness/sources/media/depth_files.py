@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from harness.files import read_bytes
 from harness.sources.media.depth_maps import default_counts_per_m, depth_map
 from harness.sources.media.disparity_files import read_pfm
-from harness.sources.media.images import read_raw
+from harness.sources.media.images import MOST_PIXELS, read_raw, too_many_pixels
 from harness.sources.media.npy_files import read_npy
 from vfoa.errors import VfoaError
 from vfoa.types import Map
@@ -64,8 +64,15 @@ def _counts(path: Path) -> NDArray[Any]:
 def _read_exr(path: Path) -> NDArray[Any]:
     read_bytes(path)  # gives a clear error for a damaged file before the library tries
     try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            low, high = file.header()["dataWindow"]
+            width, height = (high - low + 1).tolist()
+        if not 0 < width * height <= MOST_PIXELS:
+            raise VfoaError(f"{path}: {too_many_pixels(width, height)}")
         with OpenEXR.File(str(path), separate_channels=True) as file:
             channels = {name: channel.pixels for name, channel in file.channels().items()}
+    except VfoaError:
+        raise
     except Exception as error:  # errors of the library have no common base class
         raise VfoaError(f"{path}: not a readable EXR: {str(error).splitlines()[0]}") from None
     name = next((each for each in _CHANNELS if each in channels), None)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import struct
 import zlib
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.files import check_readable, read_bytes, unreadable
-from harness.sources.media.jpeg_damage import zeros_at
+from harness.sources.media.jpeg_damage import ends_early, zeros_at
 from harness.sources.media.orientation import without_rotation
 from vfoa.errors import VfoaError
 from vfoa.types import Image
@@ -21,9 +23,10 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_HEAD = struct.Struct(">16sII")  # up to the size, the first fields of the chunk IHDR
 _JPEG = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
+_POINTER = b"version https://git-lfs.github.com/spec/"
 
-MOST_PIXELS = 2**30
-"""OpenCV does not decode larger images; an 8K image has 2**25 pixels."""
+MOST_PIXELS = 2**26
+"""Most pixels of an image: two views of 8K side by side have as many. A few kB can claim a thousand times more."""
 
 
 def read_rgb(path: Path) -> Image:
@@ -41,7 +44,7 @@ def read_rgb(path: Path) -> Image:
 
 def decode_rgb(data: bytes, where: str) -> Image:
     """As :func:`read_rgb`, from a file's bytes; ``where`` names the file in messages."""
-    image = _decode(data, where, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
+    image = decode(data, where, cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION)
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
@@ -53,7 +56,7 @@ def read_raw(path: Path) -> NDArray[Any]:
     VfoaError
         As :func:`read_rgb`.
     """
-    image = _decode(read_bytes(path), str(path), cv2.IMREAD_UNCHANGED)
+    image = decode(read_bytes(path), str(path), cv2.IMREAD_UNCHANGED)
     if image.ndim == 2:
         return image
     if image.dtype not in (np.uint8, np.uint16) or image.shape[2] not in (3, 4):
@@ -76,7 +79,8 @@ def png_size_px(path: Path) -> tuple[int, int]:
     return width, height
 
 
-def _decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
+def decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
+    """Decode an image file's bytes with OpenCV's flags; raises as :func:`read_rgb`."""
     # OpenCV 4 silently fills the missing part of a truncated file with black or gray.
     if problem := _damage(data):
         raise VfoaError(f"{where}: {problem}")
@@ -86,6 +90,8 @@ def _decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
         raise VfoaError(f"{where}: not a readable image: {error.err}") from None
     if image is None:
         raise VfoaError(f"{where}: not a readable image ({len(data)} bytes); expected PNG, JPEG or another of OpenCV's")
+    if data.startswith(_JPEG) and ends_early(data, image):
+        raise VfoaError(f"{where}: damaged JPEG: its data end before the image does; expected a whole copy")
     return image
 
 
@@ -93,8 +99,12 @@ def _damage(data: bytes) -> str | None:
     """The damage in the bytes of an image file, in words; None if none is visible."""
     if not data:
         return "the file is empty; expected an image"
+    if data.startswith(_POINTER):
+        return "a pointer of Git LFS, not the image; expected its content: git lfs pull fetches it"
     if data.startswith(_PNG):
         return _png_damage(data)
+    if (size := _size_px(data)) is not None and not 0 < size[0] * size[1] <= MOST_PIXELS:
+        return too_many_pixels(*size)
     # Some cameras append a few bytes of their own to a JPEG, or send the buffer's rest; inside compressed data the end
     # mark cannot occur.
     if data.startswith(_JPEG) and _JPEG_END not in data.rstrip(b"\0")[-1024:]:
@@ -102,6 +112,35 @@ def _damage(data: bytes) -> str | None:
     if data.startswith(_JPEG) and (place := zeros_at(data)) is not None:
         return f"damaged JPEG: zeros in its compressed data from byte {place} of {len(data)} on"
     return None
+
+
+def too_many_pixels(width_px: int, height_px: int) -> str:
+    """The message for an image of a size that is not decoded."""
+    return f"it claims {width_px} x {height_px} pixels; expected 1 to {MOST_PIXELS}"
+
+
+def _size_px(data: bytes) -> tuple[int, int] | None:
+    """(width, height) in the head of a JPEG, TIFF, BMP or WebP; None for others, and if the head cannot be read."""
+    if data.startswith(b"RIFF"):  # of WebP, Pillow would allocate the image
+        head = int.from_bytes(data[20:30].ljust(10, b"\0"), "little")
+        shift, bits, less = {b"VP8X": (32, 24, 1), b"VP8L": (8, 14, 1)}.get(data[12:16], (48, 16, 0))
+        width, height = (head >> at & (1 << bits) - 1 for at in (shift, shift + bits))
+        return (width & 0x3FFF, height & 0x3FFF) if not less else (width + 1, height + 1)
+    kind = next((kind for magic, kind in _pillow().items() if data.startswith(magic)), None)
+    try:
+        return None if kind is None else kind(io.BytesIO(data)).size
+    except Exception:  # errors of Pillow have no common base class; OpenCV says what is wrong
+        return None
+
+
+@lru_cache
+def _pillow() -> dict[bytes, Any]:
+    """Pillow's readers of heads, by the first bytes; they do not decode."""
+    from PIL.BmpImagePlugin import BmpImageFile
+    from PIL.JpegImagePlugin import JpegImageFile
+    from PIL.TiffImagePlugin import TiffImageFile
+
+    return {_JPEG: JpegImageFile, b"II*\0": TiffImageFile, b"MM\0*": TiffImageFile, b"BM": BmpImageFile}
 
 
 def _png_damage(data: bytes) -> str | None:
@@ -117,7 +156,7 @@ def _png_damage(data: bytes) -> str | None:
         if kind == b"IHDR" and length >= 8:
             width, height = struct.unpack_from(">II", data, at + 8)
             if not 0 < width * height <= MOST_PIXELS:
-                return f"not a readable PNG: it claims {width} x {height} pixels; expected 1 to {MOST_PIXELS}"
+                return too_many_pixels(width, height)
         if kind == b"IEND":
             return None
         at = end

@@ -1,10 +1,16 @@
-"""Detects zeros inside the compressed data of a JPEG: a partly copied file, which decoders fill with gray."""
+"""Detects what decoders hide in a partly copied JPEG: zeros in its compressed data, or data that end too early."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
+
+from vfoa.types import Image
 
 _ZEROS = bytes(32)
 """No encoder writes so many zeros in a row, except one whose shortest code means a block without detail."""
 _SCAN, _TABLE = 0xDA, 0xC4
+_PROGRESSIVE = 0xC2
+_CORNER_PX = 4
 _WITHOUT_LENGTH = {0x01, *range(0xD0, 0xDA)}
 
 
@@ -15,20 +21,52 @@ def zeros_at(data: bytes) -> int | None:
     """
     if data.find(_ZEROS) < 0:
         return None
-    at, flat_codes = 2, []
+    flat_codes: list[bool] = []
+    for marker, at, end in _segments(data):
+        if marker == _TABLE:
+            flat_codes += _codes_of_flat_blocks(data[at:end])
+        if marker == _SCAN:
+            found = -1 if all(flat_codes) else data.find(_ZEROS, end, data.rfind(b"\xff\xd9"))
+            return None if found < 0 else found
+    return None
+
+
+def ends_early(data: bytes, image: Image) -> bool:
+    """Whether the data of a JPEG end before its image (H, W, ...) does, although an end mark follows them.
+
+    libjpeg repeats the last colour then, and warns on the terminal alone. FFmpeg refuses such data. It decodes only
+    progressive files, and those whose last pixels are of one colour: decoding twice takes a third longer.
+    """
+    corner = image[-_CORNER_PX:, -_CORNER_PX:]
+    if (corner != corner[-1, -1]).any() and all(marker != _PROGRESSIVE for marker, *_ in _segments(data)):
+        return False
+    return not _decodes(data, err_detect="explode") and _decodes(data)
+
+
+def _decodes(data: bytes, **options: str) -> bool:
+    import av  # takes as long to import as a hundred files to check, of which most commands have none
+
+    decoder = av.CodecContext.create("mjpeg", "r")
+    decoder.options = options
+    try:
+        return bool(decoder.decode(av.Packet(data)) + decoder.decode(None))
+    except av.FFmpegError:
+        return False
+
+
+def _segments(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Marker, begin and end of the content of each segment, up to the first scan."""
+    at = 2
     while at + 4 <= len(data) and data[at] == 0xFF:
         marker = data[at + 1]
         if marker in _WITHOUT_LENGTH or marker == 0xFF:
             at += 1 if marker == 0xFF else 2
             continue
         length = int.from_bytes(data[at + 2 : at + 4], "big")
-        if marker == _TABLE:
-            flat_codes += _codes_of_flat_blocks(data[at + 4 : at + 2 + length])
-        at += 2 + length
+        yield marker, at + 4, at + 2 + length
         if marker == _SCAN:
-            found = -1 if all(flat_codes) else data.find(_ZEROS, at, data.rfind(b"\xff\xd9"))
-            return None if found < 0 else found
-    return None
+            return
+        at += 2 + length
 
 
 def _codes_of_flat_blocks(tables: bytes) -> list[bool]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from harness.sources.media.images import MOST_PIXELS, too_many_pixels
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
@@ -125,6 +126,9 @@ def index_video(path: Path) -> VideoIndex:
         As :class:`Video`.
     """
     capture = _open(path)
+    size_px = int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+    if size_px[0] * size_px[1] > MOST_PIXELS:
+        raise VfoaError(f"{path}: {too_many_pixels(*size_px)}")
     stamps = tuple(sorted(_grabbed(_open(path, packets=True))))
     if not _are_frames(path, stamps):
         stamps = tuple(_grabbed(_open(path)))
@@ -140,7 +144,7 @@ def index_video(path: Path) -> VideoIndex:
         stamps_ns=stamps,
         claimed=claimed,
         rate_hz=rate,
-        size_px=(int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))),
+        size_px=size_px,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.sources.media.depth_maps import default_counts_per_m, depth_map
+from harness.sources.media.images import MOST_PIXELS, decode
 from harness.sources.recordings.message_types import MessageType
 from harness.sources.recordings.messages import CompressedPicture, RawPicture, Sight, picture
 from harness.sources.recordings.rvl import decode_rvl
@@ -19,7 +20,6 @@ from vfoa.types import Map
 _RAW = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 _HEADER = struct.Struct("<iff")  # format, A, B: compressed_depth_image_transport, compression_common.h
 _SIZE = struct.Struct("<II")  # columns and rows before a stream of RVL
-_MOST_PIXELS = 1 << 26
 _NO_DEPTH = ("infra", "/ir", "confidence", "amplitude", "thermal", "disparity")
 
 
@@ -89,7 +89,7 @@ def _rvl(body: bytes, where: str) -> NDArray[np.uint16]:
     if len(body) < _SIZE.size:
         raise VfoaError(f"{where}: compressedDepth rvl without a size; expected columns and rows before the stream")
     columns, rows = _SIZE.unpack_from(body)
-    if not 0 < columns * rows <= _MOST_PIXELS:
+    if not 0 < columns * rows <= MOST_PIXELS:
         raise VfoaError(f"{where}: compressedDepth rvl of {columns} x {rows} pixels in {len(body)} bytes")
     try:
         return decode_rvl(body[_SIZE.size :], columns, rows)
@@ -98,11 +98,8 @@ def _rvl(body: bytes, where: str) -> NDArray[np.uint16]:
 
 
 def _png(body: bytes, where: str) -> NDArray[Any]:
-    try:
-        image = cv2.imdecode(np.frombuffer(body, np.uint8), cv2.IMREAD_UNCHANGED) if body else None
-    except cv2.error:
-        image = None
-    if image is None or image.ndim != 2 or image.dtype != np.uint16:
-        found = "no readable image" if image is None else f"{image.dtype.name} with shape {image.shape}"
+    image = decode(body, f"{where}: a compressed depth image", cv2.IMREAD_UNCHANGED)
+    if image.ndim != 2 or image.dtype != np.uint16:
+        found = f"{image.dtype.name} with shape {image.shape}"
         raise VfoaError(f"{where}: a compressed depth image: found {found}; expected one channel of 16 bits in PNG")
     return image

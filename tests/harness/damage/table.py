@@ -383,6 +383,12 @@ RUNS = [
     case("run's manifest without clips", text(_RUN_MANIFEST, '{"finished": "now"}'), command=_SCORE),
     case("run's manifest of words", replaced(_RUN_MANIFEST, '"clips": [', '"clips": ["a", '), "clips", command=_SCORE),
     case("run's manifest with 5,000 digits", text(_RUN_MANIFEST, 5_000 * "9"), "64 bits", command=_SCORE),
+    case(
+        "run's manifest with a stage of text",
+        text(_RUN_MANIFEST, '{"configurations": {"only": {"segmentation": "text"}}}'),
+        "configurations.only.segmentation",
+        command=_SCORE,
+    ),
     case("run's manifest is a pipe", a_pipe(_RUN_MANIFEST), "manifest.json", "not a plain file", command=_SCORE),
     case("run's manifest gone", gone(_RUN_MANIFEST), "run", command=_SCORE),
     case("annotations spoilt since", text(CSV, LABELS + "2,3,anna,book,\n"), "mine.csv:4", command=_SCORE),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,3 +55,20 @@ def test_the_last_digit_that_a_file_writes_may_differ() -> None:
 def test_what_is_no_rectified_pair_is_refused(left: Float, right: Float, message: str) -> None:
     with pytest.raises(VfoaError, match=f"calib: .*{message}"):
         from_projections(left, right, "calib")
+
+
+@pytest.mark.parametrize(
+    ("size_px", "changes", "said"),
+    [
+        ((2, 2), {}, "images of 2 x 2 pixels; expected 4 to 16383 on each side"),
+        ((8, 20_000), {}, "images of 8 x 20000 pixels"),
+        ((16_384, 64), {}, "images of 16384 x 64 pixels"),
+        ((640, 480), {"fx_px": 1e-308}, "fx, fy: found 1e-308, 720; expected 0.1 to 1e"),
+        ((640, 480), {"cy_px": 1e300}, r"cx, cy: found 310, 1e\+300"),
+        ((640, 480), {"baseline_m": 1e-300}, "baseline: found 1e-300 m"),
+    ],
+)
+def test_what_no_camera_has_is_refused(size_px: tuple[int, int], changes: dict[str, float], said: str) -> None:
+    calibration = replace(from_projections(LEFT, RIGHT, "calib"), **changes)
+    with pytest.raises(VfoaError, match=said):
+        calibration.rig(*size_px)

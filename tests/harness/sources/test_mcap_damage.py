@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from pathlib import Path
 
+import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import pytest
 import yaml
+import zstandard
 from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType
 
+from harness.sources.mcap.records import parts_of
 from tests.disk import HEIGHT, WIDTH, picture, write_bytes
 from tests.harness.sources.numbered_recording import open_clip, pairs, stamp
 from tests.recordings import Family, write_pairs
@@ -133,6 +137,25 @@ def test_a_damaged_compressed_chunk_is_told(tmp_path: Path) -> None:
     clip = open_clip(path)
     assert 7 <= len(clip.frames) <= 9
     assert "damaged" in clip.notes[0]
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+@pytest.mark.parametrize("claimed", [2**20, 2**40])
+def test_a_chunk_is_not_unpacked_beyond_what_it_claims_and_a_recording_can_have(compression: str, claimed: int) -> None:
+    pack = zstandard.compress if compression == "zstd" else lz4.frame.compress
+    chunk = Chunk(
+        compression=compression,
+        data=pack(bytes(2**24)),
+        message_start_time=0,
+        message_end_time=0,
+        uncompressed_crc=0,
+        uncompressed_size=claimed,
+    )
+    tracemalloc.start()
+    with pytest.raises(ValueError, match="claims"):
+        parts_of(chunk)
+    assert tracemalloc.get_traced_memory()[1] < 2**23
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize(("has_checksum", "said"), [(True, 1), (False, 0)])

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
+from harness.clips.manifest import load_manifest
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
-from tests.disk import HEIGHT, WIDTH, picture, stereo_pair_folder, write_image
+from tests.disk import HEIGHT, WIDTH, picture, stereo_pair_folder, write_image, write_text
 from vfoa.errors import VfoaError
 
 CAMERA = {"fx_px": 50.0, "cx_px": 31.5, "cy_px": 23.5, "baseline_m": 0.1}
@@ -73,6 +74,18 @@ def test_other_sizes_wrong_folders_and_numbers_are_one_line(tmp_path: Path) -> N
         StereoFolderClip(SETTINGS.model_copy(update={"left": "lef"}), tmp_path)
     with pytest.raises(VfoaError, match="gone: no such folder"):
         StereoFolderClip(SETTINGS, tmp_path / "gone")
+
+
+def test_times_beyond_64_bits_and_a_camera_of_true_are_one_line(tmp_path: Path) -> None:
+    for number in (1_700_000_000_000_000_000, 1_700_000_000_100_000_000):
+        for side in ("left", "right"):
+            write_image(tmp_path / side / f"{number}.png", picture(0, WIDTH, HEIGHT))
+    head = 'name = "clip"\nadapter = "stereo_folder"\nroot = "."\n[source]\nleft = "left"\nright = "right"\n'
+    camera = "[source.camera]\nfx_px = {}\ncx_px = 3\ncy_px = 2\nbaseline_m = 0.1\n"
+    with pytest.raises(VfoaError, match=r'clip\.toml: frame 17000.*: its time is 1\.7e\+17 s; .* stamps = "ns"'):
+        load_manifest(write_text(tmp_path / "clip.toml", f"{head}rate_hz = 10\n{camera.format(9)}")).open()
+    with pytest.raises(VfoaError, match="fx_px: expected a number, found true"):
+        load_manifest(write_text(tmp_path / "clip.toml", head + camera.format("true"))).open()
 
 
 def test_the_digest_depends_on_images_calibration_and_rate(tmp_path: Path) -> None:

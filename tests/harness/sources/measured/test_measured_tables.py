@@ -113,6 +113,8 @@ def test_a_quaternion_turns_the_box_s_axes_into_the_camera_s(tmp_path: Path, tur
         ("", "", r"people.csv: no frames"),
         ("1,0,anna,0,0,1,,,,,,,,", "2,cup,cup,0,0,1,,,", r"objects.csv:2: frame 2: not in the table of people"),
         ("1,0,anna,0,0,1,,,,,,,,", "1,cup,cup,0,0,1,0,1,1", r"objects.csv:2: .*positive half sizes"),
+        ("1,0,anna,0,0,1,,,,,,,,", "1,cup,cup,0,0,1,1e155,1,1", r"objects.csv:2: size_x_m, .*at most 1e\+06"),
+        ("1,0,anna,0,0,1e155,,,,,,,,", "", r"people.csv:2: x_m, .*at most 1e\+06"),
         ("1,0,anna,0,0,1,,,,,,,,", "1,cup,cup,,,,,,", r"objects.csv:2: x_m: found nothing"),
         ("1,0,anna,0,0,1,,,,,,,,", ",cup,cup,0,0,1,,,\n,cup,cup,0,0,2,,,", r"objects.csv:3: .* twice"),
     ],

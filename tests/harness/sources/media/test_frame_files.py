@@ -36,6 +36,12 @@ def test_a_single_file_without_a_number_is_frame_0(tmp_path: Path) -> None:
     assert list(find_frames(_touch(tmp_path, "left.png"), "left.png", "left")) == [0]
 
 
+def test_a_number_beyond_63_bits_is_refused() -> None:
+    for names in (["1" * 25 + ".png"], ["1.png", "9" * 25 + ".png"]):
+        with pytest.raises(VfoaError, match="is too large"):
+            number_names(names, "left")
+
+
 def test_two_numbers_that_differ_are_ambiguous() -> None:
     with pytest.raises(VfoaError, match="left: 2 numbers differ"):
         number_names(["000005_10.png", "000006_11.png"], "left")

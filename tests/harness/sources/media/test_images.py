@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import io
+import struct
+import zlib
 from pathlib import Path
 
 import cv2
@@ -116,6 +118,42 @@ def test_a_flat_jpeg_is_not_damaged(tmp_path: Path, optimize: bool) -> None:
     file = io.BytesIO()
     Image.fromarray(np.zeros((480, 640, 3), np.uint8)).save(file, "jpeg", optimize=optimize)
     assert not read_rgb(write_bytes(tmp_path / "flat.jpg", file.getvalue())).any()
+
+
+@pytest.mark.parametrize("how", [{}, {"progressive": True}, {"subsampling": 0}, {"optimize": True}])
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.9])
+def test_a_jpeg_whose_data_end_early_is_refused(tmp_path: Path, share: float, how: dict[str, object]) -> None:
+    whole = _jpeg(**how)
+    assert read_rgb(write_bytes(tmp_path / "whole.jpg", whole)).shape == (240, 320, 3)
+    half = write_bytes(tmp_path / "half.jpg", whole[: int(share * len(whole))] + b"\xff\xd9")
+    with pytest.raises(VfoaError, match=r"half\.jpg: damaged JPEG: its data end before the image does"):
+        read_rgb(half)
+
+
+@pytest.mark.parametrize("kind", ["png", "jpeg", "bmp", "tiff", "webp", "webp lossless"])
+def test_an_image_that_claims_too_many_pixels_is_not_decoded(tmp_path: Path, kind: str) -> None:
+    name, _, way = kind.partition(" ")
+    file = io.BytesIO()
+    Image.fromarray(np.zeros((9, 7, 3), np.uint8)).save(file, name, **({"lossless": True} if way else {}))
+    data, most = bytearray(file.getvalue()), {"webp": 16383}.get(name, 30000)
+    at, size = {
+        "png": (16, struct.pack(">II", most, most)),
+        "jpeg": (data.find(b"\xff\xc0") + 5, struct.pack(">HH", most, most)),
+        "bmp": (18, struct.pack("<ii", most, most)),
+        "tiff": (-1, b""),
+        "webp": (26, struct.pack("<HH", most, most)),
+        "webp lossless": (21, struct.pack("<I", (most - 1) | (most - 1) << 14)),
+    }[kind]
+    if kind == "tiff":  # width and length: tags 256 and 257, one LONG or SHORT each
+        for tag in (256, 257):
+            at = next(n for n in range(len(data)) if data[n : n + 2] == struct.pack("<H", tag) and n > 7)
+            data[at + 2 : at + 12] = struct.pack("<HII", 4, 1, most)
+    else:
+        data[at : at + len(size)] = size
+    if kind == "png":
+        data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    with pytest.raises(VfoaError, match=f"it claims {most} x {most} pixels; expected 1 to"):
+        read_rgb(write_bytes(tmp_path / "bomb", bytes(data)))
 
 
 @pytest.mark.parametrize("suffix", ["tiff", "jpg", "png"])
