@@ -33,7 +33,7 @@ def calibrate(
     dictionary: Annotated[str, typer.Option(help="ChArUco: OpenCV's name of the marker dictionary.")] = "DICT_5X5_100",
     legacy: Annotated[bool, typer.Option("--legacy", help="ChArUco: board made by OpenCV before 4.6.")] = False,
     left: Annotated[str | None, typer.Option(help="Left pictures: a folder, a glob or a pattern; or a video.")] = None,
-    right: Annotated[str | None, typer.Option(help="Right pictures. Default: left* and right*.")] = None,
+    right: Annotated[str | None, typer.Option(help="Right pictures. Default: sides by names, as in clips add.")] = None,
     both: Annotated[str | None, typer.Option(help="Pictures, or a video, that hold both views.")] = None,
     layout: Annotated[str, typer.Option(help=LAYOUT)] = "images",
     every: Annotated[int, typer.Option(min=1, help="Use every Nth frame of a video.")] = 1,
@@ -65,7 +65,7 @@ def calibrate(
     of_user = () if out.exists() else folder.rglob("*")  # beside a calibration, the picture of its name is the preview
     check_new(preview, replace=replace, hint=", or another --out", inputs=of_user)
     if left is right is both is None:
-        left, right = "left*", "right*"
+        left, right = _sides(folder)
     views = _views(folder, {"layout": layout, "left": left, "right": right, "both": both})
     for note in views.notes:
         say(note)
@@ -107,6 +107,14 @@ def _check_name(out: Path) -> None:
 
     if out.suffix.lower() not in (".yml", ".yaml"):
         raise VfoaError(f"--out {out}: found the suffix {out.suffix!r}; expected .yml or .yaml")
+
+
+def _sides(folder: Path) -> tuple[str, str]:
+    """The only two sides of pictures in the folder, by their names; else ``left*`` and ``right*``."""
+    from harness.sources.stereo_layouts import find_layouts
+
+    found = [each.source for each in find_layouts(folder) if each.source["layout"] == "images"]
+    return (found[0]["left"], found[0]["right"]) if len(found) == 1 else ("left*", "right*")
 
 
 def _views(folder: Path, files: dict[str, str | None]) -> Views:

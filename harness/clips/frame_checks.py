@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 from vfoa.types import Float, StereoFrame
 
 MAX_VERTICAL_ERROR_PX = 1.5
@@ -96,9 +97,15 @@ def depth_notes(frames: Sequence[StereoFrame]) -> list[str]:
         return []
     near, middle, far = np.percentile(known, (1, 50, 99))
     share = known.size / sum(depth.size for depth in depths)
+    limit_m = BlockMatchingSettings().min_depth_m
+    unit = (
+        f"nearly all of the measured depth is nearer than {limit_m:g} m (another unit? depth_scale in [source] is the "
+        "number of counts per metre)"
+    )
     return [
+        *([unit] if far < limit_m else []),
         f"measured depth on {share:.0%} of the pixels: {near:.2f} to {far:.2f} m (1st to 99th percentile), "
-        f'median {middle:.2f} m; stereo.matcher = "sensor" takes it'
+        f'median {middle:.2f} m; stereo.matcher = "sensor" takes it',
     ]
 
 

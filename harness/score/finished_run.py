@@ -136,7 +136,7 @@ class FinishedRun:
                 of_clips.setdefault(note, []).append(clip["name"])
         by_one = [f"Scored against the labels of {annotator!r}."] if annotator else []
         shared = [f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()]
-        unlabelled = self._said_of_unlabelled([name for name in found if name not in labels])
+        unlabelled = self._said_of_unlabelled([manifests[name] for name in found if name not in labels])
         changed: list[str] = []
         for clip in run["clips"]:
             manifest = manifests[clip["name"]]
@@ -179,17 +179,19 @@ class FinishedRun:
             of_run = self.manifest.get(RUN_LABELS, before)
             self.directory.write_manifest({**self.manifest, TABLE_LABELS: now, RUN_LABELS: of_run})
 
-    def _said_of_unlabelled(self, clips: list[str]) -> list[str]:
+    def _said_of_unlabelled(self, clips: list[ClipManifest]) -> list[str]:
         """A note for each clip without labels: it is not scored, and how many people the run found in it."""
         if not clips:
             return []
-        people = dict.fromkeys(clips, 0)
+        people = dict.fromkeys((each.name for each in clips), 0)
         for record in read_results(self.directory.results):
             if record.clip in people:
                 people[record.clip] = max(people[record.clip], len(record.subjects))
         return [
-            f"{clip}: no labels, not scored; {_people(most)} found in its frames; `vfoa annotate {clip}` labels it."
-            for clip, most in people.items()
+            f"{clip.name}: no labels, not scored; {_people(people[clip.name])} found in its frames; "
+            f"{'' if clip.subjects else f'write [subjects.NAME] into {clip.path.name}, then '}"
+            f"`vfoa annotate {clip.name}` labels it."
+            for clip in clips
         ]
 
 

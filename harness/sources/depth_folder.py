@@ -28,10 +28,11 @@ class DepthFolderSettings(Settings):
     """Files of the clip, under the manifest's root, and the calibration of their camera.
 
     ``colour`` and ``depth`` are folders, globs (``depth/*.npy``), printf patterns, or two lists of times and files
-    (``rgb.txt``, ``depth.txt``), which are joined if they are at most ``tolerance_ms`` apart. ``depth_scale`` is the
-    number of counts per metre (if not given, integers are millimetres and floating point numbers metres; TUM RGB-D has
-    5000). The camera is a file (``calibration``) or numbers (``camera``); ``rectified`` images have no lens distortion
-    any more. Without ``rate_hz``, times are the lists'; images without times are a second apart.
+    (``rgb.txt``, ``depth.txt``, or twice ``associations.txt``), joined if they are at most ``tolerance_ms`` apart.
+    ``depth_scale`` is the number of counts per metre (if not given, integers are millimetres and floating point
+    numbers metres; TUM RGB-D has 5000). The camera is a file (``calibration``) or numbers (``camera``);
+    ``rectified`` images have no lens distortion any more. Without ``rate_hz``, times are the lists'; images without
+    times are a second apart.
     """
 
     colour: str
@@ -60,6 +61,10 @@ class DepthFolderClip:
       rgb/000007.png      any image OpenCV reads; colour and depth are joined by number
       depth/000007.png    16 bits, or .npy, .exr, .tif, .pfm
       intrinsics.json     see harness.sources.calibration_files.one_camera
+
+    root/                 TUM RGB-D
+      associations.txt    time, rgb/TIME.png, time, depth/TIME.png; or rgb.txt and depth.txt
+      rgb/  depth/        5000 counts per metre
     """
 
     Settings = DepthFolderSettings

@@ -60,7 +60,8 @@ def find_depth_frames(folder: Path, colour: str, depth: str, tolerance_ms: float
 
 
 def _by_time(folder: Path, colour: str, depth: str, tolerance_ms: float) -> DepthFrames:
-    lists = [read_stamped_list(folder / name) for name in (colour, depth)]
+    words = ("rgb", "depth") if colour == depth else ("", "")  # one list of both, such as associations.txt
+    lists = [read_stamped_list(folder / name, word) for name, word in zip((colour, depth), words, strict=True)]
     files = [list(found.values()) for found in lists]
     places = [[Place(stamp, 0, number, 0) for number, stamp in enumerate(found)] for found in lists]
     pairs = join(places[0], places[1], round(tolerance_ms * 1e6))

@@ -39,6 +39,9 @@ _CALIBRATIONS = (
 TUM_SCALE = 5000.0
 """Counts per metre in TUM RGB-D; Sturm et al., A benchmark for the evaluation of RGB-D SLAM systems, IROS 2012."""
 
+_TUM_LISTS = (("rgb.txt", "depth.txt"), *((name, name) for name in ("associations.txt", "associate.txt")))
+"""Colour and depth: the data set's lists, or the one that its ``associate.py`` makes of them."""
+
 _TUM_CAMERAS = {
     "freiburg1": (517.3, 516.5, 318.6, 255.3),
     "freiburg2": (520.9, 521.0, 325.1, 249.7),
@@ -84,16 +87,17 @@ def _is_azure_kinect(path: Path) -> bool:
 
 
 def _tum(path: Path) -> list[Recognised]:
-    if not ((path / "rgb.txt").is_file() and (path / "depth.txt").is_file()):
+    lists = next((each for each in _TUM_LISTS if all((path / name).is_file() for name in each)), None)
+    if lists is None:
         return []
-    source: dict[str, Any] = {"colour": "rgb.txt", "depth": "depth.txt", "depth_scale": TUM_SCALE}
+    source: dict[str, Any] = {"colour": lists[0], "depth": lists[1], "depth_scale": TUM_SCALE}
     known = next((name for name in _TUM_CAMERAS if name in path.name.lower()), None)
     calibration = _calibration_file(path, source)
     if calibration is None and known is not None:
         fx, fy, cx, cy = _TUM_CAMERAS[known]
         source["camera"] = {"fx_px": fx, "fy_px": fy, "cx_px": cx, "cy_px": cy}
         calibration = f"as published for {known}, without its lens distortion"
-    layout = "TUM RGB-D: rgb.txt and depth.txt, 5000 counts a metre"
+    layout = f"TUM RGB-D: {' and '.join(dict.fromkeys(lists))}, 5000 counts a metre"
     return [Recognised(root=path, source=source, layout=layout, name=path.name, calibration=calibration)]
 
 

@@ -96,6 +96,17 @@ class StereoFolderClip:
         right/000007.png    the same size
         stereo.yml          written by vfoa calibrate, or another file of calibration_files; it rectifies unrectified
                             pairs
+
+    training/                           KITTI 2015: *_10.png are recognised; scenes differ in calibration and size
+        image_2/000000_10.png           000000_11.png is the next frame
+        image_3/000000_10.png
+    2011_09_26_drive_0001_sync/         KITTI raw
+        image_02/data/0000000000.png
+        image_02/timestamps.txt         2011-09-26 13:02:25.964389445
+        image_03/data/0000000000.png
+    artroom1/                           Middlebury 2021
+        im0.png  im1.png  calib.txt
+        ambient/L0/im0e0.png            the same under other lights: left out
     """
 
     Settings = StereoFolderSettings

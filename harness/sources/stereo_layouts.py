@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import cv2
 import numpy as np
 
 from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames
-from harness.sources.media.images import read_rgb
+from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
 from harness.sources.side_names import numbered_views, pair_names
 from harness.sources.stereo_videos import PackedVideo, VideoPair
@@ -32,6 +33,12 @@ most 0.21.
 """
 
 _WIDTH = 96
+_CALIB, _AMBIENT = "calib.txt", "ambient"
+_KITTI_2015 = "*_10.png"
+"""The frames with ground truth; ``*_11.png`` are the next ones of the same scenes."""
+_TIMES = "timestamps.txt"
+_DEPTH_WORD = re.compile(r"depth|disp", re.IGNORECASE)
+_HEAD_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,6 +112,8 @@ def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str
     for folder, subfolders, files in os.walk(root):
         relative = Path(folder).relative_to(root)
         subfolders[:] = sorted(n for n in subfolders if not n.startswith(".") and len(relative.parts) < DEPTH)
+        if _CALIB in files and _AMBIENT in subfolders:  # Middlebury: the scene under other lights and exposures
+            subfolders.remove(_AMBIENT)
         # The preview that vfoa calibrate writes beside its stereo.yml shows a rectified pair, but is no frame.
         previews = {Path(name).stem + ".png" for name in files if Path(name).suffix == ".yml"}
         names = sorted(
@@ -133,17 +142,28 @@ def _pair_of_images(root: Path, left: str, right: str, prefix: str = "") -> Iter
     left, right = prefix + left, prefix + right
     stamps: StampUnit | None = None
     try:
-        lefts, rights = find_sides(root, left, right)
+        try:
+            lefts, rights = find_sides(root, left, right)
+        except VfoaError:  # two numbers in each name
+            left, right = f"{left}/{_KITTI_2015}", f"{right}/{_KITTI_2015}"
+            lefts, rights = find_sides(root, left, right)
         stamps = _stamps((*lefts, *rights))
         views = ImagePairs(lefts, rights, TICKS_NS[stamps] if stamps else None)
+        times = _times_beside(root, left)
     except VfoaError as error:
         if stamps is None:
             return  # names that say a side but share no numbering are no pair
         told = f"--set left={left} --set right={right} --set stamps={stamps} --set tolerance_ms=MS"
         raise VfoaError(f"{root}: {error} ({told})") from None
     alone = len(lefts.keys() - rights.keys()), len(rights.keys() - lefts.keys())
-    source = {"layout": "images", "left": left, "right": right} | ({"stamps": stamps} if stamps else {})
+    source = {"layout": "images", "left": left, "right": right} | ({"stamps": stamps} if stamps else {}) | times
     yield _found(root, source, views, alone)
+
+
+def _times_beside(root: Path, left: str) -> dict[str, str]:
+    """The setting of KITTI's ``image_02/timestamps.txt`` beside ``image_02/data``; none if there is no such file."""
+    times = Path(left).parent / _TIMES
+    return {"times": times.as_posix()} if (root / left).is_dir() and (root / times).is_file() else {}
 
 
 def images_below(root: Path) -> list[str]:
@@ -182,6 +202,14 @@ def _packed(root: Path, name: str, first: Path) -> Iterator[FoundLayout]:
         ("top_bottom", "images_top_bottom", "video_top_bottom"),
     )
     is_video = first.suffix.lower() in VIDEO_SUFFIXES
+    if is_video and _is_spatial(first):
+        raise VfoaError(
+            f"{first}: a spatial video (MV-HEVC), of which only the left view is decoded here; expected both side by "
+            "side: FFmpeg 7.1 or newer converts it: ffmpeg -i IN.mov -filter_complex "
+            "'[0:v:vpos:left][0:v:vpos:right]hstack' OUT.mp4"
+        )
+    if not is_video and (_DEPTH_WORD.search((root / name).name) or _is_map(first)):
+        return  # one view's depth or disparity: its halves are alike where the floor or a wall is
     found = []
     for packing, of_images, of_video in packings:
         try:
@@ -192,6 +220,20 @@ def _packed(root: Path, name: str, first: Path) -> Iterator[FoundLayout]:
         if likeness >= ALIKE:
             found.append((likeness, _found(root, {"layout": of_video if is_video else of_images, "both": name}, views)))
     yield from (layout for _, layout in sorted(found, key=lambda each: -each[0]))
+
+
+def _is_spatial(video: Path) -> bool:
+    """Whether a video has the box of the second view's decoder (ISO/IEC 14496-15, ``lhvC``), at one of its ends."""
+    with video.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+        file.seek(max(video.stat().st_size - _HEAD_BYTES, 0))
+        return b"lhvC" in head or b"lhvC" in file.read()
+
+
+def _is_map(image: Path) -> bool:
+    """Whether a file has one channel of more than 8 bits, as maps of depth and disparity have."""
+    pixels = read_raw(image)
+    return pixels.ndim == 2 and pixels.dtype != np.uint8
 
 
 def _found(root: Path, source: dict[str, str], views: Views, alone: tuple[int, int] = (0, 0)) -> FoundLayout:

@@ -81,21 +81,27 @@ class Swapped:
 
 
 class _NumberedImages:
-    """Frames numbered by their names; with ``tick_ns`` the numbers are times in this unit."""
+    """Frames numbered by their names; with ``tick_ns`` the numbers are times in this unit.
 
-    def __init__(self, frames: tuple[int, ...], tick_ns: int | None) -> None:
+    ``times_ns`` are the times by number, if a file has them.
+    """
+
+    def __init__(self, frames: tuple[int, ...], tick_ns: int | None, times_ns: Mapping[int, int] | None = None) -> None:
         self.frames = frames
-        self._tick_ns = tick_ns
+        self._tick_ns, self._times_ns = tick_ns, times_ns
 
     @property
     def rate_hz(self) -> float | None:
         """Rate from the median step of the times."""
-        if self._tick_ns is None or len(self.frames) < 2:
+        if (self._tick_ns is None and self._times_ns is None) or len(self.frames) < 2:
             return None
-        return round(1e9 / (float(np.median(np.diff(self.frames))) * self._tick_ns), 3)
+        steps_ns = np.diff([self.time_ns(number) or 0 for number in self.frames])
+        return round(1e9 / float(np.median(steps_ns)), 3)
 
     def time_ns(self, number: int) -> int | None:
-        """The number as a time."""
+        """The time from the file, or the number as a time."""
+        if self._times_ns is not None:
+            return self._times_ns[number]
         return None if self._tick_ns is None else number * self._tick_ns
 
 
@@ -108,8 +114,14 @@ class ImagePairs(_NumberedImages):
         If no number is on both sides.
     """
 
-    def __init__(self, left: Mapping[int, Path], right: Mapping[int, Path], tick_ns: int | None = None) -> None:
-        super().__init__(tuple(sorted(left.keys() & right.keys())), tick_ns)
+    def __init__(
+        self,
+        left: Mapping[int, Path],
+        right: Mapping[int, Path],
+        tick_ns: int | None = None,
+        times_ns: Mapping[int, int] | None = None,
+    ) -> None:
+        super().__init__(tuple(sorted(left.keys() & right.keys())), tick_ns, times_ns)
         if not self.frames:
             side = next(iter(left.values())), next(iter(right.values()))
             hint = "" if tick_ns is None else _apart(left, right, tick_ns)
@@ -131,9 +143,10 @@ class ImagePairs(_NumberedImages):
         return read_pair(self._left[number], self._right[number])
 
     def digest(self) -> str:
-        """Digest of the paired files."""
+        """Digest of the paired files, and of times from a file."""
         sides = (("left", self._left), ("right", self._right))
-        return digest_files((f"{number} {side}", files[number]) for number in self.frames for side, files in sides)
+        files = digest_files((f"{number} {side}", files[number]) for number in self.frames for side, files in sides)
+        return files if self._times_ns is None else hashlib.sha256(f"{files} {self._times_ns}".encode()).hexdigest()
 
 
 class PackedImages(_NumberedImages):

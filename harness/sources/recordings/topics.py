@@ -116,9 +116,10 @@ def find_camera(topics: Iterable[Topic], image: Topic, named_topic: str | None, 
         beside = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
         if len(beside) == 1:
             return beside[0]
+    given = "or a calibration: --calibration FILE, or --fx --cx --cy --baseline ([source.camera])"
     raise VfoaError(
-        f"{where}: no single calibration topic belongs to {image.name}; say left_info = and right_info =, "
-        f"or calibration = (a file), in [source]: found {listed(cameras)}"
+        f"{where}: no single calibration topic belongs to {image.name}; found {listed(cameras)}; expected "
+        f"{f'left_info = and right_info = in [source], {given}' if cameras else given.removeprefix('or ')}"
     )
 
 

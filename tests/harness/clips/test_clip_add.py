@@ -11,8 +11,9 @@ from typer.testing import CliRunner
 
 from harness.cli.clips import app
 from harness.clips.check import check_clip
+from harness.clips.frame_checks import depth_notes
 from harness.sources import ADAPTERS, Recogniser
-from tests.disk import HEIGHT, WIDTH, write_text
+from tests.disk import HEIGHT, WIDTH, write_image, write_text
 from tests.harness.clips.adding import (
     KINDS,
     NUMBERS,
@@ -23,8 +24,11 @@ from tests.harness.clips.adding import (
     refused,
     scene_folder,
     vfoa,
+    views,
 )
+from tests.scenes import make_rig
 from vfoa.errors import VfoaError
+from vfoa.types import StereoFrame
 
 pytestmark = pytest.mark.usefixtures("work_here")
 
@@ -232,3 +236,24 @@ def test_the_real_set_is_added(shared_data: Path) -> None:
     (checked,) = vfoa("check", "again")
     assert checked["problems"] == []
     assert np.isfinite(checked["vertical_error_px"])
+
+
+@pytest.mark.parametrize(("depth_m", "noted"), [(0.2, True), (2.0, False)])
+def test_depth_nearer_than_matchers_search_is_noted(depth_m: float, noted: bool) -> None:
+    rig, black = make_rig(64, 48), np.zeros((48, 64, 3), np.uint8)
+    frame = StereoFrame(index=1, time_ns=0, left=black, depth_m=np.full((48, 64), depth_m, np.float32), rig=rig)
+    assert any("depth_scale in [source]" in note for note in depth_notes([frame])) == noted
+
+
+def test_every_frame_that_cannot_be_read_is_counted_and_named(tmp_path: Path) -> None:
+    for number in range(1, 6):
+        for side, image in zip(("left", "right"), views(number), strict=True):
+            write_image(tmp_path / "data" / side / f"{number}.png", image)
+    vfoa("add", tmp_path / "data", "--name", "mine", *NUMBERS)
+    for number in (2, 4):
+        damaged = tmp_path / "data" / "left" / f"{number}.png"
+        damaged.write_bytes(damaged.read_bytes()[:-20])
+    assert not any("cannot be read" in each for each in check_clip("mine").problems)
+    (said,) = (each for each in check_clip("mine", every_frame=True).problems if "cannot be read" in each)
+    assert said.startswith("2 of 5 frames cannot be read: 2, 4; ")
+    assert "left/2.png: truncated PNG" in said

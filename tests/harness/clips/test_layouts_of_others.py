@@ -14,9 +14,10 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from tests.calibrations import write_opencv, write_yaml
-from tests.disk import HEIGHT, WIDTH, write_image, write_text
+from tests.disk import HEIGHT, WIDTH, write_image, write_text, write_video
 from tests.harness.clips.adding import NUMBERS, images, refused, vfoa, views
 from tests.recordings import recorder
+from vfoa.errors import VfoaError
 
 pytestmark = pytest.mark.usefixtures("work_here")
 
@@ -91,7 +92,31 @@ def unnamed(root: Path) -> None:
     images(root, "a/{}.png", "b/{}.png")
 
 
+def middlebury_2021(root: Path) -> None:
+    middlebury(root)
+    for light in ("L0", "T0"):
+        for exposure in (0, 1):
+            pair(root / "ambient" / light, f"im0e{exposure}.png", f"im1e{exposure}.png")
+
+
+def kitti_2015(root: Path) -> None:
+    for scene in range(3):
+        for place in (10, 11):
+            pair(root, f"image_2/{scene:06d}_{place}.png", f"image_3/{scene:06d}_{place}.png", scene + 1)
+
+
+def kitti_raw(root: Path) -> None:
+    for number in range(3):
+        pair(root, f"image_02/data/{number:010d}.png", f"image_03/data/{number:010d}.png", number + 1)
+    for side in ("2", "3"):
+        times = "".join(f"2011-09-26 13:02:2{5 + n}.10{side}389445\n" for n in range(3))
+        write_text(root / f"image_0{side}" / "timestamps.txt", times)
+
+
 LAYOUTS = {
+    "Middlebury 2021": Layout(make=middlebury_2021, cx_right_px=33.5),
+    "KITTI 2015": Layout(make=kitti_2015, said=NUMBERS, frames=3),
+    "KITTI raw": Layout(make=kitti_raw, said=NUMBERS, frames=3),
     "Middlebury 2014, 2021": Layout(make=middlebury, cx_right_px=33.5),
     "Middlebury 2005, 2006": Layout(make=middlebury_2006, said=NUMBERS),
     "Middlebury 2003": Layout(make=lambda root: pair(root, "im2.ppm", "im6.ppm"), said=NUMBERS),
@@ -117,6 +142,44 @@ def test_one_command_adds_it(tmp_path: Path, layout: Layout) -> None:
     assert frame.rig.cx_right_px == pytest.approx(layout.cx_right_px)
     for seen, written in zip((frame.left, frame.right), views(1), strict=True):
         np.testing.assert_array_equal(seen, written)
+
+
+def test_kitti_has_the_times_of_its_file(tmp_path: Path) -> None:
+    kitti_raw(tmp_path / "data")
+    vfoa("add", tmp_path / "data", "--name", "mine", *NUMBERS)
+    clip = load_manifest("mine").open()
+    assert [clip.time_ns(n) - 1_317_042_145_102_389_445 for n in clip.frames] == [0, 10**9, 2 * 10**9]
+    digest = clip.digest()
+    times = tmp_path / "data" / "image_02" / "timestamps.txt"
+    write_text(times, times.read_text().replace(":27.", ":28."))
+    assert load_manifest("mine").open().digest() != digest
+    for text, said in ((":28.1\n", "expected 3, one for each left image"), ("x\n", "timestamps.txt:1: found 'x'")):
+        write_text(times, times.read_text().partition("\n")[0] + "\n" if "28" in text else text)
+        with pytest.raises(VfoaError, match=said):
+            load_manifest("mine").open()
+
+
+def test_a_pointer_of_git_lfs_says_so(tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        text = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n"
+        write_text(tmp_path / "data" / side / "1.png", text)
+    assert "a pointer of Git LFS" in refused(tmp_path / "data", *NUMBERS)
+
+
+def test_a_spatial_video_says_how_to_convert_it(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "a.mp4", [views(n)[0] for n in range(3)], "mp4v")
+    video.write_bytes(video.read_bytes() + b"\0\0\0\x10freelhvC" + bytes(4))
+    assert "spatial video (MV-HEVC)" in refused(video)
+
+
+def test_depth_maps_alone_are_no_pair_side_by_side(tmp_path: Path) -> None:
+    ramp = np.tile(np.linspace(500, 5000, 2 * HEIGHT).astype(np.uint16)[:, None], (1, 2 * WIDTH))
+    ramp[::7] += 900
+    for n in range(3):
+        write_image(tmp_path / "planar" / f"{n}.png", ramp)
+        write_image(tmp_path / "depth_8_bit" / f"{n}.png", np.dstack([ramp >> 5] * 3).astype(np.uint8))
+    for folder in ("planar", "depth_8_bit"):
+        assert "side" not in refused(tmp_path / folder, *NUMBERS).partition(";")[0]
 
 
 def test_euroc_keeps_its_nanoseconds(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
+from harness.run.out import opened
 from harness.run.partial_results import partial_results
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
@@ -112,6 +113,13 @@ def test_edited_labels_make_no_other_run_but_other_scores(tmp_path: Path, monkey
     again = run_plan(plan, tmp_path / "out", workers=1, progress=lambda clip: None)
     assert again.results.stat().st_mtime_ns == results
     assert rescore(again).rows != before.rows
+
+
+def test_the_working_directory_gets_its_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    for out in (".", "..", Path()):
+        with opened(out) as folder:
+            assert folder.with_name("x").parent == folder.parent != folder
 
 
 def test_beside_another_run_the_next_free_directory_is_taken(finished: RunDirectory) -> None:

@@ -11,13 +11,15 @@ from tests.disk import write_text
 from tests.records import answers
 
 
+@pytest.mark.parametrize(
+    ("subjects", "first"),
+    [('[subjects.ann]\ncategory = "person"\n', ""), ("", "write [subjects.NAME] into new.toml, then ")],
+)
 def test_a_clip_without_a_single_label_is_named_with_what_labels_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, subjects: str, first: str
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    write_text(
-        tmp_path / "datasets" / "new.toml", 'name = "new"\nadapter = "studio"\n[subjects.ann]\ncategory = "person"\n'
-    )
+    write_text(tmp_path / "datasets" / "new.toml", f'name = "new"\nadapter = "studio"\n{subjects}')
     write_text(
         tmp_path / "annotations" / "new.csv", "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
     )
@@ -27,7 +29,7 @@ def test_a_clip_without_a_single_label_is_named_with_what_labels_it(
     reference = FinishedRun(directory=RunDirectory(tmp_path / "run"), manifest=manifest).reference()
     assert reference.labels == {}
     assert reference.notes == (
-        "new: no labels, not scored; one person at most found in its frames; `vfoa annotate new` labels it.",
+        f"new: no labels, not scored; one person at most found in its frames; {first}`vfoa annotate new` labels it.",
     )
 
 

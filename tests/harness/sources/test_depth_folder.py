@@ -96,6 +96,9 @@ def k_text(root: Path) -> Path:
     return root
 
 
+TUM_KINDS = ("rgb", "depth")
+
+
 def tum(root: Path) -> Path:
     """Two images without a partner; the lists' times differ by 12 ms."""
     for kind, offset, left_out in (("rgb", 0.0, 4), ("depth", 0.012, 2)):
@@ -148,6 +151,25 @@ def test_one_command_adds_a_layout(layout: str, tmp_path: Path, monkeypatch: pyt
             assert np.array_equal(frame.left, picture(n))
     check_contract(clip)
     assert CliRunner().invoke(app, ["check", "mine"], catch_exceptions=False).exit_code == 0
+
+
+@pytest.mark.parametrize("depth_first", [False, True])  # ICL-NUIM writes depth first
+def test_a_list_of_associations_is_read_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, depth_first: bool
+) -> None:
+    path = tum(tmp_path / "rgbd_dataset_freiburg1_xyz")
+    rows = [[line for line in (path / f"{kind}.txt").read_text().splitlines() if "#" not in line] for kind in TUM_KINDS]
+    pairs = [(rows[0][place], rows[1][other]) for place, other in ((0, 0), (1, 1), (3, 2))]
+    write_text(path / "associations.txt", "".join(" ".join(p[::-1] if depth_first else p) + "\n" for p in pairs))
+    for kind in TUM_KINDS:
+        (path / f"{kind}.txt").unlink()
+    monkeypatch.chdir(tmp_path)
+    add_clip(path, name="tum")
+    clip = load_manifest("tum").open()
+    for number, n in ((1, 3), (2, 4), (3, 9)):
+        frame = clip.frame(number)
+        assert np.array_equal(frame.left, picture(n))
+        np.testing.assert_allclose(frame.depth_m, metres(n), atol=1.1e-4)
 
 
 def test_tum_is_joined_by_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

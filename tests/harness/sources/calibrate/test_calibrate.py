@@ -23,7 +23,7 @@ from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
 from harness.sources.view_files import ViewFiles
 from tests.calibrations import rectified_rows_px, write_opencv
 from tests.command import vfoa
-from tests.disk import write_image, write_text
+from tests.disk import write_bytes, write_image, write_text
 from vfoa.errors import VfoaError
 
 BOARD = Chessboard(columns=9, rows=6, square_m=0.025)
@@ -133,9 +133,11 @@ def test_opencv_s_two_files_rectify_real_pairs_in_one_picture(shared_data: Path,
 
 def test_the_verb_writes_the_file_and_a_picture(shared_data: Path, tmp_path: Path) -> None:
     board = ["--columns", "9", "--rows", "6", "--square-mm", "25"]
-    sides = ["--left", "left*.jpg", "--right", "right*.jpg"]
+    for path in (shared_data / "chessboard").glob("*.jpg"):
+        side, number = ("L", path.stem.removeprefix("left")) if "left" in path.stem else ("R", path.stem[5:])
+        write_bytes(tmp_path / "board" / f"board{number}_{side}.jpg", path.read_bytes())
     out = tmp_path / "stereo.yml"
-    result = CliRunner().invoke(app, ["calibrate", str(shared_data / "chessboard"), *board, *sides, "--out", str(out)])
+    result = CliRunner().invoke(app, ["calibrate", str(tmp_path / "board"), *board, "--out", str(out)])
     assert result.exit_code == 0, result.output
     assert "13 pairs, RMS" in result.output
     assert isinstance(read_cameras([out], lambda: (1, 1)), RawCalibration)
