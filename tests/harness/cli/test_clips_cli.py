@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from harness.cli.clips import app
 from harness.clips.check import clips_at_hand
+from harness.clips.manifest import clip_files
 from harness.clips.matching import MATCHED_SIDE_PX, matched_offsets_px
-from harness.data_folders import names
 from tests.disk import write_bytes, write_image, write_text
 
 WIDTH, HEIGHT, DISPARITY = 320, 240, 12
@@ -268,7 +268,7 @@ def test_the_list_has_one_line_a_clip_in_80_columns(tmp_path: Path, monkeypatch:
     lines = CliRunner().invoke(app, ["list"]).stdout.splitlines()
     table = lines[3 : lines.index(" " * 80, 1)]
     assert all(len(line) <= 80 and line.split() for line in table)
-    assert {line.split()[0] for line in table} == set(names("datasets"))
+    assert {line.split()[0] for line in table} == set(clip_files())
 
 
 def test_the_tables_name_every_clip(tmp_path: Path) -> None:
