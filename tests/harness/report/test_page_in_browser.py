@@ -118,7 +118,7 @@ def test_it_asks_nobody_for_anything_complains_of_nothing_and_fits(browser: Chro
 def test_the_first_screen_is_the_answer(browser: Chrome) -> None:
     best, tests = browser.find_element("id", "verdict").text.split("\n")
     assert best.startswith("it's two 100.0 %, best of 2; ")
-    assert tests == "one and it's two cannot be told apart (60.0 points)."
+    assert tests.startswith("one and it's two cannot be told apart (60.0 points")
     assert browser.find_element("id", "fails").text.startswith("2 of 6 wrong frames: ")
     rates = [
         _button(browser, f"{name}: FRR {rate} %").get_attribute("aria-label")
