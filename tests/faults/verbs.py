@@ -52,7 +52,7 @@ VERBS: dict[str, Writes | Left] = {
     "plan": READS,
     "plot": Writes(("plot", "run", "--kind", "forest", "--out", "forest.svg", "--replace")),
     "export-table": Writes(("export-table", "run", "--to", "json", "--out", "table.json")),
-    "fit": Writes(("fit", "run", "--out", "fitted.toml")),
+    "fit": Writes(("fit", "run", "--out", "fitted.toml", "--even-if-worse")),
     "bench": Left("measures times; one file, by the writer that export-table has"),
     "annotate": Writes(call=project.label, varies=(".talk.jsonl",), grows=("annotations/talk.csv",)),
     "calibrate": Writes(

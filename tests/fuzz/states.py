@@ -23,7 +23,7 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.score.finished_run import FinishedRun, read_scores
-from harness.score.fit_source import read_labelled
+from harness.score.fit_logit import read_labelled
 from harness.score.reference import Reference
 from harness.score.score import score
 from harness.stages.cache.identity import Identity, difference
