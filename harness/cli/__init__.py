@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperArgument
 
 from harness.cli import cache, clips, labels, models
 from harness.cli.annotate import annotate
@@ -52,6 +53,14 @@ _WrongCommandLine: Any = typer.BadParameter.__mro__[2]
 """Click's error of a command line. Typer has its own copy of Click, or an older one the package."""
 
 
+def _type_in_help(argument: Any, ctx: Any) -> str | None:
+    """The type that the help shows behind an argument's name: its choices, but no type of Python (``<list[str]>``)."""
+    return str(argument.display_type(ctx)) if argument.type_descriptor.is_choice else None
+
+
+TyperArgument.display_type_rich = _type_in_help  # type: ignore[assignment, method-assign]
+
+
 def _print_version(wanted: bool) -> None:
     if wanted:
         from vfoa import __version__
@@ -80,7 +89,7 @@ app.command(short_help="Write one frame and its neighbours as a small recording.
 app.command(short_help="Compare configurations, of one run or of several.")(compare)
 app.command(short_help="Say how many clips it takes to see a difference.")(plan)
 app.command(short_help="Export a run's table with a data sheet.")(export_table)
-app.command(short_help="Fit the posterior's settings to labelled clips.")(fit)
+app.command(short_help="Fit attention's weights to labelled clips.")(fit)
 app.command(short_help="Measure the speed of each stage.")(bench)
 app.command(short_help="Label a clip in the browser: who looks at what.")(annotate)
 app.command(short_help="Calibrate two cameras from pictures of a board.")(calibrate)

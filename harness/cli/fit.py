@@ -120,7 +120,9 @@ def _inputs(what: str) -> Iterator[Path]:
         clips = [each["name"] for each in run.read_manifest()["clips"]]
     else:
         yield find("experiments", what) or Path(what)
-        clips = list(experiment_of([what], (), (), None).clips)
+        clips = []
+        with suppress(VfoaError):  # an unknown name is rejected where the experiment is run
+            clips += experiment_of([what], (), (), None).clips
     for clip in clips:
         with suppress(VfoaError):  # the clip of a finished run may be gone
             yield from load_manifest(clip).files

@@ -66,7 +66,7 @@ FromRun = Annotated[
 ]
 
 
-@app.command(name="import")
+@app.command(name="import", short_help="Read the labels of another program.")
 def import_(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The other program's file.")],
     format_: Format,

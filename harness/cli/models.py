@@ -117,6 +117,7 @@ def export(
     from harness.stages.export import export_gaze360
     from vfoa.weights import locate
 
+    check_new(out, replace=replace, hint=", or another --out", inputs=[checkpoint])
     source = locate(str(checkpoint))
     check_new(out, replace=replace, hint=", or another --out", inputs=[source])
     difference_rad = export_gaze360(source, out)

@@ -11,6 +11,7 @@ import pytest
 
 from harness.cli import main
 from harness.cli.run import experiment_of
+from scripts.site_pages import commands_page
 from tests.command import vfoa
 from tests.disk import picture, sintel_scene, stereo_pair_folder, write_image, write_text
 
@@ -83,6 +84,10 @@ def test_the_help_cuts_no_verb_short(
     verbs = said.split("Commands:")[1].splitlines()[1:]
     assert len(verbs) >= 2
     assert [line for line in verbs if not line.endswith(".") or line.endswith("...")] == []
+
+
+def test_the_help_names_no_type_of_python() -> None:
+    assert [line for line in commands_page().splitlines() if "<list[" in line or "<tuple[" in line] == []
 
 
 def test_a_run_of_one_clip_bears_its_name() -> None:
