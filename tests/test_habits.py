@@ -78,6 +78,6 @@ def test_a_wheel_runs_the_demo_outside_the_checkout(installed: Path, tmp_path: P
     where = _run(installed.with_name("python"), tmp_path, "-c", "import vfoa, harness; print(vfoa.__file__)")
     assert str(REPOSITORY) not in where
     printed = _run(installed, tmp_path, "demo", "--limit", "2", "--workers", "1")
-    assert "Focus recognition rate" in printed
+    assert "best of 4" in printed
     rows = (tmp_path / "runs/demo/frr.csv").read_text(encoding="utf-8").splitlines()
     assert sum(",(all),sgbm-two," in row for row in rows) == 11  # ten clips, and all together

@@ -19,7 +19,8 @@ class NearestSettings(Settings):
     method: Literal["nearest"]
     """``nearest``: the target nearest in angle."""
     gaze_share: float = Field(default=0.6, ge=0, le=1)
-    """Weight of the gaze in the mean of gaze and head. If one cue is missing, the other has all the weight."""
+    """Weight of the gaze in the mean of gaze and head. If one cue is missing, the other has all the weight; a cue of
+    weight 0 is never used."""
     limit_deg: float | None = Field(default=None, gt=0, le=180)
     """Greatest angle to the middle of a box at which it still is looked at; if not set, some target always is."""
 

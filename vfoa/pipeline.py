@@ -35,9 +35,6 @@ from vfoa.types import Disparity, FrameResult, Gaze, Head, HeadView, Instances, 
 
 __all__ = ["AttendSettings", "Memory", "Stages", "attend", "perceive", "reconstruct"]
 
-PROBABILISTIC = ("bayes", "logit")
-"""The methods of attention whose totals are probabilities; "nowhere" has the rest up to 1."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stages:

@@ -16,8 +16,7 @@ from harness.run.clip_records import read_clip_records
 from harness.run.directory import RunDirectory
 from harness.sources import Truth
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.pipeline import PROBABILISTIC
-from vfoa.types import StereoFrame
+from vfoa.types import PROBABILISTIC, StereoFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

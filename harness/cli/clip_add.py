@@ -124,7 +124,10 @@ def _next_steps(added: Added) -> Iterator[str]:
     things = "" if added.targets else "things looked at (key `t` of `vfoa annotate` adds one), "
     yield f"missing for a table: {things}labels of who looks at what"
     yield f"next: vfoa clips check {added.name}"
-    yield f"next: vfoa annotate {added.name}"
+    if added.rig is None:  # there is nothing to see on the labelling page
+        yield f"next: write {added.annotations} (annotations/README.md), or vfoa labels import FILE --clip {added.name}"
+    else:
+        yield f"next: vfoa annotate {added.name}"
     options, fetch = _run_options(added)
     if fetch:
         yield f"next: {fetch}"

@@ -51,7 +51,7 @@ from harness.score.finished_run import FinishedRun
 from harness.score.reference import Reference
 from harness.score.reliability import Reliability
 from harness.score.score import Scores
-from vfoa.pipeline import PROBABILISTIC
+from vfoa.types import PROBABILISTIC
 
 
 def write_scores(

@@ -25,7 +25,7 @@ from harness.score.carried_masks import said_of_carried_masks
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
 from vfoa.errors import VfoaError
-from vfoa.pipeline import PROBABILISTIC
+from vfoa.types import PROBABILISTIC
 
 RUN_LABELS = "run_labels_sha256"
 """The key of a run's manifest with the labels that it was made with, if its tables use other labels."""

@@ -40,8 +40,7 @@ from vfoa.logit import (
 )
 from vfoa.logit import weigh_attentions as weigh
 from vfoa.logit_fit import SMOOTHINGS, UNKNOWN, LabelledSequence, Smoothing, fit
-from vfoa.pipeline import PROBABILISTIC
-from vfoa.types import Float
+from vfoa.types import PROBABILISTIC, Float
 
 BLOCK_S = 10.0
 """Shortest block that is left out of a single clip, seconds: a look must not be on both sides of a border."""

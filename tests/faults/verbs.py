@@ -59,6 +59,7 @@ VERBS: dict[str, Writes | Left] = {
         ("calibrate", "board", *_BOARD, "--left", "left*.png", "--right", "right*.png", "--out", "rig.yml", "--replace")
     ),
     "simulate": Left("a minute of computing; tables by the writer that run has"),
+    "doctor": READS,
     "init": Writes(("init", "other")),
     "settings": READS,
     "labels import": Writes(

@@ -98,7 +98,7 @@ def test_a_folder_becomes_a_labelled_clip_and_a_table(tmp_path: Path, shared_mod
     table = _vfoa(tmp_path, "run", "desk", *weights, VFOA_MODELS=str(shared_models))
 
     judged = sum(target != IGNORED for target in said)
-    assert re.search(rf"^ *desk +default +{judged} +[0-9.]+ ", table, re.MULTILINE), table
+    assert re.search(rf"^ *default +{judged} +[0-9.]+ ", table, re.MULTILINE), table
     (scores,) = (tmp_path / "runs").glob("*/frr.csv")
     with scores.open() as file:
         rows = {(row["clip"], row["subject"], row["configuration"], int(row["n"])) for row in csv.DictReader(file)}
