@@ -16,7 +16,7 @@ from harness.annotate.drawing import Draw, DrawingStore
 from harness.annotate.history import Step
 from harness.annotate.marks import stretch_at
 from harness.annotate.store import LabelStore
-from harness.annotate.suggestions import Predictions
+from harness.annotate.suggestions import Block, Predictions, advice
 from harness.annotate.target_change import TargetChange, finish_change
 from harness.annotate.views import Views
 from harness.bounded_parsing import parse_toml
@@ -107,6 +107,11 @@ class Session:
             )
         return " ".join(said) or None
 
+    @property
+    def advice(self) -> str | None:
+        """A line with the frames and times to label first; None without a run."""
+        return advice(self._label_first(), self._frames, self._times_s)
+
     def about(self) -> dict[str, Any]:
         """The clip and its names, which labelling does not change, as JSON."""
         shown = None if self._blind else self._predictions
@@ -130,6 +135,7 @@ class Session:
             "suggestions": {name: self._suggestions(name) for name in self._store.subjects},
             "order": {name: shown.order(self._frames, name) for name in self._store.subjects} if shown else None,
             "uncertain_first": self._uncertain_first,
+            "label_first": [asdict(each) for each in self._label_first()],
             "blind": self._blind,
             "to_decide": TO_DECIDE,
         }
@@ -415,6 +421,11 @@ class Session:
         self._drawing.set_targets(self.manifest.targets)
         with self._reading:
             self._views.use(self.manifest, self._predictions)
+
+    def _label_first(self) -> list[Block]:
+        if self._predictions is None or self._blind:
+            return []
+        return self._predictions.label_first(self._store.subjects, self._frames, self._times_s)
 
     def _suggestions(self, subject: str) -> list[tuple[str, float] | None] | None:
         """Name and attention for each frame; None if there are none, or they may not be shown."""

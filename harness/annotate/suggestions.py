@@ -1,10 +1,15 @@
-"""A run's predictions for a clip under one configuration, with their confidence."""
+"""A run's predictions for a clip under one configuration, with their confidence, and the frames worth a label."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections import Counter, defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from math import ceil, sqrt
 from pathlib import Path
+from statistics import median
 
 from harness.clips.manifest import ClipManifest
 from harness.labels.labels import NOWHERE
@@ -24,6 +29,88 @@ class Prediction:
     margin: float
 
 
+WANTED_S, SHORTEST_S, LONGEST_S = 20.0, 2.0, 4.0
+"""Seconds to label in all, and of a block."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Block:
+    """A subject's frames from position ``first`` to ``last`` of the clip, both included."""
+
+    subject: str
+    first: int
+    last: int
+
+
+def label_first(answers: Mapping[str, Sequence[Sequence[str]]], times_s: Sequence[float]) -> list[Block]:
+    """Choose about :data:`WANTED_S` to label, or the whole clip if it is shorter: by subject, then by position.
+
+    ``answers`` has for each subject and frame the name that each configuration predicts (``none``: nowhere); no
+    names where nothing is predicted. ``times_s`` are the frames' times, in order. Blocks last 2 to 4 s (less in a
+    clip of a few seconds) and do not overlap. Every subject with an answer has one, even if the sum is then more than
+    :data:`WANTED_S`. The block with the greatest gain is taken next, of equal ones the earlier: the share of
+    configurations that disagree with the commonest answer, plus what it adds to the sum over names of the square root
+    of the blocks in which a name is predicted, so that targets and nowhere are covered.
+    """
+    step_s = median(after - before for before, after in pairwise(times_s)) if len(times_s) > 1 else WANTED_S
+    whole_s = times_s[-1] - times_s[0] + step_s
+    subjects = [name for name, each in answers.items() if any(each)]
+    length_s = min(max(WANTED_S / max(len(subjects), 1), SHORTEST_S), LONGEST_S)
+    parts = max(ceil(whole_s / max(length_s, step_s)), 1)
+    starts_s = [times_s[0] + whole_s * part / parts - step_s / 2 for part in range(parts + 1)]
+    edges = [bisect_left(times_s, start_s) for start_s in starts_s]
+    most = max(b - a for a, b in pairwise(edges))
+    left = [Block(subject=name, first=a, last=b - 1) for name in subjects for a, b in pairwise(edges)]
+    said = {each: _Said.of(answers[each.subject][each.first : each.last + 1], most) for each in left}
+    left = [each for each in left if said[each].share]
+    chosen, seen = list[Block](), dict[str, float]()
+    while left:
+        missing = set(subjects) - {each.subject for each in chosen}
+        best = max(
+            (each for each in left if not missing or each.subject in missing), key=lambda each: said[each].gain(seen)
+        )
+        if not missing and (len(chosen) + 0.5) * whole_s / parts > WANTED_S:
+            break
+        left.remove(best)
+        chosen.append(best)
+        seen |= {name: seen.get(name, 0.0) + share for name, share in said[best].share.items()}
+    return sorted(chosen, key=lambda each: (subjects.index(each.subject), each.first))
+
+
+def advice(blocks: Sequence[Block], frames: Sequence[int], times_s: Sequence[float]) -> str | None:
+    """A line with the frames and times of the blocks to label first; None without any."""
+    said = [
+        f"{each.subject} {frames[a]}-{frames[b]} ({times_s[a]:.1f}-{times_s[b]:.1f} s)"
+        for each in blocks
+        for a, b in [(each.first, each.last)]
+    ]
+    return f"Label first, where configurations differ (key q), frames: {', '.join(said)}" if said else None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Said:
+    """How much configurations disagree in a block, in [0, 1), and the share of frames in which a name is said.
+
+    Both are shares of the ``most`` frames of a block: one with few frames says less.
+    """
+
+    disagreement: float
+    share: Mapping[str, float]
+
+    @classmethod
+    def of(cls, answers: Sequence[Sequence[str]], most: int) -> _Said:
+        share, against = defaultdict[str, float](float), 0.0
+        for counted in (Counter(each) for each in answers if each):
+            against += 1 - max(counted.values()) / counted.total()
+            for name, count in counted.items():
+                share[name] += count / counted.total() / most
+        return cls(disagreement=against / most, share=share)
+
+    def gain(self, seen: Mapping[str, float]) -> float:
+        new = sum(sqrt(seen.get(name, 0.0) + share) - sqrt(seen.get(name, 0.0)) for name, share in self.share.items())
+        return self.disagreement + new
+
+
 class Predictions:
     """A run's records of one clip under one configuration, as suggestions for labelling.
 
@@ -33,6 +120,19 @@ class Predictions:
     def __init__(self, run: Path, clip: ClipManifest, configuration: str | None) -> None:
         found = read_clip_records(run, clip, configuration)
         self.configuration, self.records = found.configuration, found.by_frame
+        known = {*clip.targets, *clip.subjects, NOWHERE}
+        self._answers = defaultdict[tuple[str, int], list[str]](list)
+        """By subject and frame: the answers of all configurations; all names that the clip does not know are one."""
+        for record in found.all:
+            for each in record.subjects:
+                if each.name is not None and not each.missing:
+                    name = NOWHERE if each.focus is None else record.target(each.focus).name
+                    self._answers[each.name, record.frame].append(name if name in known else "")
+
+    def label_first(self, subjects: Sequence[str], frames: Sequence[int], times_s: Sequence[float]) -> list[Block]:
+        """The blocks of these frames that are worth a label most: :func:`label_first`."""
+        answers = {name: [self._answers.get((name, frame), ()) for frame in frames] for name in subjects}
+        return label_first(answers, times_s)
 
     def predict(self, frame: int, subject: str) -> Prediction | None:
         """The prediction; None if the run has no such frame or subject, or could compute nothing."""

@@ -40,7 +40,7 @@ def annotate(
     server = PageServer(session, port, last_address(session.path))
     remember(session.path, server.parts)
     before = session.digest()
-    say(f"{session.path}\n{server.address}")
+    say("\n".join(filter(None, (str(session.path), server.address, session.advice))))
     if not no_open:
         open_browser(server.address)
     try:

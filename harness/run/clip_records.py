@@ -15,10 +15,11 @@ from vfoa.errors import VfoaError, did_you_mean
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipRecords:
-    """The configuration's name, and its records by frame number."""
+    """The configuration's name, its records by frame number, and the records of all configurations."""
 
     configuration: str
     by_frame: dict[int, FrameRecord]
+    all: list[FrameRecord]
 
 
 def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | None) -> ClipRecords:
@@ -42,9 +43,8 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
         raise VfoaError(f"{run}: the run has no frames of clip {name!r}")
     names = list(dict.fromkeys(each.configuration for each in records))
     chosen = _choose(names, configuration, run)
-    return ClipRecords(
-        configuration=chosen, by_frame={each.frame: each for each in records if each.configuration == chosen}
-    )
+    by_frame = {each.frame: each for each in records if each.configuration == chosen}
+    return ClipRecords(configuration=chosen, by_frame=by_frame, all=records)
 
 
 def _choose(names: list[str], wanted: str | None, run: Path) -> str:

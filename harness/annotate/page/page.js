@@ -43,6 +43,7 @@ export class Page {
     this.strips = new Strips({
       frames: about.frames,
       times: this.player.times,
+      advised: about.label_first,
       look: (name) => this.names.className(name),
       select: (range) => this.select(range),
       seek: (position, subject) => this.seek(position, subject || this.subject),
@@ -181,23 +182,31 @@ export class Page {
     else this.go(next ?? (direction > 0 ? this.total - 1 : 0), true);
   }
 
-  // Go to the next frames that are unlabelled, or undecided (a difference, a suggestion); after the last, to the first.
-  // When the subject has none, to those of the next subject.
+  // Go to the next frames that are unlabelled, undecided (a difference, a suggestion), or to label first: these become
+  // the range, so that a label ends with them. After the last, to the first. When the subject has none, to those of the
+  // next subject.
   async toOpen(kind) {
     this.player.stop();
     await this.saved();
     const { subjects } = this.about;
     const place = subjects.indexOf(this.subject);
-    const openOf = (name) => open(this.state.tracks[name], this.state.seen[name]).filter((each) => each.kind === kind);
+    const isFirst = kind === "label first";
+    const openOf = (name) => {
+      const found = open(this.state.tracks[name], this.state.seen[name]);
+      if (!isFirst) return found.filter((each) => each.kind === kind);
+      const isOpen = ({ first, last }) => found.some((each) => each.first <= last && each.last >= first);
+      return this.about.label_first.filter((each) => each.subject === name && isOpen(each));
+    };
     const subject = [...subjects.slice(place), ...subjects.slice(0, place)].find((name) => openOf(name).length);
     if (!subject) {
-      panel.say(kind === "unlabelled" ? "Every frame of every subject has a label." : "Nothing waits for a decision.");
+      panel.say({ unlabelled: "Every frame of every subject has a label.", undecided: "Nothing waits for a decision." }[kind] ?? "All frames to label first have a label.");
       return;
     }
     const all = openOf(subject);
     const next = (subject === this.subject && all.find((each) => each.first > this.wanted)) || all[0];
     if (subject !== this.subject) this.seek(null, subject);
-    this.go(next.first, true);
+    this.go(next.first, !isFirst);
+    if (isFirst) this.select([next.first, next.last]);
   }
 
   // A target's key or button: the target to find, or what the subject looks at.

@@ -25,9 +25,9 @@ function piece(each, look) {
 export class Strip {
   // look: name -> class; select(first, last): a range was dragged; seek(position, subject): a place was clicked, or the
   // axis was dragged; stretch(position, subject): a place was double-clicked; move(change, to, subject): a change of
-  // target was dragged.
-  constructor(root, { frames, times, count, look, select, seek, stretch, move }) {
-    Object.assign(this, { root, frames, times, count, look, select, seek, stretch, move, rows: new Map(), first: 0 });
+  // target was dragged. advised: the frames to label first.
+  constructor(root, { frames, times, advised, count, look, select, seek, stretch, move }) {
+    Object.assign(this, { root, frames, times, advised, count, look, select, seek, stretch, move, rows: new Map(), first: 0 });
     this.axis = new Axis(frames, times);
     [this.cursor, this.range, this.looped, this.edge] = ["b", "u", "q", "em"].map((tag) => document.createElement(tag));
     this.edge.hidden = true;
@@ -100,6 +100,8 @@ export class Strip {
     const row = this.fill(this.row(name, name, ""), found);
     const said = found.slice(0, SPOKEN).map((each) => `${each.target} ${this.frames[each.first]} to ${this.frames[each.last]}`);
     if (found.length > SPOKEN) said.push(`and ${found.length - SPOKEN} more`);
+    const advised = this.advised.filter((each) => each.subject === name && this.shows(each.first, each.last));
+    row.lastChild.append(...advised.map(({ first, last }) => this.place(Object.assign(document.createElement("em"), { title: "to label first" }), first, last)));
     row.setAttribute("role", "img");
     row.setAttribute("aria-label", `${name}: ${said.join(", ") || "not labelled"}`);
     return row;

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -288,6 +289,28 @@ def test_the_frames_in_which_the_run_was_unsure_come_first(browser: Chrome, nois
         seen.append(shown(browser))
     assert seen == [9, 10, 11, 12, 8, 4]  # nothing was predicted, then the least attention
     assert "".join(_targets(page)) == ".......nnnnn"
+
+
+def test_q_goes_to_the_frames_to_label_first_and_a_label_ends_with_them(
+    browser: Chrome, noise: Start, work: Path
+) -> None:
+    page = noise(run=work / "run")
+    page.session.about = partial(_advised, page.session.about)  # type: ignore[method-assign]
+    _open(browser, page)
+    assert len(browser.find_elements("css selector", "#strips .row em")) == 2
+    _keys(browser, "q")
+    assert shown(browser) == 3  # after the first frame, where the page opens
+    _keys(browser, "1", "q")
+    assert ("".join(_targets(page)), shown(browser)) == ("..ccc.......", 8)
+    _click(browser, "#do-label-first")
+    _keys(browser, "2", "q")
+    assert "".join(_targets(page)) == "..ccc--bb..."  # ignored: not labelled yet
+    assert browser.find_element("id", "notice").text == "All frames to label first have a label."
+
+
+def _advised(about: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    blocks = [{"subject": "ann", "first": 2, "last": 4}, {"subject": "ann", "first": 7, "last": 8}]
+    return {**about(), "label_first": blocks}
 
 
 def test_a_new_target_is_named_in_place_and_stands_in_the_manifest(browser: Chrome, noise: Start, work: Path) -> None:
