@@ -11,7 +11,7 @@ that begin the row, column. A table: the same, with all columns that are shown a
     ...
     <!-- end -->
 
-A title may be shortened to its beginning.
+A title may be shortened to its beginning; * in a cell stands for any text.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from __future__ import annotations
 import re
 import sys
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 
@@ -36,8 +37,8 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
 
     def starting(self, cells: tuple[str, ...]) -> list[tuple[str, ...]]:
-        """The rows that begin with these cells."""
-        return [row for row in self.rows if row[: len(cells)] == cells]
+        """The rows that begin with these cells, in which * stands for any text."""
+        return [row for row in self.rows if len(row) >= len(cells) and all(map(fnmatchcase, row, cells))]
 
 
 @cache

@@ -11,9 +11,12 @@ import re
 import shlex
 import shutil
 import signal
+import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -94,8 +97,20 @@ def _vfoa(words: list[str], folder: Path, cache: Path, columns: int = 100) -> st
         said = ""
         for line in process.stdout:
             said += line
-            if "http://127.0.0.1:" in line and any(word in SERVING for word in words):
+            if (address := re.search(r"http://127\.0\.0\.1:(\d+)", line)) and any(word in SERVING for word in words):
+                _wait_for_server(int(address[1]))
                 process.send_signal(signal.SIGINT)
         process.wait()
     assert process.returncode == 0, f"vfoa {shlex.join(words)}\n{said}"
     return said
+
+
+def _wait_for_server(port: int) -> None:
+    """Return when the server takes connections: it prints its address before."""
+    until = time.monotonic() + 30
+    while time.monotonic() < until:
+        with suppress(OSError), socket.create_connection(("127.0.0.1", port), timeout=1) as connection:
+            connection.sendall(b"GET / HTTP/1.0\r\n\r\n")
+            if connection.recv(1):
+                return
+        time.sleep(0.1)

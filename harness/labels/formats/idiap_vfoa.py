@@ -85,7 +85,7 @@ def _arrays(path: Path) -> dict[str, Sequence[int]]:
     except Exception as error:  # errors of the archive, and of each array's header, which is Python
         raise VfoaError(f"{path}: not a file of arrays: {error}") from None
     for name, array in found.items():
-        is_column = array.ndim == 1 or array.shape == (len(array), 1)
+        is_column = array.ndim == 1 or array.shape[1:] == (1,)
         if not is_column or array.dtype.kind not in "iuf" or not np.array_equal(array, array.astype(int)):
             raise VfoaError(f"{path}: {name}: found {array.dtype} of {array.shape}; expected one code for each frame")
     return {name: [int(code) for code in array.ravel()] for name, array in found.items()}
