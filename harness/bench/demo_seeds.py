@@ -38,7 +38,7 @@ def seeds_table(scores: Scores, seeds: int) -> Table:
     return Table(
         title="The demo's verdict under other seeds of the error",
         columns=(
-            *("Effect", "Points, mean", "Lowest", "Highest", "Shown", "Shown the other way"),
+            *("Effect", "Mean points", "Lowest", "Highest", "Shown", "Shown the other way"),
             *("The paper's points", "Ruled out"),
         ),
         words=1,
