@@ -75,8 +75,8 @@ def start(experiment: Path, tmp_path: Path) -> Iterator[Start]:
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=True,
-            # a suite in the background ignores SIGINT, and so would all that it starts
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+            # a suite in the background ignores SIGINT, one under nohup SIGHUP, and so would all that it starts
+            preexec_fn=lambda: [signal.signal(number, signal.SIG_DFL) for number in (signal.SIGINT, signal.SIGHUP)],
         )
         started.append(process)
         return process
