@@ -27,11 +27,7 @@ from harness.run.runner import prepare, run_plan
 from harness.studio.scenario import SCENARIOS
 from harness.studio.stage import Stage
 
-_KINDS: Mapping[str, tuple[Size | None, int | None]] = {
-    "none": (None, None),
-    "light": ("light", None),
-    "failures": ("light", 5),
-}
+_KINDS: Mapping[str, Size | None] = {"none": None, "light": "light"}
 _SEED = 7
 
 
@@ -53,7 +49,7 @@ class RecordedRun:
 
 
 def measure_recordings(frames: int) -> list[RecordedRun]:
-    """Run the first ``frames`` of ``studio_talk`` without recordings, and with each kind of them."""
+    """Run the first ``frames`` of ``studio_talk`` without recordings, and with light ones."""
     with tempfile.TemporaryDirectory() as folder:
         experiment = _write_clip(Path(folder), frames)
         clip = load_manifest(experiment.clips[0]).open_images()
@@ -85,8 +81,7 @@ def _write_clip(root: Path, frames: int) -> Experiment:
 
 def _run(experiment: Experiment, out: Path, kind: str, frames: int) -> RecordedRun:
     started = time.perf_counter()
-    size, around = _KINDS[kind]
-    sinks = recordings(experiment.configurations, size, around=around)
+    sinks = recordings(experiment.configurations, _KINDS[kind])
     directory = run_plan(prepare(experiment, sinks=sinks), out, workers=1, progress=lambda clip: None)
     ran = time.perf_counter()
     rescore(directory)
@@ -126,7 +121,7 @@ def recordings_table(runs: Sequence[RecordedRun]) -> Table:
         ),
         notes=(
             "Time: of the whole run over that without recordings, in one process without a cache. The images were "
-            "rendered before; the true masks are cast anew in each run. failures: 5 frames about a wrong one whole.",
+            "rendered before; the true masks are cast anew in each run.",
         ),
     )
 

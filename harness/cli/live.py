@@ -63,8 +63,6 @@ def live(
     from harness.run.live.runner import run_live
     from vfoa.errors import VfoaError
 
-    if recording is Recording.failures:
-        raise VfoaError("live: --recording failures needs labels, and a live source has none; expected light or full")
     if recording.size is None and (viewer or connect):
         raise VfoaError("live: --recording none leaves nothing for a viewer: leave out --viewer and --connect")
     opened, manifest, frames = _open(source, right, calibration, tuple(settings or ()))

@@ -25,25 +25,17 @@ if TYPE_CHECKING:
     from harness.run.plan import Plan
 
 
-AROUND = 5
-
-
 class Recording(StrEnum):
     """Sizes of recordings."""
 
     light = "light"
     full = "full"
-    failures = "failures"
     none = "none"
 
     @property
     def size(self) -> Size | None:
         """The size for the harness; None for no recording."""
-        sizes: dict[Recording, Size] = {
-            Recording.light: "light",
-            Recording.full: "full",
-            Recording.failures: "light",
-        }
+        sizes: dict[Recording, Size] = {Recording.light: "light", Recording.full: "full"}
         return sizes.get(self)
 
 
@@ -86,16 +78,7 @@ def run(
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
     recording: Annotated[
         Recording | None,
-        typer.Option(
-            help="Size of the Rerun recordings; failures: complete around wrong frames, thinned elsewhere. "
-            "Default: the experiment's, else light."
-        ),
-    ] = None,
-    around: Annotated[
-        int | None,
-        typer.Option(
-            min=0, help=f"Complete frames before and after a wrong one (--recording failures). Default: {AROUND}."
-        ),
+        typer.Option(help="Size of the Rerun recordings. Default: the experiment's, else light."),
     ] = None,
     oracle: Annotated[
         bool,
@@ -156,7 +139,7 @@ def run(
         plan = prepare(
             experiment,
             limit=limit,
-            sinks=composed_sinks(experiment.configurations, recorded.size, around=_around(recorded, around)),
+            sinks=composed_sinks(experiment.configurations, recorded.size),
             save_outputs=save_outputs,
         )
         with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:
@@ -199,19 +182,6 @@ def _advice(plan: Plan) -> str | None:
         f"{clip}: the logit has the weights of other people in another setting; 20 labelled seconds would be better: "
         f"vfoa annotate {clip}, then vfoa fit {clip}"
     )
-
-
-def _around(recording: Recording, around: int | None) -> int | None:
-    """Number of complete frames around a wrong one; None: all frames are complete."""
-    from vfoa.errors import VfoaError
-
-    if recording is Recording.failures:
-        return AROUND if around is None else around
-    if around is not None:
-        raise VfoaError(
-            f"run: --around: has no meaning with --recording {recording.value}; expected --recording failures"
-        )
-    return None
 
 
 @contextmanager

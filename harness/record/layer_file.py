@@ -23,7 +23,6 @@ from harness.record.writing_out import GO_ON, StreamFile
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
-    from harness.record.thinning import Whole
 
 SENT_EVERY = 50
 """Frames between flushes, which write all waiting rows. They bound the memory in use and the loss at a kill."""
@@ -54,7 +53,6 @@ class LayerFile:
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
         self._files = files
-        self._layout: rrb.Blueprint | None = None
         self._logs: dict[str, FrameLog] = {}
         self._file: StreamFile | None = None
         self._frames = 0
@@ -91,7 +89,6 @@ class LayerFile:
         """Begin the file, with the layout in which the viewer opens it; nothing if it is open."""
         if self._file:
             return
-        self._layout = layout
         rr.set_strict_mode(True)  # without it, Rerun drops bad data with only a warning
         self._path.parent.mkdir(parents=True, exist_ok=True)
         self._check_room()
@@ -123,8 +120,8 @@ class LayerFile:
             self._send_rows()
             self._file.flush()
 
-    def close(self, *, complete: bool, whole: Whole | None = None) -> None:
-        """Close the file; a complete one is moved to its place, thinned outside of ``whole`` if that is given.
+    def close(self, *, complete: bool) -> None:
+        """Close the file; a complete one is moved to its place.
 
         Raises the errors of :meth:`end_frame` if it is to be complete.
         """
@@ -141,10 +138,6 @@ class LayerFile:
             finally:
                 self._file.close()
         if complete:
-            if whole:
-                from harness.record.thinning import thin
-
-                thin(self._partial, self._files, self._layout, whole)
             self._partial.replace(self._path)
             for path in self._path.parent.iterdir():
                 if path.name.startswith(f"{self._path.name}.partial"):

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, ClassVar, Self
@@ -17,7 +16,6 @@ from harness.record.images import ImageLog, log_masks
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, LayerNames
 from harness.record.reconstruction import log_disparity, log_targets
-from harness.record.thinning import Judged, Whole
 from harness.record.verdicts import LiveVerdicts
 from harness.run.checkpoint import SinkState
 from harness.run.frame_sink import FinishedFrame
@@ -46,8 +44,6 @@ class SharedLayers:
         self._reconstructions: dict[str, LayerFile] = {}
         self._users = 0
         self._complete: set[str] = set()
-        self._wrong: dict[str, set[int]] = {}
-        self._times_ns: dict[int, int] = {}
 
     def state(self, layers: LayerNames) -> dict[str, Any] | None:
         """Return the state of a configuration's shared layers for another run; None if it cannot continue here."""
@@ -78,24 +74,18 @@ class SharedLayers:
         shared._users += 1
         return shared
 
-    def leave(self, layers: LayerNames, *, complete: bool, judged: Judged) -> None:
+    def leave(self, layers: LayerNames, *, complete: bool) -> None:
         """End one configuration's use of the layers; the last one closes the files."""
         self._users -= 1
-        self._wrong.setdefault(layers.reconstruction, set()).update(judged.wrong)
-        self._times_ns.update(judged.times_ns)
         if complete:
             self._complete.add(layers.reconstruction)
         if self._users == 0:
             del self._open[self.files]
             if self._complete:
                 self._image_log.close()
-            of_any = set().union(*self._wrong.values())
-            self._images.close(complete=bool(self._complete), whole=self._whole(of_any, judged))
+            self._images.close(complete=bool(self._complete))
             for name, layer in self._reconstructions.items():
-                layer.close(complete=name in self._complete, whole=self._whole(self._wrong.get(name, ()), judged))
-
-    def _whole(self, wrong: Collection[int], judged: Judged) -> Whole | None:
-        return replace(judged, wrong={*wrong}, times_ns=dict(sorted(self._times_ns.items()))).whole()
+                layer.close(complete=name in self._complete)
 
     def write(self, frame: FinishedFrame, layers: LayerNames) -> None:
         """Log a frame's data in the shared layers of a configuration, unless it is logged already."""
@@ -144,9 +134,6 @@ class Recorder:
         Gives the verdicts that a watching viewer is shown; without a viewer they are a layer of their own.
     resumed
         The state of the files after an earlier run.
-    around
-        Number of frames before and after each wrong one that are recorded completely, the others being thinned
-        (:mod:`harness.record.thinning`); None: all frames are complete.
     """
 
     def __init__(
@@ -161,14 +148,12 @@ class Recorder:
         watched_at: str | None = None,
         judge: Judge | None = None,
         resumed: SinkState | None = None,
-        around: int | None = None,
     ) -> None:
         self._resumed = resumed
         self._files, self._layers = files, layers
         self._rate_hz, self._size, self._subjects = rate_hz, size, tuple(subjects)
         self._names = (*targets, *subjects)
         self._watched_at, self._judge = watched_at, judge
-        self._judged = Judged(around=around)
 
     @property
     def path(self) -> Path:
@@ -182,7 +167,6 @@ class Recorder:
         if self._resumed:
             self._layer.resume(self._resumed.values["own"])
             self._shared.resume(self._layers, self._resumed.values["shared"])
-            self._judged.resume(self._resumed.values["judged"])
         return self
 
     def state(self) -> SinkState | None:
@@ -192,17 +176,17 @@ class Recorder:
             return None
         own = self._layer.state()
         files = {name: size for each in (own, *shared["layers"].values()) for name, size in each["files"].items()}
-        return SinkState(files=files, values={"own": own, "shared": shared, "judged": self._judged.state()})
+        return SinkState(files=files, values={"own": own, "shared": shared})
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         complete = False
         try:
-            self._layer.close(complete=error is None, whole=self._judged.whole())
+            self._layer.close(complete=error is None)
             complete = error is None
         finally:
-            self._shared.leave(self._layers, complete=complete, judged=self._judged)
+            self._shared.leave(self._layers, complete=complete)
 
     def write(self, frame: FinishedFrame) -> None:
         """Record one frame."""
@@ -214,11 +198,8 @@ class Recorder:
         log_attention(log, self._layers.configuration, frame.result, record, colours)
         for log_further in self._shared.further:
             log_further(log, frame, self._size)
-        if self._judge and (self._watched_at or self._judged.around is not None):
-            verdicts = self._judge(record)
-            self._judged.add(record, verdicts)
-            if self._watched_at:
-                self._verdicts.show(record, verdicts, colours)
+        if self._judge and self._watched_at:
+            self._verdicts.show(record, self._judge(record), colours)
         log.end()
         self._layer.end_frame()
 

@@ -26,9 +26,7 @@ if TYPE_CHECKING:
 class RecordingSinks:
     """Recordings of this size, next to the results. ``watched_at`` is the address of a viewer that gets each frame.
 
-    ``layers`` are those of every configuration of the experiment, by its name. ``around``: number of frames before and
-    after each wrong one that are complete, the others being thinned; None: all are complete. All frames of a clip
-    without labels are complete.
+    ``layers`` are those of every configuration of the experiment, by its name.
     """
 
     shares_files: ClassVar[bool] = True
@@ -36,13 +34,10 @@ class RecordingSinks:
     layers: Mapping[str, LayerNames]
     size: Size = "light"
     watched_at: str | None = None
-    around: int | None = None
 
     def described(self) -> Mapping[str, Any]:
         """The size of the recordings."""
-        if self.around is None:
-            return {"recording": self.size}
-        return {"recording": "failures", "recording_around": self.around}
+        return {"recording": self.size}
 
     def open(self, context: SinkContext) -> Recorder:
         """Open the recording of one configuration on one clip."""
@@ -62,7 +57,6 @@ class RecordingSinks:
             subjects=subjects,
             targets=tuple(manifest.targets),
             watched_at=None if context.rehearsal else self.watched_at,
-            around=None if context.labels is None else self.around,
             judge=lambda record: _judged(record, subjects, context.labels),
             resumed=context.resumed,
         )
@@ -76,16 +70,12 @@ def recordings(
     configurations: Iterable[Configuration],
     size: Size | None,
     watched_at: str | None = None,
-    around: int | None = None,
 ) -> tuple[RecordingSinks, ...]:
-    """Return the recordings of an experiment with these configurations: of this size, or none.
-
-    ``around`` is as in :class:`RecordingSinks`.
-    """
+    """Return the recordings of an experiment with these configurations: of this size, or none."""
     if size is None:
         return ()
     layers = layer_names({each.name: each.plain() for each in configurations})
-    return (RecordingSinks(layers=layers, size=size, watched_at=watched_at, around=around),)
+    return (RecordingSinks(layers=layers, size=size, watched_at=watched_at),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,11 +98,9 @@ def composed_sinks(
     recording: Size | None,
     *,
     watched_at: str | None = None,
-    around: int | None = None,
 ) -> tuple[SinkFactory, ...]:
     """Thumbnails, and recordings of this size (None: none), which a viewer at ``watched_at`` shows as they grow.
 
-    ``configurations`` are all those of the experiment. ``around``: number of frames before and after each wrong one
-    that recordings keep complete; None: all are complete.
+    ``configurations`` are all those of the experiment.
     """
-    return ThumbnailSinks(), *recordings(configurations, recording, watched_at, around)
+    return ThumbnailSinks(), *recordings(configurations, recording, watched_at)

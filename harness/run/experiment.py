@@ -98,7 +98,7 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
     return PRESETS[name]
 
 
-RecordingSize = Literal["light", "full", "failures", "none"]
+RecordingSize = Literal["light", "full", "none"]
 
 
 class SweepView(Settings):
