@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from harness.mirror import local_path, publish
+from harness.remote import local_folder
 from harness.report.comparisons import comparisons_csv
 from harness.report.formats import to_csv
 from harness.report.write import rescore
@@ -41,7 +41,7 @@ class RunResults:
     Parameters
     ----------
     path
-        The run's directory, or its address on object storage.
+        The run's directory.
 
     Raises
     ------
@@ -50,7 +50,7 @@ class RunResults:
     """
 
     def __init__(self, path: str | Path) -> None:
-        self.directory = RunDirectory(local_path(path, "load_run"))
+        self.directory = RunDirectory(local_folder(path, "load_run:"))
         self.manifest: dict[str, Any] = self.directory.read_manifest()
         if "finished" not in self.manifest:
             raise VfoaError(f"{path}: this run is not finished; repeat the same `vfoa run` to continue it")
@@ -142,7 +142,6 @@ class RunResults:
     def rescore(self) -> RunResults:
         """Score the run again with the present labels (as ``vfoa score``), and load the new tables."""
         rescore(self.directory)
-        publish(self.path)
         return RunResults(self.path)
 
     def _table(self, name: str, *words: str) -> pd.DataFrame:
@@ -188,7 +187,7 @@ def run_experiment(
     preset
         A bundle of settings by name, such as ``"realtime"``.
     out
-        The run's directory, or its address on object storage; by default ``runs/<experiment>``.
+        The run's directory; by default ``runs/<experiment>``.
     limit
         Run only the first frames of each clip.
     workers
@@ -205,7 +204,7 @@ def run_experiment(
     """
     from harness.cache_folder import cache_root
     from harness.report.sinks import composed_sinks
-    from harness.run.out import opened
+    from harness.run.directory import out_folder
     from harness.run.runner import prepare, run_plan
     from harness.stages.cache.store import Store, cache_limit
 
@@ -216,16 +215,15 @@ def run_experiment(
     plan = prepare(
         experiment, limit=limit, sinks=composed_sinks(experiment.configurations, "light" if recordings else None)
     )
-    with opened(Path("runs") / experiment.name if out is None else out) as folder:
-        directory = run_plan(
-            plan,
-            folder,
-            workers=workers or os.cpu_count() or 1,
-            progress=lambda clip: None,
-            cache=Store(cache_root(), cache_limit()) if cache else None,
-            beside=out is None,
-        )
-        rescore(directory)
+    directory = run_plan(
+        plan,
+        out_folder(Path("runs") / experiment.name if out is None else out),
+        workers=workers or os.cpu_count() or 1,
+        progress=lambda clip: None,
+        cache=Store(cache_root(), cache_limit()) if cache else None,
+        beside=out is None,
+    )
+    rescore(directory)
     return RunResults(directory.path)
 
 
@@ -240,10 +238,8 @@ def compare_runs(runs: Sequence[str | Path], *, baseline: str | Path | None = No
     VfoaError
         If a run cannot be scored, or the runs have nothing in common.
     """
-    paths = [local_path(run, "compare_runs") for run in runs]
-    found = (
-        _compare_runs(paths) if baseline is None else compare_with_baseline(paths, local_path(baseline, "compare_runs"))
-    )
+    paths = [local_folder(run, "compare_runs:") for run in runs]
+    found = _compare_runs(paths) if baseline is None else compare_with_baseline(paths, Path(baseline))
     return _read(io.StringIO(to_csv(comparisons_csv(found))))
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from harness.files import stands
-from harness.mirror import local_copy
-from harness.remote import is_address
+from harness.remote import is_address, local_copy
 from vfoa.errors import VfoaError
 
 Kind = Literal["datasets", "annotations", "experiments"]

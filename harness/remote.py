@@ -1,26 +1,37 @@
-"""Access to object storage and other machines: ``s3://bucket/clip``, ``gs://``, ``sftp://``, as fsspec knows them.
+"""Clips on object storage and other machines: ``s3://bucket/clip``, ``gs://``, ``sftp://``, as fsspec knows them.
 
-Keys and passwords are left to fsspec (environment variables and files).
+A pipeline reads every frame many times, so a remote folder is copied into the cache once, and read from there. A file
+is copied again if the storage's listing shows a change (size, time, ETag), and removed from the copy if it is gone from
+the storage; files on HTTP count as unchanging. Data on this machine (``local:``, ``file:``) is read where it is. Only
+their owner can read the copies.
+
+Keys and passwords are left to fsspec (environment variables and files). Runs and caches are folders of this machine.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from harness.files import replacing
+from harness.cache_folder import cache_root
+from harness.files import atomic_write, replacing
 from vfoa.errors import VfoaError
 
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(::[A-Za-z0-9+.-]+)*://")
 _TOGETHER = 64
 """Number of files that are requested at once."""
 
-_PROBE = ".vfoa"
-"""Name of an empty file that is written and removed again."""
+_VERSIONS = ("ETag", "etag", "md5Hash", "generation", "size", "mtime", "LastModified", "last_modified", "modified")
+_MORE_VERSIONS = ("updated", "created", "last_write_time", "modify")
+"""Names under which listings of storages give a value that changes with a file's content."""
+
+_INDEX = "index.json"
 
 
 def is_address(text: str) -> bool:
@@ -28,18 +39,104 @@ def is_address(text: str) -> bool:
     return _ADDRESS.match(text) is not None
 
 
-def folder_of(address: str) -> Path | None:
-    """The path of an address on this machine (``local:``, ``file:``); None for any other storage.
+def local_folder(path: str | Path, where: str) -> Path:
+    """The path of a folder that is written to: no address.
 
     Raises
     ------
     VfoaError
-        If the storage is not known, or its package is not installed.
+        If it is an address; the message begins with ``where``.
     """
+    if is_address(str(path)):
+        raise VfoaError(f"{where} {path}: found an address; expected a folder: only clips are read from addresses")
+    return Path(path)
+
+
+@cache
+def local_copy(address: str, where: str) -> Path:
+    """Copy a remote file, or a folder with its whole content, and return the path of the copy; once per process.
+
+    Hidden files are left out. Data on this machine is not copied.
+
+    Raises
+    ------
+    VfoaError
+        If the storage is unknown, not installed or unreachable, has nothing at the address, or has a file whose name
+        leads out of the copy; the message begins with ``where``.
+    """
+    try:
+        return _copied(address)
+    except VfoaError as error:
+        raise VfoaError(f"{where}: {error}") from None
+
+
+def forget_copies() -> None:
+    """Check again, when a copy is requested next, whether the original has changed."""
+    local_copy.cache_clear()
+
+
+def _copied(address: str) -> Path:
     from fsspec.implementations.local import LocalFileSystem  # type: ignore[import-untyped]
 
     storage, root = _storage(address)
-    return Path(root) if type(storage) is LocalFileSystem else None
+    if type(storage) is LocalFileSystem:
+        if not Path(root).exists():
+            raise VfoaError(f"{address}: nothing there")
+        return Path(root)
+    with _in_one_line(address):
+        files = _files(storage, root, address)
+        if not files:
+            raise VfoaError(f"{address}: nothing there")
+        place = cache_root() / "remote" / hashlib.sha256(address.encode()).hexdigest()[:16]
+        place.mkdir(parents=True, exist_ok=True)
+        place.chmod(0o700)
+        _update(storage, files, place)
+        is_file = list(files) == [address.rpartition("/")[2]] and storage.isfile(root)
+    return place / "files" / next(iter(files)) if is_file else place / "files"
+
+
+def _update(storage: Any, files: Mapping[str, Mapping[str, Any]], place: Path) -> None:
+    """Fetch new and changed files, and remove those that are gone from the storage."""
+    folder, path = place / "files", place / _INDEX
+    have: dict[str, str] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+    found = {name: _version(info) for name, info in files.items()}
+    _remove(folder, have.keys() - found.keys())
+    names = [name for name in found if have.get(name) != found[name] or not (folder / name).is_file()]
+    for begin in range(0, len(names), _TOGETHER):
+        batch = names[begin : begin + _TOGETHER]
+        with ExitStack() as drafts:
+            here = [str(drafts.enter_context(replacing(folder / name))) for name in batch]
+            storage.get([files[name]["name"] for name in batch], here)
+    if found != have:
+        atomic_write(path, json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+
+
+def _remove(folder: Path, names: Iterable[str]) -> None:
+    """Remove files, and the folders that are empty then: object storage has no folders without files."""
+    for path in (folder / name for name in names):
+        path.unlink(missing_ok=True)
+        with suppress(OSError):  # not empty, or not there
+            for parent in path.parents[: len(path.relative_to(folder).parts) - 1]:
+                parent.rmdir()
+
+
+def _files(storage: Any, root: str, address: str) -> dict[str, Mapping[str, Any]]:
+    """The storage's details of each file that is not hidden, by name; that of a single file is its last part."""
+    storage.invalidate_cache()  # others write there, too
+    try:
+        found = storage.find(root, detail=True)
+    except FileNotFoundError:
+        found = {}
+    top = str(PurePosixPath(root).parent) if list(found) == [root] else root
+    found = {path: info for path, info in found.items() if not path.endswith("/")}  # a folder made in a console
+    files = {str(PurePosixPath(path).relative_to(top)): found[path] for path in sorted(found)}
+    if escaping := next((name for name in files if ".." in PurePosixPath(name).parts), None):
+        raise VfoaError(f"{address}: holds {escaping!r}; expected only names inside it")
+    return {name: info for name, info in files.items() if not any(part.startswith(".") for part in name.split("/"))}
+
+
+def _version(info: Mapping[str, Any]) -> str:
+    return " ".join(str(info[name]) for name in (*_VERSIONS, *_MORE_VERSIONS) if info.get(name) is not None)
 
 
 def _storage(address: str) -> tuple[Any, str]:
@@ -59,145 +156,10 @@ def _storage(address: str) -> tuple[Any, str]:
 
 
 @contextmanager
-def _in_one_line(address: str, failed: str) -> Iterator[None]:
+def _in_one_line(address: str) -> Iterator[None]:
     try:
         yield
     except VfoaError:
         raise
     except Exception as error:  # every storage has errors of its own
-        raise VfoaError(f"{address}: {failed}: {type(error).__name__}: {error}") from None
-
-
-@dataclass(frozen=True, slots=True)
-class Remote:
-    """The files below an address, by their names relative to it. All methods raise a :class:`VfoaError` of one line."""
-
-    address: str
-
-    def read(self, name: str) -> bytes | None:
-        """The content of a file; None if there is none."""
-        storage, root = _storage(self.address)
-        with _in_one_line(self.address, "cannot be read"):
-            try:
-                return bytes(storage.cat_file(f"{root}/{name}"))
-            except FileNotFoundError:
-                return None
-
-    def write(self, name: str, content: bytes) -> None:
-        """Write a file; on object storage it appears whole, or not at all."""
-        storage, root = _storage(self.address)
-        with _in_one_line(self.address, "cannot be written"):
-            _make_folders(storage, [f"{root}/{name}"])
-            storage.pipe_file(f"{root}/{name}", content)
-
-    def create(self, name: str, content: bytes) -> bool:
-        """Write a file if there is none, and return whether there was none.
-
-        Of several that do so at once only one succeeds, if the storage can decide that (S3, memory, SFTP).
-        """
-        storage, root = _storage(self.address)
-        path = f"{root}/{name}"
-        with _in_one_line(self.address, "cannot be written"):
-            _make_folders(storage, [path])
-            try:
-                storage.pipe_file(path, content, mode="create")
-            except FileExistsError:
-                return False
-            except (TypeError, ValueError, NotImplementedError):  # this storage cannot
-                storage.invalidate_cache()
-                if storage.exists(path):
-                    return False
-                storage.pipe_file(path, content)
-        return True
-
-    def age_s(self, name: str) -> float | None:
-        """Seconds since a file was written, by the clock of the storage; None if there is no such file."""
-        storage, root = _storage(self.address)
-        self.write(_PROBE, b"")
-        with _in_one_line(self.address, "cannot be read"):
-            storage.invalidate_cache()
-            try:
-                now, then = (storage.modified(f"{root}/{each}") for each in (_PROBE, name))
-            except FileNotFoundError:
-                return None
-        self.remove([_PROBE])
-        return float((now - then).total_seconds())
-
-    def has(self, name: str) -> bool:
-        """Whether there is such a file."""
-        storage, root = _storage(self.address)
-        with _in_one_line(self.address, "cannot be read"):
-            return bool(storage.exists(f"{root}/{name}"))
-
-    def files(self, under: str = "") -> dict[str, Mapping[str, Any]]:
-        """The storage's details of each file, by name; if the address is a single file, its name is the last part.
-
-        Raises
-        ------
-        VfoaError
-            Also for a name that leads out of the folder.
-        """
-        storage, root = _storage(self.address)
-        folder = f"{root}/{under}" if under else root
-        with _in_one_line(self.address, "cannot be read"):
-            storage.invalidate_cache()  # others write there, too
-            try:
-                found = storage.find(folder, detail=True)
-            except FileNotFoundError:
-                found = {}
-            storage.invalidate_cache()
-        top = str(PurePosixPath(root).parent) if list(found) == [root] else root
-        found = {path: info for path, info in found.items() if not path.endswith("/")}  # a folder made in a console
-        files = {str(PurePosixPath(path).relative_to(top)): found[path] for path in sorted(found)}
-        if escaping := next((name for name in files if ".." in PurePosixPath(name).parts), None):
-            raise VfoaError(f"{self.address}: holds {escaping!r}; expected only names inside it")
-        return files
-
-    def is_file(self) -> bool:
-        """Whether the address is that of a file."""
-        storage, root = _storage(self.address)
-        with _in_one_line(self.address, "cannot be read"):
-            return bool(storage.isfile(root))
-
-    def fetch(self, paths: Mapping[str, str], folder: Path) -> None:
-        """Copy files into a folder, each completely or not at all; ``paths`` gives their paths on the storage."""
-        storage, _ = _storage(self.address)
-        names = list(paths)
-        with _in_one_line(self.address, "cannot be read"):
-            for begin in range(0, len(names), _TOGETHER):
-                batch = names[begin : begin + _TOGETHER]
-                with ExitStack() as drafts:
-                    here = [str(drafts.enter_context(replacing(folder / name))) for name in batch]
-                    storage.get([paths[name] for name in batch], here)
-
-    def upload(self, names: Sequence[str], folder: Path) -> None:
-        """Copy files of a folder to the storage, batch by batch in this order; the files of a batch at once."""
-        storage, root = _storage(self.address)
-        with _in_one_line(self.address, "cannot be written"):
-            _make_folders(storage, [f"{root}/{name}" for name in names])
-            for begin in range(0, len(names), _TOGETHER):
-                batch = names[begin : begin + _TOGETHER]
-                storage.put([str(folder / name) for name in batch], [f"{root}/{name}" for name in batch])
-
-    def check_writable(self) -> None:
-        """Write and remove an empty file, so that a wrong bucket or wrong keys are known before the work."""
-        self.write(_PROBE, b"")
-        self.remove([_PROBE])
-
-    def remove_all(self) -> None:
-        """Remove all files."""
-        self.remove(self.files())
-
-    def remove(self, names: Iterable[str]) -> None:
-        """Remove files; it is no error if one is gone already."""
-        storage, root = _storage(self.address)
-        with _in_one_line(self.address, "cannot be written"):
-            for name in names:
-                with suppress(FileNotFoundError):
-                    storage.rm_file(f"{root}/{name}")
-
-
-def _make_folders(storage: Any, paths: Iterable[str]) -> None:
-    """Make the folders of files on a storage with folders; object storage has none."""
-    for folder in {} if storage.async_impl else {str(PurePosixPath(path).parent) for path in paths}:
-        storage.makedirs(folder, exist_ok=True)
+        raise VfoaError(f"{address}: cannot be read: {type(error).__name__}: {error}") from None

@@ -54,17 +54,14 @@ def annotate(
 
 def _score_again(run: Path, annotator: str | None) -> None:
     """Score a run again with the changed labels, if it is scored against them."""
-    from harness.mirror import name_of, publish
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
 
     directory = RunDirectory(run)
     if directory.read_manifest().get("annotator") == annotator:
         scores = rescore(directory)
-        publish(run)
-        say(f"{name_of(run)}: tables, page and recordings are updated")
+        say(f"{run}: tables, page and recordings are updated")
         say_unknown_names(scores)
     else:
         chosen = f" --annotator {annotator}" if annotator else ""
-        name = name_of(run)
-        say(f"{name} is scored against other labels; `vfoa score {name}{chosen}` scores it against these")
+        say(f"{run} is scored against other labels; `vfoa score {run}{chosen}` scores it against these")

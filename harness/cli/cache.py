@@ -33,8 +33,6 @@ def info(
             [[f"{each.slot} {each.name}", each.clip, each.files, f"{each.bytes / 1e6:.1f}"] for each in usage],
         )
     say(f"{store.stages}: {total / 1e6:.1f} MB of at most {store.limit_bytes / 1e6:.0f} MB ($VFOA_CACHE_GB)")
-    if store.remote:
-        say(f"This is the copy on this machine; {store.remote.address} may hold more.")
 
 
 @app.command()
@@ -46,5 +44,3 @@ def clear(cache: Cache = None) -> None:
     total = sum(each.bytes for each in store.usage())
     store.clear()
     say(f"{store.stages}: removed {total / 1e6:.1f} MB")
-    if store.remote:
-        say(f"{store.remote.address}: removed every result")

@@ -20,9 +20,7 @@ _KINDS = "significant-drop[=POINTS], drop=POINTS or possible-drop=POINTS"
 def compare(
     runs: Annotated[
         list[str],
-        typer.Argument(
-            help="Directories of finished runs or their addresses, or tables exported from them as JSON.", metavar="RUN"
-        ),
+        typer.Argument(help="Directories of finished runs, or tables exported from them as JSON.", metavar="RUN"),
     ],
     baseline: Annotated[
         str | None, typer.Option(metavar="RUN", help="Compare each configuration with this run's of the same name.")

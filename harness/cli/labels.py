@@ -152,7 +152,6 @@ def export(
     Predictions are marked as suggestions if the format allows it. Correct them, then import them with --confirm.
     """
     from harness.annotate.run_labels import export_predictions, is_run
-    from harness.mirror import publish
     from vfoa.errors import VfoaError
 
     folder = run_folder(source)
@@ -164,7 +163,6 @@ def export(
             folder, format_, clip=clip, configuration=config, to=to, fps=fps, offset=offset, replace=replace
         ):
             _print_export(each.path, each.notes)
-        publish(folder)
         return
     if to is None:
         raise VfoaError(f"{source}: no run's directory; expected FILE, the file to write the clip's labels to")

@@ -12,17 +12,17 @@ from harness.cli.completion import clip_names, configuration_names, run_director
 
 
 def run_folder(run: str) -> Path:
-    """The local folder of a run: the given path, or a copy if it is an address of object storage."""
-    from harness.mirror import local_path
+    """The folder of a run. Raises a :class:`vfoa.errors.VfoaError` if it is given as an address."""
+    from harness.remote import local_folder
 
-    return local_path(run, "RUN")
+    return local_folder(run, "RUN")
 
 
 Run = Annotated[
     str,
     typer.Argument(
         metavar="RUN",
-        help="Directory of a run, such as runs/demo, or its address on object storage.",
+        help="Directory of a run, such as runs/demo.",
         autocompletion=run_directories,
     ),
 ]
@@ -30,7 +30,7 @@ Recordings = Annotated[
     str,
     typer.Argument(
         metavar="RUN",
-        help="Directory of a run, or its address on object storage; or one .rrd file.",
+        help="Directory of a run, or one .rrd file.",
         autocompletion=run_directories,
     ),
 ]
@@ -64,7 +64,7 @@ Out = Annotated[
     typer.Option(
         metavar="DIRECTORY",
         help="Directory of the run. Default: runs/<experiment>, or the next free runs/<experiment>-N if that holds "
-        "another run. May be on object storage: s3://bucket/runs/name.",
+        "another run.",
     ),
 ]
 Overrides = Annotated[
@@ -81,8 +81,7 @@ Cache = Annotated[
     str | None,
     typer.Option(
         metavar="DIRECTORY",
-        help="Directory of the stage cache. Default: $VFOA_CACHE, or the user's cache directory. May be on object "
-        "storage: s3://bucket/cache.",
+        help="Directory of the stage cache. Default: $VFOA_CACHE, or the user's cache directory.",
     ),
 ]
 Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0: any free port.")]

@@ -23,7 +23,6 @@ def report(
     no_open: NoOpen = False,
 ) -> None:
     """Write a run's report page from its results and the present labels, or the page of a sweep."""
-    from harness.mirror import publish
     from harness.report.sweep import write_sweep
     from harness.report.write import report_page, rescore
     from harness.run.directory import RunDirectory
@@ -38,12 +37,10 @@ def report(
         if serve:
             raise VfoaError(f"{run}: a sweep has no recordings to serve; expected --serve left out")
         write_sweep(folder, read_sweep(folder))
-        publish(folder)
         say(f"Page: {folder / 'report.html'}")
         return
     if not serve:
         rescore(directory)
-        publish(folder)
         say(f"Page: {directory.path / 'report.html'}")
         return
     from harness.annotate.correction_page import correction_routes
@@ -55,4 +52,3 @@ def report(
     page()  # so that an error in the run is reported here, and not in the browser
     more = correction_routes(directory)
     browse(recordings.values(), ["/"], page=page, more=more, port=port, no_open=no_open)
-    publish(folder)  # a corrected label has changed the tables

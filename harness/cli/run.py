@@ -99,63 +99,61 @@ def run(
 ) -> None:
     """Run clips under configurations; write recordings, results and tables, and print the FRR table."""
     from harness.cli.terminal import frames_bar, print_scores
-    from harness.mirror import Mirror, bring_models
     from harness.report.sinks import composed_sinks
     from harness.report.write import rescore
-    from harness.run.out import opened
+    from harness.run.directory import out_folder
     from harness.run.runner import prepare, run_plan
     from harness.score.left_out import with_left_out_weights
     from harness.stages.cache.store import open_store
 
-    bring_models()
     experiment = experiment_of(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
         experiment = replace(experiment, annotator=annotator)
     store = None if no_cache else open_store(cache)
     workers = workers or os.cpu_count() or 1
     notices: list[str] = []
-    with opened(out or Path("runs") / experiment.name, notices.append) as wanted:
-        if experiment.sweep:
-            from harness.cli.sweep import run_sweep
+    wanted = out_folder(out or Path("runs") / experiment.name)
+    if experiment.sweep:
+        from harness.cli.sweep import run_sweep
 
-            run_sweep(
-                experiment,
-                out=wanted,
-                beside=out is None,
-                workers=workers,
-                limit=limit,
-                oracle=oracle,
-                save_outputs=save_outputs,
-                cache=store,
-            )
-            return
-        if oracle:
-            from harness.score.oracle_ablation import with_oracle_ablation
-
-            experiment = with_oracle_ablation(experiment)
-        beside = partial(run_plainly, out=Path(f"{wanted}-fit"), limit=limit, workers=workers)
-        experiment = with_left_out_weights(experiment, beside)
-        recorded = recording or Recording(experiment.recording)
-        plan = prepare(
+        run_sweep(
             experiment,
+            out=wanted,
+            beside=out is None,
+            workers=workers,
             limit=limit,
-            sinks=composed_sinks(experiment.configurations, recorded.size),
+            oracle=oracle,
             save_outputs=save_outputs,
+            cache=store,
         )
-        with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:
-            directory = run_plan(
-                plan,
-                wanted,
-                workers=workers,
-                threads=threads or os.cpu_count() or 1,
-                scheduler=scheduler,
-                progress=progress,
-                cache=store,
-                tell=notices.append,
-                beside=out is None,
-                retry_failed=retry_failed,
-            )
-        scores = rescore(directory)
+        return
+    if oracle:
+        from harness.score.oracle_ablation import with_oracle_ablation
+
+        experiment = with_oracle_ablation(experiment)
+    beside = partial(run_plainly, out=Path(f"{wanted}-fit"), limit=limit, workers=workers)
+    experiment = with_left_out_weights(experiment, beside)
+    recorded = recording or Recording(experiment.recording)
+    plan = prepare(
+        experiment,
+        limit=limit,
+        sinks=composed_sinks(experiment.configurations, recorded.size),
+        save_outputs=save_outputs,
+    )
+    with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:
+        directory = run_plan(
+            plan,
+            wanted,
+            workers=workers,
+            threads=threads or os.cpu_count() or 1,
+            scheduler=scheduler,
+            progress=progress,
+            cache=store,
+            tell=notices.append,
+            beside=out is None,
+            retry_failed=retry_failed,
+        )
+    scores = rescore(directory)
     for notice in (*experiment.missing, *notices):
         say(notice)
     if advice := _advice(plan):
@@ -164,8 +162,6 @@ def run(
         say(f"Stage outputs: {directory.stage_outputs}  (run from them: its {experiment.name}.toml says how)")
         say(f"As clips without images: vfoa clips add {directory.measured}/CLIP__CONFIGURATION")
     print_scores(scores, directory.path, verbose=verbose)
-    if mirror := Mirror.at(directory.path):
-        say(f"All of it: {mirror.address}")
     _report_failures(directory)
 
 

@@ -22,13 +22,11 @@ def score(
 ) -> None:
     """Score a run again from its results and the present labels; needs no images and no models."""
     from harness.cli.terminal import print_scores, say_unknown_names
-    from harness.mirror import publish
     from harness.report.write import rescore
     from harness.run.directory import RunDirectory
 
     folder = run_folder(run)
     scores = rescore(RunDirectory(folder), annotator)
     gc.freeze()  # the verdicts of all frames live to the end: without this, the collector visits them once more at exit
-    publish(folder)
     print_scores(scores, folder, verbose=verbose)
     say_unknown_names(scores)

@@ -38,7 +38,6 @@ def view(
     from harness.cli.failures import browse_failures, step_through
     from harness.files import check_new
     from harness.local_server import ended_by_sigterm, sigterm_as_ctrl_c
-    from harness.mirror import publish
     from harness.record import viewer
     from harness.record.composed import find_recordings
     from harness.run.directory import RunDirectory
@@ -53,7 +52,6 @@ def view(
             return
         with ended_by_sigterm():
             step_through(folder, clip, config)
-        publish(folder)  # a corrected label has changed the tables
         return
     if web and screenshot is not None:
         raise VfoaError("view: --web writes no file: leave out --screenshot")

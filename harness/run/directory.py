@@ -22,6 +22,7 @@ from typing import Any
 
 from harness.bounded_parsing import parse_json
 from harness.files import atomic_write, read_bytes, unreadable
+from harness.remote import local_folder
 from harness.run.manifest import check_manifest
 from vfoa.errors import StageError, VfoaError, did_you_mean
 
@@ -33,6 +34,18 @@ LOCK = ".lock"
 def new_run_id() -> str:
     """A random id for a run: its manifest keeps it when the directory is renamed or copied."""
     return str(uuid.uuid4())
+
+
+def out_folder(out: str | Path) -> Path:
+    """The folder to run in, with a name, which "." and ".." lack: a run beside it is named after it.
+
+    Raises
+    ------
+    VfoaError
+        If it is an address.
+    """
+    folder = local_folder(out, "--out")
+    return folder if folder.name not in ("", "..") else folder.resolve()
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 from harness.known_digests import KNOWN
-from harness.mirror import Mirror
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
-from harness.run.elsewhere import run_elsewhere
-from harness.run.executors.contract import Executor, Progress, Work, compute_with
+from harness.run.executors.contract import Executor, Progress, compute_with
 from harness.run.frame_sink import SharedFilesFactory, SinkFactory
 from harness.run.loop import run_clip
 from harness.run.measured_sink import MeasuredSinks
 from harness.run.output_sink import OutputSinks
 from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, PreparedClip
-from harness.run.remote_checkpoint import RemoteCheckpoint
 from harness.run.saved_outputs import owned_slots, owns_scenes
 from harness.run.warm_up import GivenUpError, Perceived
 from harness.sources import Clip, MeasuredClip
@@ -55,11 +51,8 @@ def run_jobs(
     executor: Executor,
     progress: Progress,
     tell: Callable[[str], None] = lambda line: None,
-    mirror: Mirror | None = None,
 ) -> Done:
     """Run the unfinished jobs of a plan; ``tell`` is called with a message when a job continues from a checkpoint.
-
-    ``mirror``: the directory is the copy of one on object storage.
 
     If there are enough clips to keep every worker busy, a job is a clip. Otherwise the workers share a clip through the
     cache: each perceives stretches of it under all configurations, so that nothing is decoded or computed twice. The
@@ -77,25 +70,15 @@ def run_jobs(
         if not job.configurations:
             skip(job, progress)
     todo = [job for job in jobs if job.configurations]
-    if mirror and not executor.is_elsewhere:
-        for job in todo:
-            RemoteCheckpoint(mirror.address, job).fetch()
     begun = {job.manifest.name: first_frame(job, checkpoints(job, tell)) for job in todo}
     failures: dict[Pair, VfoaError] = {}
     if cache and not plan.save_outputs and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
         todo = _share(todo, begun, executor, account, progress, failures)
         progress = _silent
-    work: Work[ClipJob, ClipOutcome] = run_clip
-    if mirror and executor.is_elsewhere:
-        work = partial(run_elsewhere, mirror.address)
-        for job in todo:
-            RemoteCheckpoint(mirror.address, job).offer()
     for jobs in _rounds(todo):
-        for job, outcome in zip(jobs, executor.run(work, jobs, progress, _lost), strict=True):
+        for job, outcome in zip(jobs, executor.run(run_clip, jobs, progress, _lost), strict=True):
             failures.update(outcome.failures)
             account.add(job.manifest.name, outcome.tallies)
-    if mirror and executor.is_elsewhere:
-        mirror.pull()
     return Done(failures=failures, account=account)
 
 

@@ -11,8 +11,7 @@ from typing import Any
 from harness.cached_values import read_value, write_value
 from harness.files import digest_files
 from harness.known_digests import KNOWN, changed_during_run
-from harness.mirror import Mirror, forget_copies
-from harness.remote import Remote
+from harness.remote import forget_copies
 from harness.run import provenance
 from harness.run.directory import RunDirectory, locked, new_run_id
 from harness.run.executors import executor
@@ -21,7 +20,6 @@ from harness.run.experiment import Experiment
 from harness.run.jobs import Done, run_jobs, skip
 from harness.run.manifest import differences
 from harness.run.plan import Plan, PreparedClip, describe, prepare
-from harness.run.remote_checkpoint import UNFINISHED
 from harness.run.saved_outputs import write_experiment
 from harness.stages.cache.stage import cache_lines
 from harness.stages.cache.store import Store
@@ -85,12 +83,6 @@ def run_plan(
             skip(one, progress)
         tell(f"{directory.path}: finished already; nothing was computed")
         return directory
-    mirror = Mirror.at(directory.path)
-    if mirror and scheduler and cache and not cache.remote:
-        raise VfoaError(
-            f"--out {mirror.address}: workers may not see the cache {cache.root}; expected --cache on object storage, "
-            "too, or --no-cache"
-        )
     with locked(directory.path, tell):
         _choose(directory, identity, beside=False)  # again: another run may have begun here before the lock
         earlier = {} if directory.is_new() else directory.read_manifest()
@@ -100,26 +92,18 @@ def run_plan(
         of_run = {**identity, "run_id": earlier.get("run_id") or new_run_id()}
         directory.write_manifest(of_run)
         write_value(directory.noted_inputs, digests)
-        if mirror:
-            mirror.push()
+        modules, sees = plan.deciding_modules, directory.manifest
         try:
-            sees = None if mirror else directory.manifest
-            with executor(workers, scheduler, threads=threads, modules=plan.deciding_modules, sees=sees) as chosen:
-                done = run_jobs(
-                    plan, directory, cache=cache, executor=chosen, progress=progress, tell=tell, mirror=mirror
-                )
+            with executor(workers, scheduler, threads=threads, modules=modules, sees=sees) as chosen:
+                done = run_jobs(plan, directory, cache=cache, executor=chosen, progress=progress, tell=tell)
         except KeyboardInterrupt:
             kept = f"{directory.kept_frames()} frames are kept in {directory.path}"
-            if mirror:
-                kept = f"finished clips and the last checkpoints are kept in {mirror.address}"
             tell(f"interrupted: {kept}; the same command continues")
             raise
         with KNOWN.used() as checked:
             _check_unchanged(plan, identity, done, cache)
         _finish(plan, directory, of_run, done, started)
         write_value(directory.noted_inputs, {**digests, **checked})
-        if mirror and not done.failures:
-            Remote(f"{mirror.address}/{UNFINISHED}").remove_all()
     for line in cache_lines(done.account.rows()):
         tell(line)
     return directory

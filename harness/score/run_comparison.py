@@ -7,7 +7,6 @@ from itertools import combinations
 from pathlib import Path
 from typing import Protocol
 
-from harness.mirror import name_of
 from harness.run.directory import RunDirectory
 from harness.score.comparison import Comparison, compare, with_holm
 from harness.score.exported import ExportedTable
@@ -57,7 +56,7 @@ def _frames(runs: Sequence[Path]) -> dict[str, list[ScoredFrames]]:
     found = {}
     for run in _distinct(runs):
         scored = _read(run)
-        found.update({f"{name_of(run)}/{name}": scored.frames_of(name) for name in _compared(scored)})
+        found.update({f"{run}/{name}": scored.frames_of(name) for name in _compared(scored)})
     return found
 
 
@@ -85,12 +84,12 @@ def _compared(scored: _Scored) -> list[str]:
 
 
 def _with_same(scored: _Scored, name: str, run: Path, reference: _Scored, baseline: Path) -> Comparison:
-    known, ours, theirs = reference.scored_configurations, name_of(run), name_of(baseline)
+    known = reference.scored_configurations
     if name not in known:
-        raise VfoaError(f"{theirs}: has no configuration {name!r} of {ours}; found {', '.join(known)}")
-    (one,) = compare({f"{theirs}/{name}": reference.frames_of(name), f"{ours}/{name}": scored.frames_of(name)})
+        raise VfoaError(f"{baseline}: has no configuration {name!r} of {run}; found {', '.join(known)}")
+    (one,) = compare({f"{baseline}/{name}": reference.frames_of(name), f"{run}/{name}": scored.frames_of(name)})
     if one.n == 0:
-        raise VfoaError(f"{ours}: configuration {name!r} has no scored frame in common with {theirs}")
+        raise VfoaError(f"{run}: configuration {name!r} has no scored frame in common with {baseline}")
     return one
 
 

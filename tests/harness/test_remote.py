@@ -8,11 +8,13 @@ from pathlib import Path
 import fsspec
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from harness import load_run
+from harness.cli import app
 from harness.clips.manifest import load_manifest
 from harness.data_folders import expand
-from harness.mirror import local_copy
-from harness.remote import is_address
+from harness.remote import is_address, local_copy
 from tests.disk import stereo_pair_folder, write_text
 from vfoa.errors import VfoaError
 
@@ -138,3 +140,17 @@ def test_what_cannot_be_had_is_one_line(address: str, said: str, bucket) -> None
         local_copy(address, "mine.toml: root")
     assert str(refused.value).startswith(f"mine.toml: root: {address}: {said}")
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("option", ["--out", "--cache"])
+def test_runs_and_caches_are_folders(option: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = CliRunner().invoke(app, ["run", "demo", option, "s3://bucket/x"])
+    assert isinstance(done.exception, VfoaError)
+    assert str(done.exception).startswith(f"{option} s3://bucket/x: ")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_at_an_address_is_refused() -> None:
+    with pytest.raises(VfoaError, match=r"^load_run: s3://bucket/x: .*expected a folder"):
+        load_run("s3://bucket/x")

@@ -88,14 +88,13 @@ class Cluster:
     """An executor on the workers of a Dask scheduler.
 
     Each worker must have one thread and the same code, and must find clips, weights and the run's directory at the same
-    paths, unless they are at addresses of object storage. It works in the folder from which the run was started, if it
-    has that folder, and with the same ``VFOA_`` variables, except a ``VFOA_CACHE`` of its own. Each job holds the
-    digest of the code of ``modules``, which decide the results: a worker with other code, which may join during the
-    run, refuses the job. So does a worker that cannot read the file ``sees``.
+    paths. It works in the folder from which the run was started, if it has that folder, and with the same ``VFOA_``
+    variables, except a ``VFOA_CACHE`` of its own. Each job holds the digest of the code of ``modules``, which decide
+    the results: a worker with other code, which may join during the run, refuses the job. So does a worker that cannot
+    read the file ``sees``.
     """
 
     threads = 1
-    is_elsewhere = True
 
     def __init__(self, client: Client, modules: tuple[str, ...] = (), sees: Path | None = None) -> None:
         self._client, self._sees = client, sees

@@ -46,11 +46,6 @@ class Executor(Protocol):
         """Number of threads that a job may use."""
         ...
 
-    @property
-    def is_elsewhere(self) -> bool:
-        """Whether workers may be on other machines."""
-        ...
-
     def run(
         self, work: Work[Job, Outcome], jobs: Sequence[Job], progress: Progress, lost: Lost[Job, Outcome]
     ) -> Iterator[Outcome]:
@@ -65,7 +60,6 @@ class InProcess:
     """Runs one job after the other in this process, with a few threads."""
 
     workers = 1
-    is_elsewhere = False
 
     def __init__(self, threads: int = 1) -> None:
         self.threads = min(threads, MOST_THREADS)

@@ -59,7 +59,6 @@ class Pool:
     """
 
     threads = 1
-    is_elsewhere = False
 
     def __init__(self, workers: int) -> None:
         self.workers = workers

@@ -12,7 +12,7 @@ from typing import Any
 
 from harness.cache_folder import VARIABLE as CACHE_VARIABLE
 from harness.code_digest import code_digest
-from harness.mirror import bring_models, forget_copies
+from harness.remote import forget_copies
 from harness.run.executors.contract import Progress, StoppedError, compute_with
 from vfoa.errors import VfoaError
 
@@ -77,7 +77,7 @@ def on_worker(
     code
         Modules that decide the results, and the digest of their code there.
     sees
-        A file of the run, if it is on a shared disk.
+        A file of the run, which is on a shared disk.
     run
         A name for the run, the same for all of its jobs.
 
@@ -123,16 +123,12 @@ def _prepare(here: Surroundings, code: tuple[tuple[str, ...], str], sees: Path |
     if run != _run:  # a clip may have changed since the last one
         forget_copies()
         _run = run
-    bring_models()
     compute_with(1)
     modules, digest = code
     if code_digest(modules) != digest:
         raise VfoaError("runs another version of vfoa; expected the same source as here")
     if sees is not None and not _appears(sees):
-        raise VfoaError(
-            f"sees no {sees}; expected the disk of the run's directory, or --out and --cache on "
-            "object storage (s3://bucket/runs/name)"
-        )
+        raise VfoaError(f"sees no {sees}; expected the disk of the run's directory at the same path")
 
 
 def _check_goes_on(run: str) -> None:

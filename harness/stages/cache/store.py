@@ -5,8 +5,7 @@
       000012-6f1e....bin       frame 12, and the digest of what else the stage was given
 
 ``root`` is ``$VFOA_CACHE`` or the cache folder of the platform. Files appear whole, or not at all; many processes may
-read and write at once. ``root`` may also be an address of object storage (``s3://bucket/cache``), for machines that
-share no disk: then every file is there, and a copy in the cache folder of each machine that wrote or read it.
+read and write at once.
 """
 
 from __future__ import annotations
@@ -26,8 +25,7 @@ from typing import Any
 from harness.bounded_parsing import parse_json
 from harness.cache_folder import cache_root
 from harness.files import atomic_write, read_bytes
-from harness.mirror import Mirror
-from harness.remote import Remote, folder_of, is_address
+from harness.remote import local_folder
 from vfoa.errors import VfoaError
 
 GIGABYTE = 10**9
@@ -69,40 +67,27 @@ class Usage:
 
 
 def open_store(place: str | Path | None = None) -> Store:
-    """The store in a folder or at an address; without either, in the cache folder of this machine.
+    """The store in a folder; by default in the cache folder of this machine.
 
     Raises
     ------
     VfoaError
-        If ``$VFOA_CACHE_GB`` is no size, or nothing can be written at the address.
+        If ``$VFOA_CACHE_GB`` is no size, or the folder is an address.
     """
-    if place is None or isinstance(place, Path) or not is_address(place):
-        return Store(Path(place) if place else cache_root(), cache_limit())
-    if folder := folder_of(place):
-        return Store(folder, cache_limit())
-    Remote(place).check_writable()
-    return Store(place, cache_limit())
+    return Store(local_folder(place, "--cache") if place else cache_root(), cache_limit())
 
 
 @dataclass(frozen=True, slots=True)
 class Store:
-    """The results under a folder or an address; it travels to other processes by pickle.
+    """The results under a folder; it travels to other processes by pickle."""
 
-    The limit is one of the folder, or of this machine's copy: what is at an address stays until somebody removes it.
-    """
-
-    root: Path | str
+    root: Path
     limit_bytes: int
 
     @property
     def stages(self) -> Path:
-        """The folder of all stages on this machine."""
-        return (self.root if isinstance(self.root, Path) else Mirror(self.root).folder) / "stages"
-
-    @property
-    def remote(self) -> Remote | None:
-        """The remote store from which other machines read results; None: they read the folder."""
-        return None if isinstance(self.root, Path) else Remote(self.root)
+        """The folder of all stages."""
+        return self.root / "stages"
 
     def folder(self, slot: str, identity: str) -> Path:
         """The folder of the outputs with one identity."""
@@ -113,12 +98,7 @@ class Store:
         try:
             content = read_bytes(path)
         except VfoaError:
-            fetched = self.remote.read(self._name(path)) if self.remote else None
-            if fetched is None:
-                return None, False
-            content = fetched
-            with suppress(OSError):  # the copy on this machine saves time only
-                _write(path, content)
+            return None, False
         checksum, data = content[:_CHECKSUM_BYTES], content[_CHECKSUM_BYTES:]
         if _checksum(data) != checksum:
             return None, True
@@ -132,49 +112,31 @@ class Store:
         Raises
         ------
         OSError
-            If it cannot be written here.
-        VfoaError
-            If it cannot be written at the address.
+            If it cannot be written.
         """
-        content = _checksum(data) + data
-        _write(path, content)
-        if self.remote:
-            self.remote.write(self._name(path), content)
+        _write(path, _checksum(data) + data)
 
     def remove(self, path: Path) -> None:
         """Remove a result, if it is there."""
         path.unlink(missing_ok=True)
-        if self.remote:
-            self.remote.remove([self._name(path)])
 
     def names(self, slot: str, identity: str) -> frozenset[str]:
         """The names of the files of all results with one identity."""
-        here = {path.name for path in self.folder(slot, identity).glob("*.bin")}
-        if self.remote:
-            here |= {name.rpartition("/")[2] for name in self.remote.files(f"stages/{slot}/{identity}")}
-        return frozenset(here)
+        return frozenset(path.name for path in self.folder(slot, identity).glob("*.bin"))
 
     def has(self, slot: str, identity: str) -> bool:
         """Whether there was ever a result with this identity."""
-        if self.folder(slot, identity).exists():
-            return True
-        return self.remote is not None and self.remote.has(f"stages/{slot}/{identity}/{_IDENTITY}")
+        return self.folder(slot, identity).exists()
 
     def describe(self, slot: str, identity: str, parts: dict[str, Any]) -> None:
         """Write the description of an identity beside its results. Raises as :meth:`save` does."""
         path = self.folder(slot, identity) / _IDENTITY
         if not path.exists():
-            text = json.dumps(parts, indent=1, sort_keys=True)
-            if self.remote:
-                self.remote.write(self._name(path), text.encode())
-            atomic_write(path, text)
+            atomic_write(path, json.dumps(parts, indent=1, sort_keys=True))
 
     def described(self, slot: str) -> Iterator[dict[str, Any]]:
-        """The description of every identity of a slot on this machine; those that cannot be read are left out."""
+        """The description of every identity of a slot; those that cannot be read are left out."""
         return (parts for _folder, parts in self._identities(slot))
-
-    def _name(self, path: Path) -> str:
-        return f"stages/{path.relative_to(self.stages).as_posix()}"
 
     def _identities(self, slot: str) -> Iterator[tuple[Path, dict[str, Any]]]:
         for path in sorted((self.stages / slot).glob(f"*/{_IDENTITY}")):
@@ -186,7 +148,7 @@ class Store:
                 yield path.parent, parts
 
     def usage(self) -> list[Usage]:
-        """Disk usage on this machine by stage and clip, all settings together, largest first."""
+        """Disk usage by stage and clip, all settings together, largest first."""
         sizes: dict[tuple[str, str, str], list[int]] = {}
         for slot in sorted(path.name for path in self.stages.glob("*")):
             for folder, parts in self._identities(slot):
@@ -219,17 +181,13 @@ class Store:
         return removed
 
     def clear(self) -> None:
-        """Remove every result, those at an address as well.
+        """Remove every result.
 
         Raises
         ------
         OSError
             If something cannot be removed; what others remove meanwhile is gone as well.
-        VfoaError
-            If something at the address cannot be removed.
         """
-        if self.remote:
-            Remote(f"{self.root}/stages").remove_all()
         with suppress(FileNotFoundError):
             shutil.rmtree(self.stages)
 

@@ -17,9 +17,8 @@ from harness.labels.timeline import timeline_of
 from harness.record import Size
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
-from harness.run.directory import RunDirectory
+from harness.run.directory import RunDirectory, out_folder
 from harness.run.experiment import load_experiment
-from harness.run.out import opened
 from harness.run.partial_results import partial_results
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
@@ -118,8 +117,8 @@ def test_edited_labels_make_no_other_run_but_other_scores(tmp_path: Path, monkey
 def test_the_working_directory_gets_its_name(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.chdir(tmp_path)
     for out in (".", "..", Path()):
-        with opened(out) as folder:
-            assert folder.with_name("x").parent == folder.parent != folder
+        folder = out_folder(out)
+        assert folder.with_name("x").parent == folder.parent != folder
 
 
 def test_beside_another_run_the_next_free_directory_is_taken(finished: RunDirectory) -> None:
