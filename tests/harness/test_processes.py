@@ -1,0 +1,44 @@
+"""Ctrl-C while the command is still imported."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.disk import write_text
+from tests.repository import REPOSITORY
+
+INTERRUPTED = """\
+import os, signal, sys
+
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == {name!r}:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, Interrupt())
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no such signals")
+@pytest.mark.parametrize("name", ["importlib", "typing", "harness.cli", "typer"])
+def test_ctrl_c_while_a_module_is_imported_says_nothing(tmp_path: Path, name: str) -> None:
+    """Interrupt a Python that has imported only what every start imports (``-S``), at the import of a module."""
+    paths = [str(REPOSITORY), *(path for path in sys.path if path)]
+    code = f"import sys; sys.path[:0] = {paths!r}\n{INTERRUPTED.format(name=name)}"
+    code += "from harness.processes import main\nsys.argv = ['vfoa', '--version']\nmain()\n"
+    script = write_text(tmp_path / "start.py", code)
+    done = subprocess.run(
+        [sys.executable, "-S", script],
+        capture_output=True,
+        text=True,
+        check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert (done.stdout, done.stderr) == ("", "")
+    assert done.returncode in (130, -signal.SIGINT)
