@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from harness.labels.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels, ranges_of
+from harness.run.clip_records import ClipRecords
 from harness.run.records import FrameRecord, SubjectRecord
 
 
@@ -20,29 +21,26 @@ class Predictions:
     notes: tuple[str, ...]
 
 
-def predicted_labels(
-    records: Mapping[int, FrameRecord], names: Collection[str], *, with_probabilities: bool
-) -> Predictions:
+def predicted_labels(found: ClipRecords, names: Collection[str]) -> Predictions:
     """Make one label per frame and person with a prediction; frames without a prediction have none.
 
     Parameters
     ----------
-    records
-        The results of one clip and configuration, by frame number.
+    found
+        The results of one clip and configuration. With probabilities, the note of a range holds their mean over its
+        frames. No focus is the answer ``none`` of a method that can say so; of another, nothing was hit, which is no
+        prediction.
     names
         The manifest's names of subjects and targets. A predicted object without one is ``ignore``; the note names
         the object.
-    with_probabilities
-        Attention values are probabilities: the note of a range holds their mean over its frames, and no focus is the
-        answer ``none``. Without them no focus means that nothing was hit, which is no prediction.
     """
-    found: dict[str, dict[int, tuple[Label, float]]] = {}
+    labelled: dict[str, dict[int, tuple[Label, float]]] = {}
     counts = Counter[str]()
-    for frame, record in sorted(records.items()):
+    for frame, record in sorted(found.by_frame.items()):
         for person in record.subjects:
             name = person.name or f"person#{person.track_id}"
-            of_person = found.setdefault(name, {})
-            missing = person.missing or (None if with_probabilities or person.focus is not None else "nothing hit")
+            of_person = labelled.setdefault(name, {})
+            missing = person.missing or (None if found.says_nowhere or person.focus is not None else "nothing hit")
             if missing is not None:
                 counts[f"frames of {name} have no prediction ({missing}) and no label"] += 1
             elif frame not in of_person:  # if two tracks share a name, the first counts, as in the score
@@ -50,10 +48,10 @@ def predicted_labels(
                 counts["labels are 'ignore': the manifest has no name for what was predicted"] += (
                     of_person[frame][0].target == IGNORED
                 )
-    frames = sorted(records)
+    frames = sorted(found.by_frame)
     rows = [
-        _with_probability(row, labels, frames) if with_probabilities else row
-        for name, labels in found.items()
+        _with_probability(row, labels, frames) if found.has_probabilities else row
+        for name, labels in labelled.items()
         for row in ranges_of(name, ((frame, labels[frame][0] if frame in labels else None) for frame in frames))
     ]
     return Predictions(

@@ -16,7 +16,7 @@ from harness.run.clip_records import read_clip_records
 from harness.run.directory import RunDirectory
 from harness.sources import Truth
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.types import PROBABILISTIC, StereoFrame
+from vfoa.types import StereoFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,10 +71,9 @@ def export_predictions(
     written: AnnotationFormat = FORMATS.load(name)()
     for each in chosen:
         records = read_clip_records(run, each, configuration)
-        method = manifest["configurations"].get(records.configuration, {}).get("attention", {}).get("method")
         names = clips[each]["names"]
         subjects, targets = tuple(names["subjects"]), tuple(names["targets"])
-        found = predicted_labels(records.by_frame, {*subjects, *targets}, with_probabilities=method in PROBABILISTIC)
+        found = predicted_labels(records, {*subjects, *targets})
         if not found.labels.ranges:
             raise VfoaError(f"{run}: {each}: nothing was predicted; {' '.join(found.notes) or 'no person was found'}")
         place = to or run / "labels" / f"{each}__{records.configuration}{SUFFIXES.get(name, '')}"

@@ -120,9 +120,13 @@ class Predictions:
     def __init__(self, run: Path, clip: ClipManifest, configuration: str | None) -> None:
         found = read_clip_records(run, clip, configuration)
         self.configuration, self.records = found.configuration, found.by_frame
+        self._says_nowhere = found.says_nowhere
         known = {*clip.targets, *clip.subjects, NOWHERE}
         self._answers = defaultdict[tuple[str, int], list[str]](list)
-        """By subject and frame: the answers of all configurations; all names that the clip does not know are one."""
+        """By subject and frame: the answers of all configurations; all names that the clip does not know are one.
+
+        Nothing hit counts as nowhere: where labels say most, there are some of nowhere.
+        """
         for record in found.all:
             for each in record.subjects:
                 if each.name is not None and not each.missing:
@@ -135,10 +139,12 @@ class Predictions:
         return label_first(answers, times_s)
 
     def predict(self, frame: int, subject: str) -> Prediction | None:
-        """The prediction; None if the run has no such frame or subject, or could compute nothing."""
+        """The prediction; None if the run has no such frame or subject, could compute nothing, or hit nothing."""
         record = self.records.get(frame)
         found = next((each for each in record.subjects if each.name == subject), None) if record else None
-        return None if record is None or found is None or found.missing else _prediction(record, found)
+        if record is None or found is None or found.missing or (found.focus is None and not self._says_nowhere):
+            return None
+        return _prediction(record, found)
 
     def order(self, frames: Sequence[int], subject: str) -> list[int]:
         """Positions of the frames, the most uncertain first; frames without a prediction come before all others."""

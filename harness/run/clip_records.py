@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,15 +12,26 @@ from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import read_results
 from vfoa.errors import VfoaError, did_you_mean
+from vfoa.types import PROBABILISTIC
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ClipRecords:
-    """The configuration's name, its records by frame number, and the records of all configurations."""
+    """The configuration's name, its records by frame number, and the records of all configurations.
+
+    Attention values are probabilities with ``has_probabilities``. Without ``says_nowhere``, no focus is no answer.
+    """
 
     configuration: str
     by_frame: dict[int, FrameRecord]
     all: list[FrameRecord]
+    has_probabilities: bool
+    says_nowhere: bool
+
+
+def says_nowhere(attention: Mapping[str, Any]) -> bool:
+    """Whether a method in a run's manifest can answer "looks at nothing": a posterior, the nearest within a limit."""
+    return attention.get("method") in PROBABILISTIC or attention.get("limit_deg") is not None
 
 
 def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | None) -> ClipRecords:
@@ -33,9 +45,10 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
         If the run has no such clip or configuration, or several configurations and none was chosen.
     """
     directory = RunDirectory(run)
+    manifest: Mapping[str, Any] = directory.read_manifest() if directory.manifest.is_file() else {}
     name, names_now = clip, dict[str, str]()
     if isinstance(clip, ClipManifest):
-        clips = directory.read_manifest()["clips"] if directory.manifest.is_file() else []
+        clips = manifest.get("clips", [])
         then: dict[str, Any] = next((each.get("names", {}) for each in clips if each["name"] == clip.name), {})
         name, names_now = clip.name, clip.names_now(then.get("targets", {}))
     records = [renamed(each, names_now) for each in read_results(directory.results) if each.clip == name]
@@ -44,7 +57,14 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
     names = list(dict.fromkeys(each.configuration for each in records))
     chosen = _choose(names, configuration, run)
     by_frame = {each.frame: each for each in records if each.configuration == chosen}
-    return ClipRecords(configuration=chosen, by_frame=by_frame, all=records)
+    attention = manifest.get("configurations", {}).get(chosen, {}).get("attention", {})
+    return ClipRecords(
+        configuration=chosen,
+        by_frame=by_frame,
+        all=records,
+        has_probabilities=attention.get("method") in PROBABILISTIC,
+        says_nowhere=says_nowhere(attention),
+    )
 
 
 def _choose(names: list[str], wanted: str | None, run: Path) -> str:

@@ -16,6 +16,7 @@ from harness.clips.manifest import ClipManifest, load_manifest
 from harness.files import digest_files, is_file
 from harness.known_digests import KNOWN
 from harness.labels.timeline import Timeline
+from harness.run.clip_records import says_nowhere
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import differences
 from harness.run.published import Published
@@ -159,7 +160,7 @@ class FinishedRun:
             unknown_names={clip["name"]: unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
             names_now=self.names_now(),
             says_nowhere=frozenset(
-                name for name, each in run["configurations"].items() if _says_nowhere(each.get("attention", {}))
+                name for name, each in run["configurations"].items() if says_nowhere(each.get("attention", {}))
             ),
             probabilistic=frozenset(
                 name
@@ -193,11 +194,6 @@ class FinishedRun:
             f"`vfoa annotate {clip.name}` labels it."
             for clip in clips
         ]
-
-
-def _says_nowhere(attention: dict[str, Any]) -> bool:
-    """Whether a method can answer "looks at nothing": a posterior, and the nearest in angle within a limit."""
-    return attention.get("method") in PROBABILISTIC or attention.get("limit_deg") is not None
 
 
 def _people(most: int) -> str:

@@ -14,6 +14,7 @@ from pympi.Elan import Eaf
 from harness.annotate.predictions import predicted_labels
 from harness.annotate.run_labels import export_predictions
 from harness.labels.formats import FORMATS
+from harness.run.clip_records import read_clip_records
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.results import to_line
@@ -51,8 +52,9 @@ def write_run(folder: Path, girl: list[str | None], *, method: str = "bayes") ->
     return folder
 
 
-def test_predictions_are_suggestions_with_their_probability() -> None:
-    found = predicted_labels(frames_of(["bird", "bird", None, "none", "thing#9"]), TARGETS, with_probabilities=True)
+def test_predictions_are_suggestions_with_their_probability(tmp_path: Path) -> None:
+    run = write_run(tmp_path, ["bird", "bird", None, "none", "thing#9"])
+    found = predicted_labels(read_clip_records(run, "clip", None), TARGETS)
     told = [(row.first_frame, row.last_frame, row.label.target, row.label.note) for row in found.labels.ranges]
     assert told == [
         (1, 2, "bird", "probability 0.75"),
@@ -66,8 +68,9 @@ def test_predictions_are_suggestions_with_their_probability() -> None:
     )
 
 
-def test_cones_that_hit_nothing_are_no_label() -> None:
-    found = predicted_labels(frames_of(["bird", "none", "cup"]), TARGETS, with_probabilities=False)
+def test_cones_that_hit_nothing_are_no_label(tmp_path: Path) -> None:
+    run = write_run(tmp_path, ["bird", "none", "cup"], method="cones")
+    found = predicted_labels(read_clip_records(run, "clip", None), TARGETS)
     assert [(row.first_frame, row.label.target) for row in found.labels.ranges] == [(1, "bird"), (3, "cup")]
     assert found.notes == ("1 frames of girl have no prediction (nothing hit) and no label.",)
 

@@ -22,6 +22,7 @@ from harness.annotate.targets import with_target
 from harness.cli import app
 from harness.clips.manifest import load_manifest
 from harness.clips.naming import NameRule
+from harness.run.directory import RunDirectory
 from tests.annotating import MANIFEST
 from tests.disk import HEIGHT, WIDTH, write_image, write_text
 from tests.repository import REPOSITORY
@@ -111,9 +112,25 @@ def test_unknown_disparity_is_black_and_near_is_not_far() -> None:
 def test_predictions_come_with_their_attention_and_unsure_frames_first(opened: Any, work: Path) -> None:
     about = opened(run=work / "run", uncertain_first=True).about()
     assert about["suggestions"]["ann"][:5] == [("cup", 0.9)] * 2 + [("cup", 0.8), ("cup", 0.3), ("book", 0.9)]
-    assert about["suggestions"]["ann"][-1] == ("none", 0.0)
+    assert about["suggestions"]["ann"][-1] is None
     assert about["suggestions"]["ben"] == [None] * 12
     assert about["order"]["ann"] == [8, 9, 10, 11, 7, 3, 5, 6, 2, 0, 1, 4]
+
+
+@pytest.mark.parametrize(
+    ("attention", "suggested"),
+    [
+        ({"method": "cones"}, None),
+        ({"method": "bayes"}, ("none", 0.0)),
+        ({"method": "nearest", "limit_deg": 5.0}, ("none", 0.0)),
+    ],
+)
+def test_nothing_hit_is_none_only_of_a_method_that_can_say_so(
+    opened: Any, work: Path, attention: dict[str, Any], suggested: tuple[str, float] | None
+) -> None:
+    clip = {"name": "noise", "frames": [1], "times_ns": [0], "rate_hz": None}
+    RunDirectory(work / "run").write_manifest({"clips": [clip], "configurations": {"one": {"attention": attention}}})
+    assert opened(run=work / "run").about()["suggestions"]["ann"][-1] == suggested
 
 
 def test_the_first_change_writes_down_keys_by_the_old_rule_and_keeps_comments_and_order(work: Path) -> None:
