@@ -54,6 +54,7 @@ def compare(
     from harness.files import atomic_write, check_new
     from harness.report.comparisons import model_table, terminal_comparisons
     from harness.report.page.render_sweep import render_comparison
+    from harness.run.directory import RunDirectory
     from harness.score.run_comparison import compare_runs, compare_with_baseline, model_runs
     from vfoa.errors import VfoaError
 
@@ -64,10 +65,13 @@ def compare(
         raise VfoaError("compare: --page does not go with --json")
     if model and (baseline is not None or as_json):
         raise VfoaError("compare: --model does not go with --baseline or --json")
-    if page is not None:
-        check_new(page, replace=replace, hint=", or another --page")
     folders = [run_folder(run) for run in runs]
-    found = compare_runs(folders) if baseline is None else compare_with_baseline(folders, run_folder(baseline))
+    against = None if baseline is None else run_folder(baseline)
+    if page is not None:
+        compared = [*folders, *([] if against is None else [against])]
+        inputs = [file for run in compared for file in ([run] if run.is_file() else RunDirectory(run).inputs)]
+        check_new(page, replace=replace, hint=", or another --page", inputs=inputs)
+    found = compare_runs(folders) if against is None else compare_with_baseline(folders, against)
     failing = [] if check is None else _failing(found, *check)
     if as_json:
         plain = [{**asdict(with_values(each, units=None)), "verdict": each.verdict} for each in found]

@@ -117,14 +117,10 @@ def _inputs(what: str) -> Iterator[Path]:
     run = RunDirectory(Path(what))
     if run.manifest.is_file():
         yield from run.inputs
-        clips = [each["name"] for each in run.read_manifest()["clips"]]
-    else:
-        yield find("experiments", what) or Path(what)
-        clips = []
-        with suppress(VfoaError):  # an unknown name is rejected where the experiment is run
-            clips += experiment_of([what], (), (), None).clips
-    for clip in clips:
-        with suppress(VfoaError):  # the clip of a finished run may be gone
+        return
+    yield find("experiments", what) or Path(what)
+    with suppress(VfoaError):  # an unknown name is rejected where the experiment is run
+        for clip in experiment_of([what], (), (), None).clips:
             yield from load_manifest(clip).files
 
 

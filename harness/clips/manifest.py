@@ -25,7 +25,7 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 from harness.bounded_parsing import read_toml
 from harness.clips.naming import NameRule
 from harness.data_folders import expand, folders, names
-from harness.files import read_text
+from harness.files import is_file, read_text
 from harness.labels.drawn import Drawn, read_drawn
 from harness.labels.files import AnnotationFiles, read_annotations
 from harness.labels.labels import RESERVED, Labels
@@ -121,8 +121,9 @@ class ClipManifest(Settings):
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The manifest and the clip's annotation files: what no output may replace."""
-        return (self._path, *self.annotations.present())
+        """The manifest, the clip's annotation files, and its recording or video: what no output may replace."""
+        root = self.resolve_root()
+        return (self._path, *self.annotations.present(), *([root] if root is not None and is_file(root) else []))
 
     def resolve_root(self) -> Path | None:
         """Return the root with its variables filled in, relative to the manifest; it need not exist."""

@@ -15,12 +15,13 @@ import shutil
 import sys
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from harness.bounded_parsing import parse_json
+from harness.clips.manifest import load_manifest
 from harness.files import atomic_write, read_bytes, unreadable
 from harness.remote import local_folder
 from harness.run.manifest import check_manifest
@@ -71,11 +72,14 @@ class RunDirectory:
 
     @property
     def inputs(self) -> Iterator[Path]:
-        """The files that scores, exports and fits read: what no output may replace."""
+        """The files that scores, exports and fits read, with those of the clips: what no output may replace."""
         yield from (self.manifest, self.results, self.timings)
         yield from self.path.glob("*.rrd")
         for folder in (self.measured, self.stage_outputs, self.path / "partial"):
             yield from folder.rglob("*")
+        for clip in self.read_manifest()["clips"] if self.manifest.is_file() else ():
+            with suppress(VfoaError):  # the clip of a finished run may be gone
+                yield from load_manifest(clip.get("manifest") or clip["name"], clip["name"]).files
 
     def failure(self, pair: Pair, error: VfoaError) -> dict[str, str]:
         """Return the manifest's row for a (clip, configuration) that failed, and write its traceback."""
