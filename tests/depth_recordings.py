@@ -24,7 +24,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from harness.record.images import open_without_real_time
 
-Format = Literal["bag", "db3", "mcap", "db3 zstd file", "db3 zstd message"]
+Format = Literal["bag", "bag bz2", "bag lz4", "db3", "mcap", "db3 zstd file", "db3 zstd message"]
 FORMATS: tuple[Format, ...] = ("bag", "db3", "mcap")
 DepthForm = Literal["raw", "png", "rvl", "32FC1", "32FC1 png"]
 
@@ -164,9 +164,12 @@ class Messages:
 @contextmanager
 def messages(folder: Path, kind: Format, name: str = "take") -> Iterator[tuple[Path, Messages]]:
     """A new recording in a folder: its path, and what writes into it."""
-    if kind == "bag":
+    if kind.startswith("bag"):
         path = folder / f"{name}.bag"
-        with BagWriter(path) as writer:
+        ros1_bag = BagWriter(path)
+        if kind != "bag":
+            ros1_bag.set_compression(BagWriter.CompressionFormat[kind.removeprefix("bag ").upper()])
+        with ros1_bag as writer:
             yield path, Messages(writer, is_ros1=True)
         return
     path = folder / f"{name}_{kind.replace(' ', '_')}"

@@ -76,7 +76,11 @@ DOORS = {
         "harness/report/",
         "harness/stages/cache/values.py",
     ),
-    "zstandard": ("harness/stages/cache/values.py", "harness/sources/mcap/records.py"),
+    "zstandard": (
+        "harness/stages/cache/values.py",
+        "harness/sources/recordings/unpacking.py",
+        "harness/sources/bags/files.py",
+    ),
     "pyarrow": ("harness/record/", "harness/strict_tables.py"),
     "yaml": ("harness/bounded_parsing.py", "harness/sources/calibration_files/documents.py"),
     "platformdirs": ("vfoa/weights.py", "harness/cache_folder.py", "harness/studio/store.py"),

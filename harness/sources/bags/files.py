@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import zstandard
 from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag1.reader import Header, RecordType
 from rosbags.rosbag2 import Reader as Ros2Reader
 
 from harness.bounded_parsing import parse_yaml
 from harness.files import read_bytes
+from harness.sources.recordings.unpacking import MOST_BYTES, unpack, zstd_size
 from vfoa.errors import VfoaError
 
 _ROS1 = b"#ROSBAG V2.0"
 _SQLITE = b"SQLite format 3\0"
+_MOST_COMPRESSION = 1000
+"""Most times that a recording's file is larger without compression: the dark images of a camera fill a tenth."""
 
 
 def is_bag(path: Path) -> bool:
@@ -44,7 +51,7 @@ def data_files(part: Path) -> tuple[Path, ...]:
 
 
 def open_reader(part: Path) -> Any:
-    """Return an open reader of rosbags.
+    """Return an open reader of rosbags, which decompresses to no more than headers state, within limits.
 
     Raises
     ------
@@ -53,8 +60,15 @@ def open_reader(part: Path) -> Any:
     """
     reader: Any = None
     try:
-        reader = Ros1Reader(part) if part.is_file() and _starts(part, _ROS1) else Ros2Reader(part)
-        reader.open()
+        if part.is_file() and _starts(part, _ROS1):
+            reader = Ros1Reader(part)
+            reader.open()
+            _bound_chunks(reader)
+        else:
+            _check_packed_files(part)
+            reader = Ros2Reader(part)
+            reader.open()
+            _bound_messages(reader)
         _check_connections(reader)
     except Exception as error:  # errors of rosbags, struct, SQLite, YAML, or the decompressors
         text = (str(error) or type(error).__name__).splitlines()[0].rstrip(".")
@@ -62,6 +76,45 @@ def open_reader(part: Path) -> Any:
         hint = "; the recorder was killed; write the index with rosbag reindex" if is_unindexed else ""
         raise VfoaError(f"{part}: cannot be read as a bag: {text}{hint}") from None
     return reader
+
+
+def _bound_chunks(reader: Any) -> None:
+    """Decompress each chunk of a ROS 1 bag to the size in its header; the library would decompress it to any."""
+    for place, chunk in reader.chunks.items():
+        reader.bio.seek(place)
+        header = Header.read(reader.bio, RecordType.CHUNK)
+        stated = {"compression": header.get_string("compression"), "size": header.get_uint32("size")}
+        reader.chunks[place] = chunk._replace(decompressor=partial(unpack, **stated))
+
+
+def _check_packed_files(part: Path) -> None:
+    """Reject files that the library would decompress onto the disk, if they are packed too densely."""
+    for path in data_files(part) if _metadata(part).get("compression_mode") == "file" else ():
+        most = max(_MOST_COMPRESSION * path.stat().st_size, MOST_BYTES)
+        with path.open("rb") as file:
+            size = zstd_size(file.read(64))
+            if size is None:
+                file.seek(0)
+                size = sum(len(each) for each in zstandard.ZstdDecompressor().read_to_iter(file) if each)
+        if size > most:
+            raise ValueError(f"{path.name} unpacks to {size} bytes; expected at most {most}")
+
+
+def _bound_messages(reader: Any) -> None:
+    """Decompress messages of a ROS 2 bag to the size in their heads; the library would decompress them to any."""
+    if reader.compression_mode != "message":
+        return
+    packed = reader.messages
+    reader.storage.metadata = reader.storage.metadata._replace(compression_mode=None)
+
+    def messages(*which: Any) -> Iterator[tuple[Any, int, bytes]]:
+        for connection, time_ns, data in packed(*which):
+            size = zstd_size(data)
+            if size is None:
+                raise ValueError("a compressed message does not state its size")
+            yield connection, time_ns, unpack(data, "zstd", size)
+
+    reader.messages = messages
 
 
 def _check_connections(reader: Any) -> None:

@@ -8,12 +8,12 @@ from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO
 
-import lz4.frame  # type: ignore[import-untyped]
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, ChunkIndex, DataEnd, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import breakup_chunk
+
+from harness.sources.recordings.unpacking import unpack
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode and length of every record
@@ -27,9 +27,6 @@ PARSED = {
     Opcode.STATISTICS,
 }
 _SPAN = struct.Struct("<QQ")  # first and last log time, the first fields of a chunk
-_COMPRESSIONS = ("", "lz4", "zstd")
-MOST_CHUNK_BYTES = 2**28
-"""Most bytes of a decompressed chunk; writers begin a new one after 1 to 4 MB, or after a message that is larger."""
 
 
 def is_mcap(path: Path) -> bool:
@@ -68,24 +65,8 @@ def parts_of(record: McapRecord) -> list[McapRecord]:
     """The records in a chunk; any other record alone. Any exception means damage."""
     if not isinstance(record, Chunk):
         return [record]
-    if record.compression not in _COMPRESSIONS:  # the library would read it as uncompressed
-        raise ValueError(f"compression {record.compression!r}; expected lz4, zstd or none")
-    return breakup_chunk(replace(record, compression="", data=_unpacked(record)), validate_crc=True)
-
-
-def _unpacked(chunk: Chunk) -> bytes:
-    """The records of a chunk, decompressed to the size that it states; the library takes any size."""
-    size = chunk.uncompressed_size
-    if size > MOST_CHUNK_BYTES:
-        raise ValueError(f"it claims {size} bytes; expected at most {MOST_CHUNK_BYTES}")
-    data: bytes = chunk.data
-    if chunk.compression == "zstd":
-        data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
-    elif chunk.compression == "lz4":
-        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
-    if len(data) != size:
-        raise ValueError(f"it does not unpack to the {size} bytes that it claims")
-    return data
+    data = unpack(record.data, record.compression, record.uncompressed_size)  # the library takes any size
+    return breakup_chunk(replace(record, compression="", data=data), validate_crc=True)
 
 
 def chunk_span_ns(opcode: int, file: BinaryIO) -> tuple[int, int] | None:

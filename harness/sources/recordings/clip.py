@@ -61,8 +61,9 @@ class RecordingClip:
         index = self._container.index(window, by_log_time=settings.stamps == "log")
         self._losses = index.losses
         topics = index.topics.values()
-        if not topics and self._losses:
-            raise VfoaError(f"{self._where}: no message can be read: {'; '.join(self._losses[:_SHOWN])}")
+        if self._losses and not any(topic.is_image and topic.places for topic in topics):
+            what = "image" if topics else "message"
+            raise VfoaError(f"{self._where}: no {what} can be read: {'; '.join(self._losses[:_SHOWN])}")
         if window is not None and not any(topic.is_image and topic.places for topic in topics):
             raise VfoaError(f"{self._where}: source.start_s, source.end_s: no images in that part of the recording")
         self._streams = find_streams(topics, settings, self._where)

@@ -10,6 +10,7 @@ from typing import Any
 import av
 import numpy as np
 
+from harness.sources.media.images import MOST_PIXELS
 from harness.sources.recordings.messages import CompressedPicture, picture
 from harness.sources.recordings.topics import Place, Topic
 from harness.sources.recordings.video_packets import codec_of
@@ -143,7 +144,8 @@ class VideoDecoder:
             frames = self._codec.decode(None) if is_end else self._feed(number)
         except av.FFmpegError as error:
             self._reset()
-            raise VfoaError(f"{self._where}: packet {number + 1} is damaged: {error.strerror}") from None
+            problem = f"packet {number + 1} is damaged, or larger than {MOST_PIXELS} pixels: {error.strerror}"
+            raise VfoaError(f"{self._where}: {problem}") from None
         for frame in frames:
             self._keep(frame)
         if is_end:
@@ -162,6 +164,7 @@ class VideoDecoder:
             # FFmpeg's own av1 needs a graphics card
             self._codec = av.CodecContext.create("libdav1d" if codec == "av1" else codec, "r")
             self._codec.thread_count = 1  # threads would each hold a frame back
+            self._codec.options = {"max_pixels": str(MOST_PIXELS)}  # a packet of 100 kB can claim gigabytes
         packet = av.Packet(content.data)
         packet.pts = packet.dts = number
         self._fed = number

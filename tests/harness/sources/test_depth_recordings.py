@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import struct
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from harness.sources.bags import files
 from harness.sources.contract import check_contract
+from harness.sources.recordings import unpacking
 from harness.sources.recordings.clip import BagClip, McapClip, RecordingClip
 from harness.sources.recordings.settings import RecordingSettings
 from tests.depth_recordings import COLOUR, DEPTH, FORMATS, DepthForm, Format, Lens, Shot, messages, write_take
@@ -67,6 +71,38 @@ def test_every_form_of_depth_gives_the_same_metres(tmp_path: Path, kind: Format,
     frame = open_clip(write_take(tmp_path, kind, map(shot, (1, 2)), form)).frame(2)
     # the quantised form steps by z^2 / A, here at most 0.1 %
     np.testing.assert_allclose(frame.depth_m, in_metres(depth_mm(2)), rtol=1e-3 if form == "32FC1 png" else 1e-6)
+
+
+PACKED: tuple[Format, ...] = ("bag bz2", "bag lz4", "db3 zstd file", "db3 zstd message")
+
+
+@pytest.mark.parametrize("kind", PACKED)
+def test_a_recording_is_not_unpacked_beyond_what_one_can_have(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Format
+) -> None:
+    path = write_take(tmp_path, kind, map(shot, (1, 2)))
+    assert open_clip(path).frame(2).time_ns == shot(2).stamp_ns
+    for module in (unpacking, files):
+        monkeypatch.setattr(module, "MOST_BYTES", 5000)
+    monkeypatch.setattr(files, "_MOST_COMPRESSION", 0)
+    with pytest.raises(VfoaError, match=r"(claims|unpacks to) \d+ bytes; expected at most 5000"):
+        open_clip(path)
+
+
+@pytest.mark.parametrize("compression", ["bz2", "lz4"])
+def test_a_chunk_of_a_bag_is_not_unpacked_beyond_what_it_claims(tmp_path: Path, compression: str) -> None:
+    with messages(tmp_path, f"bag {compression}") as (path, write):  # type: ignore[arg-type]
+        write.camera("/camera/color/camera_info", START_NS, LENS)
+        write.image(COLOUR, START_NS, np.zeros((2048, 4096, 3), np.uint8), "rgb8")
+    data = path.read_bytes()
+    at = data.index(b"size=", data.index(b"compression=")) + 5
+    path.write_bytes(data[:at] + struct.pack("<I", 1000) + data[at + 4 :])
+    tracemalloc.start()
+    before, _ = tracemalloc.get_traced_memory()
+    with pytest.raises(VfoaError, match="does not unpack to the 1000 bytes that it claims"):
+        open_clip(path)
+    assert tracemalloc.get_traced_memory()[1] - before < 2**23
+    tracemalloc.stop()
 
 
 def test_containers_are_recognised_by_their_content(tmp_path: Path) -> None:
