@@ -7,7 +7,7 @@ is read once and each distinct stage runs once. A configuration that fails is dr
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterable, Mapping
+from collections.abc import Generator, Iterable, Mapping, Sequence
 from contextlib import ExitStack, closing
 
 from harness.run import checkpoint
@@ -19,8 +19,11 @@ from harness.sources import Clip, MeasuredClip
 from harness.stages.measured import measured_frames
 from harness.stages.measures import Measurer
 from harness.stages.prefetch import one_at_a_time, prefetch
-from harness.stages.sharing import SharedFrame, SharedPipeline, read_frames
+from harness.stages.sharing import SharedFrame, SharedPipeline, UnreadableFrameError, read_frames
 from vfoa.errors import VfoaError
+
+_NEXT, _NAMED = 1000, 10
+"""After a frame that cannot be read, how many are tried, and how many of those that cannot be read are named."""
 
 
 def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = None) -> ClipOutcome:
@@ -60,7 +63,31 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
         runners = attend_to(scenes, job, images.rate_hz, progress, measurer=measurer, resumed=resumed)
     if job.cache:
         job.cache.store.trim()
-    return job.outcome((each.error for each in runners), pipeline.take_tallies())
+    return job.outcome(_with_others([each.error for each in runners], clip, job.frames), pipeline.take_tallies())
+
+
+def _with_others(errors: Sequence[VfoaError | None], clip: Clip, numbers: Sequence[int]) -> list[VfoaError | None]:
+    """Add to the error of a frame that cannot be read which of the next frames cannot be read either."""
+    first = next((each for each in errors if isinstance(each, UnreadableFrameError)), None)
+    if first is None:
+        return list(errors)
+    next_ones = [number for number in numbers if number > first.frame][:_NEXT]
+    others = [number for number in next_ones if not _is_readable(clip, number)]
+    if others:
+        named = ", ".join(map(str, others[:_NAMED])) + (" ..." if len(others) > _NAMED else "")
+        found = f"{len(others)} of the next {len(next_ones)} frames cannot be read either: {named}"
+    else:
+        found = f"the next {len(next_ones)} frames can be read"
+    said = VfoaError(f"{first}; {found}")
+    return [said if each is first else each for each in errors]
+
+
+def _is_readable(clip: Clip, number: int) -> bool:
+    try:
+        clip.frame(number)
+    except VfoaError:
+        return False
+    return True
 
 
 def reconstructed(clip: Clip, pipeline: SharedPipeline, numbers: Iterable[int], job: ClipJob) -> Generator[SharedFrame]:

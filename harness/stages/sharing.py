@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from harness.known_digests import read_unchanged
+from harness.known_digests import ChangedError, read_unchanged
 from harness.sources import Clip
 from harness.stages.cache.stage import ClipCache, Tally
 from harness.stages.configuration import Configuration
@@ -59,12 +59,35 @@ class PerceivedFrame(ReadFrame):
     outputs: dict[tuple[object, ...], Output]
 
 
+class UnreadableFrameError(VfoaError):
+    """An image that is damaged or missing; ``frame`` is the number of its frame."""
+
+    def __init__(self, line: str, frame: int = 0) -> None:
+        super().__init__(line)
+        self.frame = frame
+
+
 def read_frames(clip: Clip, numbers: Iterable[int]) -> Generator[ReadFrame]:
-    """Read the frames with these numbers."""
+    """Read the frames with these numbers.
+
+    Raises
+    ------
+    UnreadableFrameError
+        If one cannot be read.
+    """
+
+    def read(number: int) -> StereoFrame:
+        try:
+            return clip.frame(number)
+        except ChangedError:
+            raise
+        except VfoaError as error:
+            raise UnreadableFrameError(str(error), number) from None
+
     for number in numbers:
         timings: Timings = {}
         with timed(timings, "decode"):
-            frame = read_unchanged(clip.frame, number)
+            frame = read_unchanged(read, number)
         yield ReadFrame(frame=frame, timings=timings)
 
 

@@ -122,6 +122,7 @@ def test_the_token_leaves_the_address_at_once(server: Server) -> None:
         assert server.token not in answer.headers["location"]
         assert httpx.URL(answer.headers["location"]).params == httpx.URL(path).params
         cookie = answer.headers["set-cookie"].lower()
+        assert cookie.startswith(f"vfoa_{server.port}=")  # browsers send all cookies of a host to all of its ports
         assert "httponly" in cookie
         assert "samesite=strict" in cookie
 

@@ -83,8 +83,8 @@ def _bound_chunks(reader: Any) -> None:
     for place, chunk in reader.chunks.items():
         reader.bio.seek(place)
         header = Header.read(reader.bio, RecordType.CHUNK)
-        stated = {"compression": header.get_string("compression"), "size": header.get_uint32("size")}
-        reader.chunks[place] = chunk._replace(decompressor=partial(unpack, **stated))
+        stated = partial(unpack, compression=header.get_string("compression"), size=header.get_uint32("size"))
+        reader.chunks[place] = chunk._replace(decompressor=stated)
 
 
 def _check_packed_files(part: Path) -> None:
