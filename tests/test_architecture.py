@@ -53,7 +53,6 @@ DOORS = {
     "openpyxl": ("harness/labels/formats/tables.py",),
     "pympi": ("harness/labels/formats/elan.py",),
     "distributed": ("harness/run/executors/cluster.py", "harness/run/executors/worker.py"),
-    "statsmodels": ("harness/score/mixed_model.py",),
     "torch": ("harness/stages/export/",),
     "uvicorn": ("harness/local_server.py", "harness/connections.py"),
     "tomlkit": ("harness/annotate/targets.py",),

@@ -7,17 +7,15 @@ out. Each track, oldest first, takes the free detection that overlaps its last b
 ``sigma_iou``; otherwise it ends. The remaining detections start tracks. ``ttl`` lets a track outlive a gap, as the
 authors' V-IOU does, but without its visual tracker: the last box stays in place.
 
-The published rule is applied at the end: a track counts only if it reached ``sigma_h`` and ``t_min``. Attention is
-needed in every frame, so here a track is reported from its first frame on, and :attr:`Track.confirmed` says whether it
-counts so far. :func:`final_tracks` applies the published rule to a whole sequence.
+The authors drop short and doubtful tracks (``sigma_h``, ``t_min``) at the end of a sequence. Attention is needed in
+every frame, so here a track is reported from its first frame on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from pydantic import Field, NonNegativeInt, PositiveInt
+from pydantic import Field, NonNegativeInt
 
 from vfoa.geometry import box_iou
 from vfoa.settings import Settings
@@ -27,45 +25,33 @@ from vfoa.types import Float, Person
 class TrackingSettings(Settings):
     """Settings of :func:`track_people`, named as published.
 
-    ``sigma_l`` and ``sigma_h`` are scores of heads: the least score of a head that is followed, and the score that one
-    head of a track must reach for the track to count. ``sigma_iou`` is the least overlap from frame to frame, ``t_min``
-    the least number of heads of a track that counts. ``ttl`` is the longest gap in frames; 0 is the published rule.
+    ``sigma_l`` is the least score of a head that is followed, ``sigma_iou`` the least overlap from frame to frame.
+    ``ttl`` is the longest gap in frames; 0 is the published rule.
     """
 
     sigma_l: float = Field(default=0.0, ge=0)
     """Least score of a head that is followed."""
-    sigma_h: float = Field(default=0.5, ge=0)
-    """Score that one head of a track must reach for the track to count."""
     sigma_iou: float = Field(default=0.5, gt=0, le=1)
     """Least overlap (intersection over union) of a track's boxes from frame to frame."""
-    t_min: PositiveInt = 2
-    """Least number of heads of a track that counts."""
     ttl: NonNegativeInt = 5
     """Longest gap of a track in frames; 0 is the published rule."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Track:
-    """One person followed so far: the best score, the number of heads seen, the frames missed since.
+    """One person followed so far, and the frames missed since.
 
     ``box_px`` (4,) is the last head box; None for a person without one, who is known by ``instance_id`` instead.
     """
 
     id: int
     box_px: Float | None
-    best_score: float
     instance_id: int | None = None
-    length: int = 1
     missed: int = 0
-
-    def confirmed(self, settings: TrackingSettings) -> bool:
-        """Whether the track counts by the published rule, so far."""
-        return self.best_score >= settings.sigma_h and self.length >= settings.t_min
 
     def followed(self, person: Person) -> Track:
         """Return the track with one more head."""
-        score = max(self.best_score, _score(person))
-        return replace(self, box_px=_box_px(person), best_score=score, length=self.length + 1, missed=0)
+        return replace(self, box_px=_box_px(person), missed=0)
 
     def overlap(self, person: Person) -> float:
         """Overlap of a person's head box with the last one, in [0, 1]; without head boxes, 1 for the same person."""
@@ -105,7 +91,7 @@ def track_people(
     for new_id, person in enumerate(free, start=state.next_id):
         known = person.instance_id if person.head is None else None
         tracked.append((new_id, person))
-        tracks.append(Track(id=new_id, box_px=_box_px(person), best_score=_score(person), instance_id=known))
+        tracks.append(Track(id=new_id, box_px=_box_px(person), instance_id=known))
 
     return tuple(tracked), TrackerState(tracks=tuple(tracks), next_id=state.next_id + len(free))
 
@@ -117,18 +103,3 @@ def _box_px(person: Person) -> Float | None:
 def _score(person: Person) -> float:
     """Score of a head; a measured person without an image has score 1."""
     return 1.0 if person.head is None else person.head.score
-
-
-def final_tracks(
-    frames: Iterable[tuple[Person, ...]], settings: TrackingSettings
-) -> dict[int, tuple[tuple[int, Person], ...]]:
-    """The tracks of a whole sequence that count by the published rule: id -> (position in ``frames``, person)."""
-    state = TrackerState()
-    members: dict[int, list[tuple[int, Person]]] = {}
-    last: dict[int, Track] = {}
-    for position, people in enumerate(frames):
-        tracked, state = track_people(people, state, settings)
-        last.update((track.id, track) for track in state.tracks)
-        for track_id, person in tracked:
-            members.setdefault(track_id, []).append((position, person))
-    return {track_id: tuple(found) for track_id, found in members.items() if last[track_id].confirmed(settings)}

@@ -35,9 +35,6 @@ def compare(
             "5 %). A check that cannot fail, or cannot pass, is refused.",
         ),
     ] = None,
-    model: Annotated[
-        bool, typer.Option("--model", help="Also fit a mixed-effects logistic regression (extra: model).")
-    ] = False,
     page: Annotated[
         Path | None, typer.Option("--page", metavar="HTML", help="Write a page with the table, sorted by any column.")
     ] = None,
@@ -52,10 +49,10 @@ def compare(
     from dataclasses import replace as with_values
 
     from harness.files import atomic_write, check_new
-    from harness.report.comparisons import model_table, terminal_comparisons
+    from harness.report.comparisons import terminal_comparisons
     from harness.report.page.render_sweep import render_comparison
     from harness.run.directory import RunDirectory
-    from harness.score.run_comparison import compare_runs, compare_with_baseline, model_runs
+    from harness.score.run_comparison import compare_runs, compare_with_baseline
     from vfoa.errors import VfoaError
 
     if fail_on is not None and baseline is None:
@@ -63,8 +60,6 @@ def compare(
     check = None if fail_on is None else _parsed(fail_on)
     if page is not None and as_json:
         raise VfoaError("compare: --page does not go with --json")
-    if model and (baseline is not None or as_json):
-        raise VfoaError("compare: --model does not go with --baseline or --json")
     folders = [run_folder(run) for run in runs]
     against = None if baseline is None else run_folder(baseline)
     if page is not None:
@@ -77,10 +72,9 @@ def compare(
         plain = [{**asdict(with_values(each, units=None)), "verdict": each.verdict} for each in found]
         print_json([{**row, "sentence": each.sentence} for row, each in zip(plain, found, strict=True)])
     else:
-        models = [model_table(model_runs(folders))] if model else []
-        print_reports([terminal_comparisons(found), *models])
+        print_reports([terminal_comparisons(found)])
         if page is not None:
-            atomic_write(page, render_comparison(found, models))
+            atomic_write(page, render_comparison(found))
             say(f"Page: {page}")
     for line in failing:
         say(f"vfoa: --fail-on {fail_on}: {line}", err=True)

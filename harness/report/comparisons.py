@@ -10,7 +10,6 @@ from itertools import takewhile
 from harness.report.formats import UNKNOWN, Table
 from harness.score.comparison import Comparison, compare
 from harness.score.intervals import LEAST_CLIPS
-from harness.score.mixed_model import OddsRatio
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.score import Scores
 from harness.score.statistics import SIGNIFICANCE, Interval
@@ -52,37 +51,6 @@ def terminal_comparisons(comparisons: Sequence[Comparison]) -> Table:
             for each in comparisons
         ),
         notes=_NOTES,
-    )
-
-
-def model_table(found: Sequence[OddsRatio]) -> Table:
-    """Odds ratios of the mixed-effects model; a note says why there is none for a pair."""
-    shared = _shared_folder([name for each in found for name in (each.configuration, each.reference)])
-    refused = [
-        f"{each.configuration.removeprefix(shared)} against {each.reference.removeprefix(shared)}: no model: "
-        f"{each.refusal}."
-        for each in found
-        if each.refusal
-    ]
-    return Table(
-        title="Mixed-effects logistic regression",
-        columns=("Configuration", "Against", "Odds ratio", "95 %", "SD clips", "SD subjects", "SD looks"),
-        words=2,
-        rows=tuple(
-            (
-                *(name.removeprefix(shared) for name in (each.configuration, each.reference)),
-                *(f"{each.ratio:.2f}", f"{each.low:.2f} to {each.high:.2f}"),
-                *(f"{spread:.2f}" for spread in each.spreads),
-            )
-            for each in found
-            if each.refusal is None
-        ),
-        notes=(
-            "Odds of a right frame; random effects of clip, subject and look, with their standard deviations in "
-            "log-odds. "
-            "Fitted by variational Bayes, whose interval is rather too narrow: the permutation test decides.",
-            *refused,
-        ),
     )
 
 

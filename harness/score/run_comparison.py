@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
 from pathlib import Path
 from typing import Protocol
 
@@ -11,7 +10,6 @@ from harness.run.directory import RunDirectory
 from harness.score.comparison import Comparison, compare, with_holm
 from harness.score.exported import ExportedTable
 from harness.score.finished_run import read_scores
-from harness.score.mixed_model import OddsRatio, odds_ratio
 from harness.score.oracle_ablation import without_oracles
 from harness.score.scored_frames import ScoredFrames
 from vfoa.errors import VfoaError
@@ -37,27 +35,11 @@ def compare_runs(runs: Sequence[Path]) -> tuple[Comparison, ...]:
     VfoaError
         If a run cannot be scored, two runs are the same directory, or their labels differ.
     """
-    return compare(_frames(runs))
-
-
-def model_runs(runs: Sequence[Path]) -> list[OddsRatio]:
-    """A mixed-effects logistic regression of every two configurations of several runs.
-
-    Raises
-    ------
-    VfoaError
-        As :func:`compare_runs`, and if statsmodels is not installed.
-    """
-    frames = _frames(runs)
-    return [odds_ratio(one, two, frames[one], frames[two]) for one, two in combinations(frames, 2)]
-
-
-def _frames(runs: Sequence[Path]) -> dict[str, list[ScoredFrames]]:
     found = {}
     for run in _distinct(runs):
         scored = _read(run)
         found.update({f"{run}/{name}": scored.frames_of(name) for name in _compared(scored)})
-    return found
+    return compare(found)
 
 
 def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Comparison, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,7 +11,7 @@ from pydantic import ValidationError
 
 from tests.scenes import make_measured_person, make_person
 from vfoa.geometry import box_iou
-from vfoa.tracking import TrackerState, TrackingSettings, final_tracks, track_people
+from vfoa.tracking import TrackerState, TrackingSettings, track_people
 from vfoa.types import Person
 
 PUBLISHED = TrackingSettings(ttl=0)
@@ -18,6 +20,18 @@ PUBLISHED = TrackingSettings(ttl=0)
 def at(left_px: float, score: float = 1.0) -> Person:
     """A head box of 10 x 10 px. Two of them s px apart overlap by (10 - s) / (10 + s): by a half up to s = 10 / 3."""
     return make_person((left_px, 0, left_px + 10, 10), score=score)
+
+
+def followed(
+    frames: Iterable[tuple[Person, ...]], settings: TrackingSettings
+) -> dict[int, tuple[tuple[int, Person], ...]]:
+    """The tracks of a whole sequence: id -> (position in ``frames``, person)."""
+    state, members = TrackerState(), dict[int, list[tuple[int, Person]]]()
+    for position, people in enumerate(frames):
+        tracked, state = track_people(people, state, settings)
+        for track_id, person in tracked:
+            members.setdefault(track_id, []).append((position, person))
+    return {track_id: tuple(found) for track_id, found in members.items()}
 
 
 def lefts(tracks: dict[int, tuple[tuple[int, Person], ...]]) -> dict[int, list[tuple[int, float]]]:
@@ -34,40 +48,28 @@ def test_a_split_a_crossing_and_a_gap():
     gap = [(at(200),), (at(200),), (), (at(200),)]
     frames = [sum(people, ()) for people in zip(split, crossing, gap, strict=True)]
 
-    assert lefts(final_tracks(frames, PUBLISHED)) == {
+    assert lefts(followed(frames, PUBLISHED)) == {
         # the split: 98 overlaps 100 more than 103 does, which starts a track of its own
         1: [(0, 100), (1, 98), (2, 96), (3, 94)],
         5: [(1, 103), (2, 106), (3, 109)],
         # the crossing: boxes alone cannot tell two heads that pass from two that bounce
         2: [(0, 0), (1, 3), (2, 3), (3, 0)],
         3: [(0, 9), (1, 6), (2, 6), (3, 9)],
-        # the gap: the track ends before it, and what comes after is too short to count
+        # the gap: the track ends before it, and another one begins after it
         4: [(0, 200), (1, 200)],
+        6: [(3, 200)],
     }
 
 
 @pytest.mark.parametrize(("ttl", "ids"), [(1, {1, 2}), (2, {1})])
 def test_a_track_outlives_a_gap_of_up_to_ttl_frames(ttl, ids):
     frames = [(at(0),), (at(1),), (), (), (at(2),), (at(3),)]
-    assert set(final_tracks(frames, TrackingSettings(ttl=ttl))) == ids
+    assert set(followed(frames, TrackingSettings(ttl=ttl))) == ids
 
 
 def test_each_gap_is_measured_anew():
     frames = [(at(0),), (), (at(0),), (), (at(0),)]
-    assert lefts(final_tracks(frames, TrackingSettings(ttl=1))) == {1: [(0, 0), (2, 0), (4, 0)]}
-
-
-def test_only_tracks_with_a_good_head_and_enough_heads_count():
-    frames = [(at(0, 0.4), at(50, 0.4), at(100, 0.9)), (at(0, 0.4), at(50, 0.6))]
-    assert set(final_tracks(frames, PUBLISHED)) == {2}
-
-
-def test_a_track_is_reported_before_it_counts():
-    tracked, state = track_people((at(0),), TrackerState(), PUBLISHED)
-    assert [track_id for track_id, _ in tracked] == [1]
-    assert not state.tracks[0].confirmed(PUBLISHED)
-    _, state = track_people((at(0),), state, PUBLISHED)
-    assert state.tracks[0].confirmed(PUBLISHED)
+    assert lefts(followed(frames, TrackingSettings(ttl=1))) == {1: [(0, 0), (2, 0), (4, 0)]}
 
 
 def test_heads_below_sigma_l_are_not_followed():
@@ -89,21 +91,19 @@ def test_an_id_is_not_given_twice():
     assert [track_id for track_id, _ in tracked] == [2]
 
 
-def test_a_track_counts_from_exactly_its_least_score_overlap_and_length_on():
+def test_a_track_is_followed_from_exactly_the_least_score_and_overlap_on():
     """The second head covers the first and as much again: an overlap of exactly a half."""
-    settings = TrackingSettings(sigma_h=0.6, sigma_iou=0.5, t_min=3, ttl=0)
     wide = make_person((0, 0, 10, 20), score=0.6)
-    assert set(final_tracks([(at(0, 0.6),), (wide,), (wide,)], settings)) == {1}
-    assert not final_tracks([(at(0, 0.6),), (wide,)], settings)
+    frames = [(at(0, 0.6),), (wide,)]
+    assert set(followed(frames, TrackingSettings(sigma_l=0.6, sigma_iou=0.5, ttl=0))) == {1}
+    assert set(followed(frames, TrackingSettings(sigma_iou=0.51, ttl=0))) == {1, 2}
 
 
 @pytest.mark.parametrize(
     ("name", "good", "wrong"),
     [
         ("sigma_l", (0,), (-0.1,)),
-        ("sigma_h", (0,), (-0.1,)),
         ("sigma_iou", (0.01, 1), (0, 1.1)),
-        ("t_min", (1,), (0,)),
         ("ttl", (0,), (-1,)),
     ],
 )
@@ -125,9 +125,9 @@ boxes = st.builds(
 
 @given(st.lists(st.lists(boxes, max_size=4).map(tuple), max_size=8))
 def test_without_gaps_it_is_the_published_algorithm(frames):
-    settings = TrackingSettings(sigma_l=0.2, sigma_h=0.5, sigma_iou=0.4, t_min=2, ttl=0)
-    found = [[person for _, person in members] for members in final_tracks(frames, settings).values()]
-    expected = published(frames, sigma_l=0.2, sigma_h=0.5, sigma_iou=0.4, t_min=2)
+    settings = TrackingSettings(sigma_l=0.2, sigma_iou=0.4, ttl=0)
+    found = [[person for _, person in members] for members in followed(frames, settings).values()]
+    expected = published(frames, sigma_l=0.2, sigma_iou=0.4)
     assert sorted(map(ids, found)) == sorted(map(ids, expected))
 
 
@@ -135,8 +135,8 @@ def ids(people: list[Person]) -> list[int]:
     return [id(person) for person in people]
 
 
-def published(frames, *, sigma_l, sigma_h, sigma_iou, t_min):
-    """Algorithm 1 of the paper: lists of active and finished tracks, each a list of detections."""
+def published(frames, *, sigma_l, sigma_iou):
+    """Algorithm 1 of the paper without its last step: active and finished tracks, each a list of detections."""
     active: list[list[Person]] = []
     finished: list[list[Person]] = []
     for detections in frames:
@@ -154,11 +154,7 @@ def published(frames, *, sigma_l, sigma_h, sigma_iou, t_min):
             else:
                 finished.append(track)
         active = still_active + [[candidate] for candidate in candidates]
-    return [
-        track
-        for track in finished + active
-        if len(track) >= t_min and max(person.view.head.score for person in track) >= sigma_h
-    ]
+    return finished + active
 
 
 # Without images

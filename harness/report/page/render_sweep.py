@@ -55,20 +55,20 @@ def render_sweep(sweep: Sweep, tables: Sequence[Table]) -> str:
     )
 
 
-def render_comparison(comparisons: Sequence[Comparison], models: Sequence[Table] = ()) -> str:
+def render_comparison(comparisons: Sequence[Comparison]) -> str:
     """Return the page of comparisons of several runs: a row for each pair, to be sorted by any column."""
     names = {name for each in comparisons for name in (each.reference, each.configuration)}
     told = [each.sentence for each in comparisons if each.is_significant]
-    tables = [comparison_table(comparisons), *models]
+    table = comparison_table(comparisons)
     return template("sweep.html.jinja").render(
         title="Comparison of runs",
         facts=[f"{len(names)} configurations", f"{len(comparisons)} pairs"],
         verdict=" ".join(f"{sentence}." for sentence in told[:MOST_SENTENCES])
         or "No two of them differ significantly.",
-        titles=[table.title for table in tables],
+        titles=[table.title],
         notes=(),
         data={},
-        packs={"tables": pack_json([plain_table(table) for table in tables])},
+        packs={"tables": pack_json([plain_table(table)])},
         script=script("compare"),
     )
 
