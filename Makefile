@@ -60,6 +60,9 @@ lint: $(DEV)
 
 types: $(DEV)
 	$(BIN)/mypy
+	$(BIN)/python -m scripts.worked_examples build/examples
+	$(BIN)/ruff check --quiet build/examples
+	$(BIN)/mypy build/examples
 
 format: $(DEV)
 	$(BIN)/ruff format .

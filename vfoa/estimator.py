@@ -13,19 +13,14 @@ import vfoa.head_pose
 import vfoa.heads
 import vfoa.segmentation
 import vfoa.stereo
-from vfoa.attention import AttentionSettings
-from vfoa.bayes import BayesSettings
-from vfoa.errors import VfoaError, did_you_mean
+from vfoa.config import STEPS, dotted_tables, is_in_region, read_steps
+from vfoa.errors import VfoaError
 from vfoa.estimate import Estimate
-from vfoa.gaze_filter import GazeFilterSettings
-from vfoa.logit import LogitSettings
-from vfoa.nearest import NearestSettings
 from vfoa.pipeline import AttendSettings, Memory, Stages, attend, perceive, reconstruct
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
 from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings
 from vfoa.settings import Settings
-from vfoa.tracking import TrackingSettings
 from vfoa.types import Image, StereoFrame, StereoRig
 from vfoa.validation import parse
 from vfoa.weights import check_located, weights_of
@@ -50,18 +45,7 @@ _REGISTRIES = {
     )
 }
 _OPTIONAL = ("head_pose.model", "gaze.model")
-_ATTENTION: dict[str | None, type[Settings]] = {
-    "bayes": BayesSettings,
-    "logit": LogitSettings,
-    "nearest": NearestSettings,
-}
-_STEPS: dict[str, type[Settings]] = {
-    "reconstruction": ReconstructionSettings,
-    "tracking": TrackingSettings,
-    "gaze_filter": GazeFilterSettings,
-    "attention": AttentionSettings,
-}
-_TABLES = (*(kind.partition(".")[0] for kind in _REGISTRIES), *_STEPS)
+_TABLES = (*(kind.partition(".")[0] for kind in _REGISTRIES), *STEPS)
 
 
 class Estimator:
@@ -112,15 +96,10 @@ class Estimator:
             If a key or a value is wrong, a model's file is missing (the message names all missing files), or
             the configuration needs later frames (a temporal gaze model, smoothing in both directions).
         """
-        tables = _tables({**DEFAULTS, **(settings or {})})
+        tables = dotted_tables({**DEFAULTS, **(settings or {})}.items(), _TABLES, "settings")
         chosen = {kind: _choose(registry, tables) for kind, registry in _REGISTRIES.items()}
-        attention = _ATTENTION.get(tables["attention"].get("method"), AttentionSettings)
-        steps: dict[str, Any] = {
-            name: parse(attention if name == "attention" else model, tables[name], "settings", name)
-            for name, model in _STEPS.items()
-        }
-        reconstruction = steps.pop("reconstruction")
-        attend_settings = AttendSettings(**steps)
+        stereo = _present(chosen)["stereo.matcher"][1]
+        reconstruction, attend_settings = read_steps(tables, stereo, "settings")
         if awaited := getattr(attend_settings.attention, "frames_awaited", 0):
             raise VfoaError(
                 f"settings: attention.smoothing: needs {awaited} later frames; expected 'off' or 'forward' (`vfoa run` "
@@ -129,7 +108,6 @@ class Estimator:
         check_located(name for choice in chosen.values() if choice for name in weights_of(choice[1]))
         stages = {kind: model(checked) for kind, (model, checked) in _present(chosen).items()}
         matcher = stages["stereo.matcher"]
-        in_region = getattr(_present(chosen)["stereo.matcher"][1], "region", None) == "needed"
         segmentation = _present(chosen)["segmentation.model"][1]
         return cls(
             Stages(
@@ -138,7 +116,7 @@ class Estimator:
                 heads=stages["heads.detector"],
                 head_pose=stages.get("head_pose.model"),
                 gaze=stages.get("gaze.model"),
-                region_matcher=matcher if in_region else None,
+                region_matcher=matcher if is_in_region(stereo) else None,
             ),
             reconstruction=reconstruction,
             attend=attend_settings,
@@ -243,16 +221,6 @@ def rectified_rig(
 
 _Choice = tuple[Any, Settings]
 """A stage's class and its checked settings."""
-
-
-def _tables(settings: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    tables: dict[str, dict[str, Any]] = {table: {} for table in _TABLES}
-    for dotted, value in settings.items():
-        table, _, key = dotted.partition(".")
-        if table not in tables or not key:
-            raise VfoaError(f"settings: unknown table {table!r} in {dotted!r}; {did_you_mean(table, tables)}")
-        tables[table][key] = value
-    return tables
 
 
 def _choose(registry: Registry, tables: Mapping[str, Mapping[str, Any]]) -> _Choice | None:

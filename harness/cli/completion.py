@@ -43,9 +43,10 @@ def setting_assignments(incomplete: str) -> list[str]:
 
 def stage_names(incomplete: str) -> list[str]:
     """Stages and steps that have settings, each also with its choices (``stereo.sgbm``)."""
-    from harness.stages.settings_reference import choice_names, table_names
+    from harness.stages.configuration import TABLES
+    from harness.stages.settings_reference import choice_names
 
-    return _matching([*table_names(), *choice_names()], incomplete)
+    return _matching([*TABLES, *choice_names()], incomplete)
 
 
 def run_directories(incomplete: str) -> list[str]:

@@ -44,16 +44,16 @@ from harness.run.fitted_weights import fitted_note, logit_only, preset_of, read_
 from harness.run.grid import base_of, repeated, variants
 from harness.run.published import Published
 from harness.stages.configuration import (
+    TABLES,
     Configuration,
-    Tables,
     check_all_used,
-    dotted_tables,
     inherited,
     make_configuration,
     merged,
     takes,
 )
 from harness.toml_text import parse_assignment
+from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.validation import parse
@@ -222,16 +222,16 @@ def _configurations(
     tables_of = {
         each.name: merged(
             merged(file.defaults, _bundle(preset, each.preset or file.preset, where)),
-            dotted_tables([*each.differences, *changes], where),
+            dotted_tables([*each.differences, *changes], TABLES, where),
         )
         for each in of_variants
     }
     lacking = {key: [name for name, each in tables_of.items() if not takes(each, key)] for key, _ in changes}
     lacking = {key: names if len(names) < len(of_variants) else [] for key, names in lacking.items()}  # all: an error
     for variant in of_variants:
-        of_file = dotted_tables(variant.differences, where)
+        of_file = dotted_tables(variant.differences, TABLES, where)
         taken = [(key, value) for key, value in changes if variant.name not in lacking[key]]
-        own = dotted_tables([*variant.differences, *taken], where)
+        own = dotted_tables([*variant.differences, *taken], TABLES, where)
         for each in (of_file, own):  # a stage that a change exchanges has still used its defaults
             used |= {(table, key) for table, settings in inherited(file.defaults, each).items() for key in settings}
         bundle = _bundle(preset, variant.preset or file.preset, where)

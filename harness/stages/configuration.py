@@ -6,45 +6,29 @@ presets and differences; each overrides the ones before it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from harness.stages.slots import DRAWN, SLOTS, StageChoice
-from vfoa.attention import AttentionSettings
-from vfoa.bayes import BayesSettings
+from vfoa import config
+from vfoa.config import Tables, is_in_region, read_steps, step_settings
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.gaze_filter import GazeFilterSettings
 from vfoa.logit import LogitSettings
-from vfoa.nearest import NearestSettings
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.settings import Settings
-from vfoa.tracking import TrackingSettings
 from vfoa.validation import parse
 
 if TYPE_CHECKING:
     from vfoa.onnx import Provider
 
-STEPS: Mapping[str, Mapping[str, type[Settings]]] = {
-    "drawn": {"": DrawnSettings},
-    "reconstruction": {"": ReconstructionSettings},
-    "tracking": {"": TrackingSettings},
-    "gaze_filter": {"": GazeFilterSettings},
-    "attention": {
-        "cones": AttentionSettings,
-        "bayes": BayesSettings,
-        "logit": LogitSettings,
-        "nearest": NearestSettings,
-    },
-}
-"""Drawn shapes and the steps after perception: the settings classes of each by its ``method``, which only attention
-has. The first is the default."""
+STEPS: Mapping[str, Mapping[str, type[Settings]]] = {"drawn": {"": DrawnSettings}, **config.STEPS}
+"""Drawn shapes and the steps after perception, as in :data:`vfoa.config.STEPS`."""
 
-_TABLES = (*SLOTS, *STEPS)
-Tables = Mapping[str, Mapping[str, Any]]
-"""Settings by key, by the name of the table."""
+TABLES = (*SLOTS, *STEPS)
+"""The tables of a configuration: the stages in the order of the pipeline, then the steps."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +50,7 @@ class Configuration:
     def is_in_region(self) -> bool:
         """Whether the matcher is asked only for the disparities of things and heads."""
         stereo = self.choices["stereo"]
-        return stereo is not None and getattr(stereo.settings, "region", None) == "needed"
+        return stereo is not None and is_in_region(stereo.settings)
 
     @property
     def uses_drawn(self) -> bool:
@@ -101,25 +85,6 @@ class Configuration:
         return {**stages, "drawn": drawn, "reconstruction": self.reconstruction.model_dump(mode="json"), **attend}
 
 
-def dotted_tables(changes: Iterable[tuple[str, Any]], where: str) -> dict[str, dict[str, Any]]:
-    """Convert dotted keys to tables.
-
-    Raises
-    ------
-    VfoaError
-        If a key has no dot, or its table is not known; ``where`` opens the message, here and below.
-    """
-    tables: dict[str, dict[str, Any]] = {}
-    for dotted, value in changes:
-        table, dot, key = dotted.partition(".")
-        if not dot:
-            raise VfoaError(f"{where}: {dotted}: expected a dotted key, such as stereo.matcher")
-        if table not in _TABLES:
-            raise VfoaError(f"{where}: {dotted}: unknown table; {did_you_mean(table, _TABLES)}")
-        tables.setdefault(table, {})[key] = value
-    return tables
-
-
 def merged(tables: Tables, over: Tables) -> Tables:
     """Return the tables with ``over`` over them, key by key."""
     return {table: {**tables.get(table, {}), **over.get(table, {})} for table in {**tables, **over}}
@@ -141,7 +106,10 @@ def takes(tables: Tables, dotted: str) -> bool:
     settings = tables.get(table, {})
     if slot := SLOTS.get(table):
         return slot.takes(settings.get(slot.key), key)
-    return table in STEPS and (key == "method" or key in _settings_of(table, settings).model_fields)
+    if table not in STEPS:
+        return False
+    model = DrawnSettings if table == "drawn" else step_settings(table, settings)
+    return key == "method" or key in model.model_fields
 
 
 def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> None:
@@ -153,8 +121,8 @@ def check_all_used(defaults: Tables, used: set[tuple[str, str]], where: str) -> 
         With its table and key.
     """
     for table, settings in defaults.items():
-        if table not in _TABLES:
-            raise VfoaError(f"{where}: defaults.{table}: unknown table; {did_you_mean(table, _TABLES)}")
+        if table not in TABLES:
+            raise VfoaError(f"{where}: defaults.{table}: unknown table; {did_you_mean(table, TABLES)}")
         for key in settings:
             if (table, key) not in used:
                 raise VfoaError(f"{where}: defaults.{table}.{key}: no configuration's {table} has such a setting")
@@ -169,24 +137,12 @@ def make_configuration(name: str, tables: Tables, factors: Mapping[str, str], wh
         If a stage, a key or a value is wrong, or two of them cannot be combined.
     """
     choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in SLOTS.values()}
-    steps: dict[str, Any] = {
-        step: parse(_settings_of(step, tables.get(step, {})), tables.get(step, {}), f"{where}: {step}")
-        for step in STEPS
-    }
-    configuration = Configuration(
-        name=name,
-        choices=choices,
-        drawn=_switched_on(steps.pop("drawn"), choices),
-        reconstruction=steps.pop("reconstruction"),
-        attend=AttendSettings(**steps),
-        factors=factors,
+    stereo = choices["stereo"]
+    reconstruction, attend = read_steps(tables, stereo.settings if stereo else None, where)
+    drawn = _switched_on(parse(DrawnSettings, tables.get("drawn", {}), where, "drawn"), choices)
+    return Configuration(
+        name=name, choices=choices, drawn=drawn, reconstruction=reconstruction, attend=attend, factors=factors
     )
-    if configuration.is_in_region and configuration.reconstruction.stuff:
-        raise VfoaError(
-            f'{where}: stereo.region: found "needed", which leaves out stuff, and reconstruction.stuff = '
-            f'{list(configuration.reconstruction.stuff)}; expected stereo.region = "frame"'
-        )
-    return configuration
 
 
 def _switched_on(drawn: DrawnSettings, choices: Mapping[str, StageChoice | None]) -> DrawnSettings:
@@ -194,9 +150,3 @@ def _switched_on(drawn: DrawnSettings, choices: Mapping[str, StageChoice | None]
     alone = {slot for slot, choice in choices.items() if choice is not None and choice.name == DRAWN}
     on = {"targets": drawn.targets or "segmentation" in alone, "heads": drawn.heads or "heads" in alone}
     return drawn.model_copy(update=on)
-
-
-def _settings_of(step: str, table: Mapping[str, Any]) -> type[Settings]:
-    """The settings class of a step: that of its ``method``, else the default one, which rejects a wrong method."""
-    default, *_ = STEPS[step].values()
-    return STEPS[step].get(str(table.get("method")), default)

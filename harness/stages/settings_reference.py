@@ -11,7 +11,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from harness.stages.configuration import STEPS
+from harness.stages.configuration import STEPS, TABLES
 from harness.stages.slots import OFF, SLOTS
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
@@ -61,11 +61,6 @@ class SettingsTable:
         return f"{self.table}, {self.choice}" if self.choice else self.table
 
 
-def table_names() -> tuple[str, ...]:
-    """The tables of a configuration: the stages in the order of the pipeline, then the steps."""
-    return (*SLOTS, *STEPS)
-
-
 def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
     """Return every table of settings, or those of one stage or step.
 
@@ -80,9 +75,9 @@ def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
         If there is no such stage or choice; the message suggests the nearest one.
     """
     wanted, _, choice = (only or "").partition(".")
-    if only and wanted not in table_names():
-        raise VfoaError(f"settings: no stage {wanted!r}; {did_you_mean(wanted, table_names())}")
-    found = [each for table in ([wanted] if only else table_names()) for each in _tables_of(table)]
+    if only and wanted not in TABLES:
+        raise VfoaError(f"settings: no stage {wanted!r}; {did_you_mean(wanted, TABLES)}")
+    found = [each for table in ([wanted] if only else TABLES) for each in _tables_of(table)]
     if choice:
         named = {each.choice.partition(" = ")[2].strip('"'): each for each in found}
         if choice not in named:

@@ -15,7 +15,7 @@ from harness.score.metrics import load_metrics
 from harness.score.reference import Reference
 from tests.plugins import install
 from tests.records import answers, labels, score_run
-from tests.worked_examples import example
+from scripts.worked_examples import example
 from vfoa.errors import VfoaError
 
 TRUTH = Reference(labels={"clip": labels("cup", "cup", "can", "cup", "can")})

@@ -93,6 +93,7 @@ def test_images_of_another_size_leave_the_memory_as_it_was(percepts: Percepts) -
         ({"stereo.min_depth": 1}, "stereo.min_depth"),
         ({"gaze.model": "gaze360", "gaze.weights": "x.onnx"}, "gaze.model"),
         ({"attention.method": "bayes", "attention.smoothing": "both"}, "attention.smoothing"),
+        ({"stereo.region": "needed", "reconstruction.stuff": ["road"]}, "stereo.region"),
         ({"segmentation.model": "yolo_seg", "segmentation.weights": "none-such.onnx"}, "none-such.onnx"),
     ],
 )

@@ -11,7 +11,8 @@ import pytest
 import vfoa as package
 from harness.cli.completion import configuration_names, experiment_and_clip_names
 from harness.run.experiment import load_experiment
-from harness.stages.settings_reference import setting_keys, settings_tables, table_names
+from harness.stages.configuration import TABLES
+from harness.stages.settings_reference import setting_keys, settings_tables
 from tests.command import vfoa
 from vfoa.errors import VfoaError
 
@@ -92,5 +93,5 @@ def test_configurations_are_those_of_the_named_run(tmp_path: Path) -> None:
 
 
 def test_completion_offers_every_name() -> None:
-    assert set(table_names()) <= {key.partition(".")[0] for key in setting_keys()}
+    assert set(TABLES) <= {key.partition(".")[0] for key in setting_keys()}
     assert {"demo", "studio_table"} <= set(experiment_and_clip_names(""))
