@@ -13,9 +13,9 @@ import pytest
 from harness.run.results import to_line
 from harness.score.metrics import load_metrics
 from harness.score.reference import Reference
+from scripts.worked_examples import example
 from tests.plugins import install
 from tests.records import answers, labels, score_run
-from scripts.worked_examples import example
 from vfoa.errors import VfoaError
 
 TRUTH = Reference(labels={"clip": labels("cup", "cup", "can", "cup", "can")})

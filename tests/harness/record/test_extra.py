@@ -1,7 +1,7 @@
 from __future__ import annotations
 
-from tests.plugins import install
 from scripts.worked_examples import example
+from tests.plugins import install
 
 
 def test_an_entity_of_another_package_is_in_the_recording(tmp_path, monkeypatch, frames, record_run, read_back):
