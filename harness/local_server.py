@@ -34,13 +34,14 @@ class LocalServer:
     def __init__(self, app: ASGIApp, port: int = 0, *, patience_s: int = 1, token: str | None = None) -> None:
         import uvicorn
 
-        from harness.connections import MOST, BoundedConnection
+        from harness.connections import MOST, Connections
         from harness.guard import Guard
 
         self._token = token or secrets.token_urlsafe(24)
+        connections = Connections(app)
         config = uvicorn.Config(
-            Guard(app, self._token),
-            http=BoundedConnection,
+            Guard(connections, self._token),
+            http="h11",
             backlog=MOST,  # asyncio accepts as many at once, before any of them can be closed again
             log_level="error",
             access_log=False,
@@ -49,6 +50,9 @@ class LocalServer:
             proxy_headers=False,
             timeout_graceful_shutdown=patience_s,
         )
+        config.load()
+        protocol = config.http_protocol_class
+        config.http_protocol_class = lambda **given: connections.bounded(protocol(**given))  # type: ignore[assignment]
         self._server = uvicorn.Server(config)
         self._listener = _listen(port)
         self.port: int = self._listener.getsockname()[1]
