@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import signal
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +18,9 @@ from harness.run.runner import prepare, run_plan
 from tests import graphs
 from tests.disk import write_text
 
-FRAMES = 14
+FRAMES = 12
+KILLS = ((1, 2), (8, 10), (11, 11))
+"""After how many frames there is the last checkpoint, and a kill."""
 
 # tracks, filtered gazes, a window over frames, beliefs, frames that wait for later ones: all that is carried along
 EXPERIMENT = """
@@ -47,35 +46,6 @@ gaze.model = "simulated"
 attention = {{ method = "bayes", smoothing = "both", look_ahead_s = 0.12 }}
 """
 
-# checkpoints after every frame up to KEPT, and a kill after KILLED frames
-KILLED_RUN = """
-import os, signal, sys
-from pathlib import Path
-from harness.record import images
-from harness.report.sinks import composed_sinks
-from harness.run import checkpoint
-from harness.run.experiment import load_experiment
-from harness.run.runner import prepare, run_plan
-
-experiment, out, frames, kept, killed = sys.argv[1], Path(sys.argv[2]), *map(int, sys.argv[3:6])
-recording = sys.argv[6] if len(sys.argv) > 6 else None
-done = 0
-checkpoint.SECONDS = 0.0
-
-def progress(clip):
-    global done
-    done += 1
-    if done == kept:
-        checkpoint.SECONDS = 1e9
-    if done == killed:
-        os.kill(os.getpid(), signal.SIGKILL)
-
-images.KEY_FRAME_S = 0.2
-loaded = load_experiment(experiment)
-plan = prepare(loaded, limit=frames, sinks=composed_sinks(loaded.configurations, recording))
-run_plan(plan, out, workers=1, progress=progress)
-"""
-
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -84,22 +54,49 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_text(folder / "stateful.toml", EXPERIMENT.format(weights=weights))
 
 
-def _run(experiment: Path, out: Path, told: list[str] | None = None, recording: Any = None) -> RunDirectory:
+def _run(
+    experiment: Path, out: Path, told: list[str] | None = None, recording: Any = None, **more: Any
+) -> RunDirectory:
     loaded = load_experiment(str(experiment))
     plan = prepare(loaded, limit=FRAMES, sinks=composed_sinks(loaded.configurations, recording))
     tell = told.append if told is not None else lambda line: None
-    return run_plan(plan, out, workers=1, progress=lambda clip: None, tell=tell)
+    return run_plan(plan, out, workers=1, progress=more.get("progress", lambda clip: None), tell=tell)
+
+
+class _Kills:
+    """Progress of a run that copies its directory as a kill would leave it: ``(kept, killed)`` -> the copy.
+
+    There are checkpoints after every frame up to ``kept``, and none from there to the kill after ``killed`` frames.
+    """
+
+    def __init__(self, out: Path, kills: dict[tuple[int, int], Path]) -> None:
+        self._out, self._kills, self._done = out, kills, 0
+
+    def __call__(self, clip: str) -> None:
+        self._done += 1
+        for (kept, killed), copy in self._kills.items():
+            if self._done == kept:
+                checkpoint.SECONDS = 1e9
+            if self._done == killed:
+                shutil.copytree(self._out, copy)
+                checkpoint.SECONDS = 0.0
 
 
 @pytest.fixture(scope="module")
-def unbroken(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> RunDirectory:
-    return _run(experiment, tmp_path_factory.mktemp("runs") / "unbroken")
+def runs(
+    experiment: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[RunDirectory, dict[tuple[int, int], Path]]:
+    """A whole run, and what it would have left if it had been killed."""
+    folder = tmp_path_factory.mktemp("runs")
+    kills = {pair: folder / f"killed {pair}" for pair in KILLS}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(checkpoint, "SECONDS", 0.0)
+        return _run(experiment, folder / "whole", progress=_Kills(folder / "whole", kills)), kills
 
 
-def _kill(experiment: Path, out: Path, kept: int, killed: int, *recording: str) -> None:
-    arguments = [str(experiment), str(out), *map(str, (FRAMES, kept, killed)), *recording]
-    done = subprocess.run([sys.executable, "-c", KILLED_RUN, *arguments], check=False, capture_output=True, text=True)
-    assert done.returncode == -signal.SIGKILL, done.stderr
+@pytest.fixture(scope="module")
+def unbroken(runs: tuple[RunDirectory, dict[tuple[int, int], Path]]) -> RunDirectory:
+    return runs[0]
 
 
 def _files(directory: RunDirectory) -> dict[str, bytes]:
@@ -109,17 +106,17 @@ def _files(directory: RunDirectory) -> dict[str, bytes]:
     return {path.relative_to(directory.path).as_posix(): path.read_bytes() for path in found}
 
 
-@pytest.mark.parametrize(("kept", "killed"), [(1, 2), (9, 12), (13, 13)])
+@pytest.mark.parametrize(("kept", "killed"), KILLS)
 def test_a_killed_run_goes_on_from_its_checkpoint(
     kept: int,
     killed: int,
     experiment: Path,
-    unbroken: RunDirectory,
+    runs: tuple[RunDirectory, dict[tuple[int, int], Path]],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    out, told, attended = tmp_path / "out", list[str](), list[int]()
-    _kill(experiment, out, kept, killed)
+    told, attended, unbroken = list[str](), list[int](), runs[0]
+    out = shutil.copytree(runs[1][kept, killed], tmp_path / "out")
     real = configuration_runner.attend
 
     def counted(scene: Any, *rest: Any) -> Any:
@@ -139,10 +136,8 @@ def test_a_killed_run_goes_on_from_its_checkpoint(
 
 
 @pytest.fixture(scope="module")
-def killed(experiment: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("killed") / "out"
-    _kill(experiment, out, 5, 6)
-    return out
+def killed(runs: tuple[RunDirectory, dict[tuple[int, int], Path]]) -> Path:
+    return runs[1][KILLS[1]]
 
 
 @pytest.mark.parametrize(
@@ -199,10 +194,12 @@ def test_a_recording_goes_on_behind_a_key_frame(
     experiment: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("harness.record.images.KEY_FRAME_S", 0.2)  # five frames
-    told: list[str] = []
-    whole = _run(experiment, tmp_path / "whole", recording="light")
-    for kept, killed in ((5, 7), (10, 12)):  # killed twice: three partial files become one
-        _kill(experiment, tmp_path / "out", kept, killed, "light")
+    monkeypatch.setattr(checkpoint, "SECONDS", 0.0)
+    told, whole, once = list[str](), tmp_path / "whole", tmp_path / "once"  # killed twice: three partial files are one
+    progress = _Kills(whole, {(5, 7): once})
+    whole = _run(experiment, whole, recording="light", progress=progress)
+    progress = _Kills(once, {(10, 11): tmp_path / "out"})
+    _run(experiment, once, recording="light", progress=progress)
     assert len(list((tmp_path / "out").glob("studio_table.rrd.partial*"))) == 2
     directory = _run(experiment, tmp_path / "out", told, recording="light")
     assert "studio_table under filtered: continues after frame 10" in told

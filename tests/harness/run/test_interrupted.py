@@ -29,7 +29,7 @@ from tests.alley import write_clip, write_masks
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
-FRAMES = 120
+FRAMES = 40
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def start(experiment: Path, tmp_path: Path) -> Iterator[Start]:
 def test_an_interrupted_run_says_what_is_kept_and_goes_on(
     name: str, workers: int, start: Start, tmp_path: Path
 ) -> None:
-    process = start(tmp_path / "out", workers, pause_s=0.5)  # a minute: it cannot end by itself
+    process = start(tmp_path / "out", workers, pause_s=1.0)  # most of a minute: it cannot end by itself
     while process.poll() is None and not any(
         path.stat().st_size for path in (tmp_path / "out").glob("partial/*.jsonl.partial")
     ):
