@@ -27,7 +27,6 @@ from typing import Literal
 
 import numpy as np
 from pydantic import Field
-from scipy.spatial.transform import Rotation
 
 from harness.files import digest_files
 from harness.sources import Recognised
@@ -209,7 +208,11 @@ def _object(row: TableRow, settings: MeasuredTablesSettings, people: Collection[
     size, quaternion = row.numbers(SIZE), row.numbers(QUATERNION)
     if quaternion is not None and abs(math.hypot(*quaternion) - 1) > _UNIT_TOLERANCE:
         raise VfoaError(f"{row.where}: {', '.join(QUATERNION)}: expected a unit quaternion, found {quaternion}")
-    rotation = None if quaternion is None else np.asarray(Rotation.from_quat(quaternion).as_matrix())
+    rotation = None
+    if quaternion is not None:
+        from scipy.spatial.transform import Rotation  # not above: it takes as long as all other imports of a run
+
+        rotation = np.asarray(Rotation.from_quat(quaternion).as_matrix())
     try:
         box = settings.box(center, size, rotation)
     except ValueError as error:  # an extent of 0; the error's text says so

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from harness.sources.measured.clip import MeasuredFrame, MeasuredObject
 from harness.sources.measured.tables import POSITION, QUATERNION, SIZE
@@ -52,8 +51,11 @@ def _object(number: int, each: MeasuredObject) -> Cells:
     box = each.box
     if box is None:
         return [number, each.name, each.category, *[None] * 10]
-    turned = not np.array_equal(box.left_from_box, np.eye(3))
-    quaternion = Rotation.from_matrix(box.left_from_box).as_quat().tolist() if turned else [None] * 4
+    quaternion: Cells = [None] * 4
+    if not np.array_equal(box.left_from_box, np.eye(3)):
+        from scipy.spatial.transform import Rotation  # not above: see tables.py
+
+        quaternion = Rotation.from_matrix(box.left_from_box).as_quat().tolist()
     return [number, each.name, each.category, *_vector(box.center_m), *_vector(2 * box.half_size_m), *quaternion]
 
 
