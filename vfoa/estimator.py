@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any, Self
 
@@ -19,7 +20,7 @@ from vfoa.estimate import Estimate
 from vfoa.pipeline import AttendSettings, Memory, Stages, attend, perceive, reconstruct
 from vfoa.reconstruction import ReconstructionSettings
 from vfoa.registry import Registry
-from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings
+from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, path_to
 from vfoa.settings import Settings
 from vfoa.types import Image, StereoFrame, StereoRig
 from vfoa.validation import parse
@@ -58,8 +59,8 @@ class Estimator:
         from settings.
     reconstruction, attend
         Settings of the two steps after perception.
-    segment_every
-        Segment every Nth frame of a sequence, and carry its masks to the frames between.
+    key_frames
+        Which frames of a sequence are segmented, and from when on their masks are used. None: every frame.
 
     Examples
     --------
@@ -74,10 +75,10 @@ class Estimator:
         *,
         reconstruction: ReconstructionSettings | None = None,
         attend: AttendSettings | None = None,
-        segment_every: int = 1,
+        key_frames: KeyFrameSettings | None = None,
     ) -> None:
         self.stages = stages
-        self.segment_every = segment_every
+        self.key_frames = key_frames or KeyFrameSettings()
         self.reconstruction = reconstruction or ReconstructionSettings()
         self.attend = attend or AttendSettings()
 
@@ -120,7 +121,7 @@ class Estimator:
             ),
             reconstruction=reconstruction,
             attend=attend_settings,
-            segment_every=segmentation.every if isinstance(segmentation, KeyFrameSettings) else 1,
+            key_frames=segmentation if isinstance(segmentation, KeyFrameSettings) else None,
         )
 
     def estimate(self, left: Image, right: Image, rig: StereoRig) -> Estimate:
@@ -151,9 +152,14 @@ class Follower:
     def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
         self._estimator, self._rig = estimator, rig
         self._memory, self._frames = Memory(), 0
-        self._stages, every = estimator.stages, estimator.segment_every
-        if every > 1:
-            on_key_frames = KeyFrameSegmenter(self._stages.segmenter, lambda number: number - number % every)
+        self._stages, settings = estimator.stages, estimator.key_frames
+        if not settings.on_every_frame:
+            on_key_frames = KeyFrameSegmenter(
+                self._stages.segmenter,
+                settings,
+                lambda number: path_to(number, range(number + 1), settings),
+                beside=ThreadPoolExecutor(1) if settings.delay else None,
+            )
             self._stages = replace(self._stages, segmenter=on_key_frames)
 
     def step(self, left: Image, right: Image, *, time_ns: int = 0) -> Estimate:

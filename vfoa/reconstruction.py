@@ -184,6 +184,7 @@ def place_people(percepts: Percepts, targets: tuple[Target, ...], settings: Reco
         targets=targets,
         people=tuple(_person(view, seen, settings) for view in percepts.views),
         masks_from=percepts.instances.carried_from,
+        masks_age_s=percepts.instances.carried_s,
     )
 
 

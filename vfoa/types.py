@@ -200,12 +200,14 @@ class Instance:
 class Instances:
     """A panoptic segmentation of the left view: ``ids`` (H, W) uint16, 0 = no instance, and the instance of each id.
 
-    ``carried_from`` is the number of the key frame whose masks these are, moved to this frame; None: found in it.
+    ``carried_from`` is the number of the key frame whose masks these are, moved to this frame, and ``carried_s`` the
+    seconds from that frame to this one; None: found in it.
     """
 
     ids: NDArray[np.uint16]
     instances: tuple[Instance, ...]
     carried_from: int | None = None
+    carried_s: float | None = None
 
     def __post_init__(self) -> None:
         _set(self, "ids", self.ids, np.uint16, None, None)
@@ -409,7 +411,8 @@ class Scene:
     """One frame in metres: the targets and the people. It has no memory of other frames.
 
     It comes from :func:`vfoa.pipeline.reconstruct`, or from a clip that holds measurements instead of images.
-    ``masks_from`` is the number of the key frame whose masks were carried to this frame, None if they were found in it.
+    ``masks_from`` is the number of the key frame whose masks were carried to this frame, and ``masks_age_s`` the
+    seconds between; None if they were found in it.
     """
 
     index: int
@@ -417,6 +420,7 @@ class Scene:
     targets: tuple[Target, ...]
     people: tuple[Person, ...]
     masks_from: int | None = None
+    masks_age_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Generator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,9 +19,9 @@ from harness.stages.configuration import Configuration
 from harness.stages.prefetch import prefetch
 from harness.stages.slots import SLOTS, StageChoice
 from vfoa.errors import VfoaError
-from vfoa.onnx import Provider, RuntimeSettings
+from vfoa.onnx import Provider
 from vfoa.pipeline import Memory, Stages, attend, perceive, reconstruct
-from vfoa.types import Disparity, Instances, Percepts, StereoFrame
+from vfoa.types import Disparity, Float, Instances, Percepts, StereoFrame
 from vfoa.weights import check_located, weights_of
 
 
@@ -29,7 +30,7 @@ class Row:
     """The name of a row and its content: a matcher under a preset, with the default models of heads or without any.
 
     ``changes`` are settings over those of the preset, as of ``vfoa run --set``. ``has_segmenter``: the experiment's
-    segmenter runs on the frames; otherwise their masks are in memory.
+    segmenter runs on the frames, as in :mod:`harness.bench.segmenter`; otherwise their masks are in memory.
     """
 
     what: str
@@ -55,32 +56,21 @@ ROWS = (
     Row(what="SGBM, realtime, with models", matcher="sgbm", preset="realtime", has_models=True),
 )
 
-_SEGMENTED = Row(
-    what="SGBM, realtime, with models and segmenter",
-    matcher="sgbm",
-    preset="realtime",
-    has_models=True,
-    has_segmenter=True,
-)
-SEGMENTER_ROWS = (
-    _SEGMENTED,
-    replace(_SEGMENTED, what=f"{_SEGMENTED.what} on every frame", changes=("segmentation.every=1",)),
-)
-"""Further rows, if the experiment's segmenter is a network."""
-
 _HEAD_SLOTS = ("heads", "head_pose", "gaze")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Speed:
-    """One row: milliseconds of a match (median, 95th percentile), and frames per second of the pipeline.
+    """One row: milliseconds of a match and from the end of a frame to that of the next (median, 95th percentile).
 
-    ``cpu_ms`` is the CPU time of a frame of the pipeline, over all threads: it depends less on the load of the machine.
-    ``stereo`` is the quality of the disparities, None if the clip has no true ones.
+    ``fps`` are the frames per second of the pipeline. ``cpu_ms`` is the CPU time of a frame, over all threads: it
+    depends less on the load of the machine. ``stereo`` is the quality of the disparities, None if the clip has no true
+    ones.
     """
 
     what: str
     match_ms: tuple[float, float]
+    frame_ms: tuple[float, float]
     fps: float
     cpu_ms: float
     stereo: StereoQuality | None
@@ -141,7 +131,7 @@ def measure_speed(
     frame is left out. All rows are measured in several rounds; each row's fastest round counts.
     """
     compute_with(threads)
-    configurations = [_configuration(experiment, manifest.name, row, overrides).on(provider) for row in rows]
+    configurations = [configuration_of(experiment, manifest.name, row, overrides).on(provider) for row in rows]
     held = _hold(manifest, configurations[0], frames)
     measured = [
         [_measure(row, manifest, each, held, threads) for row, each in zip(rows, configurations, strict=True)]
@@ -152,23 +142,16 @@ def measure_speed(
 
 def rows_at_hand(experiment: str, clip: str, overrides: tuple[str, ...] = ()) -> tuple[list[Row], list[str]]:
     """The rows that can be measured, and a note if those with models are left out: one is not on this machine."""
-    rows = [*ROWS]
-    if _is_network(_configuration(experiment, clip, ROWS[0], overrides).choices["segmentation"]):
-        rows += SEGMENTER_ROWS
     with_models = next(row for row in ROWS if row.has_models)
-    choices = _configuration(experiment, clip, with_models, overrides).choices
+    choices = configuration_of(experiment, clip, with_models, overrides).choices
     try:
         check_located(name for slot in _HEAD_SLOTS if (each := choices[slot]) for name in weights_of(each.settings))
     except VfoaError as error:
-        return [row for row in rows if not row.has_models], [f"Rows with models are left out: {error}"]
-    return rows, []
+        return [row for row in ROWS if not row.has_models], [f"Rows with models are left out: {error}"]
+    return [*ROWS], []
 
 
-def _is_network(choice: StageChoice | None) -> bool:
-    return choice is not None and isinstance(choice.settings, RuntimeSettings)
-
-
-def _configuration(experiment: str, clip: str, row: Row, given: tuple[str, ...]) -> Configuration:
+def configuration_of(experiment: str, clip: str, row: Row, given: tuple[str, ...]) -> Configuration:
     """The experiment's first configuration with the heads, poses and gazes of the default models, or of none.
 
     Its own may be the ground truth, whose rendering takes longer than any model.
@@ -197,40 +180,47 @@ def _hold(manifest: ClipManifest, configuration: Configuration, frames: Sequence
 
 def _measure(row: Row, manifest: ClipManifest, configuration: Configuration, held: _Held, threads: int) -> Speed:
     clip = manifest.open_images()
-    built: dict[str, Any] = {
-        slot: SLOTS[slot].build(choice, clip) if choice and (slot != "segmentation" or row.has_segmenter) else None
-        for slot, choice in configuration.choices.items()
-    }
-    matcher = _TimedMatcher(built["stereo"])
-    stages = Stages(
-        matcher=matcher,
-        segmenter=built["segmentation"] or held,
-        heads=built["heads"],
-        head_pose=built["head_pose"],
-        gaze=built["gaze"],
-        region_matcher=matcher if configuration.is_in_region else None,
-    )
-    beside = ThreadPoolExecutor(1) if threads > 1 else None
-    perceived = (perceive(frame, stages, beside=beside) for frame in held.frames)
-    fps, cpu_ms = _follow(prefetch(perceived, 1 if threads > 1 else 0), configuration)
-    ms = matcher.milliseconds[1:]
+    with ExitStack() as ending:
+        heads_beside, segments_beside = (
+            ending.enter_context(ThreadPoolExecutor(1)) if threads > 1 else None for _ in range(2)
+        )
+        built: dict[str, Any] = {
+            slot: SLOTS[slot].build(choice, clip, segments_beside)
+            if choice and (slot != "segmentation" or row.has_segmenter)
+            else None
+            for slot, choice in configuration.choices.items()
+        }
+        matcher = _TimedMatcher(built["stereo"])
+        stages = Stages(
+            matcher=matcher,
+            segmenter=built["segmentation"] or held,
+            heads=built["heads"],
+            head_pose=built["head_pose"],
+            gaze=built["gaze"],
+            region_matcher=matcher if configuration.is_in_region else None,
+        )
+        perceived = (perceive(frame, stages, beside=heads_beside) for frame in held.frames)
+        wall_s, cpu_s = _follow(prefetch(perceived, 1 if threads > 1 else 0), configuration)
     pairs = [(found, true) for found, true in zip(matcher.found, held.truths, strict=True) if true is not None]
     return Speed(
         what=row.what,
-        match_ms=(float(np.median(ms)), float(np.percentile(ms, 95))),
-        fps=fps,
-        cpu_ms=cpu_ms,
+        match_ms=_median_and_95(matcher.milliseconds[1:]),
+        frame_ms=_median_and_95(1e3 * np.diff(wall_s)),
+        fps=float((len(wall_s) - 1) / np.ptp(wall_s)),
+        cpu_ms=float(1e3 * np.ptp(cpu_s) / (len(cpu_s) - 1)),
         stereo=quality(configuration.name, pairs) if pairs else None,
     )
 
 
-def _follow(perceived: Generator[Percepts], configuration: Configuration) -> tuple[float, float]:
-    """Frames per second, and CPU milliseconds per frame, from the end of the first frame to that of the last."""
+def _follow(perceived: Generator[Percepts], configuration: Configuration) -> Float:
+    """The time and the CPU time at the end of each frame, seconds (2, n)."""
     memory, ends = Memory(), []
     for percepts in perceived:
         scene = reconstruct(percepts, configuration.reconstruction)
         _, memory = attend(scene, memory, configuration.attend)
         ends.append((time.perf_counter(), time.process_time()))
-    seconds, computing_s = np.subtract(ends[-1], ends[0])
-    count = len(ends) - 1
-    return float(count / seconds), float(1e3 * computing_s / count)
+    return np.transpose(ends)
+
+
+def _median_and_95(values: Sequence[float] | Float) -> tuple[float, float]:
+    return float(np.median(values)), float(np.percentile(values, 95))

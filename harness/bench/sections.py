@@ -64,6 +64,19 @@ def _realtime(bench: Bench) -> list[Table]:
     return [speed_table(bench.manifest.name, threads, speeds, notes)]
 
 
+def _segmenter(bench: Bench) -> list[Table]:
+    from harness.bench.segmenter import measure_segmenter, segmenter_table
+
+    choice = bench.experiment.configurations[0].choices["segmentation"]
+    if choice is None or choice.name == "truth":  # rendering the truth takes longer than any network
+        return []
+    load, threads = os.getloadavg()[0], os.cpu_count() or 1
+    rows = measure_segmenter(
+        bench.name, bench.manifest, bench.frames, threads, provider=bench.provider, overrides=bench.overrides
+    )
+    return [segmenter_table(bench.manifest.name, threads, rows, load)]
+
+
 def _naive(bench: Bench) -> list[Table]:
     from harness.bench.baselines import compare_with_naive
     from harness.bench.tables import comparison_table
@@ -150,6 +163,7 @@ SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "stages": _stages,
     "stereo": _stereo,
     "realtime": _realtime,
+    "segmenter": _segmenter,
     "naive": _naive,
     "attention": _attention,
     "sweep": _sweep,

@@ -189,7 +189,10 @@ def summary(record: FrameRecord, verdicts: Sequence[Verdict]) -> str:
 
 def _masks_note(record: FrameRecord) -> list[str]:
     """A line if the masks were not found in this frame."""
-    return [] if record.masks_from is None else [f"Masks: carried from frame {record.masks_from}\n"]
+    if record.masks_from is None:
+        return []
+    age = f", {record.masks_age_s:.2f} s old" if record.masks_age_s else ""
+    return [f"Masks: carried from frame {record.masks_from}{age}\n"]
 
 
 def _prediction_sets(record: FrameRecord) -> list[str]:

@@ -92,7 +92,8 @@ class SubjectRecord:
 class FrameRecord:
     """One frame of one clip under one configuration. ``measures`` is None if the clip has no ground truth.
 
-    ``masks_from`` is the key frame whose masks were carried to this one; None if they were found in this one.
+    ``masks_from`` is the key frame whose masks were carried to this one, ``masks_age_s`` the seconds between; None if
+    they were found in this one.
     """
 
     clip: str
@@ -103,6 +104,7 @@ class FrameRecord:
     subjects: tuple[SubjectRecord, ...]
     measures: FrameMeasures | None = None
     masks_from: int | None = None
+    masks_age_s: float | None = None
 
     def __post_init__(self) -> None:
         known = {target.instance_id for target in self.targets}
@@ -146,6 +148,7 @@ def to_record(
         ),
         measures=measures,
         masks_from=result.scene.masks_from,
+        masks_age_s=result.scene.masks_age_s,
     )
 
 

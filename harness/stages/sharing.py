@@ -96,8 +96,9 @@ class SharedPipeline:
 
     All stages are built with it. A stage that cannot be built, or fails on a frame, ends the configurations that use
     it. ``cache`` holds outputs of earlier runs; None for no cache. ``drawn`` are the shapes drawn on the clip; None for
-    none. ``parallel`` runs the models of the heads beside the matchers, in a thread of their own. ``begins`` are the
-    first frames of configurations that do not begin with the clip, and ``starts`` those of their windows.
+    none. ``parallel`` runs the models of the heads beside the matchers, in a thread of their own, and segmenters with a
+    delay in another one. ``begins`` are the first frames of configurations that do not begin with the clip, and
+    ``starts`` those of their windows.
     """
 
     def __init__(
@@ -115,6 +116,7 @@ class SharedPipeline:
         self._drawings: dict[DrawnSettings, StageRunner] = {}
         self._begins, self._starts = begins or {}, starts or {}
         self._beside = ThreadPoolExecutor(1) if parallel else None
+        self._segmenting = ThreadPoolExecutor(1) if parallel else None  # of its own: heads must not wait for it
         self._perceive_one = partial(perceive, beside=self._beside)
         self._tallies: dict[str, Tally] = {}
         self._configurations, self._clip, self._cache = configurations, clip, cache
@@ -131,9 +133,10 @@ class SharedPipeline:
         self._look_ahead = max((window.look_ahead for window in self._windows.values()), default=0)
 
     def close(self) -> None:
-        """End the thread of the models of the heads."""
-        if self._beside:
-            self._beside.shutdown()
+        """End the threads of the models of the heads and of the segmenters."""
+        for executor in (self._beside, self._segmenting):
+            if executor:
+                executor.shutdown(cancel_futures=True)
 
     def _build(self, configuration: Configuration) -> None:
         """Build the stages of one configuration, except those already built for another one."""
@@ -159,7 +162,7 @@ class SharedPipeline:
 
     def _stage(self, choice: StageChoice) -> StageRunner:
         stored = self._cache.outputs_of(choice, self._tallies) if self._cache else None
-        return build_stage(choice, self._clip, self._memo, stored)
+        return build_stage(choice, self._clip, self._memo, stored, beside=self._segmenting)
 
     def _drawing(self, configuration: Configuration) -> StageRunner | None:
         """The drawn shapes as a configuration uses them; their time is charged to the segmentation."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ import vfoa.stereo
 from harness.sources import Clip
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.registry import Registry
-from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, key_number
+from vfoa.segmentation.key_frames import KeyFrameSegmenter, KeyFrameSettings, path_to
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
@@ -74,12 +75,14 @@ class Slot:
             return True
         return name != OFF and name in self and key in self.settings_class(str(name)).model_fields
 
-    def build(self, choice: StageChoice, clip: Clip) -> Any:
-        """Build the stage for one clip."""
+    def build(self, choice: StageChoice, clip: Clip, beside: Executor | None = None) -> Any:
+        """Build the stage for one clip. ``beside`` segments key frames in another thread, for settings with a delay."""
         stage, settings = self._of_every_frame(choice, clip), choice.settings
-        if not isinstance(settings, KeyFrameSettings) or settings.every == 1:
+        if not isinstance(settings, KeyFrameSettings) or settings.on_every_frame:
             return stage
-        return KeyFrameSegmenter(stage, lambda number: key_number(number, clip.frames, settings.every), clip.frame)
+        return KeyFrameSegmenter(
+            stage, settings, lambda number: path_to(number, clip.frames, settings), clip.frame, beside=beside
+        )
 
     def _of_every_frame(self, choice: StageChoice, clip: Clip) -> Any:
         cls = self.stage_class(choice.name)

@@ -13,6 +13,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -205,8 +206,15 @@ class StageRunner:
         return value
 
 
-def build_stage(choice: StageChoice, clip: Clip, memo: StageMemo, stored: StoredOutputs | None = None) -> StageRunner:
-    """Build a stage for one clip.
+def build_stage(
+    choice: StageChoice,
+    clip: Clip,
+    memo: StageMemo,
+    stored: StoredOutputs | None = None,
+    *,
+    beside: Executor | None = None,
+) -> StageRunner:
+    """Build a stage for one clip; ``beside`` as for :meth:`harness.stages.slots.Slot.build`.
 
     Raises
     ------
@@ -215,5 +223,5 @@ def build_stage(choice: StageChoice, clip: Clip, memo: StageMemo, stored: Stored
     """
     slot = SLOTS[choice.slot]
     name = f'{slot.name}.{slot.key} = "{choice.name}"'
-    stage = guarded(name, slot.build, choice, clip)
+    stage = guarded(name, slot.build, choice, clip, beside)
     return StageRunner(stage, slot=slot.name, name=name, memo=memo, stored=stored)

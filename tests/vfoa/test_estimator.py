@@ -18,6 +18,7 @@ from vfoa.bayes import BayesSettings
 from vfoa.estimator import DEFAULTS
 from vfoa.pipeline import AttendSettings
 from vfoa.reconstruction import ReconstructionSettings
+from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.types import NoAttention, Percepts
 
 PATCH = ReconstructionSettings(eyes="patch")
@@ -54,12 +55,16 @@ def test_a_follower_carries_the_memory_over_frames(percepts: Percepts) -> None:
     assert [look.track_id for each in followed for look in each.looks] == [1, 1, 1]
 
 
-def test_a_follower_segments_key_frames_and_each_sequence_has_its_own(percepts: Percepts) -> None:
-    estimator = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH, segment_every=2)
+@pytest.mark.parametrize(("delay", "expected"), [(0, [None, 0, None, 2, None]), (1, [None, 0, 0, 2, 2])])
+def test_a_follower_segments_key_frames_and_each_sequence_has_its_own(
+    delay: int, expected: list[int | None], percepts: Percepts
+) -> None:
+    key_frames = KeyFrameSettings(every=2, delay=delay)
+    estimator = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH, key_frames=key_frames)
     for _ in range(2):
         follower = estimator.follow(percepts.rig)
         found = [follower.step(BLACK, BLACK).percepts.instances.carried_from for _ in range(5)]
-        assert found == [None, 0, None, 2, None]
+        assert found == expected
 
 
 def test_the_posterior_follows_with_and_without_times(percepts: Percepts) -> None:

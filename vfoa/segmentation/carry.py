@@ -1,12 +1,15 @@
 """Masks carried from a key frame to a later one by dense optical flow (Kroeger et al. 2016, DIS).
 
-Each pixel of the later image takes the instance of the pixel that the flow finds for it in the key frame. Where the
-flow is followed there and back, it should end where it began (Kalal et al. 2010, forward-backward error), at a pixel
-that looks alike. If most of an object does not, the masks are not carried: after a cut, a fast motion or an occlusion.
+The flow is computed from each frame to the one before, and joined: over several frames at once, a fast object is lost.
+Each pixel of the later image takes the instance of the pixel that the flow finds for it in the key frame. Where a step
+of the flow is followed there and back, it should end where it began (Kalal et al. 2010, forward-backward error), at a
+pixel that looks alike. If that failed at most of an object's pixels in some frame since, the masks are not carried:
+after a cut, a fast motion or an occlusion.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -29,25 +32,60 @@ LEAST_FOLLOWED = 0.5
 """Least share of the pixels of each object that must be followed."""
 
 
-def carry(masks: Instances, key: StereoFrame, now: StereoFrame) -> Instances | None:
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Where the pixels of a frame were in an earlier one, both shrunk by :func:`shrunk`.
+
+    ``flow`` (h, w, 2) leads from each pixel to its place in the earlier image, in pixels. ``followed`` (h, w) are the
+    pixels that were followed in every frame since.
+    """
+
+    flow: Map
+    followed: Mask
+
+    def then(self, step: Motion) -> Motion:
+        """Join the motion of the next frame to this one."""
+        if step.followed.shape != self.followed.shape:
+            return _lost(step.followed.shape)
+        followed = _sampled(self.followed.view(np.uint8), step.flow, cv2.INTER_NEAREST).view(np.bool_)
+        return Motion(step.flow + _sampled(self.flow, step.flow), step.followed & followed)
+
+
+def no_motion(image: Image) -> Motion:
+    """The motion from a shrunk image (h, w) to itself."""
+    return Motion(np.zeros((*image.shape, 2), np.float32), np.ones(image.shape, np.bool_))
+
+
+def motion_between(before: Image, after: Image) -> Motion:
+    """The motion from one shrunk image (h, w) to the next one; nothing is followed if their sizes differ."""
+    if before.shape != after.shape:
+        return _lost(after.shape)
+    flow = _flow(after, before)
+    return Motion(flow, _returned(flow, _flow(before, after)) & _alike(before, after, flow))
+
+
+def carry(masks: Instances, key: StereoFrame, now: StereoFrame, motion: Motion) -> Instances | None:
     """Return the masks of a key frame, moved to where its objects are in another frame; None if that is not sure.
 
-    The instances keep their ids and scores. One that is no longer seen is dropped, and one that is new is missing.
+    ``motion`` is the one from the key frame to the other. The instances keep their ids and scores. One that is no
+    longer seen is dropped, and one that is new is missing.
     """
     if key.left.shape != now.left.shape:
         return None
-    before, after = _shrunk(key.left), _shrunk(now.left)
-    flow = _flow(after, before)
-    ids = _moved(masks.ids, flow)
-    if not _is_followed(ids, _returned(flow, _flow(before, after)) & _alike(before, after, flow)):
+    ids = _moved(masks.ids, motion.flow)
+    if not _is_followed(ids, motion.followed):
         return None
     seen = set(np.flatnonzero(np.bincount(ids.ravel())).tolist())
     instances = tuple(each for each in masks.instances if each.id in seen)
-    return Instances(ids=ids, instances=instances, carried_from=key.index)
+    return Instances(ids=ids, instances=instances, carried_from=key.index, carried_s=1e-9 * (now.time_ns - key.time_ns))
 
 
-def _shrunk(image: Image) -> Image:
-    """The image in gray (h, w), shrunk."""
+def _lost(shape: tuple[int, ...]) -> Motion:
+    return Motion(np.zeros((*shape, 2), np.float32), np.zeros(shape, np.bool_))
+
+
+def shrunk(image: Image) -> Image:
+    """An image (H, W, 3) in gray and shrunk (h, w), as motion is computed from it."""
     height, width = image.shape[:2]
     divisor = max(1, max(height, width) // FLOW_SIDE_PX)
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
@@ -81,10 +119,10 @@ def _alike(before: Image, after: Image, flow: Map) -> Mask:
     return np.asarray(cv2.absdiff(_sampled(before, flow), after) <= ALIKE_GRAY)
 
 
-def _sampled(values: Map | Image, flow: Map) -> NDArray[Any]:
+def _sampled(values: Map | Image, flow: Map, interpolation: int = cv2.INTER_LINEAR) -> NDArray[Any]:
     """Values (h, w, ...) at the places that the flow (h, w, 2) points to; the border is repeated."""
     places = _grid(*flow.shape[:2]) + flow
-    return cv2.remap(values, places, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return cv2.remap(values, places, None, interpolation, borderMode=cv2.BORDER_REPLICATE)
 
 
 def _is_followed(ids: NDArray[np.uint16], followed: Mask) -> bool:

@@ -10,8 +10,10 @@ import pytest
 
 from harness.bench.baselines import compare_with_naive
 from harness.bench.naive import naive_clouds
-from harness.bench.realtime import ROWS, SEGMENTER_ROWS, measure_speed, rows_at_hand
+from harness.bench.realtime import ROWS, measure_speed, rows_at_hand
 from harness.bench.sections import SECTIONS
+from harness.bench.segmenter import ROWS as SEGMENTER_ROWS
+from harness.bench.segmenter import measure_segmenter
 from harness.cli import main
 from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
@@ -19,7 +21,6 @@ from tests import graphs
 from tests.scenes import make_box, make_rig, rendered_boxes
 from vfoa.reconstruction import ReconstructionSettings, place_targets
 from vfoa.segmentation.yolo_seg import YoloSeg
-from vfoa.weights import weights_of
 
 CLIP = "studio_table"
 FRAMES = (1, 2, 3)
@@ -48,22 +49,25 @@ def test_speed_is_measured_of_every_row_on_the_same_frames() -> None:
         assert speed.stereo.frames == len(FRAMES)
 
 
-def test_a_network_that_segments_has_rows_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (default,) = load_experiment("default", clips=(CLIP,)).configurations
-    for slot in ("heads", "head_pose", "gaze"):
-        for name in weights_of(default.choices[slot].settings):
-            (tmp_path / name).touch()
-    monkeypatch.setenv("VFOA_MODELS", str(tmp_path))
+def test_a_segmenter_beside_the_loop_is_measured_against_one_in_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     weights = Path(graphs.yolo_seg(tmp_path / "yolo.onnx", np.zeros((1, 116, 1)))).as_posix()
     changes = ("segmentation.model=yolo_seg", f'segmentation.weights="{weights}"')
-    assert rows_at_hand("demo", CLIP, changes) == ([*ROWS, *SEGMENTER_ROWS], [])
     segmented: list[int] = []
     segment = YoloSeg.segment
     monkeypatch.setattr(YoloSeg, "segment", lambda self, frame: segmented.append(frame.index) or segment(self, frame))
-    rows = [replace(row, has_models=False) for row in (ROWS[1], *SEGMENTER_ROWS)]
-    measure_speed("demo", load_manifest(CLIP), FRAMES, 1, rows=rows, overrides=changes, rounds=1)
-    held, on_key_frames, on_every_frame = list(FRAMES), [FRAMES[0]], list(FRAMES)
-    assert segmented == [*held, *on_key_frames, *on_every_frame]
+    rows = [replace(row, has_models=False) for row in SEGMENTER_ROWS]
+    frames = tuple(range(1, 10))
+    found = measure_segmenter("demo", load_manifest(CLIP), frames, 2, rows=rows, overrides=changes, rounds=1)
+    every, in_loop, beside, none = found
+    assert all(row.speed.fps > 0 and row.speed.frame_ms[1] >= row.speed.frame_ms[0] > 0 for row in found)
+    assert none.masks is None
+    ages = [row.masks.ages_s for row in (every, in_loop, beside) if row.masks]
+    assert [max(each) for each in ages] == [0.0, pytest.approx(4 / 20), pytest.approx(7 / 20)]
+    # once to hold the masks, in each row that segments, and in the scored run
+    held, keys = list(frames), [1, 6]
+    assert sorted(segmented) == sorted([*held, *held, *keys, *keys, *held, *keys, *keys])
 
 
 def test_rows_whose_models_are_not_here_are_left_out_with_a_note(

@@ -87,7 +87,7 @@ def test_an_override_holds_in_every_configuration(tmp_path: Path) -> None:
 def test_a_default_of_a_stage_that_an_override_exchanges_is_no_error(tmp_path: Path) -> None:
     path = _write(tmp_path, HEAD.replace('model = "truth"', 'model = "coco_panoptic"\nroot = "masks"', 1))
     (found,) = load_experiment(path, overrides=("segmentation.model=truth",)).configurations
-    assert found.plain()["segmentation"] == {"model": "truth", "every": 1}
+    assert found.plain()["segmentation"] == {"model": "truth", "every": 1, "delay": 0}
 
 
 def test_what_is_written_out_reads_back_as_itself(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from vfoa.types import Instances, StereoFrame
 
 FRAMES = 8
 KEYS = [None, 1, 1, None, 4, 4, None, 7]
+LATE_KEYS = [None, 1, 1, 1, 1, 4, 4, 4]
 EXPERIMENT = """
 clips = ["studio_table"]
 defaults.stereo = {{ matcher = "bm", min_depth_m = 0.8 }}
@@ -33,6 +34,9 @@ defaults.gaze.model = "none"
 [[configuration]]
 name = "network"
 segmentation = {{ model = "yolo_seg", weights = "{yolo}", every = 3 }}
+[[configuration]]
+name = "late"
+segmentation = {{ model = "yolo_seg", weights = "{yolo}", every = 3, delay = 2 }}
 [[configuration]]
 name = "truth"
 segmentation = {{ model = "truth", every = 3 }}
@@ -85,9 +89,20 @@ def test_records_and_tables_say_which_masks_were_carried(
 ) -> None:
     directory = run(experiment, tmp_path, cached=False)
     assert masks_from(directory, "network") == masks_from(directory, "truth") == KEYS
+    assert masks_from(directory, "late") == LATE_KEYS
     assert masks_from(directory, "all") == [None] * FRAMES
-    assert segmented == [1, 4, 7]
-    assert any("network, truth" in note and "every = 3" in note for note in rescore(directory).notes)
+    assert sorted(segmented) == [1, 1, 4, 4, 7]
+    notes = rescore(directory).notes
+    assert any("network, truth" in note and "every = 3" in note and "up to 2 frames" in note for note in notes)
+    assert any("late" in note and "delay = 2" in note and "up to 4 frames" in note for note in notes)
+
+
+def test_records_say_how_old_the_masks_are(experiment: Path, tmp_path: Path) -> None:
+    records = [each for each in read_results(run(experiment, tmp_path).results) if each.configuration == "late"]
+    times_ns = {each.frame: each.time_ns for each in records}
+    for record, key in zip(records, LATE_KEYS, strict=True):
+        expected = None if key is None else 1e-9 * (record.time_ns - times_ns[key])
+        assert record.masks_age_s == (None if expected is None else pytest.approx(expected))
 
 
 @pytest.mark.parametrize(
@@ -104,7 +119,7 @@ def test_neither_workers_nor_threads_change_anything(
         other = again(run, experiment, tmp_path / "other")
     finally:
         cv2.setNumThreads(threads_before)
-    assert [each.masks_from for each in read_results(other.results)] == [*KEYS, *KEYS, *[None] * FRAMES]
+    assert [each.masks_from for each in read_results(other.results)] == [*KEYS, *LATE_KEYS, *KEYS, *[None] * FRAMES]
     assert unmeasured(other) == unmeasured(alone)
 
 
@@ -116,5 +131,5 @@ def test_carried_masks_are_cached_as_found_ones_are(experiment: Path, tmp_path: 
     second = run(experiment, tmp_path)
     assert segmented == []
     assert unmeasured(second) == before
-    (row,) = (each for each in second.read_manifest()["cache"] if each["slot"] == "segmentation")
-    assert (row["reused"], row["computed"]) == (FRAMES, 0)
+    rows = [each for each in second.read_manifest()["cache"] if each["slot"] == "segmentation"]
+    assert [(row["reused"], row["computed"]) for row in rows] == [(FRAMES, 0)] * 2

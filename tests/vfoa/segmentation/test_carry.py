@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import pairwise
+
 import cv2
 import numpy as np
 import pytest
@@ -9,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.scenes import make_rig
-from vfoa.segmentation.carry import carry
+from vfoa.segmentation.carry import carry, motion_between, no_motion, shrunk
 from vfoa.types import Image, Instance, Instances, Mask, StereoFrame
 
 WIDTH, HEIGHT = 320, 240
@@ -46,6 +49,15 @@ def cup(mask: Mask) -> Instances:
     return Instances(ids=mask.astype(np.uint16) * CUP.id, instances=(CUP,))
 
 
+def carried(masks: Instances, *frames: StereoFrame) -> Instances | None:
+    """The masks of the first frame, carried through all of them to the last one."""
+    images = [shrunk(each.left) for each in frames]
+    motion = no_motion(images[0])
+    for before, after in pairwise(images):
+        motion = motion.then(motion_between(before, after))
+    return carry(masks, frames[0], frames[-1], motion)
+
+
 def overlap(one: Mask, other: Mask) -> float:
     return float((one & other).sum() / (one | other).sum())
 
@@ -54,16 +66,38 @@ def overlap(one: Mask, other: Mask) -> float:
 @given(du=st.integers(-12, 12), dv=st.integers(-12, 12))
 def test_a_mask_follows_its_object(du: int, dv: int) -> None:
     key, now = frame(scene(box(110, 80)), 7), frame(scene(box(110 + du, 80 + dv), du, dv), 9)
-    found = carry(cup(box(110, 80)), key, now)
+    found = carried(cup(box(110, 80)), key, now)
     assert found is not None
     assert (found.carried_from, found.instances) == (7, (CUP,))
     # what the object uncovers has no place in the key frame: some of it stays with the object
     assert overlap(found.mask(CUP.id), box(110 + du, 80 + dv)) > 0.79
 
 
+def test_masks_say_how_old_they_are() -> None:
+    key, now = (replace(frame(scene(box(40, 30)), index), time_ns=index * 40_000_000) for index in (3, 8))
+    found = carried(cup(box(40, 30)), key, now)
+    assert found is not None
+    assert found.carried_s == pytest.approx(0.2)
+
+
+def test_an_object_too_fast_for_one_step_is_followed_over_several() -> None:
+    moved = [frame(scene(box(20 + 8 * n, 80), 8 * n), n) for n in range(9)]
+    assert carried(cup(box(20, 80)), moved[0], moved[-1]) is None
+    found = carried(cup(box(20, 80)), *moved)
+    assert found is not None
+    assert overlap(found.mask(CUP.id), box(84, 80)) > 0.5
+
+
+def test_what_was_lost_once_stays_lost() -> None:
+    seen, cut = frame(scene(box(110, 80)), 1), frame(texture(9), 2)
+    assert carried(cup(box(110, 80)), seen, cut, seen) is None
+    small = frame(texture(0)[:200], 2)
+    assert carried(cup(box(110, 80)), seen, small, seen) is None
+
+
 def test_masks_of_a_still_picture_stay_as_they_are() -> None:
     masks = cup(box(40, 30))
-    found = carry(masks, frame(scene(box(40, 30)), 1), frame(scene(box(40, 30)), 2))
+    found = carried(masks, frame(scene(box(40, 30)), 1), frame(scene(box(40, 30)), 2))
     assert found is not None
     np.testing.assert_array_equal(found.ids, masks.ids)
 
@@ -74,7 +108,7 @@ def test_a_large_picture_is_followed_at_its_own_scale() -> None:
         np.asarray(cv2.resize(each, size, interpolation=cv2.INTER_NEAREST))
         for each in (scene(box(110, 80)), scene(box(116, 76), 6, -4), box(110, 80).astype(np.uint16))
     )
-    found = carry(Instances(ids=mask * CUP.id, instances=(CUP,)), frame(before, 1), frame(after, 2))
+    found = carried(Instances(ids=mask * CUP.id, instances=(CUP,)), frame(before, 1), frame(after, 2))
     assert found is not None
     expected = np.roll(mask, (-16, 24), axis=(0, 1)) > 0
     assert overlap(found.mask(CUP.id), expected) > 0.9
@@ -85,14 +119,14 @@ def test_an_object_that_has_left_the_picture_is_dropped() -> None:
     masks[box(120, 80)], masks[box(0, 100, 10, 10)] = CUP.id, BALL.id
     picture = texture(2)
     moved = np.roll(picture, -14, axis=1)
-    found = carry(Instances(ids=masks, instances=(CUP, BALL)), frame(picture, 1), frame(moved, 2))
+    found = carried(Instances(ids=masks, instances=(CUP, BALL)), frame(picture, 1), frame(moved, 2))
     assert found is not None
     assert found.instances == (CUP,)
 
 
 @pytest.mark.parametrize("other", [texture(9), np.zeros((HEIGHT, WIDTH, 3), np.uint8), texture(0)[:200]])
 def test_masks_are_not_carried_over_a_cut_or_to_another_size(other: Image) -> None:
-    assert carry(cup(box(110, 80)), frame(scene(box(110, 80)), 1), frame(other, 2)) is None
+    assert carried(cup(box(110, 80)), frame(scene(box(110, 80)), 1), frame(other, 2)) is None
 
 
 def test_one_object_that_cannot_be_followed_is_enough() -> None:
@@ -100,7 +134,7 @@ def test_one_object_that_cannot_be_followed_is_enough() -> None:
     masks[box(20, 20)], masks[box(180, 120)] = CUP.id, BALL.id
     gone = texture(0).copy()
     gone[box(180, 120)] = texture(8)[box(180, 120)]
-    assert carry(Instances(ids=masks, instances=(CUP, BALL)), frame(texture(0), 1), frame(gone, 2)) is None
+    assert carried(Instances(ids=masks, instances=(CUP, BALL)), frame(texture(0), 1), frame(gone, 2)) is None
 
 
 def test_threads_change_nothing() -> None:
@@ -110,7 +144,7 @@ def test_threads_change_nothing() -> None:
         found = []
         for threads in (1, 2, 5):
             cv2.setNumThreads(threads)
-            found.append(carry(cup(box(110, 80)), key, now))
+            found.append(carried(cup(box(110, 80)), key, now))
     finally:
         cv2.setNumThreads(before)
     for each in found:

@@ -226,17 +226,20 @@ def _itself(frame: StereoFrame) -> StereoFrame:
     return frame
 
 
-@pytest.mark.parametrize("threads", [1, 2])
-def test_key_frames_are_counted_among_the_frames_that_were_taken(tmp_path: Path, threads: int) -> None:
+@pytest.mark.parametrize(("threads", "delay"), [(1, 0), (2, 0), (1, 2), (2, 2)])
+def test_key_frames_are_counted_among_the_frames_that_were_taken(tmp_path: Path, threads: int, delay: int) -> None:
     masks = write_masks(tmp_path / "masks", range(2000))
     file = write_text(tmp_path / "key_frames.toml", EXPERIMENT.format(masks=masks))
-    experiment = load_experiment(str(file), overrides=("segmentation.every=3",))
+    experiment = load_experiment(str(file), overrides=("segmentation.every=3", f"segmentation.delay={delay}"))
     _run(Stills(), experiment, tmp_path / "run", limit=7, threads=threads)
     records = list(read_results(tmp_path / "run" / "results.jsonl"))
-    keys = [records[place - place % 3].frame for place in range(len(records))]
+    due = [max(place - delay, 0) for place in range(len(records))]
+    keys = [records[place - place % 3].frame for place in due]
     expected = [None if each.frame == key else key for each, key in zip(records, keys, strict=True)]
     assert len(records) == 7
     assert [each.masks_from for each in records] == expected
+    ages = [0 if key is None else each.time_ns - key for each, key in zip(records, expected, strict=True)]
+    assert [round(1e9 * (each.masks_age_s or 0)) for each in records] == ages  # a frame's time is its number
 
 
 # Recordings that are being written
