@@ -1,7 +1,8 @@
-"""Time of attention, compared with the plain loop of :mod:`harness.bench.plain`."""
+"""Time of attention: the cones compared with the plain loop of :mod:`harness.bench.plain`, and every method."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from timeit import Timer
@@ -9,8 +10,14 @@ from timeit import Timer
 import numpy as np
 
 from harness.bench.plain import plain_attention
+from harness.report.formats import Table
 from vfoa.attention import AttentionSettings, pay_attention
+from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
+from vfoa.logit import LogitSettings, Traces, weigh_attentions
+from vfoa.nearest import NearestSettings, look_at_nearest
 from vfoa.types import Box3D, Gaze, Head, HeadPose, HeadView, Instance, Person, Subject, Target
+
+FRAME_NS = 40_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,6 +51,80 @@ def time_attention(*, cones_cm: tuple[float, ...], boxes: int, subjects: int, ro
         subjects=subjects,
         vectorised_ms=best_ms(pay_attention, frames=5),
         plain_ms=best_ms(plain_attention, frames=1),
+    )
+
+
+Frame = Callable[[tuple[Subject, ...], tuple[Target, ...], int], object]
+"""Computes the attention of all subjects to all targets at a time in nanoseconds, after the frames before it."""
+
+
+def _cones(*, cones_cm: tuple[float, ...]) -> Frame:
+    settings = AttentionSettings(cones_cm=cones_cm)
+    return lambda people, targets, time_ns: [pay_attention(each, targets, settings) for each in people]
+
+
+def _nearest() -> Frame:
+    settings = NearestSettings(method="nearest")
+    return lambda people, targets, time_ns: [look_at_nearest(each, targets, settings) for each in people]
+
+
+def _bayes() -> Frame:
+    settings, beliefs = BayesSettings(method="bayes", surface="box"), BeliefState()
+
+    def frame(people: tuple[Subject, ...], targets: tuple[Target, ...], time_ns: int) -> None:
+        nonlocal beliefs
+        _, beliefs = infer_attentions(people, targets, beliefs, settings, time_ns)
+
+    return frame
+
+
+def _logit() -> Frame:
+    settings, traces = LogitSettings(method="logit"), Traces()
+
+    def frame(people: tuple[Subject, ...], targets: tuple[Target, ...], time_ns: int) -> None:
+        nonlocal traces
+        _, traces = weigh_attentions(people, targets, traces, settings, time_ns)
+
+    return frame
+
+
+METHODS: dict[str, Callable[[], Frame]] = {
+    "cones, one (default)": lambda: _cones(cones_cm=(10.0,)),
+    "cones, two": lambda: _cones(cones_cm=(10.0, 25.0)),
+    "nearest": _nearest,
+    "logit, forward": _logit,
+    "bayes, forward": _bayes,
+}
+"""A new sequence of frames under each method."""
+
+SIZES = ((6, 1), (6, 4), (20, 3))
+"""Boxes and subjects of a frame."""
+
+
+def time_methods(*, rounds: int = 40, frames: int = 2) -> dict[str, tuple[float, ...]]:
+    """CPU milliseconds per person and frame of every method, for each of the sizes; the best of several rounds."""
+    found: dict[str, tuple[float, ...]] = {}
+    for name, begin in METHODS.items():
+        found[name] = tuple(_ms_per_person(begin(), *size, rounds, frames) for size in SIZES)
+    return found
+
+
+def _ms_per_person(method: Frame, boxes: int, subjects: int, rounds: int, frames: int) -> float:
+    people, targets = seeded_frame(boxes=boxes, subjects=subjects)
+    times_ns = iter(range(0, (rounds * frames + 1) * FRAME_NS, FRAME_NS))
+    method(people, targets, next(times_ns))
+    timer = Timer(lambda: method(people, targets, next(times_ns)), timer=time.process_time)
+    return 1e3 * min(timer.repeat(rounds, frames)) / frames / subjects
+
+
+def methods_table(found: dict[str, tuple[float, ...]]) -> Table:
+    """One row per method, one column per size."""
+    return Table(
+        title="Attention by method, CPU ms per person and frame",
+        columns=("method", *(f"{boxes} boxes, {subjects} people" for boxes, subjects in SIZES)),
+        rows=tuple((name, *(f"{ms:.2f}" for ms in row)) for name, row in found.items()),
+        words=1,
+        notes=("Every frame follows the ones before it. One thread; the best of several rounds.",),
     )
 
 

@@ -85,11 +85,12 @@ def _naive(bench: Bench) -> list[Table]:
 
 
 def _attention(bench: Bench) -> list[Table]:
-    from harness.bench.attention import time_attention
+    from harness.bench.attention import methods_table, time_attention, time_methods
     from harness.bench.tables import attention_table
 
     sizes = [((10.0,), 1), ((10.0, 25.0), 3)]
-    return [attention_table([time_attention(cones_cm=cones, boxes=20, subjects=people) for cones, people in sizes])]
+    timings = [time_attention(cones_cm=cones, boxes=20, subjects=people) for cones, people in sizes]
+    return [attention_table(timings), methods_table(time_methods())]
 
 
 def _sweep(bench: Bench) -> list[Table]:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from harness.bench.attention import SIZES, time_methods
 from harness.bench.baselines import compare_with_naive
 from harness.bench.naive import naive_clouds
 from harness.bench.realtime import ROWS, measure_speed, rows_at_hand
@@ -105,6 +106,12 @@ def test_ours_and_the_naive_way_see_the_same_frames() -> None:
     assert recording.ours_bytes is not None
     assert recording.naive_bytes is not None
     assert recording.naive_bytes > max(recording.ours_bytes, 2 * 3 * 320 * 240)
+
+
+def test_every_method_is_timed_at_every_size() -> None:
+    found = time_methods(rounds=1, frames=2)
+    assert {name.split(",")[0] for name in found} >= {"cones", "logit", "bayes"}
+    assert all(len(row) == len(SIZES) and min(row) > 0 for row in found.values())
 
 
 def test_a_section_that_is_not_there_is_one_line(
