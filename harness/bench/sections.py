@@ -77,6 +77,12 @@ def _segmenter(bench: Bench) -> list[Table]:
     return [segmenter_table(bench.manifest.name, threads, rows, load)]
 
 
+def _gpu(bench: Bench) -> list[Table]:
+    from harness.bench.gpu import gpu_table, measure_gpu
+
+    return [gpu_table(bench.manifest.name, measure_gpu(bench.manifest, bench.experiment, bench.frames))]
+
+
 def _naive(bench: Bench) -> list[Table]:
     from harness.bench.baselines import compare_with_naive
     from harness.bench.tables import comparison_table
@@ -165,6 +171,7 @@ SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "stereo": _stereo,
     "realtime": _realtime,
     "segmenter": _segmenter,
+    "gpu": _gpu,
     "naive": _naive,
     "attention": _attention,
     "sweep": _sweep,

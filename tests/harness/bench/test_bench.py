@@ -10,6 +10,7 @@ import pytest
 
 from harness.bench.attention import SIZES, time_methods
 from harness.bench.baselines import compare_with_naive
+from harness.bench.gpu import measure_gpu
 from harness.bench.naive import naive_clouds
 from harness.bench.realtime import ROWS, measure_speed, rows_at_hand
 from harness.bench.sections import SECTIONS
@@ -106,6 +107,23 @@ def test_ours_and_the_naive_way_see_the_same_frames() -> None:
     assert recording.ours_bytes is not None
     assert recording.naive_bytes is not None
     assert recording.naive_bytes > max(recording.ours_bytes, 2 * 3 * 320 * 240)
+
+
+def test_networks_are_timed_on_the_cpu_and_say_that_there_is_no_cuda(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("onnxruntime.get_available_providers", lambda: ["CPUExecutionProvider"])
+    monkeypatch.setattr("vfoa.weights.directories", lambda: [tmp_path])
+    weights = Path(graphs.yolo_seg(tmp_path / "yolo.onnx", np.zeros((1, 116, 1)))).as_posix()
+    changes = ("segmentation.model=yolo_seg", f'segmentation.weights="{weights}"')
+    experiment = load_experiment("demo", clips=(CLIP,), overrides=changes)
+    found = {each.slot + each.name: each.ms for each in measure_gpu(load_manifest(CLIP), experiment, FRAMES)}
+    assert found["stereohitnet"] == {"cpu": "no weights", "cuda": "not available"}
+    assert found["segmentationyolo_seg"]["cuda"] == "not available"
+    assert found["stereobm"]["cuda"] == "CPU only"
+    for measured in (found["segmentationyolo_seg"]["cpu"], found["stereobm"]["cpu"]):
+        assert isinstance(measured, float)
+        assert measured > 0
 
 
 def test_every_method_is_timed_at_every_size() -> None:
