@@ -102,8 +102,9 @@ def _flow(start: Image, end: Image) -> Map:
 def _moved(ids: NDArray[np.uint16], flow: Map) -> NDArray[np.uint16]:
     """Ids (H, W), taken from where the flow (h, w, 2) of the shrunk image points to."""
     height, width = ids.shape
-    scaled = flow * np.array([width / flow.shape[1], height / flow.shape[0]], np.float32)
-    places = _grid(height, width) + cv2.resize(scaled, (width, height), interpolation=cv2.INTER_LINEAR)
+    scaled = cv2.multiply(flow, (width / flow.shape[1], height / flow.shape[0], 0, 0))
+    large = cv2.resize(scaled, (width, height), interpolation=cv2.INTER_LINEAR)
+    places = cv2.add(large, _grid(height, width), dst=large)
     moved = cv2.remap(ids, places, None, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0)
     return np.asarray(moved, dtype=np.uint16)
 
