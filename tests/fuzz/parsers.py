@@ -5,10 +5,13 @@ A new parser is one line here; the suite and `make fuzz` try all of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from harness.clips.manifest import load_manifest
 from harness.labels.drawn import read_drawn
@@ -17,7 +20,7 @@ from harness.labels.formats import FORMATS
 from harness.labels.formats.cvat_drawn import read_cvat_drawn
 from harness.run.experiment import load_experiment
 from harness.run.fitted_weights import read_fitted
-from harness.run.results import read_results
+from harness.run.results import read_results, to_line
 from harness.score.exported import ExportedTable
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.calibration_files.options import Options
@@ -28,33 +31,45 @@ from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.video import Video
 from harness.sources.sintel_files import read_camera, read_segments
 from harness.sources.stamped_list import read_stamped_list
+from harness.stages.outputs.heads import read_heads
 from harness.stages.outputs.tables import read_table
-from tests.calibrations import SIZE
-from tests.exchanges import exchange
-from tests.fuzz import calibration_seeds as cameras
-from tests.fuzz import media_seeds as media
-from tests.fuzz import recorded_states as recorded
-from tests.fuzz import seeds, states
-from tests.fuzz.mutations import Kind
+from tests import calibrations
+from tests.disk import moving_picture, picture, sintel_camera, sintel_disparity, write_image, write_video
+from tests.exchanges import PlainClip, exchange
+from tests.fuzz import states, whole
+from tests.fuzz.states import Read
+from tests.records import answers
+
+KINDS = {
+    "boris": "json",
+    "conf": "text",
+    "eaf": "xml",
+    "npz": "zip",
+    "txt": "text",
+    "xlsx": "zip",
+    "yml": "yaml",
+    **dict(zip(*2 * [("csv", "json", "jsonl", "toml", "xml", "yaml")], strict=True)),
+}
+"""The kind of a file by its suffix; others are binary."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Parser:
     """A parser by name.
 
-    ``write`` makes a whole file at a path, the first of them; ``more`` makes others. ``read`` raises nothing but a
-    VfoaError. ``names_file`` says that its message names the file. The suite tries the first ``suite_cases`` cases,
-    fewer of what takes long.
+    ``whole`` are texts, and functions that write a whole file at a path. ``read`` raises nothing but a VfoaError.
+    ``names_file`` says that its message names the file.
     """
 
     name: str
     file_name: str
-    kind: Kind
-    write: Callable[[Path], Any]
-    read: Callable[[Path], Any]
-    more: tuple[Callable[[Path], Any], ...] = ()
+    whole: str | whole.Write | tuple[str | whole.Write, ...]
+    read: Read
     names_file: bool = True
-    suite_cases: int = 150
+
+    @property
+    def kind(self) -> str:
+        return KINDS.get(self.file_name.rpartition(".")[2], "binary")
 
     @property
     def folder(self) -> str:
@@ -64,28 +79,20 @@ class Parser:
     def corpus(self, place: Path) -> list[bytes]:
         """Whole files of this parser, made in a folder of their own."""
         found = []
-        for number, write in enumerate((self.write, *self.more)):
+        for number, each in enumerate(self.whole if isinstance(self.whole, tuple) else (self.whole,)):
             path = place / str(number) / self.file_name
             path.parent.mkdir(parents=True, exist_ok=True)
-            write(path)
+            path.write_text(each) if isinstance(each, str) else each(path)
             found.append(path.read_bytes())
         return found
 
 
 def _cameras(path: Path) -> Any:
-    return read_cameras([path], lambda: SIZE)
+    return read_cameras([path], lambda: whole.SIZE)
 
 
-def _beside(name: str) -> Callable[[Path], Any]:
-    """Reads a pair of which the other file is whole: the right camera's, or the extrinsics."""
-
-    def read(path: Path) -> Any:
-        other = path.with_name(name)
-        if not other.exists():
-            cameras.other_calibration(other)
-        return read_cameras([path, other], lambda: SIZE)
-
-    return read
+def _camera(path: Path) -> Any:
+    return read_one_camera(path, whole.SIZE)
 
 
 def _annotations(path: Path) -> Any:
@@ -106,154 +113,126 @@ def _video(path: Path) -> Any:
     return [video.read(place) for place in range(min(len(video.index.stamps_ns), 9))]
 
 
-def _labels(name: str) -> Callable[[Path], Any]:
+def _labels(name: str) -> Read:
     return lambda path: FORMATS.load(name)().read(path, exchange())
 
 
-def _camera(path: Path) -> Any:
-    return read_one_camera(path, SIZE)
-
-
-def _formats() -> Iterator[Parser]:
-    kinds: dict[str, tuple[str, Kind]] = {
-        "boris": ("theirs.csv", "csv"),
-        "boris-aggregated": ("theirs.csv", "csv"),
-        "csv": ("theirs.csv", "csv"),
-        "childplay": ("theirs.csv", "csv"),
-        "cvat": ("theirs.xml", "xml"),
-        "elan": ("theirs.eaf", "xml"),
-    }
-    for name, (file_name, kind) in kinds.items():
-        yield Parser(f"{name} labels", file_name, kind, seeds.exported(name), _labels(name))
-
+_IMAGE = whole.array(picture(1, 20, 10))
+_ONES, _PNG_16 = whole.array(np.ones((4, 5))), whole.array(np.full((4, 5), 700, np.uint16))
+_RESULTS = "".join(map(to_line, answers(["mug", "none", None, "book"])))
+_IDENTITY = json.dumps({"stage": "bm", "clip": "mine", "settings": {"a": 1}, "code": "x", "versions": {"n": "2"}})
+_OPENCV = (whole.opencv(), whole.opencv(rectified=True))
 
 PARSERS: Sequence[Parser] = (
-    Parser("manifest", "mine.toml", "toml", seeds.manifest, load_manifest, (seeds.measured_manifest, seeds.recorded)),
-    Parser("experiment", "e.toml", "toml", seeds.experiment, lambda path: load_experiment(str(path)), suite_cases=100),
-    Parser("fitted settings", "fitted.toml", "toml", seeds.fitted, read_fitted),
-    Parser("labels", "mine.csv", "csv", seeds.labels, _annotations),
-    Parser("drawn", "mine.drawn.csv", "csv", seeds.drawn, _drawn),
-    Parser("cvat tracks", "theirs.xml", "xml", seeds.cvat_tracks, lambda path: read_cvat_drawn(path, exchange())),
-    *_formats(),
-    Parser("BORIS project", "theirs.boris", "json", seeds.boris_project, _labels("boris")),
-    Parser("BORIS project, packed", "theirs.boris.gz", "binary", seeds.boris_packed, _labels("boris")),
-    Parser("BORIS workbook", "theirs.xlsx", "zip", seeds.boris_workbook, _labels("boris"), suite_cases=50),
-    Parser("VideoAttentionTarget labels", "girl.txt", "csv", seeds.attention_target, _labels("videoattentiontarget")),
-    Parser("Idiap labels, arrays", "a_gt.npz", "zip", seeds.idiap_arrays, states.idiap_labels),
-    Parser("Idiap labels, table", "labels.csv", "csv", seeds.idiap_table, states.idiap_labels),
-    Parser("journal of labels", "journal.jsonl", "jsonl", states.write_journal, states.open_labels),
-    Parser("results", "results.jsonl", "jsonl", seeds.results, lambda path: list(read_results(path))),
-    Parser(
-        "run manifest",
-        "manifest.json",
-        "json",
-        states.write_run_manifest,
-        states.open_run,
-        names_file=False,
-        suite_cases=50,
+    Parser("manifest", "mine.toml", (whole.MANIFEST, whole.MEASURED, whole.RECORDED), load_manifest),
+    Parser("experiment", "e.toml", whole.EXPERIMENTS, lambda path: load_experiment(str(path))),
+    Parser("fitted settings", "fitted.toml", whole.FITTED, read_fitted),
+    # Labels
+    Parser("labels", "mine.csv", whole.LABELS, _annotations),
+    Parser("drawn", "mine.drawn.csv", whole.DRAWN, _drawn),
+    Parser("cvat tracks", "theirs.xml", whole.CVAT_TRACKS, lambda path: read_cvat_drawn(path, exchange())),
+    *(
+        Parser(f"{name} labels", file_name, whole.exported(name), _labels(name))
+        for name, file_name in (
+            *((name, "theirs.csv") for name in ("boris", "boris-aggregated", "csv", "childplay")),
+            *(("cvat", "theirs.xml"), ("elan", "theirs.eaf")),
+        )
     ),
-    Parser("thumbnails", "clip__one.jsonl", "jsonl", states.write_thumbnails, states.open_thumbnails),
-    Parser("exported table", "table.json", "json", states.write_exported, ExportedTable.read),
-    Parser("cache entry", "entry.bin", "binary", states.write_entry, states.load_entry, names_file=False),
-    Parser("cache identity", "identity.json", "json", states.write_identity, states.use_identity, names_file=False),
-    Parser("rendered pair", "pair.bin", "binary", states.write_pair, states.load_rendered, names_file=False),
-    Parser("signal table", "gaze.csv", "csv", seeds.signals, _signals),
-    Parser("heads table", "heads.csv", "csv", seeds.heads, states.read_saved_heads),
-    Parser("COCO panoptic", "panoptic.json", "json", states.write_coco, states.read_coco),
-    Parser("measured people", "people.csv", "csv", seeds.people, states.open_tables, names_file=False),
-    Parser("measured objects", "objects.csv", "csv", seeds.objects, states.open_tables, names_file=False),
+    Parser("BORIS project", "theirs.boris", whole.exported("boris"), _labels("boris")),
+    Parser("BORIS project, packed", "theirs.boris.gz", whole.boris_packed, _labels("boris")),
+    Parser("BORIS workbook", "theirs.xlsx", whole.boris_workbook, _labels("boris")),
+    Parser("VideoAttentionTarget labels", "girl.txt", whole.ATTENTION_TARGET, _labels("videoattentiontarget")),
+    Parser("Idiap labels, arrays", "a_gt.npz", whole.idiap_arrays, states.idiap_labels),
+    Parser("Idiap labels, table", "labels.csv", whole.idiap_table, states.idiap_labels),
+    Parser("journal of labels", "journal.jsonl", states.write_journal, states.open_labels),
+    # Runs and the cache
+    Parser("results", "results.jsonl", _RESULTS, lambda path: list(read_results(path))),
+    Parser("run manifest", "manifest.json", states.write_run_manifest, states.open_run, names_file=False),
+    Parser("thumbnails", "clip__one.jsonl", states.write_thumbnails, states.open_thumbnails),
+    Parser("exported table", "table.json", states.write_exported, ExportedTable.read),
+    Parser("cache entry", "entry.bin", states.write_entry, states.load_entry, names_file=False),
+    Parser("cache identity", "identity.json", _IDENTITY, states.use_identity, names_file=False),
     Parser(
-        "measured people, Parquet",
-        "people.parquet",
-        "binary",
-        seeds.people_parquet,
-        states.open_tables,
+        "rendered pair",
+        "pair.bin",
+        lambda path: path.write_bytes(write_image(path.with_suffix(".png"), picture(1, 20, 10)).read_bytes()),
+        states.load_rendered,
         names_file=False,
     ),
-    Parser("Idiap tracker", "tracker.csv", "csv", seeds.idiap_tracker, states.open_idiap),
-    Parser("list of stamps", "rgb.txt", "text", seeds.stamps, read_stamped_list),
+    # Tables
+    Parser("signal table", "gaze.csv", whole.SIGNALS, _signals),
+    Parser("heads table", "heads.csv", whole.HEADS, lambda path: read_heads(path, PlainClip())),
+    Parser("COCO panoptic", "panoptic.json", states.write_coco, states.read_coco),
+    Parser("measured people", "people.csv", whole.measured, states.open_tables, names_file=False),
+    Parser("measured objects", "objects.csv", whole.measured, states.open_tables, names_file=False),
+    Parser("measured people, Parquet", "people.parquet", whole.measured, states.open_tables, names_file=False),
+    Parser("Idiap tracker", "tracker.csv", lambda path: whole.idiap_file(path.parent, 4), states.open_idiap),
+    Parser("list of stamps", "rgb.txt", whole.STAMPS, read_stamped_list),
+    # Calibrations
+    Parser("OpenCV calibration", "stereo.yml", _OPENCV, _cameras),
+    Parser("OpenCV XML calibration", "stereo.xml", _OPENCV, _cameras),
     Parser(
-        "OpenCV calibration",
-        "stereo.yml",
-        "yaml",
-        cameras.opencv,
-        _cameras,
-        (cameras.opencv_rectified,),
+        "OpenCV intrinsics",
+        "intrinsics.yml",
+        whole.opencv("K1", "D1", "K2", "D2"),
+        states.cameras_beside("extrinsics.yml", whole.opencv("R", "T")),
     ),
-    Parser(
-        "OpenCV XML calibration",
-        "stereo.xml",
-        "xml",
-        cameras.opencv,
-        _cameras,
-        (cameras.opencv_rectified,),
-    ),
-    Parser("OpenCV intrinsics", "intrinsics.yml", "yaml", cameras.opencv_inner, _beside("extrinsics.yml")),
-    Parser("ROS calibration", "left.yaml", "yaml", cameras.ros, _beside("right.yaml")),
-    Parser("EuRoC calibration", "cam0.yaml", "yaml", cameras.euroc, _beside("cam1.yaml")),
-    Parser("Kalibr calibration", "camchain.yaml", "yaml", cameras.kalibr, _cameras),
-    Parser("ZED calibration", "SN1.conf", "text", cameras.zed, _cameras),
-    Parser("KITTI calibration", "calib.txt", "text", cameras.kitti, _cameras),
-    Parser("Middlebury calibration", "calib.txt", "text", cameras.middlebury, _cameras),
+    Parser("ROS calibration", "left.yaml", whole.ros(0), states.cameras_beside("right.yaml", whole.ros(1))),
+    Parser("EuRoC calibration", "cam0.yaml", whole.euroc(0), states.cameras_beside("cam1.yaml", whole.euroc(1))),
+    Parser("Kalibr calibration", "camchain.yaml", lambda path: calibrations.write_kalibr(path, whole.RIG), _cameras),
+    Parser("ZED calibration", "SN1.conf", lambda path: calibrations.write_zed(path, whole.RIG), _cameras),
+    Parser("KITTI calibration", "calib.txt", whole.KITTI, _cameras),
+    Parser("Middlebury calibration", "calib.txt", whole.MIDDLEBURY, _cameras),
     Parser(
         "matrix calibration",
         "K.txt",
-        "text",
-        cameras.matrix,
-        lambda path: read_cameras([path], lambda: SIZE, Options(baseline_m=0.1)),
-        (cameras.foundation,),
+        (whole.MATRIX, whole.FOUNDATION),
+        lambda path: read_cameras([path], lambda: whole.SIZE, Options(baseline_m=0.1)),
     ),
-    Parser("one camera, ROS", "camera.yaml", "yaml", cameras.ros, _camera),
-    Parser("one camera, JSON", "camera.json", "json", cameras.open3d, _camera, (cameras.realsense,)),
-    Parser(
-        "one camera, numbers",
-        "camera.txt",
-        "text",
-        cameras.matrix,
-        _camera,
-        (cameras.four_numbers,),
-    ),
-    Parser("one camera, npy", "camera.npy", "binary", cameras.npy_camera, _camera),
-    Parser("Sintel camera", "frame.cam", "binary", media.sintel_cam, read_camera),
-    Parser("Sintel depth", "frame.dpt", "binary", media.dpt, read_depth),
-    Parser("Sintel disparity", "frame.png", "binary", media.sintel_png, read_sintel_disparity),
-    Parser("Sintel segments", "frame.png", "binary", media.segments_png, read_segments),
-    Parser("KITTI disparity", "frame.png", "binary", media.png_16, read_disparity),
-    Parser("npy disparity", "frame.npy", "binary", media.npy, read_disparity),
-    Parser("PFM disparity", "frame.pfm", "binary", media.pfm, read_disparity),
+    Parser("one camera, ROS", "camera.yaml", whole.ros(0), _camera),
+    Parser("one camera, JSON", "camera.json", (whole.OPEN3D, whole.REALSENSE), _camera),
+    Parser("one camera, numbers", "camera.txt", (whole.MATRIX, whole.FOUR_NUMBERS), _camera),
+    Parser("one camera, npy", "camera.npy", whole.array(np.array([600.0, 610, 320, 240])), _camera),
+    Parser("Sintel camera", "frame.cam", lambda path: path.write_bytes(sintel_camera(100.0)), read_camera),
+    # Images and maps
+    Parser("Sintel depth", "frame.dpt", _ONES, read_depth),
+    Parser("Sintel disparity", "frame.png", whole.array(sintel_disparity(np.full((4, 5), 7.0))), read_sintel_disparity),
+    Parser("Sintel segments", "frame.png", whole.array(picture(3, 5, 4)), read_segments),
+    Parser("KITTI disparity", "frame.png", _PNG_16, read_disparity),
+    *(Parser(f"{each} disparity", f"frame.{each}", _ONES, read_disparity) for each in ("npy", "pfm")),
     *(
-        Parser(f"{suffix} depth", f"frame.{suffix}", "binary", write, lambda path: read_depth_file(path, None))
-        for suffix, write in (
-            ("npy", media.npy),
-            ("exr", media.exr),
-            ("pfm", media.pfm),
-            ("tif", media.png_16),
+        Parser(f"{each} depth", f"frame.{each}", write, lambda path: read_depth_file(path, None))
+        for each, write in (("npy", _ONES), ("exr", _ONES), ("pfm", _ONES), ("tif", _PNG_16))
+    ),
+    Parser("PNG image", "frame.png", _IMAGE, read_rgb),
+    Parser("JPEG image", "frame.jpg", (_IMAGE, whole.turned_jpeg), read_rgb),
+    Parser("TIFF image", "frame.tif", _IMAGE, read_raw),
+    Parser("WebP image", "frame.webp", _IMAGE, read_rgb),
+    Parser(
+        "video",
+        "both.mkv",
+        lambda path: write_video(path, [moving_picture(k, *whole.SMALL) for k in range(1, 5)]),
+        _video,
+    ),
+    # Recordings and messages
+    Parser("MCAP, ros2", "take.mcap", whole.mcap("ros2"), states.read_recording),
+    Parser("MCAP, protobuf", "take.mcap", whole.mcap("protobuf"), states.read_recording),
+    Parser("MCAP, json", "take.mcap", whole.mcap("json"), states.read_recording),
+    Parser("MCAP of a depth camera", "take.mcap", whole.depth_bag("mcap"), states.read_recording),
+    Parser("MCAP of a video", "take.mcap", whole.video_mcap, states.read_recording),
+    Parser("ROS 1 bag", "take.bag", tuple(map(whole.depth_bag, ("bag", "bag bz2", "bag lz4"))), states.read_recording),
+    Parser("ROS 2 bag", "take.db3", whole.depth_bag("db3"), states.read_recording),
+    Parser("ROS 2 bag's metadata", "metadata.yaml", states.write_metadata, states.read_with_metadata),
+    *(
+        Parser(f"message: {name}", "message.bin", write, states.read_message(kind))
+        for name, kind, write in (
+            ("depth in RVL", "CompressedImage", whole.compressed("rvl")),
+            ("depth in PNG", "CompressedImage", whole.compressed("png")),
+            ("inverse depth in PNG", "CompressedImage", whole.compressed("32FC1 png")),
+            ("raw depth", "Image", whole.ros_message("Image", height=24, width=32, **whole.RAW_DEPTH)),
+            ("camera info", "CameraInfo", whole.ros_message("CameraInfo", height=24, width=32, **whole.CAMERA_INFO)),
         )
     ),
-    Parser("PNG image", "frame.png", "binary", media.image, read_rgb),
-    Parser("JPEG image", "frame.jpg", "binary", media.image, read_rgb, (media.turned_jpeg,)),
-    Parser("TIFF image", "frame.tif", "binary", media.image, read_raw),
-    Parser("WebP image", "frame.webp", "binary", media.image, read_rgb),
-    Parser("video", "both.mkv", "binary", media.video, _video),
-    *(
-        Parser(f"MCAP, {family}", "take.mcap", "binary", media.mcap(family), recorded.read_recording)
-        for family in ("ros2", "protobuf", "json")
-    ),
-    Parser("MCAP of a depth camera", "take.mcap", "binary", media.depth_bag("mcap"), recorded.read_recording),
-    Parser("MCAP of a video", "take.mcap", "binary", media.video_mcap, recorded.read_recording),
-    Parser("ROS 1 bag", "take.bag", "binary", media.depth_bag("bag"), recorded.read_recording),
-    Parser("ROS 2 bag", "take.db3", "binary", media.depth_bag("db3"), recorded.read_recording),
-    Parser(
-        "ROS 2 bag's metadata",
-        "metadata.yaml",
-        "yaml",
-        recorded.write_metadata,
-        recorded.read_with_metadata,
-        suite_cases=50,
-    ),
-    *(
-        Parser(f"message: {name}", "message.bin", "binary", write, recorded.read_message(name))
-        for name, write in recorded.MESSAGES.items()
-    ),
+    Parser("message: RVL", "depth.rvl", whole.rvl, states.read_rvl),
 )
 """All parsers, each under its own name."""

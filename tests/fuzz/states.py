@@ -1,10 +1,11 @@
-"""Parsers that need more than one file: a run, a cache, labels being made, a recording, a message."""
+"""Parsers that need more than one file: what reads a damaged file beside whole ones, in the same folder each time."""
 
 from __future__ import annotations
 
 import hashlib
-import json
-import os
+import shutil
+import struct
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -26,30 +27,61 @@ from harness.score.finished_run import FinishedRun, read_scores
 from harness.score.fit_logit import read_labelled
 from harness.score.reference import Reference
 from harness.score.score import score
+from harness.sources.calibration_files.read import read_cameras
+from harness.sources.recordings import messages
+from harness.sources.recordings.clip import RecordingClip
+from harness.sources.recordings.depth_images import read_depth
+from harness.sources.recordings.message_types import BY_NAME, MessageType
+from harness.sources.recordings.rvl import decode_rvl
+from harness.sources.recordings.settings import RecordingSettings
 from harness.stages.cache.identity import Identity, difference
 from harness.stages.cache.stage import StoredOutputs, Tally
 from harness.stages.cache.store import Store
 from harness.stages.cache.values import encode
 from harness.stages.outputs.coco_panoptic import CocoPanoptic, CocoPanopticSettings
-from harness.stages.outputs.heads import read_heads
+from harness.stages.outputs.coco_panoptic_writer import write_coco_panoptic
 from harness.studio.store import load_pair
-from tests.disk import picture, write_image, write_text
+from tests.disk import write_text
 from tests.exchanges import PlainClip
-from tests.fuzz import seeds
+from tests.fuzz import whole
 from tests.harness.record.conftest import ANN, show
-from tests.measured import idiap_file, measured_tables, open_measured
+from tests.measured import LABELS_HEADER, idiap_file, measured_tables, open_measured
 from tests.records import labels
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity, Head, Instance, Instances
+
+Read = Callable[[Path], Any]
+
+
+def once(path: Path, make: Callable[[Path], Any]) -> Path:
+    """The folder ``whole`` beside a case, with what ``make`` has written there the first time."""
+    folder = path.parent / "whole"
+    if not folder.is_dir():
+        folder.mkdir()
+        make(folder)
+    return folder
+
+
+def naming(path: Path, read: Callable[[], Any]) -> Any:
+    """What ``read`` returns; its errors name the file of the case, of which they name another part."""
+    try:
+        return read()
+    except (VfoaError, ValueError) as error:
+        if not isinstance(error, VfoaError) and "rvl" not in path.name:
+            raise
+        raise VfoaError(f"{path}: {error}") from None
+
+
+def cameras_beside(name: str, write: whole.Write) -> Read:
+    """Reads a pair of which the other file is whole: the right camera's, or the extrinsics."""
+    return lambda path: read_cameras([path, once(path, lambda folder: write(folder / name)) / name], lambda: whole.SIZE)
+
 
 # Labels
 
 
 def idiap_labels(path: Path) -> Any:
-    tracker = path.parent / "tracker"
-    if not tracker.is_dir():
-        idiap_file(tracker)
-    clip = open_measured("idiap_vfoa", tracker, file="tracker.csv")
+    clip = open_measured("idiap_vfoa", once(path, idiap_file), file="tracker.csv")
     return IdiapGroundTruth().read(path, Exchange(clip=clip, subjects=("1", "2"), targets=("robot",)))
 
 
@@ -69,22 +101,13 @@ def write_journal(path: Path) -> None:
 
 def open_labels(path: Path) -> Any:
     """Beside the CSV that belongs to the whole journal."""
-    whole = path.parent / "whole"
-    if not whole.is_dir():
-        whole.mkdir()
-        write_journal(whole / path.name)
-    os.replace(_copied(whole / "mine.csv"), path.parent / "mine.csv")
+    folder = once(path, lambda folder: write_journal(folder / path.name))
+    shutil.copyfile(folder / "mine.csv", path.parent / "mine.csv")
     store = _store(path.parent, path)
     try:
         return store.state()
     finally:
         store.close()
-
-
-def _copied(path: Path) -> Path:
-    copy = path.with_suffix(".copy")
-    copy.write_bytes(path.read_bytes())
-    return copy
 
 
 # Runs
@@ -95,11 +118,9 @@ def _run(folder: Path) -> Path:
     """A finished run of measured frames, labelled: no images, so that it takes a second."""
     project = folder / "project"
     measured_tables(project / "data" / "talk")
-    write_text(project / "datasets" / "mine.toml", seeds.MEASURED.replace("../talk", "../data/talk"))
-    head = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n"
-    write_text(project / "annotations" / "mine.csv", f"{head}1,6,anna,none,\n7,12,anna,robot,\n")
-    clip = (project / "datasets" / "mine.toml").as_posix()
-    text = f'clips = ["{clip}"]\npreset = "measured"\n[[configuration]]\nname = "one"\n'
+    clip = write_text(project / "datasets" / "mine.toml", whole.MEASURED.replace("../talk", "../data/talk"))
+    write_text(project / "annotations" / "mine.csv", f"{LABELS_HEADER}1,6,anna,none,\n7,12,anna,robot,\n")
+    text = f'clips = ["{clip.as_posix()}"]\npreset = "measured"\n[[configuration]]\nname = "one"\n'
     experiment = load_experiment(str(write_text(project / "e.toml", text)))
     run_plan(prepare(experiment), project / "run", workers=1, progress=lambda clip: None)
     return project / "run"
@@ -111,9 +132,7 @@ def write_run_manifest(path: Path) -> None:
 
 def open_run(path: Path) -> Any:
     """A run with this manifest and whole results."""
-    results = path.with_name("results.jsonl")
-    if not results.exists():
-        results.write_bytes((_run(path.parent / "whole") / "results.jsonl").read_bytes())
+    shutil.copyfile(_run(once(path, _run)) / "results.jsonl", path.with_name("results.jsonl"))
     run = FinishedRun.read(RunDirectory(path.parent))
     records, reference = list(run.records()), run.reference()
     read_labelled(RunDirectory(path.parent), None)
@@ -135,13 +154,9 @@ def write_thumbnails(path: Path) -> None:
 
 def open_thumbnails(path: Path) -> Any:
     """Lines beside whole pictures, of frames that are wrong."""
-    place = lines_path(path.parent, "clip", "one")
-    if not place.exists():
-        write_thumbnails(path.parent / "whole" / path.name)
-        place.parent.parent.mkdir(parents=True, exist_ok=True)
-        os.rename(lines_path(path.parent / "whole", "clip", "one").parent, place.parent)
-    place.write_bytes(path.read_bytes())
-    return read_thumbnails(path.parent, _verdicts())
+    folder = once(path, lambda folder: write_thumbnails(folder / path.name))
+    shutil.copyfile(path, lines_path(folder, "clip", "one"))
+    return read_thumbnails(folder, _verdicts())
 
 
 @cache
@@ -162,10 +177,8 @@ _IDENTITY = Identity(slot="stereo", parts={"stage": "bm", "clip": "mine", "setti
 
 
 def write_entry(path: Path) -> None:
-    instances = Instances(
-        ids=np.zeros((6, 8), np.uint16),
-        instances=(Instance(id=3, label="cup", category_id=47, is_thing=True, score=0.1),),
-    )
+    cup = Instance(id=3, label="cup", category_id=47, is_thing=True, score=0.1)
+    instances = Instances(ids=np.zeros((6, 8), np.uint16), instances=(cup,))
     values = (Disparity(disparity_px=np.ones((6, 8), np.float32)), instances, (Head(box_px=np.arange(4.0), score=0.3),))
     path.write_bytes(encode((f"{_IDENTITY.digest}/{path.name}", 0.5, values)))
 
@@ -182,28 +195,12 @@ def load_entry(path: Path) -> Any:
     return Here(store=Store(path.parent, 10**9), identity=_IDENTITY, tally=Tally()).load(())
 
 
-def write_identity(path: Path) -> None:
-    parts = {
-        "stage": "bm",
-        "clip": "mine",
-        "settings": {"a": 1},
-        "code": "x",
-        "versions": {"n": "2"},
-    }
-    write_text(path, json.dumps(parts))
-
-
 def use_identity(path: Path) -> Any:
     store = Store(path.parent, 10**9)
     place = store.folder("stereo", "abc") / path.name
     place.parent.mkdir(parents=True, exist_ok=True)
-    place.write_bytes(path.read_bytes())
+    shutil.copyfile(path, place)
     return store.usage(), difference(_IDENTITY.parts, store.described("stereo"))
-
-
-def write_pair(path: Path) -> None:
-    write_image(path.with_suffix(".png"), picture(1, 20, 10))
-    path.write_bytes(path.with_suffix(".png").read_bytes())
 
 
 def load_rendered(path: Path) -> Any:
@@ -216,46 +213,70 @@ def load_rendered(path: Path) -> Any:
 # Outputs of stages, and measurements
 
 
-def read_saved_heads(path: Path) -> Any:
-    return read_heads(path, PlainClip())
-
-
 def write_coco(path: Path) -> None:
-    ids = np.zeros((48, 64, 3), np.uint8)
-    ids[:20, :, 0] = 3  # R is the lowest byte of an id
-    for number in (1, 2):
-        write_image(path.parent / "png" / f"frame_{number:04d}.png", ids)
-    annotations = [
-        {"image_id": n, "file_name": f"frame_{n:04d}.png", "segments_info": [{"id": 3, "category_id": 1, "score": 0.5}]}
-        for n in (1, 2)
-    ]
-    categories = [{"id": 1, "name": "person", "isthing": 1}, {"id": 187, "name": "sky", "isthing": 0}]
-    write_text(path, json.dumps({"images": [], "annotations": annotations, "categories": categories}))
+    ids = np.zeros((48, 64), np.uint16)
+    ids[:20] = 3
+    person = Instance(id=3, label="person", category_id=1, is_thing=True, score=0.5)
+    write_coco_panoptic(path.parent, [(frame, Instances(ids=ids, instances=(person,))) for frame in (1, 2)])
 
 
 def read_coco(path: Path) -> Any:
-    if not (path.parent / "png").is_dir():
-        write_coco(path.parent / "whole" / path.name)
-        os.rename(path.parent / "whole" / "png", path.parent / "png")
-    clip = PlainClip()
-    segmenter = CocoPanoptic(CocoPanopticSettings(root=str(path.parent), partial=True, stuff="all"), clip)
-    try:
-        return [segmenter.segment(clip.frame(number)) for number in (1, 2)]
-    except VfoaError as error:  # of a mask that another name leads to
-        raise VfoaError(f"{path}: {error}") from None
+    folder, clip = once(path, lambda folder: write_coco(folder / path.name)), PlainClip()
+    shutil.copyfile(path, folder / path.name)
+    segmenter = CocoPanoptic(CocoPanopticSettings(root=str(folder), partial=True, stuff="all"), clip)
+    return naming(path, lambda: [segmenter.segment(clip.frame(number)) for number in (1, 2)])
 
 
 def open_tables(path: Path) -> Any:
     """Both tables; the one that is not damaged is whole."""
-    if not (path.parent / "people.csv").exists() or not (path.parent / "objects.csv").exists():
-        whole = measured_tables(path.parent / "whole", range(1, 5))
-        for name in ({"people.csv", "objects.csv"}) - {path.name}:
-            os.rename(whole / name, path.parent / name)
-    people = path.name if path.name.startswith("people") else "people.csv"
-    clip = open_measured("measured", path.parent, people_file=people, objects_file="objects.csv")
+    folder = once(path, lambda folder: measured_tables(folder, range(1, 5)))
+    files = {"people_file": "people.csv", "objects_file": "objects.csv", f"{path.stem}_file": "damaged" + path.suffix}
+    shutil.copyfile(path, folder / files[f"{path.stem}_file"])
+    clip = open_measured("measured", folder, **files)
     return [clip.scene(number) for number in clip.frames]
 
 
 def open_idiap(path: Path) -> Any:
     clip = open_measured("idiap_vfoa", path.parent, file=path.name)
     return [clip.scene(number) for number in clip.frames]
+
+
+# Recordings and messages
+
+
+def read_recording(path: Path) -> Any:
+    clip = RecordingClip(RecordingSettings.model_validate({"recording": path.name}), path.parent)
+    return [clip.frame(number) for number in list(clip.frames)[:4]]
+
+
+def write_metadata(path: Path) -> None:
+    whole.depth_bag("db3")(path.parent / "unused.db3")
+    (made,) = (path.parent / "made").rglob("metadata.yaml")
+    path.write_bytes(made.read_bytes())
+
+
+def read_with_metadata(path: Path) -> Any:
+    """A folder with this metadata.yaml and a whole database."""
+    folder = once(path, lambda folder: write_metadata(folder / path.name)) / "made" / "take_db3"
+    shutil.copyfile(path, folder / path.name)
+    return naming(path, lambda: read_recording(folder))
+
+
+def read_message(kind: str) -> Read:
+    """Reads a message of ``sensor_msgs`` from a file, whose name stands for the topic's."""
+    name = f"sensor_msgs/msg/{kind}"
+    type_ = MessageType(message_encoding="cdr", schema_encoding=BY_NAME, name=name, schema=b"")
+
+    def read(path: Path) -> Any:
+        data, where = path.read_bytes(), str(path)
+        if kind == "CameraInfo":
+            return messages.camera(type_, data, where), messages.sight(type_, data, where)
+        return messages.stamp_ns(type_, data, where), read_depth(type_, data, None, where)
+
+    return read
+
+
+def read_rvl(path: Path) -> Any:
+    """Depth in RVL behind its width and height; a ValueError is for its caller to name."""
+    data = path.read_bytes().ljust(4, b"\1")
+    return naming(path, lambda: decode_rvl(data[4:], *struct.unpack_from("<HH", data)))

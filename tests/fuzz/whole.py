@@ -1,0 +1,264 @@
+"""Whole files to begin with: texts, and functions that write one at a path by the project's writers or the tests'."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pandas as pd
+from openpyxl import Workbook
+from rosbags.typesys import Stores, get_typestore
+
+from harness.labels.formats import FORMATS
+from harness.labels.labels import Labels
+from tests import calibrations, depth_recordings
+from tests.disk import moving_picture, picture, write_bytes, write_image
+from tests.exchanges import exchange, row, staged
+from tests.harness.damage import project
+from tests.measured import LABELS_HEADER, idiap_file, measured_tables
+from tests.recordings import Family, rectified_camera, write_pairs
+from tests.repository import REPOSITORY
+
+Write = Callable[[Path], Any]
+
+MANIFEST = (
+    project.MANIFEST.replace('"../images"\n', '"../images"\nlicence = "CC0"\n')
+    .replace('"person"\n', '"person"\nat_px = [10, 20]\n')
+    .replace('"cup"\n', '"cup"\ninstance = 2\n')
+)
+MEASURED = """name = "mine"
+adapter = "measured"
+root = "../talk"
+[source]
+people_file = "people.csv"
+objects = { robot = { center_m = [0, 0, 0], size_m = [0.3, 0.3, 0.3] } }
+[subjects.anna]
+category = "person"
+[targets.robot]
+category = "robot"
+"""
+RECORDED = """name = "mine"
+adapter = "rosbag"
+root = "../take.bag"
+[source]
+stamps = "log"
+tolerance_ms = 3.5
+camera = { fx_px = 50.0, cx_px = 31.5, cy_px = 23.5, baseline_m = 0.1 }
+[subjects.anna]
+category = "person"
+"""
+EXPERIMENTS = tuple(
+    (REPOSITORY / "harness" / "experiments" / f"{name}.toml").read_text() for name in ("demo", "bandage_2", "filter")
+)
+FITTED = (REPOSITORY / "vfoa" / "logit.toml").read_text()
+LABELS = LABELS_HEADER + '1,3,anna,mug,\n4,4,anna,book,"a, b"\n5,9,anna,none,\n'
+DRAWN = (
+    "# vfoa drawn 1\nframe,name,kind,u0_px,v0_px,u1_px,v1_px,outside\n"
+    "1,mug,box,1,2,30.5,40,\n9,mug,box,4,2,33,40,1\n2,book,point,7,8,,,\n1,anna,head,5,6,25,36,\n"
+)
+CVAT_TRACKS = (
+    '<annotations><version>1.1</version><track id="0" label="bird">'
+    '<box frame="0" keyframe="1" outside="0" xtl="1" ytl="2" xbr="9" ybr="8"/>'
+    '<box frame="5" keyframe="0" outside="1" xtl="3" ytl="2" xbr="11" ybr="8"/></track>'
+    '<track id="1" label="cup"><points frame="2" keyframe="1" outside="0" points="7.5,8.5"/></track></annotations>'
+)
+ATTENTION_TARGET = "00000001.jpg,30,2,40,12,5,5\n00000002.jpg,30,2,40,12,-1,-1\n00000003.jpg,30,2,40,12,-1,7.5\n"
+SIGNALS = "frame,subject,x,y,z\n1,anna,0,0,1\n2,anna,0.5,-0.5,1e0\n2,ben,,,\n"
+HEADS = "frame,subject,u0_px,v0_px,u1_px,v1_px,score,instance_id\n1,anna,1,2,30.5,40,0.5,1\n2,anna,1,2,3,4,,\n"
+STAMPS = "# timestamp filename\n1305031102.175304 rgb/1.png\n1305031102.211214 rgb/2.png\n"
+KITTI = "P2: 700 0 600 0 0 700 180 0 0 0 1 0\nP3: 700 0 600 -370 0 700 180 0 0 0 1 0\n"
+MIDDLEBURY = (
+    "cam0=[3997.684 0 1176.728; 0 3997.684 1011.728; 0 0 1]\ncam1=[3997.684 0 1307.839; 0 3997.684 1011.728; 0 0 1]\n"
+    "doffs=131.111\nbaseline=193.001\nwidth=1280\nheight=720\n"
+)
+MATRIX = "600 0 320\n0 610 240\n0 0 1\n"
+FOUNDATION = "754.6 0.0 489.3 0.0 754.6 265.2 0.0 0.0 1.0\n0.063\n"
+FOUR_NUMBERS = "# fx fy cx cy\n600, 610, 320, 240\n"
+RIG, SIZE = calibrations.RIG, calibrations.SIZE
+OPEN3D = json.dumps({"width": SIZE[0], "height": SIZE[1], "intrinsic_matrix": [600, 0, 0, 0, 610, 0, 320, 240, 1]})
+REALSENSE = json.dumps({"width": SIZE[0], "height": SIZE[1], "fx": 600, "fy": 610, "ppx": 320, "ppy": 240})
+
+
+# Labels and tables
+
+_ROWS = Labels([row(1, 3, "bird"), row(4, 9, "none"), row(10, 12, "bird", note="a"), row(2, 8, "cup", "boy")])
+
+
+def exported(name: str) -> Write:
+    def write(path: Path) -> None:
+        clip, bodies = staged()
+        FORMATS.load(name)().write(path, _ROWS, exchange(clip, bodies=bodies))
+
+    return write
+
+
+def boris_packed(path: Path) -> None:
+    exported("boris")(path.with_name("theirs.boris"))
+    path.write_bytes(gzip.compress(path.with_name("theirs.boris").read_bytes(), mtime=0))
+
+
+def boris_workbook(path: Path) -> None:
+    book = Workbook()
+    for cells in (
+        ["Time", "Subject", "Behavior", "Behavior type", "Comment"],
+        [0.04, "girl", "bird", "START", None],
+        [0.2, "girl", "bird", "STOP", None],
+    ):
+        book.active.append(cells)
+    book.save(path)
+
+
+def idiap_arrays(path: Path) -> None:
+    np.savez(path, **{"Person 1": [0, 0, 1, 1, 2, 2], "Person 2": [1] * 6})
+
+
+def idiap_table(path: Path) -> None:
+    stamps = list(dict.fromkeys(each.split(",")[0] for each in idiap_file(path.parent).read_text().splitlines()))
+    rows = (f"{stamp},1,robot\n{stamp},2,unfocused\n" for stamp in stamps)
+    path.write_text("time_ns,person,looks_at\n" + "".join(rows))
+
+
+def measured(path: Path) -> None:
+    """The table of the path's name; people in Parquet, too."""
+    tables = measured_tables(path.parent, range(1, 5))
+    if path.suffix == ".parquet":
+        pd.read_csv(tables / "people.csv").to_parquet(path, compression=None)
+
+
+# Calibrations
+
+_NODES = calibrations.opencv_nodes(RIG)
+
+
+def opencv(*names: str, rectified: bool = False) -> Write:
+    nodes = _NODES | (calibrations.rectification(RIG) if rectified else {})
+    return lambda path: calibrations.write_opencv(path, {name: nodes[name] for name in names or nodes}, SIZE)
+
+
+def ros(side: int) -> Write:
+    return lambda path: path.write_bytes(calibrations.write_ros(path.parent / "ros", RIG)[side].read_bytes())
+
+
+def euroc(side: int) -> Write:
+    pose = np.eye(4)
+    pose[0, 3] = 0.12 * side
+    document = {
+        "sensor_type": "camera",
+        "T_BS": {"cols": 4, "rows": 4, "data": pose.ravel().tolist()},
+        "camera_model": "pinhole",
+        "intrinsics": RIG.k[side][[0, 1, 0, 1], [0, 1, 2, 2]].tolist(),
+        "distortion_model": "radial-tangential",
+        "distortion_coefficients": RIG.d[side].tolist(),
+        "resolution": list(SIZE),
+        "rate_hz": 20,
+    }
+    return lambda path: calibrations.write_yaml(path, document)
+
+
+# Images and maps
+
+
+def array(values: np.ndarray) -> Write:
+    """An array as npy, PFM, EXR, Middlebury's DPT or an image."""
+
+    def write(path: Path) -> None:
+        if path.suffix == ".npy":
+            np.save(path, values)
+        elif path.suffix == ".pfm":
+            write_bytes(path, b"Pf\n5 4\n-1.0\n" + values.astype("<f4").tobytes())
+        elif path.suffix == ".dpt":
+            write_bytes(path, struct.pack("<fii", 202021.25, 5, 4) + values.astype("<f4").tobytes())
+        elif path.suffix == ".exr":
+            header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+            with OpenEXR.File(header, {"Z": values.astype(np.float32)}) as file:
+                file.write(str(path))
+        else:
+            write_image(path, values)
+
+    return write
+
+
+def turned_jpeg(path: Path) -> None:
+    """With an orientation in EXIF, as phones write it."""
+    write_image(path, picture(1, 20, 10))
+    exif = b"Exif\0\0MM\0*\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0"
+    data = path.read_bytes()
+    path.write_bytes(data[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + data[2:])
+
+
+# Recordings and messages
+
+SMALL = (32, 24)
+"""Width and height of images in recordings."""
+LENS = depth_recordings.Lens(width=SMALL[0], height=SMALL[1], fx=50.0, cx=15.5, cy=11.5)
+DEPTH_MM = np.pad(np.full((SMALL[1], SMALL[0] - 3), 901, np.uint16), ((0, 0), (3, 0)))
+_SHOTS = [
+    depth_recordings.Shot(
+        stamp_ns=1_700_000_000_000_000_007 + number * 40_000_000,
+        colour=moving_picture(number, *SMALL),
+        depth_mm=DEPTH_MM,
+        lens=LENS,
+    )
+    for number in range(3)
+]
+
+
+def mcap(family: Family) -> Write:
+    left, right = (rectified_camera(*SMALL, 50.0, 15.5, 11.5, baseline) for baseline in (0.0, 0.1))
+    pairs = [(k * 40_000_000, picture(k, *SMALL), picture(99 + k, *SMALL), left, right) for k in (1, 2)]
+    return lambda path: write_pairs(path, pairs, family, chunk_size=9_000)
+
+
+def depth_bag(kind: depth_recordings.Format) -> Write:
+    """One file of a recording of colour and depth, moved to its place."""
+
+    def write(path: Path) -> None:
+        (folder := path.parent / "made").mkdir(parents=True, exist_ok=True)
+        made = depth_recordings.write_take(folder, kind, _SHOTS[1:], "rvl")
+        file = made if made.is_file() else next(each for each in made.iterdir() if each.suffix == path.suffix)
+        path.write_bytes(file.read_bytes())
+
+    return write
+
+
+def video_mcap(path: Path) -> None:
+    coder, options = depth_recordings.CODERS["h264"]
+    packets = depth_recordings.Encoder(coder, *SMALL, options).packets([each.colour for each in _SHOTS])
+    depth_recordings.write_video_take(path, "h264", packets, _SHOTS)
+
+
+def ros_message(kind: str, **fields: Any) -> Write:
+    """A message of ``sensor_msgs`` in CDR, with a header."""
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types, name = store.types, f"sensor_msgs/msg/{kind}"
+    header = types["std_msgs/msg/Header"](stamp=types["builtin_interfaces/msg/Time"](5, 7), frame_id="optical")
+    if kind == "CameraInfo":
+        fields["roi"] = types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+    return lambda path: path.write_bytes(bytes(store.serialize_cdr(types[name](header=header, **fields), name)))
+
+
+def compressed(form: depth_recordings.DepthForm) -> Write:
+    said, data = depth_recordings.compressed_depth(DEPTH_MM, form)
+    return ros_message("CompressedImage", format=said, data=np.frombuffer(data, np.uint8))
+
+
+def rvl(path: Path) -> None:
+    path.write_bytes(struct.pack("<HH", *SMALL) + depth_recordings.encode_rvl(DEPTH_MM))
+
+
+RAW_DEPTH = {"encoding": "16UC1", "is_bigendian": 0, "step": 64, "data": np.frombuffer(DEPTH_MM.tobytes(), np.uint8)}
+CAMERA_INFO = {
+    "d": np.zeros(5),
+    "k": np.array([50.0, 0, 15.5, 0, 50, 11.5, 0, 0, 1]),
+    "r": np.eye(3).ravel(),
+    "p": np.arange(12.0),
+    "binning_x": 0,
+    "binning_y": 0,
+    "distortion_model": "plumb_bob",
+}
