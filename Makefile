@@ -14,10 +14,10 @@ TORCH  := torch==2.13.0
 demo: $(READY)
 	$(BIN)/vfoa demo
 
-# One process per core, each with one thread for linear algebra: more threads than cores wait for each other. The tests
-# of one file stay together, and so do the fixtures they share.
+# One process per core, each with one thread for linear algebra: more threads than cores wait for each other. A worker
+# gets a stretch of the suite, so that the tests of a file share their fixtures; one that is done takes half of the rest.
 test: $(DEV)
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=auto --dist=loadfile
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses=auto --dist=worksteal
 
 # The same under the newest versions that pyproject.toml allows, or the lowest (VERSIONS=lowest-direct), in build/.
 VERSIONS ?= highest
@@ -26,7 +26,7 @@ test-versions:
 	build/$(VERSIONS)/bin/python -m pip install --quiet --disable-pip-version-check "uv>=0.5"
 	VIRTUAL_ENV=build/$(VERSIONS) build/$(VERSIONS)/bin/uv pip install --quiet --resolution $(VERSIONS) --group dev --editable .
 	sh system-libraries.sh build/$(VERSIONS)/bin/python --dev
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 build/$(VERSIONS)/bin/python -m pytest --numprocesses=auto --dist=loadfile $(TESTS)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 build/$(VERSIONS)/bin/python -m pytest --numprocesses=auto --dist=worksteal $(TESTS)
 
 test-export: export-extra
 	$(BIN)/python -m pytest tests/harness/stages/export

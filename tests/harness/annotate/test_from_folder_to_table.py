@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import csv
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from harness.labels.files import format_annotations
 from harness.labels.labels import IGNORED
@@ -18,6 +16,7 @@ from harness.studio.stage import RIG
 from tests.annotating import LOOKS_AROUND, served_by_the_program, shown, true_labels, wait_for
 from tests.browser import chromium
 from tests.calibrations import matrix, write_opencv
+from tests.command import vfoa
 from tests.disk import write_image
 from tests.repository import REPOSITORY
 
@@ -37,19 +36,6 @@ def _write_pairs(folder: Path, clip: StudioClip) -> None:
     pose = {"R": np.eye(3), "T": np.array([[-RIG.baseline_m], [0], [0]])}
     nodes = {"K1": k, "D1": d, "K2": k, "D2": d, **pose}
     write_opencv(folder / "calibration.yml", nodes, (RIG.width_px, RIG.height_px))
-
-
-def _vfoa(work: Path, *words: str, **environment: str) -> str:
-    """A command as a user gives it; what it prints."""
-    done = subprocess.run(
-        [sys.executable, "-c", "from harness.cli import main; main()", *words],
-        cwd=work,
-        env={**os.environ, "PYTHONPATH": str(REPOSITORY), **environment},
-        capture_output=True,
-        text=True,
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
 
 
 def _label(work: Path, labels: list[str]) -> None:
@@ -80,22 +66,30 @@ def test_the_commands_are_those_that_contributing_names() -> None:
     ]
 
 
-def test_a_folder_becomes_a_labelled_clip_and_a_table(tmp_path: Path, shared_models: Path) -> None:
+def test_a_folder_becomes_a_labelled_clip_and_a_table(
+    tmp_path: Path, shared_models: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run(*words: str) -> str:
+        """A command as a user gives it; what it prints."""
+        code, out, err = vfoa(monkeypatch, capsys, *words)
+        assert code == 0, err
+        return out
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("VFOA_MODELS", str(shared_models))
     clip = StudioClip(LOOKS_AROUND, None)
     truth = true_labels(clip, FRAMES)
     said = [label.target for _, _, label in truth.labelled(FRAMES)]
     _write_pairs(tmp_path / "pairs", clip)
 
     named = [word for name, category in TARGETS.items() for word in ("--target", f"{name}={category}")]
-    added = _vfoa(
-        tmp_path, "clips", "add", "pairs", "--name", "desk", "--set", "rate_hz=20", "--subject", "anna", *named
-    )
+    added = run("clips", "add", "pairs", "--name", "desk", "--set", "rate_hz=20", "--subject", "anna", *named)
     assert "calibration.yml" in added
     _label(tmp_path, said)
     assert (tmp_path / "annotations" / "desk.csv").read_text() == format_annotations(truth)
-    assert "desk" in _vfoa(tmp_path, "clips", "check", "desk")
+    assert "desk" in run("clips", "check", "desk")
     weights = ("--set", "segmentation.model=yolo_seg", "--set", "segmentation.weights=yolov8n-seg_int8.onnx")
-    table = _vfoa(tmp_path, "run", "desk", *weights, VFOA_MODELS=str(shared_models))
+    table = run("run", "desk", "--workers", "1", *weights)
 
     judged = sum(target != IGNORED for target in said)
     assert re.search(rf"^ *default +{judged} +[0-9.]+ ", table, re.MULTILINE), table

@@ -17,24 +17,29 @@ def few():
     return simulate(n_rays=(4, 40), radii_cm=(5, 10, 20, 30, 40))
 
 
-def test_every_row_every_statement_and_every_figure_is_written(few, tmp_path):
-    found = statements(few)
-    write_simulation(tmp_path, few, found)
-    with (tmp_path / "attention.csv").open(newline="") as file:
-        written = list(csv.DictReader(file))
-    assert [float(row["total"]) for row in written] == pytest.approx([row.total for row in few], abs=1e-6)
-    page = (tmp_path / "simulation.md").read_text()
-    assert all(each.claim in page for each in found)
+@pytest.fixture(scope="module")
+def written(few, tmp_path_factory):
+    """The folder that the rows are written to."""
+    folder = tmp_path_factory.mktemp("simulation")
+    write_simulation(folder, few, statements(few))
+    return folder
+
+
+def test_every_row_every_statement_and_every_figure_is_written(few, written):
+    with (written / "attention.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["total"]) for row in rows] == pytest.approx([row.total for row in few], abs=1e-6)
+    page = (written / "simulation.md").read_text()
+    assert all(each.claim in page for each in statements(few))
     for name in ("curves", "tuning", "settings"):
         assert f"({name}.svg)" in page
-        assert "</svg>" in (tmp_path / f"{name}.svg").read_text()
-        assert cv2.imread(str(tmp_path / f"{name}.png")).std() > 0
+        assert "</svg>" in (written / f"{name}.svg").read_text()
+        assert cv2.imread(str(written / f"{name}.png")).std() > 0
 
 
-def test_equal_rows_give_equal_bytes(few, tmp_path):
-    for name in ("one", "other"):
-        write_simulation(tmp_path / name, few, statements(few))
-    one, other = ({p.name: p.read_bytes() for p in (tmp_path / name).iterdir()} for name in ("one", "other"))
+def test_equal_rows_give_equal_bytes(few, written, tmp_path):
+    write_simulation(tmp_path, few, statements(few))
+    one, other = ({path.name: path.read_bytes() for path in folder.iterdir()} for folder in (written, tmp_path))
     assert one == other
 
 
@@ -44,7 +49,8 @@ def test_a_statement_that_does_not_hold_says_no(few):
     assert statements_table([replace(first, holds=False)]).rows[0][-1] == "no"
 
 
-def test_the_verb_prints_the_statements_and_writes_the_files(tmp_path):
+def test_the_verb_prints_the_statements_and_writes_the_files(few, tmp_path, monkeypatch):
+    monkeypatch.setattr("vfoa.simulation.simulate", lambda: few)
     result = CliRunner().invoke(app, ["simulate", "--out", str(tmp_path / "sim")], env={"COLUMNS": "200"})
     assert result.exit_code == 0, result.output
     assert "gaze and head on different objects" in result.output

@@ -99,12 +99,13 @@ def test_each_frames_gaze_is_that_of_its_seven_frames(
 def test_a_configuration_among_others_gives_what_it_gives_alone(
     experiment: Experiment, records: list[FrameRecord], tmp_path: Path
 ) -> None:
-    for name in ("bm", "static"):
-        assert run(experiment, tmp_path / name, only=name) == [each for each in records if each.configuration == name]
+    found = run(experiment, tmp_path / "static", only="static")
+    assert found == [each for each in records if each.configuration == "static"]
 
 
 def test_workers_change_nothing(experiment: Experiment, records: list[FrameRecord], tmp_path: Path) -> None:
-    assert run(experiment, tmp_path / "two", workers=2) == records
+    found = run(experiment, tmp_path / "two", workers=2, only="bm")
+    assert found == [each for each in records if each.configuration == "bm"]
 
 
 class WatchedClip:
