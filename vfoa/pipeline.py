@@ -15,6 +15,7 @@ from __future__ import annotations
 from concurrent.futures import Executor, wait
 from contextvars import copy_context
 from dataclasses import dataclass, field
+from typing import cast
 
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.bayes import BayesSettings, BeliefState, infer_attentions
@@ -22,7 +23,7 @@ from vfoa.drawn import Drawing, Placed
 from vfoa.gaze import GazeModel, TemporalGazeModel
 from vfoa.gaze_filter import GazeFilterSettings, GazeFilterState, filter_cues
 from vfoa.head_pose import HeadPoseModel
-from vfoa.heads import HeadDetector
+from vfoa.heads import FaceDetector, HeadDetector
 from vfoa.logit import LogitSettings, Traces, weigh_attentions
 from vfoa.nearest import NearestSettings, look_at_nearest
 from vfoa.reconstruction import reconstruct
@@ -58,10 +59,10 @@ class Stages:
 def perceive(frame: StereoFrame, stages: Stages, *, beside: Executor | None = None) -> Percepts:
     """Run every model on one frame. A temporal gaze model leaves its crops in the views; the gazes are added later.
 
-    ``beside`` runs the models of the heads in another thread during matching. The result is the same.
+    ``beside`` finds faces in another thread during segmentation, and runs the models of the heads there during
+    matching. The result is the same.
     """
-    instances = stages.segmenter.segment(frame)
-    heads = stages.heads.detect(frame, instances)
+    instances, heads = _find(frame, stages, beside)
     drawn: tuple[Placed, ...] = ()
     if stages.drawing:
         drawn = stages.drawing.place(frame, instances)
@@ -86,6 +87,25 @@ def perceive(frame: StereoFrame, stages: Stages, *, beside: Executor | None = No
         instances=instances,
         views=views,
     )
+
+
+def _find(frame: StereoFrame, stages: Stages, beside: Executor | None) -> tuple[Instances, tuple[Head, ...]]:
+    """The instances and the heads: a detector that is a :class:`vfoa.heads.FaceDetector` does not wait for masks."""
+    if not (hasattr(stages.heads, "faces") and hasattr(stages.heads, "with_people")):
+        instances = stages.segmenter.segment(frame)
+        return instances, stages.heads.detect(frame, instances)
+    detector = cast("FaceDetector", stages.heads)
+    if beside is None:
+        instances = stages.segmenter.segment(frame)
+        faces = detector.faces(frame)
+    else:
+        found = beside.submit(copy_context().run, detector.faces, frame)
+        try:
+            instances = stages.segmenter.segment(frame)
+        finally:
+            wait([found])
+        faces = found.result()
+    return instances, detector.with_people(faces, frame, instances)
 
 
 def _match(

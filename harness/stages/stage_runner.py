@@ -148,7 +148,7 @@ def _check_kind(value: object, method: str, slot: str) -> None:
     elif method == "estimate":
         kinds = _ONE_OR_NONE[slot]
         expected, is_right = f"{kinds[0].__name__} or None", value is None or isinstance(value, kinds)
-    elif method == "detect":
+    elif method in ("detect", "faces", "with_people"):
         heads = isinstance(value, tuple | list) and all(isinstance(each, Head) for each in value)
         expected, is_right = "tuple of Head", heads
     elif method == "crop":
@@ -168,7 +168,7 @@ def _check_size(found: Disparity | Instances, frame: StereoFrame) -> None:
         raise ValueError(f"returned a map of {shape}; expected {(frame.rig.height_px, frame.rig.width_px)}")
 
 
-NOT_STORED = frozenset({"crop", "stride"})
+NOT_STORED = frozenset({"crop", "stride", "with_people"})
 """Methods that are faster to compute than to read from the cache."""
 
 

@@ -82,6 +82,31 @@ def black_frame(percepts: Percepts) -> StereoFrame:
     return StereoFrame(index=0, time_ns=0, left=black, right=black, rig=percepts.rig)
 
 
+def test_faces_are_found_while_the_frame_is_segmented(percepts):
+    stages, frame = true_stages(percepts, NEAR), black_frame(percepts)
+    threads = []
+
+    class Faces:
+        def faces(self, frame):
+            threads.append(get_ident())
+            return stages.heads.detect(frame, percepts.instances)
+
+        def with_people(self, faces, frame, instances):
+            assert instances is percepts.instances
+            return faces[:1]
+
+        def detect(self, frame, instances):
+            raise AssertionError("waits for the masks")
+
+    early = replace(stages, heads=Faces())
+    alone = perceive(frame, early)
+    with ThreadPoolExecutor(1) as pool:
+        beside = perceive(frame, early, beside=pool)
+    (ours,), (others,) = beside.views, alone.views
+    np.testing.assert_array_equal(ours.head.box_px, others.head.box_px)
+    assert threads[0] == get_ident() != threads[1]
+
+
 def test_models_of_heads_beside_the_matcher_give_the_same(percepts):
     stages, threads = true_stages(percepts, NEAR), []
     seen = SimpleNamespace(estimate=lambda *inputs: threads.append(get_ident()) or stages.gaze.estimate(*inputs))

@@ -16,6 +16,18 @@ class HeadDetector(Protocol):
         ...
 
 
+class FaceDetector(HeadDetector, Protocol):
+    """Finds most heads without the masks, so that it can work while the frame is segmented; ``detect`` does both."""
+
+    def faces(self, frame: StereoFrame) -> tuple[Head, ...]:
+        """Detect the heads that need no masks, best first."""
+        ...
+
+    def with_people(self, faces: tuple[Head, ...], frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
+        """Return these heads, and those that only the masks of people show, as ``detect`` does."""
+        ...
+
+
 DETECTORS = Registry(
     kind="heads.detector",
     builtin={

@@ -63,19 +63,25 @@ class YuNet:
 
     def detect(self, frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
         """Return heads with a face, best first, then those of the people without one."""
-        heads = self._faces(frame.left)
+        return self.with_people(self.faces(frame), frame, instances)
+
+    def with_people(self, faces: tuple[Head, ...], frame: StereoFrame, instances: Instances) -> tuple[Head, ...]:
+        """Return these heads, then those of the people who have none of them."""
+        heads = list(faces)
         if self.settings.fallback == "person_mask":
             owners = {_owner(head, instances, self.settings.person_mask.label) for head in heads}
             heads += [head for head in self._people.detect(frame, instances) if head.instance_id not in owners]
         return tuple(heads)
 
-    def _faces(self, image: Image) -> list[Head]:
+    def faces(self, frame: StereoFrame) -> tuple[Head, ...]:
+        """Return heads with a face, best first."""
+        image = frame.left
         height, width = image.shape[:2]
         scale = min(1.0, self.settings.max_size_px / max(height, width))
         size = max(1, round(width * scale)), max(1, round(height * scale))
         shrunk = cv2.resize(image, size, interpolation=cv2.INTER_AREA) if scale < 1 else image
         found = self._search(np.asarray(shrunk, dtype=np.uint8))
-        return [_head(row, np.array([width / size[0], height / size[1]])) for row in found]
+        return tuple(_head(row, np.array([width / size[0], height / size[1]])) for row in found)
 
     def _search(self, image: Image) -> Float:
         """Rows (N, 15) of faces, best first: box u, v, width, height, five landmarks, score."""
