@@ -77,7 +77,7 @@ def carry(masks: Instances, key: StereoFrame, now: StereoFrame, motion: Motion) 
         return None
     seen = set(np.flatnonzero(np.bincount(ids.ravel())).tolist())
     instances = tuple(each for each in masks.instances if each.id in seen)
-    return Instances(ids=ids, instances=instances, carried_from=key.index, carried_s=1e-9 * (now.time_ns - key.time_ns))
+    return Instances(ids=ids, instances=instances, carried_from=key.index, carried_s=(now.time_ns - key.time_ns) / 1e9)
 
 
 def _lost(shape: tuple[int, ...]) -> Motion:
