@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -15,13 +17,21 @@ from vfoa.errors import VfoaError
 from vfoa.geometry import project, unit
 from vfoa.types import Float
 
+_PLOTS = "open3d.visualization.draw_plotly"
+"""Open3D's plots for notebooks import a web framework, which takes twice as long as all the rest of Open3D."""
+
 try:
+    if "open3d" not in sys.modules:
+        sys.modules[_PLOTS] = ModuleType(_PLOTS)
+        sys.modules[_PLOTS].__getattr__ = lambda name: None  # type: ignore[method-assign]
     import open3d as o3d
 except (ImportError, OSError) as error:  # the package is missing, or a system library that it loads
     raise VfoaError(
         f"rendering a studio clip needs Open3D, which cannot be imported: {error}; expected the package open3d and its "
         "system libraries (Debian: libgl1 libx11-6 libgomp1 libegl1 libusb-1.0-0)"
     ) from None
+finally:
+    sys.modules.pop(_PLOTS, None)
 
 _LIGHT_LEFT = np.array([-0.55, -0.8, -0.5])
 _KEY, _AMBIENT = 1.02, 0.52

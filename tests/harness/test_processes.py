@@ -42,3 +42,13 @@ def test_ctrl_c_while_a_module_is_imported_says_nothing(tmp_path: Path, name: st
     )
     assert (done.stdout, done.stderr) == ("", "")
     assert done.returncode in (130, -signal.SIGINT)
+
+
+def test_a_run_and_a_rendered_clip_import_nothing_heavy_that_they_do_not_use() -> None:
+    code = "import sys, harness.run.runner, harness.report.sinks; print(*sys.modules)\n"
+    code += "import harness.studio.raycast; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=REPOSITORY)
+    of_run, of_clip = (set(line.split()) for line in done.stdout.splitlines())
+    assert not {"scipy.spatial", "open3d", "onnxruntime", "rerun", "pandas"} & of_run
+    assert "open3d" in of_clip
+    assert not {"dash", "plotly", "pandas", "matplotlib"} & of_clip

@@ -158,12 +158,6 @@ def test_importing_vfoa_imports_nothing_heavy() -> None:
     assert not {"numpy", "cv2", "pydantic", "onnxruntime", "scipy"} & set(modules)
 
 
-def test_a_run_imports_scipy_only_if_a_stage_does() -> None:
-    code = "import sys, harness.run.runner, harness.report.sinks; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"scipy.spatial", "open3d", "onnxruntime", "rerun", "pandas"} & set(done.stdout.split())
-
-
 def test_every_public_name_is_there_and_type_checkers_know_it() -> None:
     stub = ast.parse((REPOSITORY / "vfoa/__init__.pyi").read_text(encoding="utf-8"))
     aliases = {alias.asname for node in stub.body if isinstance(node, ast.ImportFrom) for alias in node.names}
