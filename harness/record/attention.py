@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import rerun as rr
 
-from harness.record import entities
+from harness.record import Size, entities
 from harness.record.appearance import (
     CUE_COLOURS,
     Colour,
@@ -27,9 +27,15 @@ ARROW_M = 0.25
 
 
 def log_attention(
-    log: FrameLog, configuration: str, result: FrameResult, record: FrameRecord, colours: Colours
+    log: FrameLog,
+    configuration: str,
+    result: FrameResult,
+    record: FrameRecord,
+    colours: Colours,
+    known: Sequence[str],
+    size: Size,
 ) -> None:
-    """Log all subjects of a frame under a configuration."""
+    """Log all subjects of a frame under a configuration. ``known`` are the names of the manifest, in its order."""
     names = subject_names(record)
     for attention in result.attentions:
         path = entities.subject_3d(configuration, names[attention.subject.track_id])
@@ -37,8 +43,8 @@ def log_attention(
         _log_eyes(log, path, attention)
         _log_cones(log, path, attention, reach)
         if attention.rays is not None:
-            _log_rays(log, path, attention.cones, attention.rays, reach)
-    _log_curves(log, configuration, record, names, colours)
+            _log_rays(log, path, attention.cones, attention.rays, reach, size)
+    _log_curves(log, configuration, record, names, colours, known)
     _log_heads(log, configuration, record, names)
     _log_targets_2d(log, configuration, record, colours)
 
@@ -66,8 +72,11 @@ def _log_cones(log: FrameLog, path: str, attention: Attention, reach: float) -> 
             log.row(f"{path}/{cue}/cones", rr.LineStrips3D, strips=wires[ours])
 
 
-def _log_rays(log: FrameLog, path: str, cones: Sequence[Cone], rays: Rays, reach: float) -> None:
-    """Log rays: hits are bright and end where they first enter a box; misses are dim and as long as the cone."""
+def _log_rays(log: FrameLog, path: str, cones: Sequence[Cone], rays: Rays, reach: float, size: Size) -> None:
+    """Log rays: hits are bright and end where they first enter a box; misses are dim and as long as the cone.
+
+    A light recording has every second miss: the cone shows where they all are.
+    """
     of_cone = np.array([cone.cue for cone in cones])
     entry = rays.entry_m
     first = np.fmin.reduce(entry, axis=1) if entry.shape[1] else np.full(len(entry), np.nan)
@@ -80,8 +89,9 @@ def _log_rays(log: FrameLog, path: str, cones: Sequence[Cone], rays: Rays, reach
         # two entities, so that a colour is one static value and not one per ray
         for part, chosen, colour in (("rays", ours & hit, bright), ("missed_rays", ours & ~hit, dim)):
             if chosen.any():
+                every = 2 if size == "light" and part == "missed_rays" else 1
                 log.keep(f"{path}/{cue}/{part}", partial(_line_style, 0.5, colour), key="style")
-                log.row(f"{path}/{cue}/{part}", rr.LineStrips3D, strips=lines[chosen])
+                log.row(f"{path}/{cue}/{part}", rr.LineStrips3D, strips=lines[chosen][::every])
         ray, target = np.nonzero(np.isfinite(entry) & ours[:, None])
         if len(ray):
             points = rays.origin_left + rays.directions[ray] * entry[ray, target, None]
@@ -90,17 +100,31 @@ def _log_rays(log: FrameLog, path: str, cones: Sequence[Cone], rays: Rays, reach
 
 
 def _log_curves(
-    log: FrameLog, configuration: str, record: FrameRecord, names: dict[int, str], colours: Colours
+    log: FrameLog,
+    configuration: str,
+    record: FrameRecord,
+    names: dict[int, str],
+    colours: Colours,
+    known: Sequence[str],
 ) -> None:
-    """One curve per value that was measured."""
+    """Log the curves of each subject: those of the manifest's names in one entity, any other one in its own.
+
+    An entity takes 4 kB, however few its frames. A value that was not measured is NaN, which leaves a gap.
+    """
     for subject in record.subjects:
-        name = names[subject.track_id]
-        for target, value in attention_by_name(record, subject).items():
-            for what, number in (("total", value.total), ("gaze", value.gaze), ("head", value.head)):
-                if number is not None:
-                    path = entities.curve(configuration, name, what, target)
-                    log.keep(path, partial(_style, target, colours.of(target)), key="style")
-                    log.number(path, number)
+        values, of = attention_by_name(record, subject), names[subject.track_id]
+        others = [name for name in dict.fromkeys(known) if name != of]
+        for what in ("total", *CUES):
+            found = {name: number for name, value in values.items() if (number := getattr(value, what)) is not None}
+            numbers = np.array([found.pop(name, np.nan) for name in others])
+            if not np.isnan(numbers).all():
+                path = entities.curves(configuration, of, what)
+                log.keep(path, partial(_style, others, colours), key="style")
+                log.row(path, rr.Scalars, scalars=numbers)
+            for name, number in found.items():
+                path = entities.curve(configuration, of, what, name)
+                log.keep(path, partial(_style, [name], colours), key="style")
+                log.number(path, number)
 
 
 def _log_heads(log: FrameLog, configuration: str, record: FrameRecord, names: dict[int, str]) -> None:
@@ -161,8 +185,8 @@ def _line_style(points: float, colour: Colour) -> rr.LineStrips3D:
     return rr.LineStrips3D.from_fields(radii=rr.Radius.ui_points(points), colors=[colour])
 
 
-def _style(target: str, colour: Colour) -> rr.SeriesLines:
-    return rr.SeriesLines(names=target, colors=[colour], widths=2)
+def _style(names: Sequence[str], colours: Colours) -> rr.SeriesLines:
+    return rr.SeriesLines(names=names, colors=[colours.of(name) for name in names], widths=[2] * len(names))
 
 
 def _dim(colour: Colour, share: float) -> Colour:

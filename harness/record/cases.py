@@ -39,7 +39,7 @@ def _record(folder: Path, case: Case) -> Path:
         record = to_record(case.name, _CONE, result, names)
         log.begin(radius_cm, 0)
         log_targets(log, _CONE, result.scene, record, colours, "light")
-        log_attention(log, _CONE, result, record, colours)
+        log_attention(log, _CONE, result, record, colours, tuple(objects.values()), "light")
         log.end()
     layer.close(complete=True)
     return files.images

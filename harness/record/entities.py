@@ -116,12 +116,12 @@ def cue_3d(configuration: str, subject: str, cue: Cue, part: str) -> str:
 
 
 def curves(configuration: str, subject: str, value: str) -> str:
-    """The parent of the curves of one subject's ``gaze``, ``head`` or ``total``: one plot."""
+    """One subject's ``gaze``, ``head`` or ``total`` for the manifest's targets and other subjects: one plot."""
     return _join(ATTENTION, configuration, subject, value)
 
 
 def curve(configuration: str, subject: str, value: str, target: str) -> str:
-    """One attention curve: ``gaze``, ``head`` or ``total`` of a subject for a target."""
+    """The attention curve of a subject for a name that is not in the manifest."""
     return _join(ATTENTION, configuration, subject, value, target)
 
 

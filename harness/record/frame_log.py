@@ -1,13 +1,14 @@
 """Logging frame by frame into a Rerun stream: times, static values, and the clearing of entities that disappear.
 
-A call to Rerun costs as much as twenty rows, so the rows of many frames are sent together, as columns.
+A call to Rerun costs as much as twenty rows, and each chunk takes 2 kB and stays in memory until the file is closed: so
+the rows of many frames are sent together, as columns.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
@@ -17,58 +18,92 @@ Batch = Sequence[Any] | NDArray[Any]
 """The values of one field in one frame: one for each instance of the entity."""
 
 
+class Columns(NamedTuple):
+    """The fields of an entity that rows have; no archetype: the entity was logged whole."""
+
+    archetype: Any = None
+    fields: tuple[str, ...] = ()
+
+
+Shown = list[tuple[str, str, list[str]]]
+"""The entities of a frame as plain values: path, name of the archetype ("" for none), and fields."""
+
+
 class FrameLog:
     """A part of a recording in which an entity is cleared in frames that do not log it.
 
-    Rerun shows the latest value of an entity: without clearing, a box would stay where its object was last seen.
+    Rerun shows the latest value of an entity: without clearing, a box would stay where its object was last seen. A row
+    without instances clears, in the same chunk as the other rows of the entity.
 
-    Rows wait for :meth:`send`; with ``at_once``, they are sent at the end of their frame.
+    Rows wait for :meth:`send`; with ``at_once``, they are sent at the end of their frame. ``before`` are the entities
+    that the frame before the first one shows.
     """
 
-    def __init__(self, stream: rr.RecordingStream, *, at_once: bool = False) -> None:
+    def __init__(self, stream: rr.RecordingStream, *, at_once: bool = False, before: Shown | None = None) -> None:
         self._stream, self._at_once = stream, at_once
         self._time = (0, 0)
         self._rows = _Rows(stream)
-        self._before: set[str] = set()
-        self._now: set[str] = set()
+        self._before = _entities(before or [])
+        self._now: dict[str, Columns] = {}
         self._kept: dict[str, object] = {}
-        self._logged: set[int] = set()
         self._logged_to: int | None = None
+
+    @property
+    def shown(self) -> Shown:
+        """The entities of the last frame, by path."""
+        return [
+            (path, of.archetype.__name__ if of.archetype else "", list(of.fields))
+            for path, of in sorted(self._before.items())
+        ]
+
+    @property
+    def paths(self) -> set[str]:
+        """The paths of all rows that are not sent yet."""
+        return self._rows.paths
+
+    @property
+    def waiting_bytes(self) -> int:
+        """About how much the waiting rows take in memory."""
+        return self._rows.waiting_bytes
 
     def state(self) -> dict[str, Any]:
         """Send the waiting rows, and return the state from which another log can continue with the next frame."""
         self.send()
-        return {"logged_to": max(self._logged, default=self._logged_to), "before": sorted(self._before)}
+        return {"logged_to": self._logged_to, "before": [list(each) for each in self.shown]}
 
     def resume(self, state: Mapping[str, Any]) -> None:
         """Continue from the state of another log."""
-        self._logged_to, self._before = state["logged_to"], set(state["before"])
+        self._logged_to, self._before = state["logged_to"], _entities(state["before"])
 
     def begin(self, frame: int, time_ns: int) -> bool:
         """Set the frame number and time of the following entities; False if the frame is already logged."""
-        if frame in self._logged or (self._logged_to is not None and frame <= self._logged_to):
+        if self._logged_to is not None and frame <= self._logged_to:
             return False
-        self._logged.add(frame)
+        self._logged_to = frame
         self._time = (frame, time_ns)
         return True
 
     def row(self, path: str, archetype: Any, **fields: Batch) -> None:
         """Log an entity of this frame: a batch for each field of the archetype's ``columns``."""
-        self._now.add(path)
-        self._rows.add(self._time, path, archetype, fields)
+        self._now[path] = Columns(archetype, tuple(fields))
+        self._rows.add(self._time, path, self._now[path], fields)
 
     def number(self, path: str, value: float) -> None:
         """Log one number of a curve."""
         self.row(path, rr.Scalars, scalars=[value])
 
+    def event(self, path: str, archetype: Any, **fields: Batch) -> None:
+        """Log an entity that belongs to this frame alone and is never cleared, such as a line of a text log."""
+        self._rows.add(self._time, path, Columns(archetype, tuple(fields)), fields)
+
     def log(self, path: str, entity: rr.AsComponents) -> None:
         """Log any entity of this frame at once: for one that is too large to wait."""
-        self._now.add(path)
+        self._now[path] = Columns()
         self._send(path, entity)
 
     def row_at(self, frame: int, time_ns: int, path: str, archetype: Any, **fields: Batch) -> None:
         """Log an entity of another frame, which is never cleared."""
-        self._rows.add((frame, time_ns), path, archetype, fields)
+        self._rows.add((frame, time_ns), path, Columns(archetype, tuple(fields)), fields)
 
     def keep(self, path: str, build: Callable[[], rr.AsComponents], *, key: object, static: bool = True) -> None:
         """Build and log an entity that outlives the frame, but only if its ``key`` has changed since the last time."""
@@ -78,9 +113,13 @@ class FrameLog:
 
     def end(self) -> None:
         """Clear the entities that the frame before had and this one has not."""
-        for path in sorted(self._before - self._now):
-            self._rows.add(self._time, path, rr.Clear, {"is_recursive": [True]})
-        self._before, self._now = self._now, set()
+        for path in sorted(self._before.keys() - self._now.keys()):
+            of = self._before[path]
+            if of.archetype is None:
+                self._rows.add(self._time, path, Columns(rr.Clear, ("is_recursive",)), {"is_recursive": [True]})
+            else:
+                self._rows.add(self._time, path, of, dict.fromkeys(of.fields, ()))
+        self._before, self._now = self._now, {}
         if self._at_once:
             self.send()
 
@@ -96,45 +135,9 @@ class FrameLog:
         self._stream.log(path, entity, static=static)
 
 
-class ColumnLog:
-    """As :class:`FrameLog`, for entities of one instance in a known stretch of frames: nothing is sent before its end.
-
-    ``before`` are the paths of the frame before the first one.
-    """
-
-    def __init__(self, stream: rr.RecordingStream, before: Iterable[str] = ()) -> None:
-        self._time = (0, 0)
-        self._rows = _Rows(stream)
-        self._before, self._now = set(before), set[str]()
-
-    @property
-    def shown(self) -> list[str]:
-        """The paths of the last frame, sorted."""
-        return sorted(self._before)
-
-    @property
-    def paths(self) -> set[str]:
-        """All paths with rows that are not sent yet."""
-        return self._rows.paths
-
-    def begin(self, frame: int, time_ns: int) -> None:
-        """Set the time of all that follows: the source's frame number and time."""
-        self._time = (frame, time_ns)
-
-    def log(self, path: str, archetype: Any, **row: Any) -> None:
-        """Log an entity of this frame: one row of the archetype's ``columns``."""
-        self._now.add(path)
-        self._rows.add(self._time, path, archetype, {name: [value] for name, value in row.items()})
-
-    def end(self) -> None:
-        """Clear the entities that the frame before had and this one has not."""
-        for path in sorted(self._before - self._now):
-            self._rows.add(self._time, path, rr.Clear, {"is_recursive": [True]})
-        self._before, self._now = self._now, set()
-
-    def send(self) -> None:
-        """Send the rows that are not sent yet."""
-        self._rows.send()
+def _entities(shown: Iterable[Sequence[Any]]) -> dict[str, Columns]:
+    """The entities by path, from plain values."""
+    return {path: Columns(getattr(rr, name, None), tuple(fields)) for path, name, fields in shown}
 
 
 class _Rows:
@@ -142,31 +145,45 @@ class _Rows:
 
     def __init__(self, stream: rr.RecordingStream) -> None:
         self._stream = stream
-        self._waiting: dict[tuple[str, Any, tuple[str, ...]], list[tuple[tuple[int, int], Mapping[str, Batch]]]] = {}
+        self._waiting: dict[tuple[str, Columns], list[tuple[tuple[int, int], Mapping[str, Batch]]]] = {}
+        self.waiting_bytes = 0
 
     @property
     def paths(self) -> set[str]:
         """The paths of all waiting rows."""
-        return {path for path, _, _ in self._waiting}
+        return {path for path, _ in self._waiting}
 
-    def add(self, time: tuple[int, int], path: str, archetype: Any, fields: Mapping[str, Batch]) -> None:
+    def add(self, time: tuple[int, int], path: str, columns: Columns, fields: Mapping[str, Batch]) -> None:
         """Add a row at a frame number and time, ns."""
-        self._waiting.setdefault((path, archetype, tuple(fields)), []).append((time, fields))
+        self._waiting.setdefault((path, columns), []).append((time, fields))
+        self.waiting_bytes += _ROW_BYTES + sum(map(_bytes, fields.values()))
 
     def send(self) -> None:
         """Send every row."""
-        for (path, archetype, names), rows in self._waiting.items():
+        for (path, (archetype, names)), rows in self._waiting.items():
             times, fields = zip(*rows, strict=True)
             columns = [
                 column for name in names for column in _columns(archetype, name, [each[name] for each in fields])
             ]
             self._stream.send_columns(path, indexes=_time_columns(times), columns=columns)
-        self._waiting = {}
+        self._waiting, self.waiting_bytes = {}, 0
+
+
+_ROW_BYTES = 500
+"""About what the objects of one row take, beside its values."""
+
+
+def _bytes(batch: Batch) -> int:
+    if isinstance(batch, np.ndarray):
+        return batch.nbytes
+    return sum(len(each) for each in batch if isinstance(each, bytes | str))
 
 
 def _columns(archetype: Any, name: str, batches: Sequence[Batch]) -> Iterable[rr.ComponentColumn]:
     """A field of many rows."""
-    joined = np.concatenate(batches) if isinstance(batches[0], np.ndarray) else [*chain.from_iterable(batches)]
+    filled = [batch for batch in batches if len(batch)]
+    is_array = bool(filled) and isinstance(filled[0], np.ndarray)
+    joined = np.concatenate(filled) if is_array else [*chain.from_iterable(filled)]
     columns: rr.ComponentColumnList = archetype.columns(**{name: joined})
     return columns.partition([len(each) for each in batches])
 

@@ -60,7 +60,7 @@ class ImageLog:
         self._log, self._size, self._watched = log, size, watched
         self._key_every = key_frame_every(rate_hz)
         self._videos: dict[str, VideoEncoder] = {}
-        self._times: dict[str, list[tuple[int, int]]] = {}
+        self._times: dict[tuple[str, int], tuple[int, int]] = {}
 
     def add(self, frame: StereoFrame) -> bool:
         """Log the images of a frame; False if they are logged already."""
@@ -84,10 +84,10 @@ class ImageLog:
 
     def pause(self) -> bool:
         """Log all images so far, so that another run can continue with the next one; False if that is no key frame."""
-        if any(len(times) % self._key_every for times in self._times.values()):
+        if any(video.count % self._key_every for video in self._videos.values()):
             return False
         self.close()
-        self._videos, self._times = {}, {}
+        self._videos = {}
         return True
 
     def _image(self, path: str, image: Image, frame: StereoFrame) -> None:
@@ -100,12 +100,13 @@ class ImageLog:
                 height, width = image.shape[:2]
                 self._videos[path] = VideoEncoder(width, height, self._key_every)
                 self._log.keep(path, lambda: rr.VideoStream(codec=rr.VideoCodec.AV1), key="codec")
-            self._times.setdefault(path, []).append((frame.index, frame.time_ns))
-            self._packets(path, self._videos[path].encode(image))
+            video = self._videos[path]
+            self._times[path, video.count] = frame.index, frame.time_ns
+            self._packets(path, video.encode(image))
 
     def _packets(self, path: str, packets: Iterable[tuple[int, bytes]]) -> None:
         for position, packet in packets:
-            self._log.row_at(*self._times[path][position], path, rr.VideoStream, sample=[packet])
+            self._log.row_at(*self._times.pop((path, position)), path, rr.VideoStream, sample=[packet])
 
 
 def log_masks(
@@ -167,8 +168,9 @@ def encoded_depth(depth_m: Float | Map) -> rr.EncodedDepthImage:
 
 
 def png(image: NDArray[np.uint16] | Image) -> bytes:
-    """Encode an image as PNG."""
-    return cv2.imencode(".png", image)[1].tobytes()
+    """Encode an image as PNG. Run lengths alone make disparities a tenth smaller than the default, in 1 ms more."""
+    options = [cv2.IMWRITE_PNG_COMPRESSION, 2, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
+    return cv2.imencode(".png", image, options)[1].tobytes()
 
 
 def _half(image: Image) -> Image:
@@ -213,7 +215,7 @@ class VideoEncoder:
         }
         open_without_real_time(codec)
         self._codec = codec
-        self._count = 0
+        self.count = 0
 
     def encode(self, image: Image) -> Iterator[tuple[int, bytes]]:
         """Add an image; yield the packets that are ready, each with the position of its image in the stream."""
@@ -224,13 +226,13 @@ class VideoEncoder:
             image = np.pad(image, ((0, odd[0]), (0, odd[1]), (0, 0)), mode="edge")
         # a copy, because the encoder reads some bytes past the end of an image
         frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")
-        frame.pts = self._count
-        self._count += 1
+        frame.pts = self.count
+        self.count += 1
         yield from self._packets(frame)
 
     def finish(self) -> Iterator[tuple[int, bytes]]:
         """Yield the packets of the images that are not yet encoded."""
-        if self._count:
+        if self.count:
             yield from self._packets(None)
 
     def _packets(self, frame: av.VideoFrame | None) -> Iterator[tuple[int, bytes]]:

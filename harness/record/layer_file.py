@@ -24,8 +24,11 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 
-SENT_EVERY = 50
-"""Frames between flushes, which write all waiting rows. They bound the memory in use and the loss at a kill."""
+SENT_EVERY = 500
+"""Most frames between flushes, which write all waiting rows. Rerun keeps an entry of each chunk until the file is
+closed: fewer and larger chunks keep the memory of a long run flat."""
+WAITING_BYTES = 4 * 2**20
+"""Most memory of the rows that wait, roughly: more are written earlier."""
 LEAST_FREE_BYTES = 32 * 2**20
 """A recording stops when the disk has less free space than this: the rest is for the results."""
 
@@ -55,7 +58,7 @@ class LayerFile:
         self._files = files
         self._logs: dict[str, FrameLog] = {}
         self._file: StreamFile | None = None
-        self._frames = 0
+        self._unsent = 0
 
     @property
     def _partial(self) -> Path:
@@ -115,8 +118,8 @@ class LayerFile:
         assert self._file
         self._check_room()
         self._file.check()
-        self._frames += 1
-        if self._frames % SENT_EVERY == 0:
+        self._unsent += 1
+        if self._unsent >= SENT_EVERY or sum(log.waiting_bytes for log in self._logs.values()) > WAITING_BYTES:
             self._send_rows()
             self._file.flush()
 
@@ -158,5 +161,6 @@ class LayerFile:
                     self.stream.send_chunks(chunk)
 
     def _send_rows(self) -> None:
+        self._unsent = 0
         for log in self._logs.values():
             log.send()

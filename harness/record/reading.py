@@ -58,7 +58,7 @@ def first_points(recording: Path) -> list[Float]:
         for chunk in clouds:
             if chunk.entity_path in found:  # the time of a cloud repeats: all first clouds have been read
                 break
-            values = chunk.to_record_batch().column(_POSITIONS).drop_null().to_pylist()
+            values = [each for each in chunk.to_record_batch().column(_POSITIONS).drop_null().to_pylist() if each]
             if values:
                 found[chunk.entity_path] = np.array(values[0], dtype=np.float64).reshape(-1, 3)
     return list(found.values())

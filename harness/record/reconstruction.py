@@ -13,13 +13,13 @@ from harness.run.records import FrameRecord
 from vfoa.geometry import depth_from_disparity, quaternion
 from vfoa.types import Box3D, Disparity, Map, Percepts, Scene, StereoFrame
 
-LIGHT_POINTS = 120
+LIGHT_POINTS = 100
 """Most points of a cloud in a light recording: enough to show its shape and its outliers."""
 
 _COLOURS = rr.components.Colormap.Turbo
 
-_STEPS_PER_PX = 4
-"""A light recording rounds disparities to this fraction of a pixel, below the resolution of a matcher."""
+_STEPS = 128
+"""A light recording rounds the disparities of a frame to at most this many steps, as many as colours can show."""
 
 
 def log_disparity(log: FrameLog, name: str, frame: StereoFrame, percepts: Percepts, size: Size) -> None:
@@ -43,15 +43,16 @@ def log_disparity(log: FrameLog, name: str, frame: StereoFrame, percepts: Percep
 
 
 def _log_light_disparity(log: FrameLog, path: str, disparity: Disparity, longest: float) -> None:
-    steps = np.rint(disparity.disparity_px[::2, ::2] * _STEPS_PER_PX)
+    per_px = float(np.clip(2.0 ** np.floor(np.log2(_STEPS / max(longest, 1))), 1, 8))
+    steps = np.rint(disparity.disparity_px[::2, ::2] * per_px)
     log.row(
         path,
         rr.EncodedDepthImage,
         blob=[png(np.nan_to_num(np.clip(steps, 1, 65535), nan=0).astype(np.uint16))],
         media_type=["image/png"],
-        meter=[_STEPS_PER_PX],
+        meter=[per_px],
         colormap=[_COLOURS],
-        depth_range=[(0, longest * _STEPS_PER_PX)],
+        depth_range=[(0, longest * per_px)],
     )
 
 

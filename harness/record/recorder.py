@@ -195,7 +195,7 @@ class Recorder:
         record, colours = frame.record, self._shared.colours
         log = self._layer.part("attention")
         log.begin(record.frame, record.time_ns)
-        log_attention(log, self._layers.configuration, frame.result, record, colours)
+        log_attention(log, self._layers.configuration, frame.result, record, colours, self._names, self._size)
         for log_further in self._shared.further:
             log_further(log, frame, self._size)
         if self._judge and self._watched_at:
@@ -204,10 +204,15 @@ class Recorder:
         self._layer.end_frame()
 
     def _open(self, first: FinishedFrame) -> None:
-        """Begin the file with a layout for the scene of the first frame and the views that it has."""
+        """Begin the file, for a watching viewer with a layout for the scene of the first frame and its views.
+
+        In a file, a layout with tabs for three people takes 300 kB; `vfoa view` and excerpts have their own.
+        """
         if self._layer.is_open:
             return
-        shown = Shown.of(first.frame, first.result.scene, self._size, self._rate_hz)
-        subjects = Subjects(names=self._subjects)
-        self._layer.open(clip_layout([self._layers], shown, subjects, follow=self._watched_at is not None))
+        layout = None
+        if self._watched_at is not None:
+            shown = Shown.of(first.frame, first.result.scene, self._size, self._rate_hz)
+            layout = clip_layout([self._layers], shown, Subjects(names=self._subjects), follow=True)
+        self._layer.open(layout)
         self._layer.stream.log(entities.GUIDE, guide(), static=True)

@@ -18,7 +18,7 @@ from harness.labels.labels import Label, Labels
 from harness.record import appearance, entities, frame_log, layer_file, verdicts
 from harness.record.appearance import Colours
 from harness.record.composed import clip_names
-from harness.record.frame_log import ColumnLog
+from harness.record.frame_log import FrameLog, Shown
 from harness.record.layer_file import LayerFile
 from harness.record.layers import ClipFiles, recording_id
 from harness.record.reading import id_of, properties, reading
@@ -42,14 +42,14 @@ _Names = tuple[tuple[str, ...], tuple[str, ...]]
 class _Stretch(msgspec.Struct, frozen=True):
     """A stretch of a layer, which shows one block of results: a digest of its inputs, and its sums.
 
-    ``outcomes`` are counts, ``targets`` the names in order of their first appearance, ``shown`` the paths in the last
-    frame, ``paths`` those in any frame.
+    ``outcomes`` are counts, ``targets`` the names in order of their first appearance, ``shown`` the entities of the
+    last frame, ``paths`` those of any frame.
     """
 
     key: str
     outcomes: dict[str, int]
     targets: list[str]
-    shown: list[str]
+    shown: Shown
     paths: list[str]
 
 
@@ -143,7 +143,7 @@ class _Layer:
         layer.open()
         return layer
 
-    def _key(self, block: Block, shown: list[str]) -> str:
+    def _key(self, block: Block, shown: Shown) -> str:
         """The digest of all inputs of a stretch."""
         first, last = min(block.frames), max(block.frames)
         ranges = [
@@ -155,8 +155,8 @@ class _Layer:
         of = _code(), rr.__version__, self._configuration, names, dict(self._names_now), block.digest, ranges, shown
         return hashlib.sha256(repr(of).encode()).hexdigest()[:32]
 
-    def _log(self, layer: LayerFile, block: Block, key: str, shown: list[str]) -> _Stretch:
-        log, outcomes, targets = ColumnLog(layer.stream, shown), Counter[str](), dict[str, None]()
+    def _log(self, layer: LayerFile, block: Block, key: str, shown: Shown) -> _Stretch:
+        log, outcomes, targets = FrameLog(layer.stream, before=shown), Counter[str](), dict[str, None]()
         for record in (renamed(each, self._names_now) for each in read_block(self._results, block)):
             labels = self._labels
             verdicts = [

@@ -23,7 +23,7 @@ from harness.record.appearance import (
     subject_names,
     target_names,
 )
-from harness.record.frame_log import ColumnLog
+from harness.record.frame_log import FrameLog
 from harness.run.records import AttentionRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.posterior_checks import prediction_set
 from harness.score.verdicts import ERROR_TYPES, Verdict
@@ -33,23 +33,23 @@ NO_PREDICTION = "no prediction"
 NO_TRUTH = "not annotated"
 
 
-def log_verdicts(log: ColumnLog, record: FrameRecord, verdicts: Sequence[Verdict]) -> None:
+def log_verdicts(log: FrameLog, record: FrameRecord, verdicts: Sequence[Verdict]) -> None:
     """Log all verdicts of a frame."""
     configuration = record.configuration
     for verdict in verdicts:
         _log_states(log, verdict)
         _log_answers(log, record, verdict)
         if verdict.outcome == "wrong":
-            log.log(entities.log(configuration), rr.TextLog, text=_sentence(verdict), level=rr.TextLogLevel.WARN)
+            log.event(entities.log(configuration), rr.TextLog, text=[_sentence(verdict)], level=[rr.TextLogLevel.WARN])
     page = summary(record, verdicts)
-    log.log(entities.summary(configuration), rr.TextDocument, text=page, media_type=rr.MediaType.MARKDOWN)
+    log.row(entities.summary(configuration), rr.TextDocument, text=[page], media_type=[rr.MediaType.MARKDOWN])
 
 
-def _log_states(log: ColumnLog, verdict: Verdict) -> None:
+def _log_states(log: FrameLog, verdict: Verdict) -> None:
     """Log three rows of states per subject: the truth, the prediction, and whether they agree."""
     states = (verdict.truth or NO_TRUTH, verdict.predicted or NO_PREDICTION, verdict.outcome)
     for lane, state in zip(_LANES, states, strict=True):
-        log.log(entities.verdict(verdict.configuration, verdict.subject, lane), rr.StateChange, state=state)
+        log.row(entities.verdict(verdict.configuration, verdict.subject, lane), rr.StateChange, state=[state])
 
 
 _LANES = ("truth", "predicted", "verdict")
@@ -74,7 +74,7 @@ class LiveVerdicts:
 
     def __init__(self, stream: rr.RecordingStream, configuration: str, subjects: Sequence[str]) -> None:
         self._stream, self._configuration, self._subjects = stream, configuration, subjects
-        self._log, self._palette, self._styled = ColumnLog(stream), tuple[str, ...](), set[str]()
+        self._log, self._palette, self._styled = FrameLog(stream), tuple[str, ...](), set[str]()
 
     def show(self, record: FrameRecord, verdicts: Sequence[Verdict], colours: Colours) -> None:
         """Show the verdicts of one frame."""
@@ -89,7 +89,7 @@ class LiveVerdicts:
         self._log.send()
 
 
-def _log_answers(log: ColumnLog, record: FrameRecord, verdict: Verdict) -> None:
+def _log_answers(log: FrameLog, record: FrameRecord, verdict: Verdict) -> None:
     """Log the box of the true target in green, that of a wrong answer in red, and the line from the eyes to each."""
     names = subject_names(record)
     subject = next((s for s in record.subjects if names[s.track_id] == verdict.subject), None)
@@ -101,20 +101,20 @@ def _log_answers(log: ColumnLog, record: FrameRecord, verdict: Verdict) -> None:
         if target is None or target.box is None:
             continue
         path = entities.answer_3d(verdict.configuration, verdict.subject, what)
-        log.log(
+        log.row(
             f"{path}/box",
             rr.Boxes3D,
-            centers=target.box.center_m,
-            half_sizes=np.array(target.box.half_size_m) * _MARGIN,
-            quaternions=quaternion(np.transpose(target.box.axes)),
+            centers=[target.box.center_m],
+            half_sizes=[np.array(target.box.half_size_m) * _MARGIN],
+            quaternions=[quaternion(np.transpose(target.box.axes))],
         )
         # above the box: the target's own name is in its middle
         height_m = float(np.abs(np.transpose(target.box.axes)[1]) @ target.box.half_size_m) * _LABEL_HEIGHT
         above = np.array([target.box.center_m], dtype=np.float32) - np.array([[0, height_m, 0]], dtype=np.float32)
-        log.log(f"{path}/label", rr.Points3D, positions=above, labels=f"{what}: {name}")
+        log.row(f"{path}/label", rr.Points3D, positions=above, labels=[f"{what}: {name}"])
         if subject is not None and subject.eye_origin_m is not None:
             ends = np.array([subject.eye_origin_m, target.box.center_m], dtype=np.float32)
-            log.log(f"{path}/line", rr.LineStrips3D, strips=ends)
+            log.row(f"{path}/line", rr.LineStrips3D, strips=ends[None])
 
 
 def log_styles(stream: rr.RecordingStream, configuration: str, subjects: Iterable[str], paths: Collection[str]) -> None:

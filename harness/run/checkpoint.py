@@ -38,6 +38,10 @@ VERSION = 1
 SECONDS = 10.0
 """Least time between two checkpoints of a run."""
 
+_STEADY_S = 100.0
+"""After this time, the pause grows as the run does: a kill loses at most a tenth of the time so far. A checkpoint makes
+recordings send all that waits, in small chunks, whose number would else grow with the time."""
+
 _TAIL = 1 << 16
 """Number of bytes at the end of a file's written part that are checked."""
 
@@ -110,6 +114,11 @@ class _CheckpointCodec(Codec):
 
 
 _codec = _CheckpointCodec()
+
+
+def pause_s(run_s: float) -> float:
+    """Seconds between the checkpoint after ``run_s`` seconds of a run and the next one."""
+    return SECONDS * max(1.0, run_s / _STEADY_S)
 
 
 def write_checkpoint(directory: RunDirectory, pair: Pair, found: Checkpoint) -> None:

@@ -118,7 +118,7 @@ def attend_to(
         ConfigurationRunner(job, each, rate_hz, measurer, rehearsal=rehearsal, resumed=begun.get(each.name))
         for each in job.configurations
     ]
-    written_s = time.monotonic()
+    began_s = written_s = time.monotonic()
     with closing(frames), ExitStack() as sinks:
         for runner in runners:
             sinks.enter_context(runner)
@@ -127,7 +127,7 @@ def attend_to(
                 for runner in runners:
                     for finished in runner.attend(frame):
                         runner.hand_over(finished)
-                if not job.keeps and time.monotonic() - written_s >= checkpoint.SECONDS:
+                if not job.keeps and time.monotonic() - written_s >= checkpoint.pause_s(written_s - began_s):
                     written = [runner.checkpoint() for runner in runners]
                     written_s = time.monotonic() if any(written) else written_s
                 progress(job.manifest.name)

@@ -28,10 +28,11 @@ def test_the_curves_are_the_simulations_own(recordings, read_back):
     rows = simulate(n_rays=(40,))
     for case, path in zip(CASES, recordings, strict=True):
         columns = read_back(path)
-        for thing in case.objects:
+        curves = columns.at(entities.curves("cone", "subject", "total"), "Scalars:scalars")
+        for place, thing in enumerate(case.objects):
             expected = {row.radius_cm: [row.total] for row in rows if (row.case, row.object) == (case.name, thing.name)}
             assert len(expected) == len(RADII_CM)
-            assert columns.at(entities.curve("cone", "subject", "total", thing.name), "Scalars:scalars") == expected
+            assert {radius_cm: [values[place]] for radius_cm, values in curves.items()} == expected
 
 
 def test_the_hits_are_there_where_the_rays_are(recordings, read_back):

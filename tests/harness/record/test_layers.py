@@ -82,7 +82,8 @@ def test_a_configuration_that_fails_leaves_the_others_whole(frames, tmp_path, re
     whole.__exit__(None, None, None)
     assert not files.attention("one").exists()
     boxes = read_back(files.reconstruction("one")).at(entities.box("one", 4), "Boxes3D:centers")
-    assert list(boxes) == [10, 11, 13]  # in the last frame the box has another number
+    # in the last frame the box has another number
+    assert [frame for frame, centres in boxes.items() if centres] == [10, 11, 13]
     assert len(read_back(files.images).at(entities.IMAGE, "VideoStream:sample")) == len(frames)
 
 

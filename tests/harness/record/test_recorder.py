@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import pickle
 import subprocess
@@ -16,6 +17,7 @@ from rerun.chunk import RrdReader
 from scipy.spatial.transform import Rotation
 
 from harness.record import entities, layer_file
+from harness.record.appearance import attention_by_name
 from harness.record.frame_log import FrameLog
 from harness.record.images import VideoEncoder
 from harness.record.layers import ClipFiles, recording_id
@@ -53,14 +55,34 @@ def test_curves_equal_the_record(frames, record_run, read_back):
             for value in subject.attention
             if shown.record.target(value.instance_id).name == "book#4" and getattr(value, what) is not None
         }
-        assert curve == expected
-        assert len(curve) == {"gaze": 2, "head": 3, "total": 3}[what]
+        assert {frame: value for frame, value in curve.items() if value} == expected
+        assert len(expected) == {"gaze": 2, "head": 3, "total": 3}[what]
+
+
+def test_the_curves_of_a_manifests_names_are_one_entity(frames, record_run, read_back):
+    columns = read_back(record_run(frames, targets=["red cup", "book#4"]))
+    for what in ("gaze", "head", "total"):
+        path = entities.curves(CONFIGURATION, ANN, what)
+        assert columns.static(path, "SeriesLines:names") == ["red cup", "book#4"]
+        found = columns.at(path, "Scalars:scalars")
+        for shown in frames:
+            values = {
+                name: getattr(value, what)
+                for subject in shown.record.subjects
+                for name, value in attention_by_name(shown.record, subject).items()
+            }
+            numbers = [values.get("red cup"), values.get("book#4")]
+            if any(number is not None for number in numbers):
+                expected = [math.nan if number is None else number for number in numbers]
+                np.testing.assert_equal(found[shown.record.frame], expected)
+            else:
+                assert not found.get(shown.record.frame)
 
 
 def test_a_cue_that_was_not_measured_leaves_a_gap(frames, record_run, read_back):
     columns = read_back(record_run(frames))
     path = entities.curve(CONFIGURATION, ANN, "gaze", "book#4")
-    assert columns.at(path, "Clear:is_recursive") == {11: [True]}
+    assert [frame for frame, value in columns.at(path, "Scalars:scalars").items() if not value] == [11]
 
 
 def test_boxes_equal_the_scene(frames, record_run, read_back):
@@ -82,20 +104,25 @@ def test_boxes_equal_the_scene(frames, record_run, read_back):
 
 def test_what_vanishes_is_cleared_in_that_frame(frames, record_run, read_back):
     columns = read_back(record_run(frames))
-    gone_at_11 = [
-        entities.box(CONFIGURATION, 2),
-        entities.points(CONFIGURATION, 3),
-        entities.cue_3d(CONFIGURATION, ANN, "gaze", "rays"),
-        entities.cue_3d(CONFIGURATION, ANN, "gaze", "cones"),
-    ]
-    gone_at_13 = [
-        entities.box(CONFIGURATION, 1),
-        entities.subject_3d(CONFIGURATION, ANN, "origin"),
-        entities.head_box(CONFIGURATION, ANN),
-    ]
-    for frame, paths in ((11, gone_at_11), (13, gone_at_13)):
-        for path in paths:
-            assert columns.at(path, "Clear:is_recursive") == {frame: [True]}, path
+    gone_at_11 = {
+        entities.box(CONFIGURATION, 2): "Boxes3D:half_sizes",
+        entities.points(CONFIGURATION, 3): "Points3D:positions",
+        entities.cue_3d(CONFIGURATION, ANN, "gaze", "rays"): "LineStrips3D:strips",
+        entities.cue_3d(CONFIGURATION, ANN, "gaze", "cones"): "LineStrips3D:strips",
+    }
+    gone_at_13 = {
+        entities.box(CONFIGURATION, 1): "Boxes3D:half_sizes",
+        entities.subject_3d(CONFIGURATION, ANN, "origin"): "Points3D:positions",
+        entities.head_box(CONFIGURATION, ANN): "Boxes2D:half_sizes",
+    }
+    for frame, components in ((11, gone_at_11), (13, gone_at_13)):
+        for path, component in components.items():
+            assert [at for at, value in columns.at(path, component).items() if not value] == [frame], path
+
+
+def test_what_was_logged_whole_is_cleared_when_it_vanishes(frames, record_run, read_back):
+    columns = read_back(record_run(frames, size="full"))
+    assert columns.at(entities.points(CONFIGURATION, 3), "Clear:is_recursive") == {11: [True]}
 
 
 def test_hits_lie_where_rays_enter_boxes(frames, record_run, read_back):
@@ -256,7 +283,7 @@ def test_rows_are_sent_together_and_none_is_lost(every, frames, record_run, read
     assert cut.paths == whole.paths
     for path in whole.paths:
         assert cut.everything(path) == whole.everything(path), path
-    assert len(whole.at(entities.curve(CONFIGURATION, ANN, "total", "book#4"), "Scalars:scalars")) == 3
+    assert len(whole.at(entities.curve(CONFIGURATION, ANN, "total", "book#4"), "Scalars:scalars")) == 4
 
 
 def test_what_never_changes_is_logged_once_and_not_by_time(frames, record_run, read_back):
