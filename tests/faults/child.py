@@ -6,6 +6,7 @@ A fault is laid on the child before the verb begins (limits, a clock) or comes a
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import importlib
 import os
 import pkgutil
@@ -24,6 +25,8 @@ from tests.faults.project import MODEL_SHA256
 from tests.faults.verbs import Writes
 
 DAY_SECONDS = 86_400.0
+MOST_SAID = 1 << 20
+"""Bytes that a verb can say before it waits."""
 LONGEST_SECONDS = 600.0
 """A verb that takes longer hangs."""
 _SLOW_TO_IMPORT = ("harness.studio", "harness.stages.export", "harness.bench", "harness.run.executors.cluster")
@@ -51,31 +54,35 @@ def import_everything() -> None:
 def run_verb(
     verb: Writes,
     folder: Path,
-    said: Path,
     *,
     before: Callable[[], None] = lambda: None,
     kill: tuple[int, float] | None = None,
     variables: Mapping[str, str] | None = None,
 ) -> Ended:
-    """Run a verb's example in ``folder``; what it says goes to the file ``said``.
+    """Run a verb's example in ``folder``. What it says goes into a pipe, which no limit of files cuts.
 
     ``before`` is called in the child; ``kill`` is a signal for its process group, and after how many seconds.
     """
-    said.write_text("")
+    reader, writer = os.pipe()
+    fcntl.fcntl(writer, fcntl.F_SETPIPE_SZ, MOST_SAID)
     begun = time.monotonic()
     process = os.fork()
     if process == 0:
-        _be_the_verb(verb, folder, said, before, variables or {})
+        _be_the_verb(verb, folder, writer, before, variables or {})
+    os.close(writer)
     status = _wait(process, begun + (kill[1] if kill else LONGEST_SECONDS))
     if status is None and kill:
         _send(process, kill[0])
         status = _wait(process, time.monotonic() + LONGEST_SECONDS)
+    os.set_blocking(reader, False)
+    with open(reader, "rb") as file:
+        said = (file.read() or b"").decode(errors="replace")
     if status is None:
         _send(process, signal.SIGKILL)
         os.waitpid(process, 0)
         return Ended(code=-999, said=f"still there after {LONGEST_SECONDS:g} s", seconds=LONGEST_SECONDS)
     code = os.waitstatus_to_exitcode(status)
-    return Ended(code=code, said=said.read_text(errors="replace"), seconds=time.monotonic() - begun)
+    return Ended(code=code, said=said, seconds=time.monotonic() - begun)
 
 
 def _send(process: int, number: int) -> None:
@@ -96,17 +103,16 @@ def _wait(process: int, until: float) -> int | None:
 
 
 def _be_the_verb(
-    verb: Writes, folder: Path, said: Path, before: Callable[[], None], variables: Mapping[str, str]
+    verb: Writes, folder: Path, said: int, before: Callable[[], None], variables: Mapping[str, str]
 ) -> None:
     code = 70
     try:
         os.setsid()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
-        file = os.open(said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
-        os.dup2(file, 1)
-        os.dup2(file, 2)
-        os.close(file)
+        os.dup2(said, 1)
+        os.dup2(said, 2)
+        os.close(said)
         sys.stdout, sys.stderr = os.fdopen(1, "w", closefd=False), os.fdopen(2, "w", closefd=False)
         os.chdir(folder)
         os.environ.update(variables)

@@ -1,9 +1,10 @@
 """The fault plan: every verb that writes x every fault, at seeded moments.
 
-    python -m tests.faults.plan [--seed 1] [--only run] [--fault "kill -9"] [--times 1] [--out reports/faults.md]
+    python -m tests.faults.plan [--seed 1] [--only run] [--fault "kill -9"] [--out reports/faults.md]
 
 A cell holds if, after the fault, no file is neither as it was nor as it is to be, nothing is a traceback, and the same
-command then ends with the bytes of a run without a fault.
+command then ends with the bytes of a run without a fault. Under "no byte" every file is as it was, and the command
+says so: this fault needs no run without one, so the suite tries it on every verb.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -28,16 +29,10 @@ from tests.faults import child, project
 from tests.faults.files import Snapshot, left_over, snapshot, what_is_wrong
 from tests.faults.verbs import VERBS, Left, Writes
 
+NO_BYTE = "no byte"
 FAULTS = (
-    "kill -9",
-    "SIGINT",
-    "SIGTERM",
-    "full disk",
-    "read-only",
-    "small files",
-    "few files",
-    "little memory",
-    "clock back",
+    *("kill -9", "SIGINT", "SIGTERM", "full disk", "read-only"),
+    *("small files", "few files", "little memory", "clock back", NO_BYTE),
 )
 _STAMPED = ".noted"
 """Ending of files that hold stamps only of files that have been left alone for some seconds."""
@@ -75,20 +70,20 @@ class Undisturbed:
 class Workshop:
     """A place for the project, always at the same path, so that outputs can be compared byte by byte."""
 
-    def __init__(self, folder: Path, address: str | None) -> None:
+    def __init__(self, folder: Path, address: str) -> None:
         self.place, self._template = folder / "place" / "project", folder / "template"
-        self._said, self._address = folder / "said", address
+        self._address = address
         self._known: dict[str, Undisturbed] = {}
         self.place.mkdir(parents=True)
 
-    def prepare(self, *, is_small: bool) -> None:
-        """Make the template: the project with, if not small, a finished run, and labels as ELAN has them."""
+    def prepare(self) -> None:
+        """Make the template: the project with a finished run, and labels as ELAN has them."""
         project.write_project(self.place)
         made = (
             ("run", "talk.toml", "--out", "run", "--workers", "1"),
             ("labels", "export", "talk", "theirs.eaf", "--format", "elan"),
         )
-        for words in () if is_small else made:
+        for words in made:
             ended = self.run(Writes(words))
             if ended.code != 0:
                 raise SystemExit(f"vfoa {' '.join(words)}: exit {ended.code}: {ended.said}")
@@ -103,8 +98,8 @@ class Workshop:
     def run(self, verb: Writes, **more: object) -> child.Ended:
         """Run a verb in the place."""
         variables = {"VFOA_CACHE": str(self.place / "cache"), "XDG_CACHE_HOME": str(self.place / "cache")}
-        site = {} if self._address is None else {"VFOA_FAULTS_SITE": self._address}
-        return child.run_verb(verb, self.place, self._said, variables={**variables, **site}, **more)  # type: ignore[arg-type]
+        variables["VFOA_FAULTS_SITE"] = self._address
+        return child.run_verb(verb, self.place, variables=variables, **more)  # type: ignore[arg-type]
 
     def undisturbed(self, name: str, verb: Writes) -> Undisturbed:
         """A verb without a fault, twice: what differs then differs each time."""
@@ -133,6 +128,8 @@ class Workshop:
         """One cell of the table."""
         verb = VERBS[name]
         assert isinstance(verb, Writes)
+        if fault == NO_BYTE:
+            return self._without_a_byte(name, verb)
         whole = self.undisturbed(name, verb)
         self.renew()
         try:
@@ -154,6 +151,16 @@ class Workshop:
         different += [path for path in left_over(found) if path not in whole.after]
         wrong = f"again: other bytes: {', '.join(sorted(different)[:3])}" if different else ""
         return Cell(name, fault, wrong=wrong, ended=ended.code)
+
+    def _without_a_byte(self, name: str, verb: Writes) -> Cell:
+        """A verb whose files take no byte from the start."""
+        self.renew()
+        before = snapshot(self.place)
+        ended = self.run(verb, before=partial(child.small_files, 0))
+        wrong = self._said_wrongly(NO_BYTE, ended) or what_is_wrong(self.place, before, before, ())
+        if ended.code == 0 and not verb.only_removes:
+            wrong = wrong or "nothing could be written, and nothing was said"
+        return Cell(name, NO_BYTE, wrong=wrong, ended=ended.code)
 
     def _under(self, fault: str, verb: Writes, whole: Undisturbed, rng: Random) -> child.Ended:
         if fault in _SIGNALS:
@@ -248,17 +255,16 @@ def table(cells: Sequence[Cell], seed: int, seconds: float) -> str:
 
 
 @contextmanager
-def workshop(*, is_small: bool) -> Iterator[Workshop]:
-    """A prepared workshop in a temporary folder; if not small, with a finished run and a site that has a model."""
+def workshop() -> Iterator[Workshop]:
+    """A prepared workshop in a temporary folder, with a site that has a model."""
     from tests.web import serve
 
     folder = Path(tempfile.mkdtemp()).resolve()  # no object that a child, which ends as well, would clean up
     try:
-        with nullcontext() if is_small else serve() as site:
-            if site is not None:
-                site.files["/mine.onnx"] = project.MODEL
-            found = Workshop(folder, None if site is None else site.url("/mine.onnx"))
-            found.prepare(is_small=is_small)
+        with serve() as site:
+            site.files["/mine.onnx"] = project.MODEL
+            found = Workshop(folder, site.url("/mine.onnx"))
+            found.prepare()
             yield found
     finally:
         shutil.rmtree(folder)
@@ -270,15 +276,12 @@ def main(words: Sequence[str] | None = None) -> int:
     options.add_argument("--seed", type=int, default=int(os.environ.get("SEED", "1")))
     options.add_argument("--only", action="append", default=[], choices=[*VERBS])
     options.add_argument("--fault", action="append", default=[], choices=FAULTS)
-    options.add_argument("--times", type=int, default=1, help="How often each cell is tried, at other moments.")
     options.add_argument("--minutes", type=float, default=15.0, help="Begin no cell later.")
-    options.add_argument("--small", action="store_true", help="Only what needs no run and no site; begins at once.")
     options.add_argument("--out", type=Path)
     given = options.parse_args(words)
-    if not given.small:
-        child.import_everything()
+    child.import_everything()
     begun, cells = time.monotonic(), []
-    with workshop(is_small=given.small) as place:
+    with workshop() as place:
         for name, verb in VERBS.items():
             for fault in given.fault or FAULTS:
                 if isinstance(verb, Left) or (given.only and name not in given.only):
@@ -286,10 +289,7 @@ def main(words: Sequence[str] | None = None) -> int:
                 if time.monotonic() - begun > 60 * given.minutes:
                     cells.append(Cell(name, fault, skipped=f"{given.minutes:g} minutes were over"))
                     continue
-                tries = [
-                    place.try_cell(name, fault, Random(f"{given.seed}/{name}/{fault}/{n}")) for n in range(given.times)
-                ]
-                cells.append(next((each for each in tries if each.wrong), tries[0]))
+                cells.append(place.try_cell(name, fault, Random(f"{given.seed}/{name}/{fault}/0")))
                 said = cells[-1].wrong or cells[-1].skipped or "held"
                 print(json.dumps([name, fault, cells[-1].ended, said]), file=sys.stderr, flush=True)  # noqa: T201
     text = table(cells, given.seed, time.monotonic() - begun)

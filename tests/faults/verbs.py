@@ -24,6 +24,7 @@ class Writes:
     call: Callable[[], None] | None = None
     varies: tuple[str, ...] = ()
     grows: tuple[str, ...] = ()
+    only_removes: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ VERBS: dict[str, Writes | Left] = {
     "labels agreement": Writes(("labels", "agreement", "talk", "--out", "agreement")),
     "labels merge": Writes(("labels", "merge", "talk", "--to", "all", "--replace")),
     "cache info": READS,
-    "cache clear": Writes(("cache", "clear")),
+    "cache clear": Writes(("cache", "clear"), only_removes=True),
     "clips add": Writes(("clips", "add", "data/walk", "--name", "walk")),
     "clips list": READS,
     "clips check": READS,
