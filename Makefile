@@ -9,6 +9,9 @@ PIP    := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 # What `vfoa models export` needs beside the lock, which leaves it out for its size.
 TORCH  := torch==2.13.0
 
+# Modules are compiled when they are first imported, and kept: the suite starts hundreds of processes.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: demo test test-versions explore fuzz faults test-export export-extra coverage check lint types format lock figures docs release-notes wheel clean
 
 demo: $(READY)
