@@ -97,12 +97,12 @@ def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, mon
 
 
 def test_a_fit_that_is_worse_than_the_default_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The labels of the first 2 seconds are wrong."""
+    """The labels of the first 2 of 16 seconds are wrong."""
     monkeypatch.chdir(tmp_path)
-    labelled_clips(tmp_path, ("one",), FRAMES)
-    wrong = true_labels(FRAMES)
+    labelled_clips(tmp_path, ("one",), 400)
+    wrong = true_labels(400)
     for name in ("anna", "ben"):
-        wrong = wrong.replace(f"1,{FRAMES // 2},{name},", f"1,50,{name},none,\n51,{FRAMES // 2},{name},")
+        wrong = wrong.replace(f"1,200,{name},", f"1,50,{name},none,\n51,200,{name},")
     write_text(tmp_path / "annotations" / "one.csv", wrong)
     with pytest.raises(VfoaError, match="not written"):
         fit("talk.toml", Path("fitted.toml"), first="2s")
