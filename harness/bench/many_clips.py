@@ -1,16 +1,20 @@
-"""Many small clips: a Dask cluster of two workers against a pool of two processes.
+"""Many small clips: a Dask cluster against a pool of processes, and a model of a run on more cores.
 
-``python -m harness.bench.many_clips 200 3`` runs 200 clips of five frames three times on each, alternately, and prints
-the least seconds and CPU seconds. The clips are copies of a rendered one. The cluster is started before.
+``python -m harness.bench.many_clips 200 3`` runs 200 clips of five frames three times on two workers of each,
+alternately, and prints the least seconds and CPU seconds. The clips are copies of a rendered one; the cluster is
+started before. ``--model 32`` runs 32 clips with one and with two workers instead, and extrapolates.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
+import csv
+import math
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from pathlib import Path
 
 from rich.console import Console
@@ -18,7 +22,10 @@ from rich.console import Console
 from harness.bench.parallel import used_cpu_seconds
 from harness.data_folders import find
 from harness.files import atomic_write, read_text
-from harness.report.formats import Table, to_markdown
+from harness.report.formats import UNKNOWN, Table, to_markdown
+from harness.report.sinks import composed_sinks
+from harness.report.write import rescore
+from harness.run.directory import RunDirectory
 from harness.run.executors.cluster import local_cluster
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.runner import prepare, run_plan
@@ -47,6 +54,104 @@ def measure_many_clips(clips: int, times: int, folder: Path) -> Mapping[str, lis
             for name, address in (("pool", None), ("cluster", scheduler)):
                 found[name].append(_run(experiment, folder / f"{name} {number}", address))
     return {name: costs[1:] for name, costs in found.items()}
+
+
+PARTS = {
+    "read": ("decode",),
+    "match": ("stereo",),
+    "other stages": ("segmentation", "heads", "head_pose", "gaze", "reconstruction", "attention", "measures"),
+    "write": ("recording",),
+}
+"""Stages of a run by the part of the model that they belong to."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunModel:
+    """A model of a run of equal clips, from CPU seconds with one worker and with two.
+
+    ``serial_s`` is planned and scored by one process, ``start_s`` what a second worker adds: its imports and its share
+    of the cost of a pool. ``work_s`` is the rest, by part. ``measured`` are seconds and CPU seconds by workers.
+    """
+
+    clips: int
+    serial_s: float
+    start_s: float
+    work_s: Mapping[str, float]
+    measured: Mapping[int, tuple[float, float]]
+
+    def seconds(self, workers: int) -> float:
+        """Seconds on as many idle cores: workers start at once, and then each runs one clip after the other."""
+        rounds = math.ceil(self.clips / workers)
+        return self.serial_s + self.start_s * (workers > 1) + rounds * sum(self.work_s.values()) / self.clips
+
+
+def measure_model(clips: int, folder: Path) -> RunModel:
+    """Run clips with one worker and with two, with light recordings, tables and page."""
+    experiment = _experiment(clips, folder)
+    _model_run(replace(experiment, clips=experiment.clips[:1]), folder / "warm", 1)
+    serial_s, one, directory = _model_run(experiment, folder / "one", 1)
+    _, two, _ = _model_run(experiment, folder / "two", 2)
+    shares = _stage_shares(directory)
+    return RunModel(
+        clips=clips,
+        serial_s=serial_s,
+        start_s=max((two[1] - one[1]) / 2, 0.0),
+        work_s={part: share * (one[1] - serial_s) for part, share in shares.items()},
+        measured={1: one, 2: two},
+    )
+
+
+def _model_run(experiment: Experiment, out: Path, workers: int) -> tuple[float, tuple[float, float], RunDirectory]:
+    """CPU seconds of plan and scores, seconds and CPU seconds of all, and the directory of a run."""
+    cpu_before, started = used_cpu_seconds(None), time.perf_counter()
+    plan = prepare(experiment, limit=FRAMES, sinks=composed_sinks(experiment.configurations, "light"))
+    planned = used_cpu_seconds(None)
+    directory = run_plan(plan, out, workers=workers, progress=lambda clip: None)
+    ran = used_cpu_seconds(None)
+    rescore(directory)
+    scored = used_cpu_seconds(None)
+    return planned - cpu_before + scored - ran, (time.perf_counter() - started, scored - cpu_before), directory
+
+
+def _stage_shares(directory: RunDirectory) -> dict[str, float]:
+    """The share of each part in the time of the stages."""
+    with directory.timings.open(encoding="utf-8") as timings:
+        rows = sorted((row["stage"], float(row["ms"])) for row in csv.DictReader(timings))
+    ms = {stage: sum(each for _, each in group) for stage, group in groupby(rows, key=lambda row: row[0])}
+    return {part: sum(ms.get(stage, 0.0) for stage in stages) / sum(ms.values()) for part, stages in PARTS.items()}
+
+
+def model_tables(model: RunModel, workers: Sequence[int] = (1, 2, 4, 8, 16, 32)) -> list[Table]:
+    """Where the time goes, and what the model says for more workers beside what was measured."""
+    parts = {"plan, tables and page": model.serial_s, "start of a worker": model.start_s, **model.work_s}
+    where = Table(
+        title=f"CPU seconds of a run of {model.clips} clips of {FRAMES} frames",
+        columns=("part", "CPU s", "of one worker's"),
+        rows=tuple(
+            (part, f"{seconds:.1f}", f"{100 * seconds / model.measured[1][1]:.0f}%") for part, seconds in parts.items()
+        ),
+        words=1,
+    )
+    one = model.seconds(1)
+    return [
+        where,
+        Table(
+            title="The model: as many idle cores as workers",
+            columns=("workers", "s", "times faster", "per worker", "measured s", "measured CPU s"),
+            rows=tuple(
+                (
+                    str(number),
+                    f"{model.seconds(number):.1f}",
+                    f"{one / model.seconds(number):.1f}",
+                    f"{100 * one / model.seconds(number) / number:.0f}%",
+                    *(f"{each:.1f}" for each in model.measured.get(number, ())),
+                    *([] if number in model.measured else [UNKNOWN, UNKNOWN]),
+                )
+                for number in workers
+            ),
+            words=0,
+        ),
+    ]
 
 
 def _experiment(clips: int, folder: Path) -> Experiment:
@@ -103,11 +208,19 @@ def _cpu_seconds(costs: Sequence[Cost]) -> float:
 
 
 def main() -> None:
-    """Measure the given number of clips, as often as given."""
-    clips, times = map(int, sys.argv[1:])
+    """Measure the given number of clips, as often as given, or the model's parts."""
+    parser = argparse.ArgumentParser(description="Run many small clips.")
+    parser.add_argument("clips", type=int, help="number of clips")
+    parser.add_argument("times", type=int, nargs="?", default=1, help="number of runs on pool and cluster")
+    parser.add_argument("--model", action="store_true", help="one and two workers of a pool, and a model of more")
+    given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        costs = measure_many_clips(clips, times, Path(folder))
-    Console().print(to_markdown(many_clips_table(clips, costs)), soft_wrap=True)
+        if given.model:
+            tables = model_tables(measure_model(given.clips, Path(folder)))
+        else:
+            tables = [many_clips_table(given.clips, measure_many_clips(given.clips, given.times, Path(folder)))]
+    for table in tables:
+        Console().print(to_markdown(table), soft_wrap=True)
 
 
 if __name__ == "__main__":

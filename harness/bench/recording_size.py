@@ -1,4 +1,4 @@
-"""The cost of recordings: bytes and time of one long clip under four configurations, with and without them.
+"""The cost of recordings: bytes a frame of each clip of an experiment, and bytes and time of one long clip.
 
 Whole runs of a longer rendering of ``studio_talk``, one after the other in one process without a cache. Its frames are
 rendered and stored before the first run. Compare ratios, not seconds, which depend on the machine.
@@ -48,6 +48,42 @@ class RecordedRun:
         return sum(self.bytes_by_layer.values())
 
 
+def measure_clips(experiment: Experiment) -> dict[str, dict[str, float]]:
+    """Run and score an experiment with light recordings; return the bytes a frame of each clip by layer."""
+    with tempfile.TemporaryDirectory() as folder:
+        plan = prepare(experiment, sinks=recordings(experiment.configurations, "light"))
+        directory = run_plan(plan, Path(folder), workers=1, progress=lambda clip: None)
+        rescore(directory)
+        return {
+            clip.manifest.name: {
+                layer: size / len(clip.frames)
+                for layer, size in _bytes_by_layer(Path(folder), clip.manifest.name).items()
+            }
+            for clip in plan.clips
+        }
+
+
+def _bytes_by_layer(run: Path, clip: str) -> dict[str, int]:
+    by_layer = dict.fromkeys(_LAYERS, 0)
+    for file in (run / f"{clip}.rrd", *run.glob(f"{clip}__*.rrd")):
+        layer = ".".join(file.name.split(".")[1:-1]) or ("attention" if "__" in file.name else "images")
+        by_layer[layer] += file.stat().st_size
+    return by_layer
+
+
+def clips_table(clips: Mapping[str, Mapping[str, float]]) -> Table:
+    """One row per clip: kilobytes a frame under all configurations."""
+    return Table(
+        title="Light recordings of each clip under all configurations, kB a frame",
+        columns=("clip", *_LAYERS, "all"),
+        words=1,
+        rows=tuple(
+            (clip, *(f"{sizes[layer] / 1e3:.1f}" for layer in _LAYERS), f"{sum(sizes.values()) / 1e3:.1f}")
+            for clip, sizes in clips.items()
+        ),
+    )
+
+
 def measure_recordings(frames: int) -> list[RecordedRun]:
     """Run the first ``frames`` of ``studio_talk`` without recordings, and with light ones."""
     with tempfile.TemporaryDirectory() as folder:
@@ -81,14 +117,11 @@ def _write_clip(root: Path, frames: int) -> Experiment:
 
 def _run(experiment: Experiment, out: Path, kind: str, frames: int) -> RecordedRun:
     started = time.perf_counter()
-    sinks = recordings(experiment.configurations, _KINDS[kind])
+    size = _KINDS[kind]
+    sinks = recordings(experiment.configurations, size)
     directory = run_plan(prepare(experiment, sinks=sinks), out, workers=1, progress=lambda clip: None)
     ran = time.perf_counter()
     rescore(directory)
-    by_layer: dict[str, int] = {}
-    for file in out.glob("*.rrd"):
-        layer = ".".join(file.name.split(".")[1:-1]) or ("attention" if "__" in file.name else "images")
-        by_layer[layer] = by_layer.get(layer, 0) + file.stat().st_size
     with directory.timings.open(encoding="utf-8") as timings:
         recording_ms = sum(float(row["ms"]) for row in csv.DictReader(timings) if row["stage"] == "recording")
     return RecordedRun(
@@ -97,7 +130,7 @@ def _run(experiment: Experiment, out: Path, kind: str, frames: int) -> RecordedR
         seconds=ran - started,
         recording_s=recording_ms / 1e3,
         scoring_s=time.perf_counter() - ran,
-        bytes_by_layer=by_layer,
+        bytes_by_layer=_bytes_by_layer(out, "studio_talk") if size else {},
     )
 
 

@@ -1,4 +1,4 @@
-"""Peak resident memory of a whole run (reading, matching, attention, recording), by the length of its recording."""
+"""Peak resident memory of a whole run (reading, matching, attention, recording), by the length of its clip."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.bench.generated_clip import write_clip
+from harness.bench.hours import run_experiment
 from harness.bench.mcap_memory import HEIGHT, WIDTH, peak_mib, write_recording
 from harness.processes import spawning
 from harness.report.sinks import recordings
@@ -51,6 +53,18 @@ def measure_memory(frames: int) -> Peak:
         experiment.write_text(text, encoding="utf-8")
         with spawning().Pool(1) as pool:
             return Peak(frames=frames, peak_mib=pool.apply(_run, (experiment, root / "run")))
+
+
+def measure_four(frames: int) -> Peak:
+    """Run a generated clip under four configurations with light recordings, as ``harness.bench.hours`` does."""
+    with tempfile.TemporaryDirectory() as folder, spawning().Pool(1) as pool:
+        root = Path(folder)
+        return Peak(frames=frames, peak_mib=pool.apply(_run_four, (write_clip(root, frames), root / "run")))
+
+
+def _run_four(experiment: Path, out: Path) -> float:
+    run_experiment(experiment, out)
+    return peak_mib()
 
 
 def _write_masks(folder: Path, frames: int) -> None:

@@ -126,10 +126,14 @@ def _posterior(bench: Bench) -> list[Table]:
 
 
 def _memory(bench: Bench) -> list[Table]:
-    from harness.bench.run_memory import measure_memory
+    from harness.bench.run_memory import measure_four, measure_memory
     from harness.bench.tables import memory_table
 
-    return [memory_table([measure_memory(frames) for frames in (200, 2000)])]
+    lengths = (1500, max(3000, bench.limit))
+    return [
+        memory_table("a generated recording", [measure_memory(frames) for frames in (200, 2000)]),
+        memory_table("a generated clip under four configurations", [measure_four(frames) for frames in lengths]),
+    ]
 
 
 def _depth_memory(bench: Bench) -> list[Table]:
@@ -139,9 +143,11 @@ def _depth_memory(bench: Bench) -> list[Table]:
 
 
 def _recording(bench: Bench) -> list[Table]:
-    from harness.bench.recording_size import measure_recordings, recordings_table
+    from harness.bench.recording_size import clips_table, measure_clips, measure_recordings, recordings_table
+    from harness.run.experiment import load_experiment
 
-    return [recordings_table(measure_recordings(bench.limit))]
+    clips = load_experiment(bench.name, overrides=bench.overrides)
+    return [clips_table(measure_clips(clips)), recordings_table(measure_recordings(bench.limit))]
 
 
 def _overhead(bench: Bench) -> list[Table]:

@@ -177,11 +177,11 @@ def comparison_table(rows: Sequence[Comparison]) -> Table:
     )
 
 
-def memory_table(rows: Sequence[Peak]) -> Table:
+def memory_table(what: str, rows: Sequence[Peak]) -> Table:
     """Peak memory by the length of a run."""
     first = rows[0]
     return Table(
-        title="Peak memory of a run on a generated recording, MiB",
+        title=f"Peak memory of a run on {what}, MiB",
         columns=("frames", "peak", "times the first"),
         rows=tuple((str(row.frames), f"{row.peak_mib:.0f}", f"{row.peak_mib / first.peak_mib:.2f}") for row in rows),
         words=0,
