@@ -11,12 +11,16 @@ box     a box's own axes, from :attr:`vfoa.types.Box3D.left_from_box`.
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from vfoa.types import Box3D, Float, StereoRig
+
+_CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 CONE_HEIGHT_M = 1.10
 """Height of the cones for which the paper gives radii (Simões and Moreno 2022, synthetic cases)."""
@@ -196,10 +200,12 @@ def box_iou(a_px: Float, b_px: Float) -> float:
     return common / union if union > 0 else 0.0
 
 
-def box_corners(box: Box3D) -> Float:
-    """The eight corners (8, 3) of a box, camera frame, metres."""
-    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij")).reshape(3, 8).T
-    return box.center_m + (signs * box.half_size_m) @ box.left_from_box.T
+def box_corners(boxes: Sequence[Box3D]) -> Float:
+    """The eight corners (T, 8, 3) of each box, camera frame, metres."""
+    centers = np.array([box.center_m for box in boxes]).reshape(-1, 1, 3)
+    halves = np.array([box.half_size_m for box in boxes]).reshape(-1, 1, 3)
+    axes = np.array([box.left_from_box for box in boxes]).reshape(-1, 3, 3)
+    return centers + (_CORNERS * halves) @ axes.transpose(0, 2, 1)
 
 
 def entry_distance(origin_left: ArrayLike, directions: ArrayLike, boxes: tuple[Box3D, ...]) -> Float:

@@ -103,7 +103,7 @@ def _box_rays(
     origin: Float, targets: tuple[Target, ...], boxes: tuple[Box3D, ...], settings: SurfaceSettings
 ) -> tuple[Float, np.ndarray]:
     """Rays (T, K, 3) about each box, and which of them (T, K) reach it (first, unless occlusion is ignored)."""
-    rays = np.stack([_rays_about(origin, box, settings.directions) for box in boxes])
+    rays = _rays_about(origin, boxes, settings.directions)
     count = len(boxes)
     entry = entry_distance(origin, rays.reshape(-1, 3), boxes).reshape(count, -1, count)
     own = np.einsum("tkt->tk", entry)
@@ -133,25 +133,25 @@ def _spaced(points: np.ndarray, count: int) -> Float:
     return points[np.linspace(0, len(points) - 1, count).round().astype(np.intp)].astype(np.float64)
 
 
-def _rays_about(origin: Float, box: Box3D, count: int) -> Float:
-    """Unit rays (K, 3), even over the narrowest cap about the box's centre that holds all of its corners.
+def _rays_about(origin: Float, boxes: tuple[Box3D, ...], count: int) -> Float:
+    """Unit rays (T, K, 3), even over the narrowest cap about each box's centre that holds all of its corners.
 
-    The whole sphere if the eyes are inside the box or so near that it fills half of their view.
+    The whole sphere for a box that holds the eyes, or is so near that it fills half of their view. A cap's rays are a
+    Fibonacci lattice, whose first ray is the axis.
     """
-    corners = box_corners(box) - origin
-    towards = box.center_m - origin
-    if np.linalg.norm(towards) <= box.d_max_m:
-        return _cap(count, float(np.pi), (0.0, 0.0, 1.0))
-    reach = float(angle_between(corners, towards).max())
-    return _cap(count, reach, tuple(towards.tolist()))
+    towards = np.array([box.center_m for box in boxes]) - origin
+    reach = angle_between(box_corners(boxes) - origin, towards[:, None]).max(axis=1)
+    within = np.linalg.norm(towards, axis=-1) <= np.array([box.d_max_m for box in boxes])
+    reach[within], towards[within] = np.pi, (0, 0, 1)
+    return _lattices(reach, count) @ left_from_crop(towards).transpose(0, 2, 1)
 
 
-def _cap(count: int, reach_rad: float, towards: tuple[float, ...]) -> Float:
-    """A Fibonacci lattice (K, 3) over a cap; its first ray is the axis."""
+def _lattices(reach_rad: Float, count: int) -> Float:
+    """Lattices (T, K, 3) over caps about (0, 0, 1)."""
     share, right, down = _spiral(count)
-    z = 1 - share * (1 - np.cos(reach_rad))
+    z = 1 - share * (1 - np.cos(reach_rad[:, None]))
     aside = np.sqrt(np.maximum(1 - z**2, 0))
-    return np.stack([aside * right, aside * down, z], axis=-1) @ left_from_crop(unit(towards)).T
+    return np.stack([aside * right, aside * down, z], axis=-1)
 
 
 @lru_cache(maxsize=4)

@@ -252,7 +252,7 @@ def orbital_eye(position: Float, look_target: Float) -> rrb.EyeControls3D:
 
 def eye_controls(scene: Scene | None) -> tuple[Float, Float]:
     """Position (3,) and look-at point (3,) of an eye that sees the whole scene: see :func:`eye_for`."""
-    seen = [] if scene is None else [box_corners(target.box) for target in scene.targets if target.box is not None]
+    seen = list(box_corners([each.box for each in scene.targets if each.box is not None])) if scene else []
     if scene is not None:
         seen += [person.eye_origin_left[None] for person in scene.people if person.eye_origin_left is not None]
     return eye_for(seen)

@@ -142,7 +142,7 @@ def _measure_person(true: PersonTruth, scene: Scene) -> PersonMeasure:
 
 def box_iou_3d(a: Box3D, b: Box3D) -> float:
     """Intersection over union, in [0, 1], of two boxes' extents along the camera's axes."""
-    corners = np.array([box_corners(a), box_corners(b)])
+    corners = box_corners((a, b))
     low, high = corners.min(axis=1), corners.max(axis=1)
     common = float(np.prod(np.maximum(high.min(axis=0) - low.max(axis=0), 0)))
     return common / (float(np.prod(high - low, axis=1).sum()) - common)

@@ -230,7 +230,7 @@ def test_a_turn_about_z_takes_x_towards_y(angle_rad):
 def test_corners_are_half_the_diagonal_from_the_centre_and_on_three_faces(seed):
     rng = np.random.default_rng(seed)
     box = make_box(rng.normal(size=3), rng.uniform(0.1, 1, 3), Rotation.random(rng=rng).as_matrix())
-    offsets = box_corners(box) - box.center_m
+    offsets = box_corners([box])[0] - box.center_m
     np.testing.assert_allclose(np.linalg.norm(offsets, axis=1), box.d_max_m)
     np.testing.assert_allclose(np.abs(offsets @ box.left_from_box), np.tile(box.half_size_m, (8, 1)), atol=1e-12)
     assert len(np.unique(np.round(offsets, 9), axis=0)) == 8

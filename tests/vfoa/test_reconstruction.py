@@ -259,7 +259,7 @@ def test_reconstruction_is_repeatable():
         first, second = (reconstruct(percepts, ReconstructionSettings(boxes=boxes)) for _ in range(2))
         for a, b in zip(first.targets, second.targets, strict=True):
             np.testing.assert_array_equal(a.points_left, b.points_left)
-            np.testing.assert_array_equal(box_corners(a.box), box_corners(b.box))
+            np.testing.assert_array_equal(box_corners([a.box]), box_corners([b.box]))
 
 
 # Which instances are targets
@@ -292,7 +292,7 @@ def test_an_oriented_box_finds_the_box_its_points_fill(seed):
     rng = np.random.default_rng(seed)
     box = make_box(rng.normal(size=3), rng.uniform(0.05, 0.5, 3), Rotation.random(rng=rng).as_matrix())
     inside = rng.uniform(-1, 1, (200, 3)) * box.half_size_m @ box.left_from_box.T + box.center_m
-    found = oriented_box(np.concatenate([box_corners(box), inside]))
+    found = oriented_box(np.concatenate([*box_corners([box]), inside]))
     np.testing.assert_allclose(found.left_from_box @ found.left_from_box.T, np.eye(3), atol=1e-9)
     assert np.linalg.det(found.left_from_box) == pytest.approx(1)
     assert found.left_from_box.trace() >= 1 - 1e-9

@@ -9,7 +9,7 @@ import pytest
 
 from tests.scenes import make_box, make_target, with_points
 from vfoa.geometry import angle_between
-from vfoa.visible import FACE_RADIUS_M, SurfaceSettings, _cap, views_of
+from vfoa.visible import FACE_RADIUS_M, SurfaceSettings, _lattices, views_of
 
 BOXES = SurfaceSettings(surface="box", directions=1000)
 CLOUDS = BOXES.model_copy(update={"surface": "cloud"})
@@ -151,7 +151,7 @@ def test_a_point_is_hidden_by_a_box_entered_three_centimetres_before_it(depth_m,
 def test_the_lattice_is_even_over_its_cap():
     """Ten rings of equal area in ten sectors: a hundred cells, each with its ten of a thousand rays, or nearly."""
     reach = 0.8
-    x, y, z = _cap(1000, reach, (0.0, 0.0, 1.0)).T
+    x, y, z = _lattices(np.array([reach]), 1000)[0].T
     ring = np.minimum((1 - z) / (1 - np.cos(reach)) * 10, 9).astype(int)
     sector = ((np.arctan2(y, x) / (2 * np.pi) % 1) * 10).astype(int) % 10
     cells = np.bincount(10 * ring + sector, minlength=100)

@@ -188,8 +188,11 @@ def _objects(
     """The objects that are in every frame, and those of single frames by frame."""
     fixed, moving = list[MeasuredObject](), dict[int, list[MeasuredObject]]()
     seen: dict[tuple[int | None, str], str] = {}
+    known: dict[tuple[str | None, ...], MeasuredObject] = {}  # most objects rest: their rows differ in the frame alone
     for row in [] if path is None else read_rows(path, OBJECT_COLUMNS, ("frame", "object", *POSITION)):
-        frame, found = _frame(row), _object(row, settings, people)
+        frame, cells = _frame(row), tuple(map(row.cells.get, OBJECT_COLUMNS[1:]))
+        if (found := known.get(cells)) is None:
+            found = known[cells] = _object(row, settings, people)
         if frame is not None and frame not in times:
             raise VfoaError(f"{row.where}: frame {frame}: not in the table of people")
         if before := seen.get((frame, found.name)):

@@ -28,7 +28,7 @@ from vfoa.geometry import box_corners
 def test_the_eye_looks_at_the_scene_from_outside(frames):
     position, target = eye_controls(frames[0].result.scene)
     boxes = [target.box for target in frames[0].result.scene.targets if target.box is not None]
-    corners = np.concatenate([box_corners(box) for box in boxes])
+    corners = box_corners(boxes).reshape(-1, 3)
     assert (corners.min(axis=0) <= target).all()
     assert (target <= corners.max(axis=0)).all()
     assert np.linalg.norm(position - target) > np.linalg.norm(corners - target, axis=1).max()
