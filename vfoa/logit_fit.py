@@ -16,7 +16,8 @@ from typing import Literal
 
 import numpy as np
 
-from vfoa.logit import ROWS, Case, Cases, LogitWeights, Seen, Weights, features, later_means, probabilities
+from vfoa.logit import Cases, LogitWeights, Weights, probabilities
+from vfoa.logit_cues import ROWS, Case, Seen, features, later_means
 from vfoa.types import Float
 
 Smoothing = Literal["forward", "both"]

@@ -23,7 +23,8 @@ from harness.stages.cache.values import Codec
 from vfoa.bayes import BeliefState
 from vfoa.gaze.temporal import WindowStart
 from vfoa.gaze_filter import CueFilter, GazeFilterState
-from vfoa.logit import Means, Traces
+from vfoa.logit import Traces
+from vfoa.logit_cues import Means
 from vfoa.pipeline import Memory
 from vfoa.posterior.belief import Belief
 from vfoa.posterior.gaze_error import GazeError

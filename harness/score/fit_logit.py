@@ -27,18 +27,9 @@ from harness.score.verdicts import find_subject, right_answers
 from vfoa import __version__
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.logit import (
-    ROWS,
-    LogitSettings,
-    LogitWeights,
-    Seen,
-    Traces,
-    features,
-    later_means,
-    probabilities,
-    shipped_weights,
-)
+from vfoa.logit import LogitSettings, LogitWeights, Traces, probabilities, shipped_weights
 from vfoa.logit import weigh_attentions as weigh
+from vfoa.logit_cues import ROWS, Seen, features, later_means
 from vfoa.logit_fit import SMOOTHINGS, UNKNOWN, LabelledSequence, Smoothing, fit
 from vfoa.types import PROBABILISTIC, Float
 

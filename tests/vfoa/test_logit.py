@@ -7,21 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vfoa.logit import (
-    CUES,
-    ROWS,
-    LogitSettings,
-    Means,
-    Seen,
-    Traces,
-    Weights,
-    later_means,
-    observe,
-    probabilities,
-    shipped_weights,
-    weigh_again,
-    weigh_attentions,
-)
+from vfoa.logit import LogitSettings, Traces, Weights, probabilities, shipped_weights, weigh_again, weigh_attentions
+from vfoa.logit_cues import CUES, ROWS, Means, Seen, later_means, observe
 from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
 from vfoa.types import (
     Box3D,

@@ -1,0 +1,221 @@
+"""What the logit (:mod:`vfoa.logit`) knows of a person's look: how far each target is from gaze and head.
+
+For the cue c and the target j::
+
+    f_cj = log(1 + (angle / scale_c)^2 / 4)
+
+``angle`` is between the cue and the inner half of the target's angular radius: people look near the middle of things.
+The cues are
+
+gaze          the measured gaze
+middle        the direction midway between gaze and head: their errors are independent
+head          the measured head, lowered: eyes look below the axis of the head
+head_swing    the head, extrapolated from its own running mean, which follows the body: heads go only part of the way,
+              and how far differs most sideways, so that angles sideways count less
+head_overlap  f is the negative logarithm of the probability that a direction with a normal error about the lowered head
+              meets the target's outline: unlike an angle, it knows the outline's shape
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from vfoa.attention import boxes_of_others
+from vfoa.geometry import box_corners, left_from_crop, on_the_way, perturb
+from vfoa.types import Box3D, Float, NoAttention, Subject, Target
+from vfoa.visible import FACE_RADIUS_M
+
+MEAN_S = np.array([0.3, 1.0, 1.0, 1.0, 1.0])
+"""Time constants of the running means of f, by cue, seconds: eyes move faster than heads."""
+_BODY_S = 4.0
+"""Time constant of the running mean of the head, seconds."""
+_LOWERED_RAD = math.radians(9)
+"""Angle of the gaze below the head's axis: 8 degrees on average (people who walk among objects)."""
+_SWING = 1.8
+"""Factor from the head's turn to the gaze's turn: heads make 0.5 to 0.6 of the way."""
+_WIDEST_RAD = 0.9 * math.pi
+"""Greatest extrapolated turn."""
+_GAZE_RAD, _TARGET_RAD, _HEAD_RAD = np.radians([9.0, 5.0, 6.0]).tolist()
+"""Error of a gaze that claims none; how far from its middle a target is looked at; scale of the angle of the head."""
+_SIDEWAYS = 0.3
+"""Factor of the part sideways of the angle of the extrapolated head."""
+_OVERLAP_RAD, _LEAST_OVERLAP = math.radians(7), 1e-4
+"""Standard deviation of the normal error of ``head_overlap``; what is added to the probability."""
+_NEAREST_M = 1e-6
+"""A target whose middle is nearer to the eyes counts as ahead of them."""
+_INNER = 0.5
+"""Part of a target's radius within which the angle counts as 0."""
+
+Case = Literal["both", "gaze", "head"]
+CUES = ("gaze", "middle", "head", "head_swing", "head_overlap")
+ROWS: Mapping[Case, tuple[int, ...]] = {"both": (0, 1, 2, 3, 4), "gaze": (0,), "head": (2, 3, 4)}
+"""The cues of a frame with both measured directions, or one of them, as positions in :data:`CUES`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Means:
+    """The running means of one track, sums and weights: of the head (4,), and of f (2, C, T) of the targets ``ids``."""
+
+    time_ns: int | None = None
+    ids: tuple[int, ...] = ()
+    head: Float = field(default_factory=lambda: np.zeros(4))
+    sums: Float = field(default_factory=lambda: np.zeros((2, len(CUES), 0)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Seen:
+    """One subject's features in one frame: of T targets ``ids``, for the case of its measured directions.
+
+    ``now`` (C, T) is f of each cue; NaN for cues that were not measured. ``before`` (C, T) are its means up to this
+    frame; ``log_size`` (T,) is the logarithm of the angular radius.
+    """
+
+    case: Case
+    ids: tuple[int, ...]
+    now: Float
+    before: Float
+    log_size: Float
+
+
+def observe(
+    subject: Subject, targets: tuple[Target, ...], eyes: Mapping[int, Float], means: Means, dt_s: float
+) -> tuple[Seen, Means] | NoAttention:
+    """Compute a subject's features in a frame, and the running means after it; or say why there are none.
+
+    ``eyes`` are the eye origins of people by instance id: people are looked at in the face. ``dt_s`` is the time since
+    the frame of ``means``, seconds.
+    """
+    origin = subject.person.eye_origin_left
+    if origin is None:
+        return NoAttention.NO_EYES_3D
+    gaze, head = subject.direction("gaze"), subject.direction("head")
+    if gaze is None and head is None:
+        return NoAttention.NO_DIRECTION
+    case: Case = "head" if gaze is None else "gaze" if head is None else "both"
+    head_sum = math.exp(-dt_s / _BODY_S) * means.head
+    cues = np.full((4, 3), np.nan)
+    claimed = _GAZE_RAD
+    if head is not None:
+        head_sum = head_sum + np.append(head, 1.0)
+        body = _direction(head_sum, head)
+        turn = math.acos(min(1.0, max(-1.0, float(body @ head))))
+        swung = on_the_way(body, head, min(_SWING, _WIDEST_RAD / max(turn, 1e-6)))
+        cues[2:] = perturb(np.stack([head, swung]), 0.0, _LOWERED_RAD)
+    if subject.gaze is not None:
+        cues[0] = gaze
+        cues[1] = _direction(cues[0] + cues[2], cues[0])
+        claimed = _GAZE_RAD if subject.gaze.sigma_rad is None else subject.gaze.sigma_rad
+    shapes = _shapes(boxes_of_others(subject, targets), eyes, origin)
+    now = np.vstack([_angles(cues, shapes, math.hypot(claimed, _TARGET_RAD)), _overlap(cues[2], shapes)])
+
+    ids = shapes.ids
+    sums = _added(_decay(dt_s) * _of(ids, means.ids, means.sums), now)
+    seen = Seen(case=case, ids=ids, now=now, before=_mean(sums), log_size=np.log(shapes.radius_rad))
+    return seen, Means(ids=ids, head=head_sum, sums=sums)
+
+
+@dataclass(frozen=True, slots=True)
+class _Shapes:
+    """T targets as seen from the eyes: unit vectors to their middles (T, 3), and their extent about these, radians.
+
+    ``radius_rad`` (T,) is the angular radius. ``left_from_target`` (T, 3, 3) has the axes right, down and ahead in its
+    columns, ``least_rad`` and ``most_rad`` (T, 2) are the ends of the outline to the right and down.
+    """
+
+    ids: tuple[int, ...]
+    directions: Float
+    radius_rad: Float
+    left_from_target: Float
+    least_rad: Float
+    most_rad: Float
+
+
+def _shapes(boxes: Mapping[int, Box3D], eyes: Mapping[int, Float], origin: Float) -> _Shapes:
+    """The targets as seen from ``origin`` (3,): people by their faces, other things by their boxes."""
+    faces = [number in eyes for number in boxes]
+    middles = np.array([eyes.get(number, box.center_m) for number, box in boxes.items()]).reshape(-1, 3) - origin
+    distance = np.linalg.norm(middles, axis=1)
+    middles[distance < _NEAREST_M] = (0, 0, _NEAREST_M)
+    frames = left_from_crop(middles)
+    right, down, ahead = np.moveaxis((box_corners(list(boxes.values())) - origin) @ frames, -1, 0)
+    outline = np.arctan2([right, down], ahead)
+    half = np.where(faces, FACE_RADIUS_M, [box.half_size_m.mean() for box in boxes.values()])
+    radius = np.arctan2(half, distance)
+    least, most = outline.min(axis=-1).T, outline.max(axis=-1).T
+    least[faces], most[faces] = -radius[faces, None], radius[faces, None]
+    return _Shapes(tuple(boxes), frames[..., 2], radius, frames, least, most)
+
+
+def _angles(cues: Float, shapes: _Shapes, gaze_scale: float) -> Float:
+    """Return f (4, T) of the angles between the cues (4, 3) and the targets."""
+    scales = np.array([gaze_scale, 0.8 * gaze_scale, _HEAD_RAD, _HEAD_RAD])[:, None]
+    beyond = np.arccos(np.clip(cues @ shapes.directions.T, -1, 1))
+    beyond = np.maximum(beyond - np.arctan(_INNER * np.tan(shapes.radius_rad)), 0)
+    right, down, _ = (shapes.directions @ left_from_crop(cues[3])).T
+    beyond[3] *= np.hypot(_SIDEWAYS * right, down) / np.maximum(np.hypot(right, down), _NEAREST_M)
+    return np.log1p((beyond / scales) ** 2 / 4)
+
+
+def _overlap(head: Float, shapes: _Shapes) -> Float:
+    """-log of the probability (T,) that a direction with a normal error about ``head`` (3,) meets each outline."""
+    from scipy.special import ndtr
+
+    right, down, ahead = (head @ shapes.left_from_target).T
+    axis = np.stack([np.arctan2(right, ahead), np.arctan2(down, np.hypot(right, ahead))], axis=-1)
+    within = ndtr((shapes.most_rad - axis) / _OVERLAP_RAD) - ndtr((shapes.least_rad - axis) / _OVERLAP_RAD)
+    return np.asarray(-np.log(within.prod(axis=-1) + _LEAST_OVERLAP))
+
+
+def _decay(gap_s: float) -> Float:
+    """Factors (C, 1) of the running means over a time, by cue."""
+    return np.exp(-gap_s / MEAN_S)[:, None]
+
+
+def _added(sums: Float, now: Float) -> Float:
+    """The sums and weights (2, C, T) with another frame's values; unknown ones do not count."""
+    known = np.isfinite(now)
+    return sums + np.stack([np.where(known, now, 0.0), known])
+
+
+def _mean(sums: Float) -> Float:
+    """The means (C, T) of sums and weights; NaN without any value."""
+    return np.asarray(np.divide(sums[0], sums[1], out=np.full_like(sums[0], np.nan), where=sums[1] > 0))
+
+
+def _direction(mean: Float, otherwise: Float) -> Float:
+    """The direction (3,) of a sum of directions; ``otherwise`` where it is unknown or they cancel."""
+    length = float(np.linalg.norm(mean[:3]))
+    return mean[:3] / length if length > 1e-6 else otherwise
+
+
+def _of(ids: tuple[int, ...], known: tuple[int, ...], values: Float) -> Float:
+    """The values (..., T) of the targets ``ids``, from those of ``known``: 0 for a target without any."""
+    if ids == known:
+        return values
+    column = {number: k for k, number in enumerate(known)}
+    padded = np.concatenate([values, np.zeros((*values.shape[:-1], 1))], axis=-1)
+    return padded[..., [column.get(number, -1) for number in ids]]
+
+
+def later_means(seen: Sequence[Seen], gaps_s: Sequence[float]) -> list[Float]:
+    """Means (C, T) of f from each frame on; ``gaps_s`` are the times from each frame to the next."""
+    found: list[Float] = []
+    ids: tuple[int, ...] = ()
+    sums = Means().sums
+    for each, gap_s in zip(reversed(seen), reversed([*gaps_s, 0.0]), strict=True):
+        sums = _added(_decay(gap_s) * _of(each.ids, ids, sums), each.now)
+        ids = each.ids
+        found.append(_mean(sums))
+    return found[::-1]
+
+
+def features(seen: Seen, case: Case, after: Float | None = None) -> Float:
+    """The features (T, F) of a frame for a case; ``after`` (C, T) are the means of later frames, where known."""
+    scales = [seen.now, seen.before] if after is None else [seen.now, seen.before, after]
+    rows = np.stack(scales, axis=-1)[list(ROWS[case])].transpose(1, 0, 2).reshape(len(seen.ids), -1)
+    return np.column_stack([np.ones(len(seen.ids)), seen.log_size, -rows])
