@@ -34,7 +34,7 @@ from harness.run.records import DirectionFitRecord, FrameRecord, renamed
 from harness.run.results import Block, block_bytes, find_blocks, lines_digest, read_block
 from harness.score.finished_run import FinishedRun
 from harness.score.outcomes import Judged, OutcomeLog
-from harness.score.posterior_checks import DirectionLog, SetLog
+from harness.score.posterior_checks import DirectionLog, SetLog, misfit_notes
 from harness.score.reference import Reference
 from harness.score.reliability import BeliefLog, Sureness
 from harness.score.score import Scores, score_outcomes
@@ -75,8 +75,7 @@ class RecordLogs:
     def scores(self) -> Scores:
         """The scores of all records watched or added; notes say where directions do not fit the posterior."""
         scores = score_outcomes(self.outcomes.outcomes(), self.measures, self._reference)
-        unfit = (each.sentence() for each in self.directions.checks() if not each.fits)
-        return replace(scores, notes=(*scores.notes, *unfit))
+        return replace(scores, notes=(*scores.notes, *misfit_notes(self.directions.checks())))
 
     def tables(self) -> tuple[Table, ...]:
         """Tables of prediction sets and of measured directions."""

@@ -132,15 +132,30 @@ class DirectionCheck:
         explained = self.share is None or self.share <= MOST_SHARE
         return explained and self.surprises <= MOST_SURPRISES and 1 / MOST_TIMES_CLAIMED <= times <= MOST_TIMES_CLAIMED
 
-    def sentence(self) -> str:
-        """A note for the reader of the probabilities."""
+    def misfit(self) -> str:
+        """What does not fit, or how far it is from it."""
         parts = [f"{100 * self.surprises:.0f} % of {self.n} frames surprise it (expected {100 * SMALL_TAIL:.0f} %)"]
         if self.claimed_deg is not None and self.implied_deg is not None:
             claimed, implied = (f"{angle:.0f} deg" for angle in (self.claimed_deg, self.implied_deg))
             parts.append(f"the gaze claims an error of {claimed}, the directions imply {implied}")
         if self.share is not None and self.share > MOST_SHARE:
             parts.append(f"heads turn {100 * self.share:.0f} % of the way to targets (people: 35 to 75 %)")
-        return f"{self.clip}, {self.configuration}: directions do not fit the posterior: {'; '.join(parts)}."
+        return "; ".join(parts)
+
+
+def misfit_notes(checks: Iterable[DirectionCheck]) -> list[str]:
+    """A note for each configuration whose directions do not fit on some of its clips."""
+    by_configuration: dict[str, list[DirectionCheck]] = {}
+    for each in checks:
+        by_configuration.setdefault(each.configuration, []).append(each)
+    notes = []
+    for name, of_name in by_configuration.items():
+        unfit = [each for each in of_name if not each.fits]
+        if unfit:
+            clips = f"{len(unfit)} of {len(of_name)} clips ({', '.join(each.clip for each in unfit)})"
+            where = f"{clips}, on the first" if len(unfit) > 1 else unfit[0].clip
+            notes.append(f"{name}: directions do not fit the posterior on {where}: {unfit[0].misfit()}.")
+    return notes
 
 
 @dataclass(slots=True)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.records import AttentionRecord, DirectionFitRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.score.posterior_checks import DirectionLog, SetLog, prediction_set
+from harness.score.posterior_checks import DirectionLog, SetLog, misfit_notes, prediction_set
 
 FIT = DirectionFitRecord(tail=0.5, claimed_error_rad=0.2, implied_error_rad=0.2)
 
@@ -72,14 +72,18 @@ def test_surprising_directions_are_said_in_one_line() -> None:
     list(log.watch([_record(frame, _subject(1.0, 0.0, fit=wrong if frame % 2 else FIT)) for frame in range(40)]))
     (check,) = log.checks()
     assert (check.n, check.surprises, check.fits) == (40, 0.5, False)
-    assert "\n" not in check.sentence()
-    assert "c, p: directions do not fit" in check.sentence()
+    other = replace(check, clip="d")
+    fitting = replace(check, configuration="q", surprises=0.0, implied_deg=None)
+    (note,) = misfit_notes([check, other, fitting])
+    assert "\n" not in note
+    assert note.startswith("p: directions do not fit the posterior on 2 of 2 clips (c, d)")
 
 
 def test_directions_that_fit_need_no_words() -> None:
     log = DirectionLog()
     list(log.watch([_record(frame, _subject(1.0, 0.0)) for frame in range(40)]))
     assert [check.fits for check in log.checks()] == [True]
+    assert misfit_notes(log.checks()) == []
 
 
 @pytest.mark.parametrize(("share", "fits"), [(None, True), (0.65, True), (0.93, False)])
@@ -89,4 +93,4 @@ def test_heads_that_turn_farther_than_people_do_are_not_explained(share: float |
     list(log.watch([_record(frame, _subject(1.0, 0.0, fit=fit)) for frame in range(40)]))
     (check,) = log.checks()
     assert check.fits == fits
-    assert ("93 % of the way" in check.sentence()) != fits
+    assert ("93 % of the way" in check.misfit()) != fits
