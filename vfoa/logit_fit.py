@@ -1,6 +1,6 @@
 """The weights of the logit (:mod:`vfoa.logit`) from labelled sequences: penalised maximum likelihood.
 
-The penalty is a normal prior about 0 with the standard deviation :data:`SPREAD`, so that a few labelled seconds are
+The penalty is a normal prior about 0 with the standard deviation the ones below, so that a few labelled seconds are
 safe to fit: a weight that they do not show stays small. One other middle was tried, with heads alone: the weights of
 idiap's conversation made the fits of people who walk worse. The constant is almost free, because the share of "nowhere"
 differs most between settings. Frames within :data:`INDEPENDENT_S` count as one: a look lasts.
@@ -23,8 +23,10 @@ from vfoa.types import Float
 Smoothing = Literal["forward", "both"]
 SMOOTHINGS: tuple[Smoothing, ...] = ("forward", "both")
 
-SPREAD, CONSTANT_SPREAD = 1.0, 5.0
-"""Standard deviations of the prior of a weight and of the constant."""
+CONSTANT_SPREAD, SIZE_SPREAD = 5.0, 1.0
+CUE_SPREADS = (1.0, 1.0, 1.0, 1.0, 0.3)
+"""Standard deviations of the prior of the constant, of the weight of the size, and of the weights of each cue: f of
+``head_overlap`` is some three times as large as the others."""
 INDEPENDENT_S = 0.5
 """Time after which a frame says something new, seconds: about a short look."""
 UNKNOWN = -2
@@ -87,9 +89,9 @@ def _fitted(case: Case, smoothing: Smoothing, sequences: Sequence[LabelledSequen
     design = joined([design_of(case, smoothing == "both", each) for each in sequences])
     if not (design.looked != UNKNOWN).any():
         return None
-    precision = np.full(design.features.shape[-1], SPREAD**-2)
-    precision[0] = CONSTANT_SPREAD**-2
-    return Weights.of(case, maximised(design, precision).tolist())
+    scales = 3 if smoothing == "both" else 2
+    spreads = [CONSTANT_SPREAD, SIZE_SPREAD, *np.repeat([CUE_SPREADS[row] for row in ROWS[case]], scales)]
+    return Weights.of(case, maximised(design, np.array(spreads) ** -2.0).tolist())
 
 
 @lru_cache(maxsize=1024)
