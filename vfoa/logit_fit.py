@@ -1,6 +1,7 @@
 """The weights of the logit (:mod:`vfoa.logit`) from labelled sequences: penalised maximum likelihood.
 
-The penalty is a normal prior about 0, narrow enough that a few labelled seconds are safe to fit: a weight that they do not show stays small. One other middle was tried, with heads alone: the weights of
+The penalty is a normal prior about 0, narrow enough that a few labelled seconds are safe to fit: a weight that they do
+not show stays small. One other middle was tried, with heads alone: the weights of
 idiap's conversation made the fits of people who walk worse. The constant is almost free, because the share of "nowhere"
 differs most between settings. Frames within :data:`INDEPENDENT_S` count as one: a look lasts.
 """
