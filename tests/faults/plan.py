@@ -36,6 +36,7 @@ FAULTS = (
 )
 _STAMPED = ".noted"
 """Ending of files that hold stamps only of files that have been left alone for some seconds."""
+_ON_DISKS = ("full disk", "read-only")
 _SIGNALS = {"kill -9": signal.SIGKILL, "SIGINT": signal.SIGINT, "SIGTERM": signal.SIGTERM}
 
 
@@ -75,6 +76,7 @@ class Workshop:
         self._address = address
         self._known: dict[str, Undisturbed] = {}
         self.place.mkdir(parents=True)
+        self._is_mounted = False
 
     def prepare(self) -> None:
         """Make the template: the project with a finished run, and labels as ELAN has them."""
@@ -131,8 +133,11 @@ class Workshop:
         if fault == NO_BYTE:
             return self._without_a_byte(name, verb)
         whole = self.undisturbed(name, verb)
-        self.renew()
         try:
+            if fault in _ON_DISKS and not self._is_mounted:
+                _mount("-t", "tmpfs", "-o", _ROOMY, "tmpfs", str(self.place))
+                self._is_mounted = True
+            self.renew()
             ended = self._under(fault, verb, whole, rng)
         except PermissionError as error:
             return Cell(name, fault, skipped=f"needs the right to mount a file system: {error}")
@@ -165,7 +170,7 @@ class Workshop:
     def _under(self, fault: str, verb: Writes, whole: Undisturbed, rng: Random) -> child.Ended:
         if fault in _SIGNALS:
             return self.run(verb, kill=(_SIGNALS[fault], rng.uniform(0, 1.1 * whole.seconds)))
-        if fault in ("full disk", "read-only"):
+        if fault in _ON_DISKS:
             written = sum(len(data) for path, data in whole.after.items() if whole.before.get(path) != data)
             room = None if fault == "read-only" else rng.randrange(written + 1)
             with self._mounted(room):
@@ -180,28 +185,13 @@ class Workshop:
 
     @contextmanager
     def _mounted(self, room_bytes: int | None) -> Iterator[None]:
-        """The project in a file system of its own with so much room; None: as much as it likes, but read-only."""
-        if os.geteuid() != 0 or sys.platform != "linux":
-            raise PermissionError("not root on Linux")
-        kept = self.place.with_name("kept")
-        shutil.copytree(self.place, kept)
-        _mount("-t", "tmpfs", "-o", "size=256m", "tmpfs", str(self.place))
+        """The project's file system with so much room; None: as much as it likes, but read-only."""
+        used = shutil.disk_usage(self.place).used
+        _mount("-o", "remount,ro" if room_bytes is None else f"remount,size={used + room_bytes}", str(self.place))
         try:
-            shutil.copytree(kept, self.place, dirs_exist_ok=True)
-            if room_bytes is None:
-                _mount("-o", "remount,ro", str(self.place))
-            else:
-                used = shutil.disk_usage(self.place).used
-                _mount("-o", f"remount,size={used + room_bytes}", str(self.place))
             yield
-            shutil.rmtree(kept)
-            shutil.copytree(self.place, kept)
         finally:
-            subprocess.run(["umount", "-l", str(self.place)], check=False)
-            for each in self.place.iterdir():
-                shutil.rmtree(each) if each.is_dir() else each.unlink()
-            shutil.copytree(kept, self.place, dirs_exist_ok=True)
-            shutil.rmtree(kept)
+            _mount("-o", f"remount,rw,{_ROOMY}", str(self.place))
 
     def _said_wrongly(self, fault: str, ended: child.Ended) -> str:
         """Why what a verb said is not what it should have; empty where it is right."""
@@ -216,7 +206,12 @@ class Workshop:
         return ""
 
 
+_ROOMY = "size=256m"
+
+
 def _mount(*words: str) -> None:
+    if os.geteuid() != 0 or sys.platform != "linux":
+        raise PermissionError("not root on Linux")
     done = subprocess.run(["mount", *words], capture_output=True, text=True, check=False)
     if done.returncode:
         raise PermissionError(done.stderr.strip())
@@ -267,6 +262,7 @@ def workshop() -> Iterator[Workshop]:
             found.prepare()
             yield found
     finally:
+        subprocess.run(["umount", "-l", str(folder / "place" / "project")], capture_output=True, check=False)
         shutil.rmtree(folder)
 
 

@@ -34,11 +34,18 @@ class Left:
     reason: str
 
 
-READS = Left("writes nothing")
+READS = dict.fromkeys(
+    (
+        *("compare", "plan", "doctor", "settings", "labels check"),
+        *("cache info", "clips list", "clips check", "models list", "models check"),
+    ),
+    Left("writes nothing"),
+)
 _RUN_VARIES = ("manifest.json", "timings.csv", "report.html", ".rrd", ".noted")
 _BOARD = ("--columns", "9", "--rows", "6", "--square-mm", "25")
 
 VERBS: dict[str, Writes | Left] = {
+    **READS,
     "demo": Left("the same as run, with an experiment that is there"),
     "run": Writes(("run", "talk.toml", "--out", "new", "--workers", "1", "--recording", "none"), varies=_RUN_VARIES),
     "live": Left("what it writes depends on when frames come; it does not resume"),
@@ -49,8 +56,6 @@ VERBS: dict[str, Writes | Left] = {
         ("export-failure", "run", "--frame", "20", "--config", "cones", "--out", "small.rrd", "--replace"),
         varies=(".rrd",),
     ),
-    "compare": READS,
-    "plan": READS,
     "plot": Writes(("plot", "run", "--kind", "forest", "--out", "forest.svg", "--replace")),
     "export-table": Writes(("export-table", "run", "--to", "json", "--out", "table.json")),
     "fit": Writes(("fit", "run", "--out", "fitted.toml", "--even-if-worse")),
@@ -60,25 +65,17 @@ VERBS: dict[str, Writes | Left] = {
         ("calibrate", "board", *_BOARD, "--left", "left*.png", "--right", "right*.png", "--out", "rig.yml", "--replace")
     ),
     "simulate": Left("a minute of computing; tables by the writer that run has"),
-    "doctor": READS,
     "init": Writes(("init", "other")),
-    "settings": READS,
     "labels import": Writes(
         ("labels", "import", "theirs.eaf", "--format", "elan", "--clip", "talk", "--annotator", "eve", "--replace")
     ),
     "labels export": Writes(("labels", "export", "talk", "mine.eaf", "--format", "elan", "--replace")),
-    "labels check": READS,
     "labels agreement": Writes(("labels", "agreement", "talk", "--out", "agreement")),
     "labels merge": Writes(("labels", "merge", "talk", "--to", "all", "--replace")),
-    "cache info": READS,
     "cache clear": Writes(("cache", "clear"), only_removes=True),
     "clips add": Writes(("clips", "add", "data/walk", "--name", "walk")),
-    "clips list": READS,
-    "clips check": READS,
     "clips fetch": Left("downloads from fixed addresses, by the download that models fetch has"),
-    "models list": READS,
     "models fetch": Writes(("models", "fetch", "mine")),
-    "models check": READS,
     "models export": Left("needs PyTorch; one file, by the writer that export-table has"),
 }
 """By the words of a verb. A new verb has a line here, or a test of the suite fails."""
