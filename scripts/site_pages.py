@@ -114,7 +114,8 @@ def _linked(text: str, source: Path) -> Iterator[Path]:
 
 def settings_page() -> str:
     """Every setting, by stage."""
-    from harness.stages.settings_reference import settings_tables, table_names
+    from harness.stages.configuration import TABLES
+    from harness.stages.settings_reference import settings_tables
 
     lines = [
         "# Settings",
@@ -126,7 +127,7 @@ def settings_page() -> str:
         "names' endings say.",
         "",
     ]
-    for name in table_names():
+    for name in TABLES:
         lines += [f"## {name}", ""]
         for table in settings_tables(name):
             lines += [f"### `{table.choice}`", ""] if table.choice else []
