@@ -53,6 +53,10 @@ _WrongCommandLine: Any = typer.BadParameter.__mro__[2]
 """Click's error of a command line. Typer has its own copy of Click, or an older one the package."""
 
 
+_NO_MEMORY = ("failed to map", "annot allocate memory", "error return without exception set")
+"""Parts of errors of the loader of libraries, and of Python itself, that has no memory left for a MemoryError."""
+
+
 def _type_in_help(argument: Any, ctx: Any) -> str | None:
     """The type that the help shows behind an argument's name: its choices, but no type of Python (``<list[str]>``)."""
     return str(argument.display_type(ctx)) if argument.type_descriptor.is_choice else None
@@ -146,8 +150,8 @@ def one_line_errors() -> Iterator[None]:
         _refuse(f"{place}{error.strerror or error}")
     except KeyboardInterrupt:
         raise SystemExit(130) from None
-    except ImportError as error:
-        if "failed to map" not in str(error) and "annot allocate memory" not in str(error):
+    except (ImportError, SystemError) as error:
+        if not any(sign in str(error) for sign in _NO_MEMORY):
             raise
         _refuse(f"not enough memory to load a library: {error}")
     except MemoryError as error:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.cli import main
+from harness.cli import main, one_line_errors
 from harness.cli.run import experiment_of
 from scripts.site_pages import commands_page
 from tests.command import vfoa
@@ -212,3 +212,20 @@ def test_a_wrong_command_line_is_one_line(words, said, monkeypatch, capsys):
     error = capsys.readouterr().err
     assert error.startswith(said)
     assert error.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "is_memory"),
+    [
+        (ImportError("libm.so: failed to map segment from shared object"), True),
+        (SystemError("error return without exception set"), True),
+        (ImportError("no module"), False),
+        (SystemError("a fault"), False),
+    ],
+)
+def test_a_library_that_finds_no_memory_is_one_line_and_no_other_fault_is(
+    error: Exception, is_memory: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit if is_memory else type(error)), one_line_errors():
+        raise error
+    assert capsys.readouterr().err.count("\n") == is_memory
