@@ -1,8 +1,8 @@
 """Drawn scenes (:mod:`vfoa.simulated_scenes`) as clips of measurements, and an experiment of every method on them.
 
-python -m scripts.drawn_clips FOLDER, then ``vfoa run drawn`` in that folder. Clips are drawn by the generator "table", which no
-setting was chosen on: one for each gaze error, constant bias and seed. The gaze claims an error of 11.1 degrees
-whatever the true one is, as in ``vfoa bench --only posterior``.
+python -m scripts.drawn_clips FOLDER, then ``vfoa run drawn`` in that folder. Clips are drawn by the generator "table",
+which no setting was chosen on: one for each gaze error, constant bias and seed. The gaze claims an error of 11.1
+degrees whatever the true one is, as in ``vfoa bench --only posterior``.
 """
 
 from __future__ import annotations

@@ -52,7 +52,8 @@ def fit(
     from harness.files import atomic_write, check_new
     from harness.report.fit import fit_tables, fitted_text
     from harness.report.formats import to_markdown
-    from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED, fit_logit, read_labelled
+    from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED, fit_logit
+    from harness.score.labelled_run import read_labelled
     from vfoa.errors import VfoaError
     from vfoa.logit import shipped_fit
 

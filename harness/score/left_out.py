@@ -8,7 +8,8 @@ from dataclasses import replace
 from harness.run.directory import RunDirectory
 from harness.run.experiment import Experiment
 from harness.run.grid import base_of
-from harness.score.fit_logit import fitted_to, read_labelled
+from harness.score.fit_logit import fitted_to
+from harness.score.labelled_run import read_features
 from harness.stages.configuration import Configuration
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights
@@ -42,8 +43,8 @@ def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], Ru
     directory = run(replace(experiment, configurations=plain, notes=(), published=None))
     found: dict[str, dict[str, LogitWeights]] = {}
     of_all: dict[str, LogitWeights] = {}
-    for base in dict.fromkeys(stages.values()):
-        people = read_labelled(directory, base).people
+    for labelled in read_features(directory, dict.fromkeys(stages.values())):
+        base, people = labelled.configuration, labelled.people
         clips = list(dict.fromkeys(str(person.sequence.group) for person in people))
         if len(clips) < 2:
             raise VfoaError(

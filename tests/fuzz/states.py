@@ -24,7 +24,7 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.score.finished_run import FinishedRun, read_scores
-from harness.score.fit_logit import read_labelled
+from harness.score.labelled_run import read_labelled
 from harness.score.reference import Reference
 from harness.score.score import score
 from harness.sources.calibration_files.read import read_cameras

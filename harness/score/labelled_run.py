@@ -1,0 +1,203 @@
+"""A finished run as labelled sequences, for fits: everyone's features and labels, and the answers of other methods."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from harness.labels.labels import IGNORED, Labels
+from harness.run.directory import RunDirectory
+from harness.run.grid import base_of
+from harness.run.records import FrameRecord
+from harness.score.baselines import Baselines
+from harness.score.finished_run import FinishedRun
+from harness.score.replay import to_subject, to_target
+from harness.score.verdicts import find_subject, right_answers
+from vfoa.attention import AttentionSettings, pay_attention
+from vfoa.errors import VfoaError, did_you_mean
+from vfoa.logit import LogitSettings, Traces, shipped_weights
+from vfoa.logit import weigh_attentions as weigh
+from vfoa.logit_cues import Seen
+from vfoa.logit_fit import UNKNOWN, LabelledSequence
+from vfoa.types import PROBABILISTIC
+
+_CONES = AttentionSettings(cones_cm=(10, 25))
+TWO_CONES = "two cones"
+
+Outcome = tuple[bool, float, float]
+"""Whether an answer is right; its probability, and that of the truth. NaN without probabilities."""
+
+
+class Nearest(NamedTuple):
+    """The target nearest in angle to the measured direction: its angle, radians, and whether it is the true one."""
+
+    angle_rad: float
+    is_true: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Person:
+    """One labelled person of a clip under one seed, by frame: the sequence, and the answers of other methods."""
+
+    sequence: LabelledSequence
+    nearest: Sequence[Nearest]
+    others: Mapping[str, Sequence[Outcome]]
+
+    @property
+    def labelled(self) -> Sequence[int]:
+        """The positions of the frames that are scored."""
+        return [k for k, target in enumerate(self.sequence.targets) if target != UNKNOWN]
+
+    def only(self, chosen: Iterable[int]) -> Person:
+        """Return the person with the labels of these frames alone."""
+        wanted = set(chosen)
+        targets = [each if k in wanted else UNKNOWN for k, each in enumerate(self.sequence.targets)]
+        return replace(self, sequence=replace(self.sequence, targets=targets))
+
+    def first(self, seconds: float) -> Person:
+        """Return the person with the first labelled seconds alone."""
+        end = np.cumsum([min(self.sequence.gaps_s[k], 1.0) for k in self.labelled])
+        return self.only([k for k, until in zip(self.labelled, end, strict=True) if until <= seconds + 1e-9])
+
+    @property
+    def labelled_s(self) -> float:
+        """Labelled time, seconds."""
+        return float(sum(min(self.sequence.gaps_s[k], 1.0) for k in self.labelled))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LabelledRun:
+    """One configuration of a run with labels, under all its seeds."""
+
+    experiment: str
+    configuration: str
+    seeds: int
+    people: Sequence[Person]
+
+
+def read_labelled(directory: RunDirectory, configuration: str | None = None) -> LabelledRun:
+    """Read a finished run. Without a name, take its first logit, or else its first configuration.
+
+    Raises
+    ------
+    VfoaError
+        If the run is not finished, has no such configuration, or no labelled frame with a measured direction.
+    """
+    run = FinishedRun.read(directory)
+    known = run.manifest["configurations"]
+    bases = list(dict.fromkeys(base_of(name) for name in known))
+    logits = [base_of(name) for name, each in known.items() if each.get("attention", {}).get("method") == "logit"]
+    chosen = configuration or next(iter((*logits, *bases)))
+    if chosen not in bases:
+        raise VfoaError(f"{directory.path}: no configuration {chosen!r}; {did_you_mean(chosen, bases)}")
+    labels = run.reference().labels
+    others: dict[tuple[str, str, int], dict[str, Outcome]] = {}
+    for record in run.records():
+        if record.clip in labels:
+            base = base_of(record.configuration)
+            if base == record.configuration or record.configuration.endswith(".seed1"):
+                has_probabilities = known[record.configuration]["attention"]["method"] in PROBABILISTIC
+                for name, outcome in _outcomes(record, labels[record.clip], has_probabilities=has_probabilities):
+                    others.setdefault((record.clip, name, record.frame), {})[base] = outcome
+    return _labelled_runs(run, [chosen], others)[0]
+
+
+def read_features(directory: RunDirectory, configurations: Collection[str]) -> list[LabelledRun]:
+    """Read the features and labels of a finished run's configurations, without the answers of other methods.
+
+    Raises
+    ------
+    VfoaError
+        If the run is not finished, or no labelled frame of a configuration has a measured direction.
+    """
+    return _labelled_runs(FinishedRun.read(directory), configurations, None)
+
+
+_Others = Mapping[tuple[str, str, int], Mapping[str, Outcome]]
+"""The outcomes of all configurations, by clip, subject and frame."""
+
+
+def _labelled_runs(run: FinishedRun, configurations: Collection[str], others: _Others | None) -> list[LabelledRun]:
+    labels = run.reference().labels
+    found: dict[str, dict[tuple[str, str], list[FrameRecord]]] = {name: {} for name in configurations}
+    for record in run.records():
+        base = base_of(record.configuration)
+        if record.clip in labels and base in found:
+            found[base].setdefault((record.clip, record.configuration), []).append(record)
+    experiment = str(run.manifest.get("experiment", ""))
+    runs = []
+    for name, by_run in found.items():
+        seeds = len({configuration for _, configuration in by_run})
+        people = [
+            person
+            for (clip, _), records in by_run.items()
+            for person in labelled_people(clip, records, labels[clip], others, 1 / seeds)
+        ]
+        if not any(person.labelled for person in people):
+            raise VfoaError(f"fit: {experiment}: no labelled frame has measured directions; expected labelled clips")
+        runs.append(LabelledRun(experiment=experiment, configuration=name, seeds=seeds, people=people))
+    return runs
+
+
+def labelled_people(
+    clip: str, records: Sequence[FrameRecord], labels: Labels, others: _Others | None, weight: float
+) -> list[Person]:
+    """Return everyone's features and labels in a clip. A frame whose true target has no box counts as unlabelled.
+
+    Without ``others``, the answers of simple rules are left out, too: NaN, and none.
+    """
+    settings = LogitSettings(method="logit", weights=shipped_weights())
+    traces = Traces()
+    rows: dict[str, list[tuple[float, Seen, int | None, Nearest, Mapping[str, Outcome]]]] = {}
+    for record in records:
+        targets = tuple(to_target(each) for each in record.targets)
+        subjects = tuple(to_subject(each) for each in record.subjects)
+        attentions, traces = weigh(subjects, targets, traces, settings, record.time_ns)
+        seen = {each.subject.track_id: each.belief for each in attentions}
+        for name in labels.subjects:
+            found = find_subject(record, name)
+            if found is None or seen[found.track_id] is None:
+                continue
+            label = labels.at(record.frame, name)
+            right = () if label is None or label.target == IGNORED else right_answers(record, label)
+            target = next((each for each in right if each is None or each in seen[found.track_id].ids), UNKNOWN)
+            nearest, answers = Nearest(math.nan, False), dict[str, Outcome]()
+            if others is not None:
+                pick = Baselines(record).choose(found)
+                nearest = Nearest(pick.angle_rad, pick.in_angle in right and pick.in_angle is not None)
+                answers = dict(others.get((clip, name, record.frame), {}))
+                if target != UNKNOWN:
+                    subject = next(each for each in subjects if each.track_id == found.track_id)
+                    answers[TWO_CONES] = pay_attention(subject, targets, _CONES).focus in right, math.nan, math.nan
+            rows.setdefault(name, []).append((record.time_ns / 1e9, seen[found.track_id], target, nearest, answers))
+    people = []
+    for of_person in rows.values():
+        times_s, seen_, targets_, nearest_, answers_ = zip(*of_person, strict=True)
+        names = list(dict.fromkeys(name for each in answers_ for name in each))
+        missing: Outcome = (False, math.nan, math.nan)
+        people.append(
+            Person(
+                sequence=LabelledSequence(group=clip, times_s=times_s, seen=seen_, targets=targets_, weight=weight),
+                nearest=nearest_,
+                others={name: [each.get(name, missing) for each in answers_] for name in names},
+            )
+        )
+    return people
+
+
+def _outcomes(record: FrameRecord, labels: Labels, *, has_probabilities: bool) -> Iterator[tuple[str, Outcome]]:
+    """Yield the outcome of the record's own answers, by subject."""
+    for _, name, label in labels.labelled([record.frame]):
+        found = find_subject(record, name)
+        if found is not None and label.target != IGNORED:
+            right = right_answers(record, label)
+            if not has_probabilities or found.missing is not None:
+                yield name, (found.missing is None and found.focus in right, math.nan, math.nan)
+                continue
+            chance: dict[int | None, float] = {each.instance_id: each.total for each in found.attention}
+            chance[None] = max(0.0, 1 - sum(chance.values()))
+            yield name, (found.focus in right, chance[found.focus], sum(chance.get(key, 0.0) for key in right))
