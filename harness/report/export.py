@@ -20,7 +20,7 @@ def exported_table(scores: Scores, manifest: Mapping[str, Any]) -> ExportedTable
     rows = scores_table(scores)
     return ExportedTable(
         sheet=_sheet(scores, manifest),
-        configurations={name: manifest["configurations"][name] for name in scores.configurations},
+        configurations={name: manifest["configurations"].get(name, {}) for name in scores.configurations},
         rows=tuple(dict(zip(rows.columns, row, strict=True)) for row in rows.rows),
         frames=_frames(scores),
     ).with_digest()
@@ -52,7 +52,7 @@ def _sheet(scores: Scores, manifest: Mapping[str, Any]) -> Sheet:
         subjects=len({(verdict.clip, verdict.subject) for found in scored.values() for verdict in found}),
         pairs=sum(map(len, scored.values())),
         units=f"clips, then looks of at least 2 s within them; below {LEAST_CLIPS} clips looks of these clips only",
-        seeds={name: _seeds(manifest["configurations"][name]) for name in scores.configurations},
+        seeds={name: _seeds(manifest["configurations"].get(name, {})) for name in scores.configurations},
         notes=scores.notes,
         versions=manifest.get("versions", {}),
         source_sha256=manifest.get("source_sha256"),

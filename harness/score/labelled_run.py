@@ -100,7 +100,8 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
         if record.clip in labels:
             base = base_of(record.configuration)
             if base == record.configuration or record.configuration.endswith(".seed1"):
-                has_probabilities = known[record.configuration]["attention"]["method"] in PROBABILISTIC
+                method = known.get(record.configuration, {}).get("attention", {}).get("method")
+                has_probabilities = method in PROBABILISTIC
                 for name, outcome in _outcomes(record, labels[record.clip], has_probabilities=has_probabilities):
                     others.setdefault((record.clip, name, record.frame), {})[base] = outcome
     return _labelled_runs(run, [chosen], others)[0]

@@ -97,6 +97,15 @@ def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, mon
     assert not set(first.train[0].labelled) & set(first.test[0].labelled)
 
 
+def test_a_run_whose_manifest_has_no_settings_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    labelled_clips(tmp_path, ("talk",), 40)
+    directory = run_plainly(load_experiment("talk.toml"), tmp_path / "run")
+    manifest = directory.read_manifest()
+    directory.write_manifest({**manifest, "configurations": {name: {} for name in manifest["configurations"]}})
+    assert [len(each.labelled) for each in read_labelled(directory).people] == [40, 40]
+
+
 def test_a_fit_that_is_worse_than_the_default_is_not_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The labels of the first 2 of 16 seconds are wrong."""
     monkeypatch.chdir(tmp_path)
