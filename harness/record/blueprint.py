@@ -88,6 +88,14 @@ def clip_layout(
     return _blueprint(rrb.Tabs(*named, active_tab=0), shown, follow=follow)
 
 
+def file_layout(layers: LayerNames, shown: Shown) -> rrb.Blueprint:
+    """One configuration in few views, without tabs by person: in each file for those who open it without vfoa.
+
+    The layout of three people's tabs would take 300 kB, this one takes 60.
+    """
+    return _blueprint(_wide(layers, shown, None, most=1), shown)
+
+
 def comparison_layout(pair: tuple[LayerNames, LayerNames], shown: Shown, subjects: Subjects) -> rrb.Blueprint:
     """Two configurations of a clip side by side, in columns of the same layout, so that rows can be compared."""
     columns = _by_subject(subjects, lambda who: rrb.Horizontal(*(_column(each, shown, who) for each in pair)))
@@ -120,12 +128,12 @@ def _by_subject(subjects: Subjects, build: Callable[[str | None], rrb.Container]
     return rrb.Tabs(*tabs, rrb.Vertical(build(None), name=EVERYONE), active_tab=active)
 
 
-def _wide(layers: LayerNames, shown: Shown, subject: str | None) -> rrb.Horizontal:
-    """The 3D scene on the left, images and plots on the right."""
-    images = _images(layers, shown, subject)
+def _wide(layers: LayerNames, shown: Shown, subject: str | None, *, most: int | None = None) -> rrb.Horizontal:
+    """The 3D scene on the left, images and plots on the right; at most so many images and documents."""
+    images = _images(layers, shown, subject)[:most]
     scene = rrb.Vertical(rrb.Tabs(*images, active_tab=0), _world(layers, shown, subject), row_shares=[5, 6])
     meaning = rrb.Vertical(
-        rrb.Tabs(*_documents(layers), active_tab=0),
+        rrb.Tabs(*_documents(layers)[:most], active_tab=0),
         _plots(layers, subject, shown.span),
         _states(layers, subject),
         row_shares=[4.1, 3.5, 2.2],

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 from harness.record import Size, entities
 from harness.record.appearance import Colours
 from harness.record.attention import log_attention
-from harness.record.blueprint import Shown, Subjects, clip_layout, guide
+from harness.record.blueprint import Shown, Subjects, clip_layout, file_layout, guide
 from harness.record.entities import load_entities
 from harness.record.images import ImageLog, log_masks
 from harness.record.layer_file import LayerFile
@@ -204,15 +204,13 @@ class Recorder:
         self._layer.end_frame()
 
     def _open(self, first: FinishedFrame) -> None:
-        """Begin the file, for a watching viewer with a layout for the scene of the first frame and its views.
-
-        In a file, a layout with tabs for three people takes 300 kB; `vfoa view` and excerpts have their own.
-        """
+        """Begin the file with a layout for the scene of the first frame and the views that it has."""
         if self._layer.is_open:
             return
-        layout = None
-        if self._watched_at is not None:
-            shown = Shown.of(first.frame, first.result.scene, self._size, self._rate_hz)
+        shown = Shown.of(first.frame, first.result.scene, self._size, self._rate_hz)
+        if self._watched_at is None:
+            layout = file_layout(self._layers, shown)
+        else:
             layout = clip_layout([self._layers], shown, Subjects(names=self._subjects), follow=True)
         self._layer.open(layout)
         self._layer.stream.log(entities.GUIDE, guide(), static=True)
