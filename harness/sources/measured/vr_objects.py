@@ -10,6 +10,9 @@ Unity's axes are left-handed with y up, and a rotation is Ry Rx Rz; here y is ne
 of each tenth of a second of the previews, in which all things are in place, and of the responses, in which the trial's
 target is missing. Between them are gaps in time.
 
+The number of things tells the phase, and with it nearly the answer: in previews half of the frames are looks at one of
+the ten, in responses 1 % at one of the nine. A method that counts targets learns that, and nothing about people.
+
 The head is the cue. The gaze is ground truth, and so is its target: the thing whose collider it hits, ``none`` for
 another collider; unknown for an invalid gaze, a copy of a thing, a cursor, and a look under 0.1 s.
 """
