@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vfoa.geometry import entry_distance, perturb
 from vfoa.logit import LogitSettings, Traces, Weights, probabilities, shipped_weights, weigh_again, weigh_attentions
 from vfoa.logit_cues import CUES, ROWS, Means, Seen, later_means, observe
 from vfoa.logit_fit import Design, LabelledSequence, fit, maximised
@@ -29,8 +30,8 @@ EYES = np.array([0.0, 0.0, 0.0])
 LEFT, RIGHT = np.array([-1.0, 0.2, 2.0]), np.array([1.0, 0.2, 2.0])
 
 
-def a_target(number: int, center_m: Float) -> Target:
-    box = Box3D(center_m=center_m, half_size_m=np.full(3, 0.1), left_from_box=np.eye(3))
+def a_target(number: int, center_m: Float, half_m: tuple[float, float, float] = (0.1, 0.1, 0.1)) -> Target:
+    box = Box3D(center_m=center_m, half_size_m=np.array(half_m), left_from_box=np.eye(3))
     instance = Instance(id=number, label="cup", category_id=0, is_thing=True, score=1.0)
     return Target(instance=instance, box_px=None, points_left=np.zeros((0, 3), np.float32), box=box)
 
@@ -88,6 +89,48 @@ def test_an_earlier_look_counts_less_the_longer_ago_it_is() -> None:
         return float(seen.before[0, 0] / seen.now[0, 0])
 
     assert before_after(0.1) < before_after(1.0) < before_after(30.0) == pytest.approx(1.0)
+
+
+def cues_of(head: Float, target: Target, eyes: dict[int, Float] | None = None) -> dict[str, float]:
+    seen = observe(looking(None, head), (target,), eyes or {}, Means(), 0.1)[0]
+    assert isinstance(seen, Seen)
+    return dict(zip(CUES, seen.now[:, 0].tolist(), strict=True))
+
+
+@pytest.mark.parametrize("half_m", [(0.1, 0.1, 0.1), (0.6, 0.05, 0.1), (0.05, 0.4, 0.1)])
+@pytest.mark.parametrize("aside_deg", [0.0, 12.0])
+def test_the_overlap_is_the_share_of_directions_about_the_head_that_meet_the_box(
+    half_m: tuple[float, float, float], aside_deg: float
+) -> None:
+    target = a_target(2, np.array([0.0, 0.0, 2.0]), half_m)
+    head = perturb(np.array([0.0, 0.0, 1.0]), np.radians(aside_deg), np.radians(-9.0))  # lowered by 9 degrees: level
+    lowered = perturb(head, 0.0, np.radians(9.0))
+    errors = np.random.default_rng(1).normal(0, np.radians(7.0), (2, 100_000))
+    share = np.isfinite(entry_distance(EYES, perturb(lowered, *errors), (target.box,))).mean()
+    assert np.exp(-cues_of(head, target)["head_overlap"]) == pytest.approx(share + 1e-4, rel=0.1, abs=0.002)
+
+
+def test_a_head_that_points_aside_overlaps_a_wide_thing_more_than_a_tall_one() -> None:
+    head = perturb(np.array([0.0, 0.0, 1.0]), np.radians(15.0), np.radians(-9.0))
+    wide, tall = (a_target(2, np.array([0.0, 0.0, 2.0]), half_m) for half_m in ((0.6, 0.1, 0.1), (0.1, 0.6, 0.1)))
+    assert cues_of(head, wide)["head_overlap"] < cues_of(head, tall)["head_overlap"]
+
+
+def test_an_extrapolated_head_counts_less_sideways_than_up_and_down() -> None:
+    below = a_target(2, 2 * perturb(np.array([0.0, 0.0, 1.0]), 0.0, np.radians(20.0)))
+    aside = a_target(2, 2 * perturb(np.array([0.0, 0.0, 1.0]), np.radians(20.0), 0.0))
+    level = perturb(np.array([0.0, 0.0, 1.0]), 0.0, np.radians(-9.0))
+    assert cues_of(level, aside)["head"] == pytest.approx(cues_of(level, below)["head"], rel=0.01)
+    assert cues_of(level, aside)["head_swing"] < 0.5 * cues_of(level, below)["head_swing"]
+
+
+def test_a_face_has_its_own_size_whatever_the_box_of_its_body() -> None:
+    face = {2: np.array([0.3, 0.0, 1.5])}
+    slim, broad = (a_target(2, np.array([0.3, 0.5, 1.5]), half_m) for half_m in ((0.1, 0.6, 0.1), (0.5, 0.8, 0.3)))
+    head = np.array([0.2, 0.0, 1.0])
+    assert cues_of(head / np.linalg.norm(head), slim, face) == pytest.approx(
+        cues_of(head / np.linalg.norm(head), broad, face), nan_ok=True
+    )
 
 
 def test_later_means_mirror_the_earlier_ones() -> None:
