@@ -145,9 +145,9 @@ def test_what_is_imported_is_declared() -> None:
     shipped = [path for path in _modules().values() if not _within(path, ("harness/bench/",))]  # which needs a browser
     imported = {name.split(".")[0] for path in shipped for name in _imports(path)}
     outside = imported - sys.stdlib_module_names - {"vfoa", "harness"}
+    providing = packages_distributions()
     providers = {
-        module: {name.replace("_", "-").lower() for name in packages_distributions().get(module, [module])}
-        for module in outside
+        module: {name.replace("_", "-").lower() for name in providing.get(module, [module])} for module in outside
     }
     assert len(outside) > 20
     assert {module: found for module, found in providers.items() if not found & names} == {}
