@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import itertools
 import sys
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+import harness
 from harness.files import atomic_write
 from harness.labels.files import write_annotations
 from harness.labels.labels import Label, LabelRange, Labels
@@ -95,16 +97,8 @@ def _thing(row: int) -> str:
 
 
 def _experiment(clips: list[str]) -> str:
-    methods = {
-        "nearest_15": {"method": "nearest", "gaze_share": 0.9, "limit_deg": 15},
-        "one_cone": {"cones_cm": [25]},
-        "two_cones": {"cones_cm": [10, 25]},
-        "posterior": {"method": "bayes"},
-        "posterior_both": {"method": "bayes", "smoothing": "both"},
-        "logit": {"method": "logit", "weights": "left-out"},
-        "logit_both": {"method": "logit", "weights": "left-out", "smoothing": "both"},
-        "logit_shipped": {"method": "logit"},
-    }
+    people = tomllib.loads((Path(harness.__file__).parent / "experiments" / "people.toml").read_text(encoding="utf-8"))
+    methods = people["grid"]["attention"] | {"logit_shipped": {"method": "logit"}}
     notes = [
         f"Drawn scenes: gaze errors of {', '.join(f'{each:g}' for each in ERRORS_DEG)} deg, each with a constant bias "
         f"of {', '.join(f'{each:g}' for each in BIASES_DEG)} deg; {CLAIMED_DEG:g} deg are claimed for all.",

@@ -121,18 +121,22 @@ def observe(
 
 @dataclass(frozen=True, slots=True)
 class _Shapes:
-    """T targets as seen from the eyes: unit vectors to their middles (T, 3), and their extent about these, radians.
+    """T targets as seen from the eyes: their extent about their middles, radians.
 
     ``radius_rad`` (T,) is the angular radius. ``left_from_target`` (T, 3, 3) has the axes right, down and ahead in its
     columns, ``least_rad`` and ``most_rad`` (T, 2) are the ends of the outline to the right and down.
     """
 
     ids: tuple[int, ...]
-    directions: Float
     radius_rad: Float
     left_from_target: Float
     least_rad: Float
     most_rad: Float
+
+    @property
+    def directions(self) -> Float:
+        """Unit vectors (T, 3) to the middles."""
+        return self.left_from_target[..., 2]
 
 
 def _shapes(boxes: Mapping[int, Box3D], eyes: Mapping[int, Float], origin: Float) -> _Shapes:
@@ -148,7 +152,7 @@ def _shapes(boxes: Mapping[int, Box3D], eyes: Mapping[int, Float], origin: Float
     radius = np.arctan2(half, distance)
     least, most = outline.min(axis=-1).T, outline.max(axis=-1).T
     least[faces], most[faces] = -radius[faces, None], radius[faces, None]
-    return _Shapes(tuple(boxes), frames[..., 2], radius, frames, least, most)
+    return _Shapes(tuple(boxes), radius, frames, least, most)
 
 
 def _angles(cues: Float, shapes: _Shapes, gaze_scale: float) -> Float:

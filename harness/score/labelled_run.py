@@ -94,17 +94,7 @@ def read_labelled(directory: RunDirectory, configuration: str | None = None) -> 
     chosen = configuration or next(iter((*logits, *bases)))
     if chosen not in bases:
         raise VfoaError(f"{directory.path}: no configuration {chosen!r}; {did_you_mean(chosen, bases)}")
-    labels = run.reference().labels
-    others: dict[tuple[str, str, int], dict[str, Outcome]] = {}
-    for record in run.records():
-        if record.clip in labels:
-            base = base_of(record.configuration)
-            if base == record.configuration or record.configuration.endswith(".seed1"):
-                method = known.get(record.configuration, {}).get("attention", {}).get("method")
-                has_probabilities = method in PROBABILISTIC
-                for name, outcome in _outcomes(record, labels[record.clip], has_probabilities=has_probabilities):
-                    others.setdefault((record.clip, name, record.frame), {})[base] = outcome
-    return _labelled_runs(run, [chosen], others)[0]
+    return _labelled_runs(run, [chosen], {})[0]
 
 
 def read_features(directory: RunDirectory, configurations: Collection[str]) -> list[LabelledRun]:
@@ -118,17 +108,25 @@ def read_features(directory: RunDirectory, configurations: Collection[str]) -> l
     return _labelled_runs(FinishedRun.read(directory), configurations, None)
 
 
-_Others = Mapping[tuple[str, str, int], Mapping[str, Outcome]]
+_Others = dict[tuple[str, str, int], dict[str, Outcome]]
 """The outcomes of all configurations, by clip, subject and frame."""
 
 
 def _labelled_runs(run: FinishedRun, configurations: Collection[str], others: _Others | None) -> list[LabelledRun]:
-    labels = run.reference().labels
+    """Read the configurations in one pass; ``others`` takes the outcomes of all configurations, if it is given."""
+    labels, known = run.reference().labels, run.manifest["configurations"]
     found: dict[str, dict[tuple[str, str], list[FrameRecord]]] = {name: {} for name in configurations}
     for record in run.records():
+        if record.clip not in labels:
+            continue
         base = base_of(record.configuration)
-        if record.clip in labels and base in found:
+        if base in found:
             found[base].setdefault((record.clip, record.configuration), []).append(record)
+        if others is not None and (base == record.configuration or record.configuration.endswith(".seed1")):
+            method = known.get(record.configuration, {}).get("attention", {}).get("method")
+            has_probabilities = method in PROBABILISTIC
+            for name, outcome in _outcomes(record, labels[record.clip], has_probabilities=has_probabilities):
+                others.setdefault((record.clip, name, record.frame), {})[base] = outcome
     experiment = str(run.manifest.get("experiment", ""))
     runs = []
     for name, by_run in found.items():
