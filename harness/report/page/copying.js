@@ -7,8 +7,15 @@ export const csvText = (rows) =>
   rows.map((row) => row.map((cell) => (CELL.test(cell) ? `"${String(cell).replaceAll('"', '""')}"` : cell)).join(",")).join("\n") + "\n";
 
 export const copyCsv = (rows) => copied(new Blob([csvText(rows)], { type: "text/plain" }), "csv");
-export const copySvg = (svg) => svg && copied(new Blob([svgText(svg)], { type: "text/plain" }), "svg");
-export const copyPng = async (svg) => svg && copied(await png(svgText(svg), svg.width.baseVal.value, svg.height.baseVal.value), "png");
+export const copySvg = (svg) => svg ? copySvgText(svgText(svg)) : say("Nothing is drawn here yet.");
+export const copyPng = async (svg) => {
+  if (!svg) return say("Nothing is drawn here yet.");
+  try {
+    return await copied(await png(svgText(svg), svg.width.baseVal.value, svg.height.baseVal.value), "png");
+  } catch (error) {
+    return say(`This figure could not be turned into a PNG (${error.message}); copy it as SVG instead.`);
+  }
+};
 export const copyCanvas = (canvas) => canvas.toBlob((blob) => copied(blob, "png"));
 export const copySvgText = (text) => copied(new Blob([text], { type: "text/plain" }), "svg");
 
@@ -46,8 +53,11 @@ export function svgText(svg) {
 
 async function png(text, width, height) {
   const image = new Image();
-  image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;
-  await image.decode();
+  await new Promise((resolve, reject) => {
+    image.addEventListener("load", resolve);
+    image.addEventListener("error", () => reject(new Error("the browser cannot read the drawing")));
+    image.src = `data:image/svg+xml;charset=utf-8,${encodeURIComponent(text)}`;
+  });
   const sheet = element("canvas", { width: 2 * width, height: 2 * height });
   sheet.getContext("2d").drawImage(image, 0, 0, 2 * width, 2 * height);
   return new Promise((resolve) => sheet.toBlob(resolve, "image/png"));

@@ -294,7 +294,7 @@ def test_no_button_of_the_report_is_dead(report: Chrome) -> None:
         report.execute_script("window.did = 0; arguments[0].scrollIntoView({block: 'center'})", button)
         button.click()
         try:
-            wait_for(lambda: report.execute_script("return window.did"), at_most_s=5)
+            wait_for(lambda: report.execute_script("return window.did"), at_most_s=60)
         except AssertionError:
             dead.append(name)
     assert dead == []
