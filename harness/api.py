@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _INTEGERS = {"track": "Int64", "instance": "Int64", "focus": "Int64"}
 _WORDS = (
     *("clip", "subject", "configuration", "reference", "target", "truth", "outcome", "error_type"),
-    *("interval_unit", "unit", "beats_baselines", "unknown_names", "partner", "source", "measure", "from_target"),
+    *("interval_unit", "unit", "beats_baselines", "unknown_names"),
 )
 
 
@@ -87,11 +87,6 @@ class RunResults:
     def comparisons(self) -> pd.DataFrame:
         """``comparisons.csv``: every two configurations. Columns: :data:`harness.columns.COMPARISON_COLUMNS`."""
         return self._table("comparisons.csv")
-
-    @cached_property
-    def behaviour(self) -> pd.DataFrame:
-        """``behaviour.csv``: looks, transitions, shared gaze. Columns: :data:`harness.columns.BEHAVIOUR_COLUMNS`."""
-        return self._table("behaviour.csv")
 
     @property
     def failures(self) -> pd.DataFrame:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from harness.score.baselines import BASELINES
-from harness.score.behaviour import MEASURES
 from harness.score.metrics import load_metrics
 from harness.score.verdicts import ERROR_TYPES
 
@@ -95,19 +94,3 @@ COMPARISON_COLUMNS: Mapping[str, str] = {
     "sentence": "the comparison in words",
 }
 """Column of ``comparisons.csv`` to its meaning. A row is a pair of configurations."""
-
-BEHAVIOUR_COLUMNS: Mapping[str, str] = {
-    "clip": "clip; (all): all clips that the source knows anything of, together",
-    "subject": "subject; (all): all subjects and pairs together",
-    "partner": "the other subject of mutual gaze, joint attention and following; missing for other measures",
-    "source": "(truth): the labels; else the configuration",
-    "measure": "what is measured: " + "; ".join(f"{name}: {meaning}" for name, meaning in MEASURES.items()),
-    "from_target": "the target that a transition leaves; missing for other measures",
-    "target": "the target; none: at nothing; missing for measures of no single target",
-    "value": "the measure: a number, a share in [0, 1], seconds, or times per minute; missing where it is not known",
-    "n": "the frames, looks, transitions or gazes that the value is of",
-    "interval_low": "95 % interval of the value, lower end; missing for numbers and where it is not known",
-    "interval_high": "upper end",
-    "interval_unit": "what the interval takes as independent: clip (clips like these) or look (these clips only)",
-}
-"""Column of ``behaviour.csv`` to its meaning. A row is one measure by one source."""

@@ -152,7 +152,6 @@ def columns_page() -> str:
         "frr.csv": (columns.frr_columns(), "A row is a subject, a clip, or all of them, under one configuration."),
         "frames.csv": (columns.FRAMES_COLUMNS, "A row is one target of one subject in one frame."),
         "comparisons.csv": (columns.COMPARISON_COLUMNS, "A row is a pair of configurations."),
-        "behaviour.csv": (columns.BEHAVIOUR_COLUMNS, "A row is one measure of a subject or a pair, by one source."),
     }
     lines = ["# Columns", "", "The tables of a run's directory, and the DataFrames of `harness.load_run`.", ""]
     for name, (meanings, about) in tables.items():

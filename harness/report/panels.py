@@ -40,8 +40,6 @@ PANELS = Registry(
     builtin={
         "subjects": "harness.report.tables:subjects_table",
         "agreement": "harness.report.tables:measures_table",
-        "behaviour": "harness.report.behaviour:behaviour_table",
-        "transitions": "harness.report.behaviour:transitions_table",
         "baselines": "harness.report.tables:baselines_table",
         "stages": "harness.report.stages:stage_measures_table",
         "objects": "harness.report.stages:object_measures_table",

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 from harness.files import write_together
-from harness.report.behaviour import behaviour_csv
 from harness.report.comparisons import (
     ablation_csv,
     ablation_table,
@@ -60,7 +59,7 @@ def write_scores(
     """Write the tables and the page of records that the logs have seen beside the results, all or none.
 
     ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``frames.csv``,
-    ``behaviour.csv``, ``comparisons.csv .md``, ``report.html``, and ``reliability.svg .png`` where a
+    ``comparisons.csv .md``, ``report.html``, and ``reliability.svg .png`` where a
     configuration gives probabilities. ``manifest`` is as for :func:`harness.report.page.render.render_page`; ``times``
     are read from the ``timings.csv`` beside the results if not given.
 
@@ -75,7 +74,6 @@ def write_scores(
     texts = {
         **render_tables(scores, reliabilities, logs.beliefs.by_subject(), logs.tables()),
         "frames.csv": logs.frames.to_csv(scores.verdicts),
-        "behaviour.csv": to_csv(behaviour_csv(scores)),
         "report.html": _page(results, logs, scores, manifest, times=times),
     }
     files: dict[Path, str | bytes] = {folder / name: text for name, text in texts.items()}

@@ -34,7 +34,7 @@ class Outcomes:
     answer, ``brier`` Brier's score; NaN for a method without probabilities. ``baselines`` (n, baselines) says which
     baselines were right, in the order of :data:`harness.score.baselines.BASELINES`; ``angles_rad`` is the smallest
     angle from the gaze to a box's centre, NaN if not known. ``error_types`` are those of the wrong frames.
-    ``all_positions`` (m,) are those of all verdicts; ``rate_hz`` is the rate of the clip's frames, None if unknown.
+    ``rate_hz`` is the rate of the clip's frames, None if unknown.
     """
 
     clip: str
@@ -56,7 +56,6 @@ class Outcomes:
     baselines: Flags
     angles_rad: Float
     error_types: tuple[str, ...]
-    all_positions: Codes
     rate_hz: float | None
 
 
@@ -255,7 +254,6 @@ def _outcomes(
         baselines=np.array(baselines, dtype=np.bool_).reshape(-1, len(BASELINES)),
         angles_rad=np.array([each.hits.angle_rad for each in scored], dtype=np.float64),
         error_types=tuple(verdict.error_type for verdict in verdicts if verdict.error_type is not None),
-        all_positions=np.array([places[each.verdict.frame] for each in in_order], dtype=np.intp),
         rate_hz=rate,
     )
 

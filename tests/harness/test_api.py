@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import harness
-from harness.columns import BEHAVIOUR_COLUMNS, COMPARISON_COLUMNS, FRAMES_COLUMNS, frr_columns
+from harness.columns import COMPARISON_COLUMNS, FRAMES_COLUMNS, frr_columns
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 
@@ -51,7 +51,6 @@ def test_every_column_of_every_table_is_documented(run: harness.RunResults) -> N
     assert list(run.frr.columns) == list(frr_columns())
     assert list(run.frames.columns) == list(FRAMES_COLUMNS)
     assert list(run.comparisons.columns) == list(COMPARISON_COLUMNS)
-    assert list(run.behaviour.columns) == list(BEHAVIOUR_COLUMNS)
 
 
 def test_the_tables_agree_with_each_other(run: harness.RunResults) -> None:

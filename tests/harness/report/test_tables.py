@@ -71,7 +71,6 @@ def test_a_run_gets_all_its_tables_and_its_page_and_nothing_else(results: Path) 
             "frr.md",
             "frr.tex",
             "frames.csv",
-            "behaviour.csv",
             "comparisons.csv",
             "comparisons.md",
             "report.html",
