@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from harness.files.parsing import toml_value
 from harness.remote import local_folder
 from harness.report.comparisons import comparisons_csv
 from harness.report.formats import to_csv
@@ -19,7 +20,6 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.score.run_comparison import compare_runs as _compare_runs
 from harness.score.run_comparison import compare_with_baseline
-from harness.toml_text import toml_value
 from vfoa.errors import VfoaError
 from vfoa.types import StereoRig
 
@@ -197,7 +197,7 @@ def run_experiment(
     VfoaError
         If the experiment, a clip or a setting is wrong, ``out`` holds another run, or nothing could be finished.
     """
-    from harness.cache_folder import cache_root
+    from harness.files.cache import cache_root
     from harness.report.sinks import composed_sinks
     from harness.run.directory import out_folder
     from harness.run.runner import prepare, run_plan

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -19,11 +20,12 @@ from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from harness.cache_folder import cache_root
-from harness.files import atomic_write, replacing
+from harness.files.cache import cache_root
+from harness.files.io import atomic_write, replacing
 from vfoa.errors import VfoaError
 
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*(::[A-Za-z0-9+.-]+)*://")
+_VARIABLE = re.compile(r"\$\{(\w+)\}")
 _TOGETHER = 64
 """Number of files that are requested at once."""
 
@@ -73,6 +75,33 @@ def local_copy(address: str, where: str) -> Path:
 def forget_copies() -> None:
     """Check again, when a copy is requested next, whether the original has changed."""
     local_copy.cache_clear()
+
+
+def unset_variables(text: str) -> list[str]:
+    """The environment variables that a path from a configuration file needs and that are not set."""
+    return [name for name in dict.fromkeys(_VARIABLE.findall(text)) if not os.environ.get(name)]
+
+
+def expand(text: str, base: Path, where: str) -> Path:
+    """Resolve a configured path: ``${NAME}`` and ``~`` expanded, relative to ``base``; an address gives its local copy.
+
+    Raises
+    ------
+    VfoaError
+        If an environment variable is not set, or an address cannot be read;
+        ``where`` (file and key) starts the message.
+    """
+
+    def value(match: re.Match[str]) -> str:
+        found = os.environ.get(match[1])
+        if not found:
+            below = text[match.end() :].strip("/")
+            holds = f"; set it to the folder that holds {below}" if below else ""
+            raise VfoaError(f"{where}: {text!r} needs the environment variable {match[1]}, which is not set{holds}")
+        return found
+
+    place = _VARIABLE.sub(value, text)
+    return local_copy(place, where) if is_address(place) else base / os.path.expanduser(place)
 
 
 def _copied(address: str) -> Path:

@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 import harness
-from harness.files import atomic_write
+from harness.files.io import atomic_write
+from harness.files.parsing import toml_key, toml_value
 from harness.labels.files import write_annotations
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.sources.measured.clip import MeasuredFrame, MeasuredObject, MeasuredPerson
 from harness.sources.measured.write import write_measured
-from harness.toml_text import toml_key, toml_value
 from vfoa.posterior.settings import sigma_rad
 from vfoa.simulated_scenes import NOWHERE, Errors, Sequence, draw_sequence
 from vfoa.types import Box3D, Gaze, HeadPose

@@ -15,6 +15,8 @@ import pytest
 ROOT = Path(__file__).parent.parent
 
 ROOMS = (
+    "files",
+    "server",
     "",
     "sources",
     "studio",
@@ -54,27 +56,25 @@ DOORS = {
     "pympi": ("harness/labels/formats/elan.py",),
     "distributed": ("harness/run/executors/cluster.py", "harness/run/executors/worker.py"),
     "torch": ("harness/stages/export/",),
-    "uvicorn": ("harness/local_server.py",),
+    "uvicorn": ("harness/server/local_server.py",),
     "tomlkit": ("harness/annotate/targets.py",),
     "onnx": ("harness/stages/export/",),
     "filterpy": ("vfoa/gaze_filter.py",),
     "open3d": ("harness/studio/raycast.py",),
     "fsspec": ("harness/remote.py",),
-    "httpx": ("harness/download.py", "harness/record/web_viewer.py"),
+    "httpx": ("harness/files/download.py", "harness/record/web_viewer.py"),
     "starlette": (
         "harness/annotate/",
         "harness/record/web_app.py",
-        "harness/local_server.py",
-        "harness/guard.py",
-        "harness/connections.py",
+        "harness/server/",
     ),
     "jinja2": ("harness/report/page/render.py",),
     "matplotlib": ("harness/report/figures.py", "harness/report/", "harness/report/sweep.py"),
     "rich": ("harness/cli/", "harness/report/formats.py", "harness/bench/"),
     "pandas": ("harness/api.py", "harness/bench/stages.py"),
     "msgspec": (
-        "harness/cached_values.py",
-        "harness/bounded_parsing.py",
+        "harness/files/cache.py",
+        "harness/files/parsing.py",
         "harness/stages/outputs/coco_panoptic.py",
         "harness/run/results.py",
         "harness/record/verdict_layer.py",
@@ -86,9 +86,9 @@ DOORS = {
         "harness/sources/recordings/unpacking.py",
         "harness/sources/bags/files.py",
     ),
-    "pyarrow": ("harness/record/", "harness/strict_tables.py"),
-    "yaml": ("harness/bounded_parsing.py", "harness/sources/calibration_files/documents.py"),
-    "platformdirs": ("vfoa/weights.py", "harness/cache_folder.py", "harness/studio/store.py"),
+    "pyarrow": ("harness/record/", "harness/files/tables.py"),
+    "yaml": ("harness/files/parsing.py", "harness/sources/calibration_files/documents.py"),
+    "platformdirs": ("vfoa/weights.py", "harness/files/cache.py", "harness/studio/store.py"),
 }
 
 

@@ -14,7 +14,7 @@ from typer.main import get_command
 
 import harness
 from harness.cli import app
-from harness.data_folders import names
+from harness.files.folders import names
 from harness.stages.settings_reference import setting_keys
 from scripts.pictures import PICTURES
 from scripts.quoted_figures import renewed

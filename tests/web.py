@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING
 
-from harness.local_server import LocalServer
+from harness.server.local_server import LocalServer
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette

@@ -12,7 +12,7 @@ clip_stores the stores of a clip's annotators
 targets     new, renamed and deleted targets, written into the manifest
 session     all of it for one clip
 app         routes
-server      the server, on the base of all servers (harness/local_server.py)
+server      the server, on the base of all servers (harness/server/local_server.py)
 address     the same port and token after a restart
 page/       HTML, CSS and JavaScript, as they are
 """

@@ -10,7 +10,7 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from harness.cache_folder import cache_root
+from harness.files.cache import cache_root
 
 _LONGEST_S = 24 * 3600
 

@@ -145,7 +145,7 @@ class DeletedTarget(Settings):
 
 
 def create_app(session: Session) -> Starlette:
-    """Return the application for one clip, to be served by a :class:`harness.local_server.LocalServer`."""
+    """Return the application for one clip, to be served by a :class:`harness.server.local_server.LocalServer`."""
     files = {path.name: path.read_bytes() for path in (resources.files(__package__) / "page").iterdir()}
 
     def page_file(request: Request) -> Response:

@@ -9,7 +9,7 @@ from pathlib import Path
 from harness.annotate.drawing import DrawingStore
 from harness.annotate.store import LabelStore
 from harness.clips.manifest import ClipManifest
-from harness.data_folders import came_with_program
+from harness.files.folders import came_with_program
 from harness.labels.files import read_annotations, target_names
 from harness.labels.labels import RESERVED, Labels
 from harness.labels.timeline import Timeline

@@ -12,7 +12,7 @@ from harness.annotate.bodies import RunBodies, TrueBodies
 from harness.annotate.clip_stores import open_drawing, open_store, read_for_store
 from harness.annotate.marks import from_labels, stretches
 from harness.clips.manifest import ClipManifest
-from harness.files import check_new, check_new_folder
+from harness.files.io import check_new, check_new_folder
 from harness.labels.bodies import Bodies
 from harness.labels.drawn import Drawn, write_drawn
 from harness.labels.files import write_annotations

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from harness.bounded_parsing import parse_json
+from harness.files.parsing import parse_json
 from vfoa.errors import VfoaError
 
 

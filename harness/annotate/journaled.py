@@ -15,7 +15,7 @@ from typing import Any, Generic, Protocol, Self, TypeVar
 
 from harness.annotate.journal import Journal
 from harness.annotate.undo import Undo
-from harness.files import file_digest
+from harness.files.digests import file_digest
 from vfoa.errors import VfoaError
 
 Entry = dict[str, Any]

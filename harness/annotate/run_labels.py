@@ -9,7 +9,7 @@ from typing import Any
 
 from harness.annotate.bodies import RunBodies
 from harness.annotate.predictions import predicted_labels
-from harness.files import check_new
+from harness.files.io import check_new
 from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat
 from harness.labels.formats.exchange import Exchange
 from harness.run.clip_records import read_clip_records

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 
 from harness.annotate.suggestions import Predictions
-from harness.bounded_parsing import read_toml
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_targets
+from harness.files.parsing import read_toml
 from harness.run.directory import RunDirectory
 from harness.run.records import BoxPx, FrameRecord
 from harness.run.saved_outputs import VARIABLE

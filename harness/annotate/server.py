@@ -5,7 +5,7 @@ from __future__ import annotations
 from harness.annotate.address import Address, new_address
 from harness.annotate.app import create_app
 from harness.annotate.session import Session
-from harness.local_server import LocalServer
+from harness.server.local_server import LocalServer
 from vfoa.errors import VfoaError
 
 _PATIENCE_S = 20

@@ -19,13 +19,14 @@ from harness.annotate.store import LabelStore
 from harness.annotate.suggestions import Block, Predictions, advice
 from harness.annotate.target_change import TargetChange, finish_change
 from harness.annotate.views import Views
-from harness.bounded_parsing import parse_toml
 from harness.clips.looks import COLOURS, KEYS, looks
 from harness.clips.manifest import ClipManifest, load_manifest, make_manifest
 from harness.clips.manifest_checks import known_categories
 from harness.clips.naming import NameRule
-from harness.data_folders import came_with_program
-from harness.files import digest_files, read_bytes
+from harness.files.digests import digest_files
+from harness.files.folders import came_with_program
+from harness.files.io import read_bytes
+from harness.files.parsing import parse_toml
 from harness.labels.labels import RESERVED, TO_DECIDE
 from harness.labels.timeline import timeline_of
 from harness.sources import Clip

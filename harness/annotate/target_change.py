@@ -16,9 +16,9 @@ from pydantic import Field
 from harness.annotate.clip_stores import open_drawing, open_stores
 from harness.annotate.history import Change
 from harness.annotate.store import LabelStore
-from harness.bounded_parsing import parse_json
 from harness.clips.manifest import ClipManifest, load_manifest
-from harness.files import atomic_write, read_bytes
+from harness.files.io import atomic_write, read_bytes
+from harness.files.parsing import parse_json
 from harness.labels.timeline import Timeline
 from vfoa.settings import Settings
 from vfoa.validation import parse

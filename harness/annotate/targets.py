@@ -11,12 +11,12 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from harness.bounded_parsing import parse_toml
 from harness.clips.looks import looks
 from harness.clips.manifest import ClipManifest, make_manifest
 from harness.clips.naming import NameRule
-from harness.data_folders import came_with_program
-from harness.files import read_bytes
+from harness.files.folders import came_with_program
+from harness.files.io import read_bytes
+from harness.files.parsing import parse_toml
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.validation import parse
 

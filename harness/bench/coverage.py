@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from harness.bench.simulated_looks import HZ, Simulated, World, simulate
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from harness.report.formats import Table, to_markdown
 from harness.score.comparison import POWER, Spread, clips_needed
 from harness.score.intervals import LEAST_CLIPS, Units, difference_interval, rate_interval

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from harness.report.formats import Table, to_markdown
 from harness.report.verdict import compare_factors
 from harness.run.experiment import load_experiment

@@ -20,8 +20,8 @@ from pathlib import Path
 from rich.console import Console
 
 from harness.bench.parallel import used_cpu_seconds
-from harness.data_folders import find
-from harness.files import atomic_write, read_text
+from harness.files.folders import find
+from harness.files.io import atomic_write, read_text
 from harness.report.formats import UNKNOWN, Table, to_markdown
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from harness.clips.manifest import load_manifest
-from harness.data_folders import find
+from harness.files.folders import find
 from harness.labels.files import write_annotations
 from harness.labels.labels import IGNORED, Label, LabelRange, Labels
 from harness.record import Size

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from harness.bench.scoring import synthetic_subject, synthetic_target
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.formats import UNKNOWN, Table
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path

@@ -12,7 +12,7 @@ from typing import Any, Self
 
 from harness.bench.generated_clip import write_clip
 from harness.bench.mcap_memory import peak_mib
-from harness.known_digests import SETTLED_NS
+from harness.files.digests import SETTLED_NS
 from harness.processes import spawning
 from harness.report.formats import Table
 from harness.report.sinks import composed_sinks

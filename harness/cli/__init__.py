@@ -36,8 +36,8 @@ from harness.cli.settings import settings
 from harness.cli.simulate import simulate
 from harness.cli.terminal import say
 from harness.cli.view import view
+from harness.files.safe_names import shown
 from harness.processes import keep_working_directory_out
-from harness.safe_names import shown
 from vfoa.errors import StageError, VfoaError
 
 app = typer.Typer(

@@ -29,7 +29,7 @@ def annotate(
     from harness.annotate.address import last_address, remember
     from harness.annotate.server import PageServer
     from harness.annotate.session import Session
-    from harness.local_server import ended_by_sigterm, open_browser
+    from harness.server.local_server import ended_by_sigterm, open_browser
 
     folder = run_folder(run) if run else None
     session = Session(

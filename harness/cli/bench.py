@@ -34,7 +34,7 @@ def bench(
     from harness.bench.sections import SECTIONS, Bench
     from harness.cli.terminal import print_report
     from harness.clips.manifest import load_manifest
-    from harness.files import atomic_write, check_new
+    from harness.files.io import atomic_write, check_new
     from harness.report.formats import to_markdown
     from harness.run import provenance
     from harness.run.experiment import load_experiment

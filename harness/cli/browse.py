@@ -22,9 +22,9 @@ def browse(
     no_open: bool = False,
 ) -> None:
     """Serve recordings by their names, and ``more``; print the addresses of ``paths``, and open the first one."""
-    from harness.local_server import LocalServer, ended_by_sigterm, open_browser
     from harness.record.web_app import site
     from harness.record.web_viewer import web_viewer_files
+    from harness.server.local_server import LocalServer, ended_by_sigterm, open_browser
 
     with ended_by_sigterm():
         app = site({each.name: each for each in recordings}, web_viewer_files(), page=page, more=more)

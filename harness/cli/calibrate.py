@@ -46,7 +46,7 @@ def calibrate(
     Prints the pairs that were not used, with the reason. Writes the file that stereo_folder reads, and a rectified pair
     to look at. Given a file that it has written, it rescales the lengths to another side of the squares.
     """
-    from harness.files import atomic_write, check_new, write_together
+    from harness.files.io import atomic_write, check_new, write_together
     from harness.sources.calibrate.files import format_calibration, preview_png, read_back
     from harness.sources.calibrate.pictures import Pictures
     from harness.sources.calibrate.preview import rectified_preview

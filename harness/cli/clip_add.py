@@ -52,8 +52,8 @@ def add_clip(
 ) -> None:
     """Recognise the source at a path; write a manifest and an empty annotation file."""
     from harness.clips.add import add_clip as add
+    from harness.files.parsing import parse_assignment
     from harness.remote import is_address
-    from harness.toml_text import parse_assignment
     from vfoa.errors import VfoaError
 
     if is_address(path):

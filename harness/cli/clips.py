@@ -78,7 +78,7 @@ def fetch_clips(
     ``kitchen_p09`` ... ``office_p19`` as tables of measurements with labels. ``opencv_stereo``: 13 pairs of a
     calibration board, samples of OpenCV.
     """
-    from harness.data_folders import expand
+    from harness.remote import expand
     from vfoa.errors import VfoaError, did_you_mean
 
     fetchers = {

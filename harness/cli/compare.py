@@ -48,7 +48,7 @@ def compare(
     from dataclasses import asdict
     from dataclasses import replace as with_values
 
-    from harness.files import atomic_write, check_new
+    from harness.files.io import atomic_write, check_new
     from harness.report.comparisons import terminal_comparisons
     from harness.report.page.render_sweep import render_comparison
     from harness.run.directory import RunDirectory

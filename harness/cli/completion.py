@@ -22,7 +22,7 @@ def clip_names(incomplete: str) -> list[str]:
 def experiment_and_clip_names(incomplete: str) -> list[str]:
     """Experiments, clips and families of clips by name."""
     from harness.clips.manifest import clip_files
-    from harness.data_folders import names
+    from harness.files.folders import names
 
     return _matching([*names("experiments"), *names("datasets"), *clip_files()], incomplete)
 

@@ -27,7 +27,7 @@ def export_failure(
     """Write one frame and its neighbours as a small recording."""
     from dataclasses import replace as changed
 
-    from harness.files import check_new
+    from harness.files.io import check_new
     from harness.record.composed import find_clips
     from harness.record.excerpt import write_excerpt
     from vfoa.errors import VfoaError

@@ -28,7 +28,7 @@ def export_table(
     replace: Replace = False,
 ) -> None:
     """Export a run's table with a data sheet: clips, n, units, seeds, versions, digest."""
-    from harness.files import atomic_write, check_new
+    from harness.files.io import atomic_write, check_new
     from harness.report.export import FORMATS, exported_table
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import FinishedRun

@@ -49,7 +49,7 @@ def fit(
     The fit is scored on clips, or parts of one clip, that were left out. Use it with ``vfoa run X --preset FILE``.
     """
     from harness.cli.terminal import print_reports
-    from harness.files import atomic_write, check_new
+    from harness.files.io import atomic_write, check_new
     from harness.report.fit import fit_tables, fitted_text
     from harness.report.formats import to_markdown
     from harness.score.fit_logit import COMMONEST, DEFAULT, FITTED, fit_logit
@@ -111,7 +111,7 @@ def _inputs(what: str) -> Iterator[Path]:
     """The files that are read: of the run or the experiment, and of its clips."""
     from harness.cli.run import experiment_of
     from harness.clips.manifest import load_manifest
-    from harness.data_folders import find
+    from harness.files.folders import find
     from harness.run.directory import RunDirectory
     from vfoa.errors import VfoaError
 

@@ -107,8 +107,8 @@ def init(
 def _write_example(folder: Path) -> None:
     """Write the example clip, its labels and its experiment into a folder."""
     from harness.clips.manifest import load_manifest
-    from harness.files import write_together
-    from harness.toml_text import toml_value
+    from harness.files.io import write_together
+    from harness.files.parsing import toml_value
 
     talk = load_manifest("studio_talk")
     rig = _write_data(folder / "data" / "example")
@@ -138,7 +138,7 @@ def _write_data(folder: Path) -> StereoRig:
     import cv2
 
     from harness.clips.manifest import load_manifest
-    from harness.files import atomic_write
+    from harness.files.io import atomic_write
     from harness.run.experiment import load_experiment
     from harness.run.output_sink import OutputSink
     from harness.sources import MeasuredClip

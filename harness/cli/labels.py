@@ -238,7 +238,7 @@ def agreement(
     """Compare annotators: kappa with its interval, agreement per target, confusion, and a list of differences."""
     from harness.cli.terminal import print_reports
     from harness.clips.manifest import load_manifest
-    from harness.files import check_new, write_together
+    from harness.files.io import check_new, write_together
     from harness.report.agreement import agreement_tables
     from harness.report.formats import to_csv, to_markdown
     from harness.score.agreement import compare_annotators
@@ -267,7 +267,7 @@ def merge(
 ) -> None:
     """Merge the labels of several annotators by a rule: agree (else ignore), first (in the order given), adjudicate."""
     from harness.clips.manifest import load_manifest
-    from harness.files import check_new
+    from harness.files.io import check_new
     from harness.labels.files import write_annotations
     from harness.labels.merge import merge_labels, to_decide
 

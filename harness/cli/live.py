@@ -122,9 +122,9 @@ def _open(
 
 
 def _tail(path: Path, settings: tuple[str, ...]) -> LiveSource:
+    from harness.files.parsing import parse_assignment
     from harness.sources.mcap.tail import McapTail
     from harness.sources.recordings.settings import RecordingSettings
-    from harness.toml_text import parse_assignment
     from vfoa.errors import VfoaError
     from vfoa.validation import parse
 

@@ -113,7 +113,7 @@ def export(
     replace: Replace = False,
 ) -> None:
     """Export a checkpoint to an ONNX file and compare its answers with PyTorch's; needs vfoa[export]."""
-    from harness.files import check_new
+    from harness.files.io import check_new
     from harness.stages.export import export_gaze360
     from vfoa.weights import locate
 

@@ -39,7 +39,7 @@ def plot(
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --out.")] = False,
 ) -> None:
     """Draw a figure of a run or of a sweep, in a style for print."""
-    from harness.files import check_new
+    from harness.files.io import check_new
     from harness.report.figures import check_format, save_figure
     from harness.report.plots.draw import plot_run
     from harness.run.directory import RunDirectory

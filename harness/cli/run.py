@@ -259,7 +259,7 @@ def _said_of_unknown(name: str) -> str:
     from difflib import get_close_matches
 
     from harness.clips.manifest import clip_files, families
-    from harness.data_folders import names
+    from harness.files.folders import names
 
     experiments, clips = names("experiments"), [*clip_files(), *families()]
     near = get_close_matches(name, [*experiments, *clips], n=1)

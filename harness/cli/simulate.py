@@ -22,7 +22,7 @@ def simulate(
     from rich.console import Console
 
     from harness.cli.terminal import print_report
-    from harness.files import check_new_folder
+    from harness.files.io import check_new_folder
     from harness.report.simulation import statements_table, write_simulation
     from vfoa import simulation
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.cli.terminal import say
-from harness.files import atomic_write, read_text
+from harness.files.io import atomic_write, read_text
 from harness.run.experiment import Experiment
 from harness.run.manifest import differences
 from harness.run.plan import Plan, describe, prepare

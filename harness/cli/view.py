@@ -36,11 +36,11 @@ def view(
 ) -> None:
     """Open a run's recordings in the Rerun viewer: one for each clip, with a tab for each configuration."""
     from harness.cli.failures import browse_failures, step_through
-    from harness.files import check_new
-    from harness.local_server import ended_by_sigterm, sigterm_as_ctrl_c
+    from harness.files.io import check_new
     from harness.record import viewer
     from harness.record.composed import find_recordings
     from harness.run.directory import RunDirectory
+    from harness.server.local_server import ended_by_sigterm, sigterm_as_ctrl_c
     from vfoa.errors import VfoaError
 
     folder = run_folder(run)

@@ -8,16 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.bounded_parsing import parse_toml
 from harness.clips.manifest import ClipManifest, as_clip_name, clip_files, make_manifest
 from harness.clips.manifest_checks import unknown_categories
 from harness.clips.recognition import recognise
-from harness.data_folders import find
-from harness.files import read_text, write_together
+from harness.files.folders import find
+from harness.files.io import read_text, write_together
+from harness.files.parsing import parse_toml, toml_key, toml_value
 from harness.labels.files import VERSION_LINE, format_annotations
 from harness.labels.labels import IGNORED, UNLABELLED, Label, LabelRange, Labels
 from harness.sources import Clip, MeasuredClip, Recognised
-from harness.toml_text import toml_key, toml_value
 from vfoa.errors import VfoaError
 from vfoa.types import Scene, StereoFrame, StereoRig
 

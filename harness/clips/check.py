@@ -13,9 +13,10 @@ from harness.clips.manifest_checks import manifest_notes, manifest_problems
 from harness.clips.matching import matched_offsets_px
 from harness.clips.measured import measurement_problems
 from harness.clips.near_limit import first_middle_last, near_notes
-from harness.data_folders import folders, unset_variables
+from harness.files.folders import folders
 from harness.labels.labels import IGNORED
 from harness.labels.timeline import timeline_of
+from harness.remote import unset_variables
 from harness.sources import Clip, MeasuredClip
 from vfoa.errors import VfoaError
 from vfoa.types import StereoFrame

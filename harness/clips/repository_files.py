@@ -11,10 +11,10 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.data_folders import folders
-from harness.download import download
-from harness.files import file_digest
-from harness.strict_tables import read_rows
+from harness.files.digests import file_digest
+from harness.files.download import download
+from harness.files.folders import folders
+from harness.files.tables import read_rows
 from vfoa.errors import VfoaError
 
 IDIAP_COMMIT = "c42697ebd848dc4871a5aaf480e2bbc40effc2c6"

@@ -9,7 +9,7 @@ import zlib
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
 
-from harness.download import download
+from harness.files.download import download
 from vfoa.errors import VfoaError
 
 HOME = "https://files.is.tue.mpg.de/jwulff/sintel/"

@@ -24,9 +24,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Literal, get_args
 
-from harness.files import atomic_write
+from harness.files.io import atomic_write
+from harness.files.tables import TableRow, format_rows, read_rows
 from harness.labels.rows import check_text
-from harness.strict_tables import TableRow, format_rows, read_rows
 from vfoa.errors import VfoaError, did_you_mean
 
 VERSION_LINE = "# vfoa drawn 1"

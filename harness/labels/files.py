@@ -17,8 +17,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.data_folders import came_with_program, expand, folders
-from harness.files import atomic_write, read_text, stands
+from harness.files.folders import came_with_program, folders
+from harness.files.io import atomic_write, read_text, stands
 from harness.labels.labels import LabelRange, Labels
 from harness.labels.rows import (
     FRAME_COLUMNS,
@@ -32,6 +32,7 @@ from harness.labels.rows import (
     check_text,
 )
 from harness.labels.timeline import Timeline, format_seconds
+from harness.remote import expand
 from vfoa.errors import VfoaError, did_you_mean
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")

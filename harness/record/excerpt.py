@@ -10,7 +10,7 @@ import pyarrow as pa  # type: ignore[import-untyped]
 import pyarrow.compute as pc  # type: ignore[import-untyped]
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 
-from harness.files import replacing
+from harness.files.io import replacing
 from harness.record import entities, program
 from harness.record.composed import Composed
 from harness.record.images import key_frame_every

@@ -13,7 +13,7 @@ import msgspec
 import rerun as rr
 from rerun.chunk import RrdReader
 
-from harness.files import digest_files
+from harness.files.digests import digest_files
 from harness.labels.labels import Label, Labels
 from harness.record import appearance, entities, frame_log, layer_file, verdicts
 from harness.record.appearance import Colours

@@ -13,10 +13,10 @@ from typing import Any, BinaryIO, Protocol
 
 from rerun.experimental import ViewerClient
 
-from harness.files import atomic_write
-from harness.local_server import HOST
+from harness.files.io import atomic_write
 from harness.record import program
 from harness.record.composed import Composed
+from harness.server.local_server import HOST
 from vfoa.errors import VfoaError
 
 _CONNECT_S = 30.0

@@ -51,7 +51,7 @@ def site(
     page: Callable[[], str] | None = None,
     more: Routes = (),
 ) -> Starlette:
-    """Return the application for a :class:`harness.local_server.LocalServer`; it is read-only except for ``more``.
+    """The application for a :class:`harness.server.local_server.LocalServer`, which is read-only except for ``more``.
 
     ``/`` is the page (without one: the first recording), ``/open?recording=NAME&frame=N&subject=WHO`` leads to the
     viewer at a frame with that person's tab in front, ``/viewer/`` is the viewer, and ``/files/NUMBER/`` has the files

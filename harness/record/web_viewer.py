@@ -14,9 +14,9 @@ from pathlib import Path
 
 import httpx
 
-from harness.local_server import HOST
 from harness.record import program
 from harness.record.viewer import free_port
+from harness.server.local_server import HOST
 from vfoa.errors import VfoaError
 
 NAMES = ("re_viewer.js", "re_viewer_bg.wasm", "favicon.ico")

@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from harness.report.plots.style import STYLE
 from vfoa.errors import VfoaError
 

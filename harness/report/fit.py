@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from harness.files.parsing import toml_key, toml_value
 from harness.report.formats import UNKNOWN, Table
 from harness.run.fitted_weights import FittedWeights, MethodScore
-from harness.toml_text import toml_key, toml_value
 from vfoa.logit import shipped_fit
 
 _COLUMNS = ("n", "Log loss", "ECE", "Balanced %", "FRR %", "Targets %")

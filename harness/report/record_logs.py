@@ -8,7 +8,7 @@ The parts are in ``score_cache/`` in a run's directory, so that only changed res
     <key>.part      the logs of a block; the key depends on its lines, its labels and the code
 
 All of it can be removed at any time. A file is read again unless it has the stamp noted
-(:mod:`harness.known_digests`); a damaged part is rebuilt.
+(:mod:`harness.files.digests`); a damaged part is rebuilt.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from pathlib import Path
 
 import harness
 import vfoa
-from harness.cached_values import kept_while_unchanged, read_value, settled_stamp, write_value
-from harness.files import file_digest
+from harness.files.cache import kept_while_unchanged, read_value, settled_stamp, write_value
+from harness.files.digests import file_digest
 from harness.report.csv_tables import FrameLines, FrameRows
 from harness.report.formats import Table
 from harness.report.page.attention_log import AttentionLog, TrackPart

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from harness.files import write_together
+from harness.files.io import write_together
 from harness.report.figures import figure_files
 from harness.report.formats import Table, to_csv, to_markdown
 from vfoa.geometry import fov_from_radius

@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from harness.files import read_text
+from harness.files.io import read_text
 from harness.report.csv_tables import ALL
 from harness.report.formats import UNKNOWN, Table
 from harness.run.measure_log import MeasureLog

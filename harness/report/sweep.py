@@ -8,7 +8,7 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from harness.files import write_together
+from harness.files.io import write_together
 from harness.report.figures import figure_files
 from harness.report.formats import Table, to_csv, to_markdown
 from harness.report.page.render_sweep import render_sweep

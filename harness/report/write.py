@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from harness.files import write_together
+from harness.files.io import write_together
 from harness.report.comparisons import (
     ablation_csv,
     ablation_table,

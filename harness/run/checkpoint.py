@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from harness.clips.naming import SubjectNames
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from harness.run.directory import Pair, RunDirectory
 from harness.stages.cache.values import Codec
 from vfoa.bayes import BeliefState

@@ -7,7 +7,8 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 
 from harness.clips.manifest import ClipManifest
-from harness.known_digests import KNOWN, UnchangedFiles
+from harness.files.digests import KNOWN
+from harness.files.unchanged import UnchangedFiles
 from harness.labels.labels import Labels
 from harness.run.checkpoint import Checkpoint, read_checkpoint
 from harness.run.directory import Pair, RunDirectory, new_run_id
@@ -60,7 +61,7 @@ class ClipJob:
         return [(self.manifest.name, configuration.name) for configuration in self.configurations]
 
     def unchanged(self, clip: Clip | MeasuredClip) -> Callable[[], AbstractContextManager[None]]:
-        """The blocks in which the clip is read as it was when the run began (:class:`.known_digests.UnchangedFiles`).
+        """The blocks in which the clip is read as it was when the run began (:class:`.unchanged.UnchangedFiles`).
 
         Raises
         ------

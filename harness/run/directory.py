@@ -20,9 +20,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.bounded_parsing import parse_json
 from harness.clips.manifest import load_manifest
-from harness.files import atomic_write, read_bytes, unreadable
+from harness.files.io import atomic_write, read_bytes, unreadable
+from harness.files.parsing import parse_json
 from harness.remote import local_folder
 from harness.run.manifest import check_manifest
 from vfoa.errors import StageError, VfoaError, did_you_mean
@@ -106,7 +106,7 @@ class RunDirectory:
 
     @property
     def noted_inputs(self) -> Path:
-        """Digests of the inputs by their files' stamps, to continue and to score (:mod:`harness.known_digests`)."""
+        """Digests of the inputs by their files' stamps, to continue and to score (:mod:`harness.files.digests`)."""
         return self.score_cache / "inputs.noted"
 
     @property

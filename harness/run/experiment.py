@@ -37,9 +37,9 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from harness.bounded_parsing import read_toml
 from harness.clips.manifest import clips_here
-from harness.data_folders import find, names
+from harness.files.folders import find, names
+from harness.files.parsing import parse_assignment, read_toml
 from harness.run.fitted_weights import fitted_note, logit_only, preset_of, read_fitted
 from harness.run.grid import base_of, repeated, variants
 from harness.run.published import Published
@@ -52,7 +52,6 @@ from harness.stages.configuration import (
     merged,
     takes,
 )
-from harness.toml_text import parse_assignment
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from harness.bounded_parsing import read_toml
+from harness.files.parsing import read_toml
 from vfoa.logit import LogitSettings
 from vfoa.settings import Settings
 from vfoa.validation import parse

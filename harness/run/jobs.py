@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from harness.known_digests import KNOWN
+from harness.files.digests import KNOWN
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors.contract import Executor, Progress, compute_with

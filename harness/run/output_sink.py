@@ -11,7 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from harness.run.frame_sink import FinishedFrame, SinkContext
 from harness.run.saved_outputs import DISPARITY
 from harness.sources.media.frame_files import printf_name

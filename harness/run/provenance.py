@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from harness.files import file_digest
+from harness.files.digests import file_digest
 from harness.run.experiment import Experiment
 from harness.sources import Clip, MeasuredClip
 from harness.stages.slots import SLOTS

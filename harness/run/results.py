@@ -13,8 +13,8 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from harness.bounded_parsing import parse_json
-from harness.files import check_readable, unreadable
+from harness.files.io import check_readable, unreadable
+from harness.files.parsing import parse_json
 from harness.run.records import FrameRecord
 from vfoa.errors import VfoaError
 

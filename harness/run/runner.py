@@ -8,9 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from harness.cached_values import read_value, write_value
-from harness.files import digest_files
-from harness.known_digests import KNOWN, changed_during_run
+from harness.files.cache import read_value, write_value
+from harness.files.digests import KNOWN, digest_files
+from harness.files.unchanged import changed_during_run
 from harness.remote import forget_copies
 from harness.run import provenance
 from harness.run.directory import RunDirectory, locked, new_run_id

@@ -18,11 +18,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from harness.files import atomic_write
+from harness.files.io import atomic_write
+from harness.files.parsing import toml_value
 from harness.run.experiment import Experiment
 from harness.stages.configuration import Configuration
 from harness.stages.slots import CLIP_VARIABLE, OFF, SLOTS
-from harness.toml_text import toml_value
 
 VARIABLE = "VFOA_STAGE_OUTPUTS"
 DISPARITY = "disparity/frame_%04d.npy"

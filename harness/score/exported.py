@@ -10,8 +10,8 @@ import json
 from pathlib import Path
 from typing import Any, Literal
 
-from harness.bounded_parsing import parse_json
-from harness.files import read_text
+from harness.files.io import read_text
+from harness.files.parsing import parse_json
 from harness.run.grid import base_of
 from harness.score.scored_frames import ScoredFrames
 from vfoa.errors import VfoaError

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.cached_values import read_value, write_value
 from harness.clips.manifest import ClipManifest, load_manifest
-from harness.files import digest_files, is_file
-from harness.known_digests import KNOWN
+from harness.files.cache import read_value, write_value
+from harness.files.digests import KNOWN, digest_files
+from harness.files.io import is_file
 from harness.labels.timeline import Timeline
 from harness.run.clip_records import says_nowhere
 from harness.run.directory import Pair, RunDirectory

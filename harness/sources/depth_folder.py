@@ -11,7 +11,7 @@ from typing import Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from harness.files import digest_files
+from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.depth_images import DepthFrame, find_depth_frames

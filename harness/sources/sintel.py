@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from harness.files import digest_files
+from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth
 from harness.sources.media.disparity_files import read_depth, read_sintel_disparity
 from harness.sources.media.images import png_size_px

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.files import read_bytes
+from harness.files.io import read_bytes
 from harness.sources.media.images import read_raw
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Mask

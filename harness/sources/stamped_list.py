@@ -10,7 +10,7 @@ from __future__ import annotations
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
-from harness.files import read_text
+from harness.files.io import read_text
 from vfoa.errors import VfoaError
 
 

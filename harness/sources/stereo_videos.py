@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.files import digest_files, file_digest
+from harness.files.digests import digest_files, file_digest
 from harness.sources.media.video import Video
 from harness.sources.stereo_views import Packing, check_sizes, split
 from vfoa.errors import VfoaError

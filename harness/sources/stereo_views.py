@@ -10,7 +10,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.files import digest_files
+from harness.files.digests import digest_files
 from harness.sources.media.images import read_rgb
 from vfoa.errors import VfoaError
 from vfoa.types import Image

@@ -10,7 +10,7 @@ from typing import Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from harness.files import read_text
+from harness.files.io import read_text
 from harness.sources.media.frame_files import find_frames
 from harness.sources.stereo_videos import PackedVideo, VideoPair
 from harness.sources.stereo_views import ImagePairs, PackedImages, Packing, Swapped, Views, joined_by_time

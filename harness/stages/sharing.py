@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from harness.known_digests import ChangedError, read_unchanged
+from harness.files.unchanged import ChangedError, read_unchanged
 from harness.sources import Clip
 from harness.stages.cache.stage import ClipCache, Tally
 from harness.stages.configuration import Configuration

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import platformdirs
 
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from vfoa.types import Image
 
 _log = logging.getLogger(__name__)

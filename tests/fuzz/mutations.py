@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 
 from hypothesis import strategies as st
 
-from harness.toml_text import toml_key, toml_value
+from harness.files.parsing import toml_key, toml_value
 
 Mutation = Callable[[Random, bytes, Sequence[bytes]], bytes]
 

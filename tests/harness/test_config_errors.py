@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic import Field
 
-from harness.bounded_parsing import read_toml
+from harness.files.parsing import read_toml
 from tests.disk import write_bytes, write_text
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from harness.files import read_bytes
+from harness.files.io import read_bytes
 from harness.labels.formats.boris_aggregated import REQUIRED as AGGREGATED
 from harness.labels.formats.boris_aggregated import BorisAggregated
 from harness.labels.formats.boris_project import SUFFIXES, read_project, write_project

@@ -13,8 +13,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from harness.bounded_parsing import parse_json
-from harness.files import atomic_write, read_bytes
+from harness.files.io import atomic_write, read_bytes
+from harness.files.parsing import parse_json
 from harness.labels.formats.boris_events import NO_FOCAL_SUBJECT, choose_observation
 from harness.labels.formats.exchange import Exchange, Imported, left_out, one_line
 from harness.labels.formats.spans import Span, from_spans, to_spans

@@ -12,7 +12,7 @@ import io
 from collections.abc import Iterator
 from pathlib import Path
 
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from harness.labels.formats.boris_events import Observation
 from harness.labels.formats.exchange import Exchange, Imported, left_out, one_line
 from harness.labels.formats.spans import Span, from_spans, to_spans

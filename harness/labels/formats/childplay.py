@@ -16,7 +16,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from harness.labels.formats.exchange import Exchange, Imported, left_out
 from harness.labels.formats.gaze_points import GazePoint, Shown, from_points, point_of, to_points
 from harness.labels.formats.tables import read_table

@@ -21,8 +21,8 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
-from harness.bounded_parsing import parse_xml, read_member
-from harness.files import atomic_write, read_bytes
+from harness.files.io import atomic_write, read_bytes
+from harness.files.parsing import parse_xml, read_member
 from harness.labels.bodies import Box
 from harness.labels.formats.exchange import Exchange, Imported, one_line
 from harness.labels.labels import IGNORED, Label, LabelRange, Labels, ranges_of

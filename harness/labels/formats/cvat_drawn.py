@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from harness.labels.drawn import BOX, Drawn, KeyFrame, Kind, Place, Track, check_kind, check_place, drawn_of
 from harness.labels.formats.cvat import read_tracks
 from harness.labels.formats.exchange import Exchange

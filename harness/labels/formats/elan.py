@@ -11,8 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from harness.bounded_parsing import parse_xml
-from harness.files import atomic_write, read_bytes
+from harness.files.io import atomic_write, read_bytes
+from harness.files.parsing import parse_xml
 from harness.labels.formats.exchange import Exchange, Imported, one_line
 from harness.labels.formats.spans import Span, from_spans, to_spans
 from harness.labels.labels import Label, Labels

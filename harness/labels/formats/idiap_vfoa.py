@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.bounded_parsing import check_archive
-from harness.files import read_bytes
+from harness.files.io import read_bytes
+from harness.files.parsing import check_archive
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.formats.tables import read_table
 from harness.labels.labels import NOWHERE, Label, Labels, ranges_of

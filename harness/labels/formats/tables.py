@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
 
-from harness.bounded_parsing import check_archive
-from harness.files import read_bytes, read_text
+from harness.files.io import read_bytes, read_text
+from harness.files.parsing import check_archive
 from harness.labels.timeline import parse_seconds
 from vfoa.errors import VfoaError
 

@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from itertools import groupby
 from pathlib import Path
 
-from harness.files import write_together
+from harness.files.io import write_together
 from harness.labels.bodies import Point
 from harness.labels.formats.exchange import Exchange, Imported, left_out
 from harness.labels.formats.gaze_points import GazePoint, from_points, point_of, to_points

@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.files import replacing
+from harness.files.io import replacing
 from harness.record.appearance import cone_wires, reach_m
 from harness.report.thumbnails import Box, Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.run.checkpoint import SinkState

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from uuid import uuid4
 
-from harness.code_digest import code_digest
+from harness.files.code_digest import code_digest
 from harness.run.executors.contract import GIVEN_UP, Job, Lost, Outcome, Progress, Work
 from harness.run.executors.worker import COUNTS, TOPIC, Surroundings, note_stopped, on_worker
 from vfoa.errors import VfoaError

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from harness.cache_folder import VARIABLE as CACHE_VARIABLE
-from harness.code_digest import code_digest
+from harness.files.cache import VARIABLE as CACHE_VARIABLE
+from harness.files.code_digest import code_digest
 from harness.remote import forget_copies
 from harness.run.executors.contract import Progress, StoppedError, compute_with
 from vfoa.errors import VfoaError

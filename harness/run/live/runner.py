@@ -13,7 +13,7 @@ from threading import Event
 from typing import Any, Self
 
 from harness.clips.manifest import ClipManifest
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory
 from harness.run.executors.contract import MOST_THREADS, compute_with

@@ -7,7 +7,7 @@ import io
 import json
 from pathlib import Path
 
-from harness.files import read_text
+from harness.files.io import read_text
 from harness.run.experiment import SweepView
 from harness.score.sweep.runner import Sweep, SweepRow
 from vfoa.errors import VfoaError

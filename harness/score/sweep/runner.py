@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.known_digests import KNOWN
+from harness.files.digests import KNOWN
 from harness.labels.labels import Labels
 from harness.run.clip_job import ClipJob
 from harness.run.directory import RunDirectory

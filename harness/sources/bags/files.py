@@ -12,8 +12,8 @@ from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1.reader import Header, RecordType
 from rosbags.rosbag2 import Reader as Ros2Reader
 
-from harness.bounded_parsing import parse_yaml
-from harness.files import read_bytes
+from harness.files.io import read_bytes
+from harness.files.parsing import parse_yaml
 from harness.sources.recordings.unpacking import MOST_BYTES, unpack, zstd_size
 from vfoa.errors import VfoaError
 

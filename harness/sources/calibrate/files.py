@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 
 import cv2
 
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from harness.sources.calibrate.rescale import SQUARE
 from harness.sources.calibrate.solve import StereoCalibration
 from harness.sources.calibration_files.read import read_cameras

@@ -15,8 +15,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 import yaml
 
-from harness.bounded_parsing import parse_xml, parse_yaml
-from harness.files import read_bytes
+from harness.files.io import read_bytes
+from harness.files.parsing import parse_xml, parse_yaml
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 

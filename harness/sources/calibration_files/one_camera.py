@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from harness.bounded_parsing import parse_json, parse_yaml
-from harness.files import read_bytes, read_text
+from harness.files.io import read_bytes, read_text
+from harness.files.parsing import parse_json, parse_yaml
 from harness.sources.calibration_files import ros
 from harness.sources.depth_optics import lens, without_distortion
 from harness.sources.rectification import RawCamera

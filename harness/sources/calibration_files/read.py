@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.files import read_text
+from harness.files.io import read_text
 from harness.sources.calibration import Calibration
 from harness.sources.calibration_files import camodocal, euroc, kalibr, kitti, matrix, middlebury, opencv, ros, zed
 from harness.sources.calibration_files.documents import SUFFIXES, read_document

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from harness.files import read_bytes
+from harness.files.io import read_bytes
 from harness.sources.calibration_files.options import ImageSize
 from harness.sources.calibration_files.pose import Lens, rectify_pose
 from harness.sources.rectification import Model, RawCalibration

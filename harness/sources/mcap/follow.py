@@ -10,7 +10,7 @@ from threading import Event
 from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 
-from harness.files import unreadable
+from harness.files.io import unreadable
 from harness.sources.mcap.records import HEAD, MAGIC, PARSED, parse_record, parts_of
 from vfoa.errors import VfoaError
 

@@ -13,7 +13,7 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, McapRecord, Message, Schema, Statistics
 
-from harness.files import check_readable, unreadable
+from harness.files.io import check_readable, unreadable
 from harness.sources.mcap.records import HEAD, MAGIC, PARSED, chunk_span_ns, first_line, parse_record, parts_of
 from vfoa.errors import VfoaError
 

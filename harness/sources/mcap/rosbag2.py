@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from harness.bounded_parsing import parse_yaml
-from harness.files import read_bytes
+from harness.files.io import read_bytes
+from harness.files.parsing import parse_yaml
 from vfoa.errors import VfoaError
 
 

@@ -16,8 +16,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, field_validator
 
+from harness.files.tables import LARGEST
 from harness.sources import PersonTruth, Truth
-from harness.strict_tables import LARGEST
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Box3D, Cues, Float, Gaze, HeadPose, Instance, Person, Scene, Target

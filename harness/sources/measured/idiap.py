@@ -22,7 +22,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from harness.files import file_digest, read_text
+from harness.files.digests import file_digest
+from harness.files.io import read_text
 from harness.sources import Recognised
 from harness.sources.measured.clip import FramesOfMeasurements, MeasuredFrame, MeasuredPerson, MeasuredSettings
 from vfoa.errors import VfoaError

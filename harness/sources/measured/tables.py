@@ -28,7 +28,8 @@ from typing import Literal
 import numpy as np
 from pydantic import Field
 
-from harness.files import digest_files
+from harness.files.digests import digest_files
+from harness.files.tables import TableRow, read_header, read_rows
 from harness.sources import Recognised
 from harness.sources.measured.clip import (
     PERSON,
@@ -38,7 +39,6 @@ from harness.sources.measured.clip import (
     MeasuredPerson,
     MeasuredSettings,
 )
-from harness.strict_tables import TableRow, read_header, read_rows
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Gaze, HeadPose
 

@@ -32,7 +32,8 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
-from harness.files import digest_files, read_text
+from harness.files.digests import digest_files
+from harness.files.io import read_text
 from harness.sources import Recognised
 from harness.sources.measured.clip import (
     FramesOfMeasurements,

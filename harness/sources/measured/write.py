@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from harness.files.tables import write_rows
 from harness.sources.measured.clip import MeasuredFrame, MeasuredObject
 from harness.sources.measured.tables import POSITION, QUATERNION, SIZE
-from harness.strict_tables import write_rows
 from vfoa.types import Float, Gaze, HeadPose
 
 _CUE = ("head_x", "head_y", "head_z", "head_sigma_rad", "gaze_x", "gaze_y", "gaze_z", "gaze_sigma_rad")

@@ -9,7 +9,7 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
-from harness.files import read_bytes
+from harness.files.io import read_bytes
 from harness.sources.media.depth_maps import default_counts_per_m, depth_map
 from harness.sources.media.disparity_files import read_pfm
 from harness.sources.media.images import MOST_PIXELS, read_raw, too_many_pixels

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.files import read_bytes
+from harness.files.io import read_bytes
 from harness.sources.media.images import read_raw
 from harness.sources.media.npy_files import read_npy
 from vfoa.errors import VfoaError

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.files import check_readable, read_bytes, unreadable
+from harness.files.io import check_readable, read_bytes, unreadable
 from harness.sources.media.jpeg_damage import ends_early, zeros_at
 from harness.sources.media.orientation import without_rotation
 from vfoa.errors import VfoaError

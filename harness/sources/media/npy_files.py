@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.files import read_bytes
+from harness.files.io import read_bytes
 from vfoa.errors import VfoaError
 
 _DAMAGED = (ValueError, EOFError, OSError, SyntaxError, TokenError, MemoryError, OverflowError)

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from harness.files import digest_files
+from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth
 from harness.sources.bags.files import is_bag
 from harness.sources.mcap.container import files_in

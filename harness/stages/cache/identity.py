@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.code_digest import code_of
-from harness.files import file_digest
+from harness.files.code_digest import code_of
+from harness.files.digests import file_digest
 from harness.sources import Clip
 from harness.stages.cache import values
 from harness.stages.slots import SLOTS, StageChoice

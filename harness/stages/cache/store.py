@@ -22,9 +22,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness.bounded_parsing import parse_json
-from harness.cache_folder import cache_root
-from harness.files import atomic_write, read_bytes
+from harness.files.cache import cache_root
+from harness.files.io import atomic_write, read_bytes
+from harness.files.parsing import parse_json
 from harness.remote import local_folder
 from vfoa.errors import VfoaError
 

@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from harness.files import atomic_write, read_bytes
+from harness.files.io import atomic_write, read_bytes
 from harness.stages.export.resnet import ResNet18
 from vfoa.errors import VfoaError
 from vfoa.gaze.gaze360 import SIDE_PX, SIGNATURE

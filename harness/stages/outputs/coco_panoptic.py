@@ -11,10 +11,11 @@ import cv2
 import numpy as np
 from msgspec import Meta, Struct
 
-from harness.bounded_parsing import parse_json_as
-from harness.data_folders import expand
-from harness.files import digest_files, file_digest, read_bytes
-from harness.safe_names import check_name
+from harness.files.digests import digest_files, file_digest
+from harness.files.io import read_bytes
+from harness.files.parsing import parse_json_as
+from harness.files.safe_names import check_name
+from harness.remote import expand
 from harness.sources import Clip
 from harness.sources.media.frame_files import number_names
 from harness.sources.media.images import read_raw

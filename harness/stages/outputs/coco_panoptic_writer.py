@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from harness.files import atomic_write
+from harness.files.io import atomic_write
 from vfoa.errors import VfoaError
 from vfoa.types import Instances, Mask
 

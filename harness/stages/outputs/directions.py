@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from harness.data_folders import expand
-from harness.files import digest_files
+from harness.files.digests import digest_files
+from harness.remote import expand
 from harness.sources import Clip
 from harness.stages.ground_truth.oracle import LEAST_OVERLAP
 from harness.stages.outputs.heads import read_heads

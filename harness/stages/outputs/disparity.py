@@ -6,8 +6,8 @@ from pathlib import Path
 
 from pydantic import Field
 
-from harness.data_folders import expand
-from harness.files import digest_files
+from harness.files.digests import digest_files
+from harness.remote import expand
 from harness.sources import Clip
 from harness.sources.media.disparity_files import read_disparity
 from harness.sources.media.frame_files import check_printf, printf_name

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from harness.data_folders import expand
-from harness.files import digest_files, file_digest
+from harness.files.digests import digest_files, file_digest
+from harness.remote import expand
 from harness.sources import Clip
 from harness.stages.outputs.tables import RowIndex, read_table, write_table
 from vfoa.errors import VfoaError

@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.strict_tables import write_rows
-from harness.table_columns import TableColumns, read_columns
+from harness.files.tables import TableColumns, read_columns, write_rows
 from vfoa.errors import VfoaError
 
 KEYS = ("frame", "subject")

@@ -10,8 +10,8 @@ from typing import Self
 
 from pydantic import Field, model_validator
 
-from harness.bounded_parsing import read_toml
-from harness.files import file_digest
+from harness.files.digests import file_digest
+from harness.files.parsing import read_toml
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 from vfoa.validation import parse
@@ -102,7 +102,7 @@ def fetch_model(name: str, entry: CatalogueEntry, *, accept_licence: bool, progr
         If its licence was not accepted, no address with a checksum is known, another file would hide it, or
         the download fails.
     """
-    from harness.download import download
+    from harness.files.download import download
 
     here = entry.find()
     if here and (entry.sha256 is None or file_digest(here) == entry.sha256):

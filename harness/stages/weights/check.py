@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from harness.files import file_digest
+from harness.files.digests import file_digest
 from harness.stages.weights.catalogue import CatalogueEntry
 from vfoa.errors import VfoaError
 from vfoa.onnx import Model, RuntimeSettings, Signature

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from harness import files
 from harness.bench import hours
 from harness.bench.generated_clip import FIXATION, write_clip, write_labels
 from harness.bench.overhead import measure_overhead, overhead_table
 from harness.bench.resuming import measure_resume, resume_table
-from harness.known_digests import KnownDigests
+from harness.files import digests
+from harness.files.digests import KnownDigests
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
@@ -35,11 +35,11 @@ def test_the_generated_clip_is_seen_attended_to_and_scored(tmp_path: Path, monke
     assert sum(changed) == 4 * FIXATION
     assert not any("images" in note for note in edited.notes)
     # the run has noted the digests of the images: a new process reads none, until one has changed
-    monkeypatch.setattr(files, "KNOWN", KnownDigests())
-    monkeypatch.setattr(finished_run, "KNOWN", files.KNOWN)
+    monkeypatch.setattr(digests, "KNOWN", KnownDigests())
+    monkeypatch.setattr(finished_run, "KNOWN", digests.KNOWN)
     read: list[Path] = []
-    real = files.file_digest
-    monkeypatch.setattr(files, "file_digest", lambda path: (read.append(path), real(path))[1])
+    real = digests.file_digest
+    monkeypatch.setattr(digests, "file_digest", lambda path: (read.append(path), real(path))[1])
     rescore(RunDirectory(tmp_path / "run"))
     assert not [path for path in read if path.suffix == ".png"]
     image = tmp_path / "left" / "000003.png"

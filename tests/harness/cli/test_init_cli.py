@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.clips.manifest import load_manifest
-from harness.data_folders import names
+from harness.files.folders import names
 from tests.command import vfoa
 from vfoa.errors import VfoaError
 

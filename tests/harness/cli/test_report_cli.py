@@ -13,8 +13,8 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.local_server import ended_by_sigterm
 from harness.run.results import to_line
+from harness.server.local_server import ended_by_sigterm
 from tests.records import answers
 from vfoa.errors import VfoaError
 

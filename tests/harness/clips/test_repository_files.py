@@ -17,7 +17,7 @@ from harness.clips import repository_files
 from harness.clips.check import check_clip
 from harness.clips.manifest import clips_here, load_manifest
 from harness.clips.repository_files import HEADS, fetch_files, listed_files
-from harness.files import file_digest
+from harness.files.digests import file_digest
 from tests.measured import idiap_file, vr_session
 from tests.repository import REPOSITORY
 from tests.web import Site, serve

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from harness.files import digest_files
+from harness.files.digests import digest_files
 from tests.command import vfoa
 from tests.harness.damage.table import CSV, TOML, Damage, both, image, replaced
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from harness import data_folders
 from harness.clips.manifest import ClipManifest, load_manifest
+from harness.files import folders
 from harness.labels.files import read_annotations
 from tests.disk import write_text
 from vfoa.errors import VfoaError
@@ -57,7 +57,7 @@ def test_labels_of_a_packaged_clip_are_written_where_one_works_and_come_first_fr
     (tmp_path / "_data").mkdir()
     for kind in ("datasets", "annotations"):
         (tmp_path / kind).rename(tmp_path / "_data" / kind)
-    monkeypatch.setattr(data_folders, "_PACKAGE", tmp_path)
+    monkeypatch.setattr(folders, "_PACKAGE", tmp_path)
     work = tmp_path / "work"
     work.mkdir()
     monkeypatch.chdir(work)

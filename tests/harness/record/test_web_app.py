@@ -8,10 +8,10 @@ from typing import Any
 import httpx
 import pytest
 
-from harness.guard import TOKEN_HEADER
 from harness.record.composed import Composed, find_clips
 from harness.record.web_app import open_path, site
 from harness.record.web_viewer import page_files
+from harness.server.guard import TOKEN_HEADER
 from tests.web import running
 
 PAGE = "<!doctype html><title>page</title>"

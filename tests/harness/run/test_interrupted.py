@@ -17,8 +17,8 @@ from typing import Any, Self
 import cv2
 import pytest
 
-from harness import files
-from harness.known_digests import KnownDigests
+from harness.files import digests
+from harness.files.digests import KnownDigests
 from harness.run import runner
 from harness.run.directory import LOCK, locked
 from harness.run.experiment import load_experiment
@@ -244,10 +244,10 @@ def test_images_that_are_only_touched_do_not_end_a_run(small: Path, tmp_path: Pa
 
 def _run_once(small: Path, out: Path, monkeypatch: pytest.MonkeyPatch, *, frames: int = 3) -> list[str]:
     """Run as a process of its own does, up to this many frames; return the names of the files that were digested."""
-    monkeypatch.setattr(files, "KNOWN", KnownDigests())
-    monkeypatch.setattr(runner, "KNOWN", files.KNOWN)
+    monkeypatch.setattr(digests, "KNOWN", KnownDigests())
+    monkeypatch.setattr(runner, "KNOWN", digests.KNOWN)
     read: list[str] = []
-    true = files.file_digest
+    true = digests.file_digest
     done: list[str] = []
 
     def progress(clip: str) -> None:
@@ -256,7 +256,7 @@ def _run_once(small: Path, out: Path, monkeypatch: pytest.MonkeyPatch, *, frames
             raise RuntimeError("killed")
 
     with monkeypatch.context() as patched:
-        patched.setattr(files, "file_digest", lambda path: read.append(path.name) or true(path))
+        patched.setattr(digests, "file_digest", lambda path: read.append(path.name) or true(path))
         run_plan(prepare(load_experiment(str(small))), out, workers=1, progress=progress)
     return read
 

@@ -18,7 +18,7 @@ from harness.cli.clips import app
 from harness.clips.add import add_clip
 from harness.clips.check import check_clip
 from harness.clips.manifest import load_manifest
-from harness.files import read_text
+from harness.files.io import read_text
 from harness.record.composed import find_clips
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore

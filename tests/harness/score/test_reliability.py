@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.files import write_together
+from harness.files.io import write_together
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.report.figures import figure_files
 from harness.report.reliability import reliability_figure, reliability_table

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.code_digest import code_of
+from harness.files.code_digest import code_of
 from harness.run.experiment import load_experiment
 from harness.stages.cache import values
 from harness.stages.cache.identity import Source, difference, identify

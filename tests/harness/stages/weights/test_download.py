@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.download import download
+from harness.files.download import download
 from tests.web import Site, serve
 from vfoa.errors import VfoaError
 

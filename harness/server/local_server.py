@@ -21,7 +21,7 @@ HOST = "127.0.0.1"
 
 
 class LocalServer:
-    """Serves an application behind a :class:`harness.guard.Guard`, on a port that is taken when the server is made.
+    """Serves an application behind a :class:`harness.server.guard.Guard`; it takes its port when it is made.
 
     When it ends, it waits ``patience_s`` seconds for running answers. Without a ``token`` it makes a new one.
 
@@ -34,15 +34,14 @@ class LocalServer:
     def __init__(self, app: ASGIApp, port: int = 0, *, patience_s: int = 1, token: str | None = None) -> None:
         import uvicorn
 
-        from harness.connections import MOST, Connections
-        from harness.guard import Guard
+        from harness.server.guard import MOST_CONNECTIONS, Connections, Guard
 
         self._token = token or secrets.token_urlsafe(24)
         connections = Connections(app)
         config = uvicorn.Config(
             Guard(connections, self._token),
             http="h11",
-            backlog=MOST,  # asyncio accepts as many at once, before any of them can be closed again
+            backlog=MOST_CONNECTIONS,  # asyncio accepts as many at once, before any of them can be closed again
             log_level="error",
             access_log=False,
             lifespan="off",

@@ -1,4 +1,4 @@
-"""Cached values in files of their own: a checksum, then MessagePack. They can be removed at any time.
+"""The cache folder, and values in files of their own: a checksum, then MessagePack. They can be removed at any time.
 
 A missing file, a damaged one, and one of another version give None: the value is then computed again.
 """
@@ -7,20 +7,33 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import os
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from harness.files import replacing
-from harness.known_digests import stamp_of
+import platformdirs
+
+from harness.files.digests import stamp_of
+from harness.files.io import replacing
 
 if TYPE_CHECKING:
     import msgspec
 
 Value = TypeVar("Value")
+VARIABLE = "VFOA_CACHE"
 _CHECKSUM_BYTES = 16
 _log = logging.getLogger(__name__)
+
+
+def cache_root() -> Path:
+    """``$VFOA_CACHE``, or the cache folder of the platform."""
+    return Path(os.environ.get(VARIABLE) or _of_platform())
+
+
+def _of_platform() -> str:
+    return platformdirs.user_cache_dir("vfoa")
 
 
 def read_value(path: Path, kind: Any) -> Any | None:
@@ -62,7 +75,7 @@ def kept_while_unchanged(path: Path, source: Path, kind: type[Value], code: str,
     Parameters
     ----------
     path
-        Where the value is kept, with the stamp of ``source`` (:mod:`harness.known_digests`).
+        Where the value is kept, with the stamp of ``source`` (:mod:`harness.files.digests`).
     kind
         The type of the value.
     code

@@ -3,20 +3,40 @@
 from __future__ import annotations
 
 import io
+import math
 import os
+import tomllib
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from harness.bounded_parsing import check_archive, parse_json, parse_toml, parse_xml, parse_yaml, read_member
-from harness.files import file_digest, read_bytes
+from harness.files.digests import file_digest
+from harness.files.io import read_bytes
+from harness.files.parsing import (
+    check_archive,
+    parse_assignment,
+    parse_json,
+    parse_toml,
+    parse_xml,
+    parse_yaml,
+    read_member,
+    toml_key,
+    toml_value,
+)
 from harness.sources.calibration_files.read import read_cameras
 from vfoa.errors import VfoaError
 
 PATH = Path("it")
+TEXTS = st.text(st.characters(codec="utf-8"))
+NUMBERS = st.integers(-(2**63), 2**63 - 1) | st.floats(allow_nan=False)
+VALUES: st.SearchStrategy[Any] = st.recursive(
+    TEXTS | NUMBERS | st.booleans(), lambda inner: st.lists(inner) | st.dictionaries(TEXTS, inner), max_leaves=10
+)
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "iso-8859-1"])
@@ -134,3 +154,31 @@ def test_a_pipe_in_place_of_a_file_is_refused_and_not_waited_for(read: Callable[
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(VfoaError, match="pipe: not a plain file; expected a file to read"):
         read(tmp_path / "pipe")
+
+
+@given(value=VALUES, key=TEXTS)
+def test_every_value_comes_back(value: Any, key: str) -> None:
+    assert tomllib.loads(f"{toml_key(key)} = {toml_value(value)}") == {key: value}
+
+
+def test_what_json_has_no_words_for() -> None:
+    assert math.isnan(tomllib.loads(f"a = {toml_value(math.nan)}")["a"])
+    assert tomllib.loads(f"a = {toml_value({'here': 1, 'not': None})}") == {"a": {"here": 1}}
+
+
+def test_a_name_that_is_not_unicode_is_one_line() -> None:
+    with pytest.raises(VfoaError, match=r"'caf\\udce9': not UTF-8; expected a name that is"):
+        toml_value({"root": "caf\udce9"})
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [("a.b=1", ("a.b", 1)), ("a = [1, 2]", ("a", [1, 2])), ("a=word", ("a", "word")), ("a=b=c", ("a", "b=c"))],
+)
+def test_an_assignment_is_toml_where_it_can_be(text: str, expected: tuple[str, Any]) -> None:
+    assert parse_assignment(text, "pass=final") == expected
+
+
+def test_an_assignment_without_an_equals_sign_shows_the_example() -> None:
+    with pytest.raises(VfoaError, match="--set a: expected KEY=VALUE, such as pass=final"):
+        parse_assignment("a", "pass=final")

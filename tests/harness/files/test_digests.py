@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from harness import files
-from harness.known_digests import SETTLED_NS, KnownDigests
+from harness.files import digests
+from harness.files.digests import SETTLED_NS, KnownDigests
+from vfoa.errors import VfoaError
 
 Parts = list[tuple[str, Path]]
 
@@ -36,14 +37,14 @@ def later(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
 @pytest.fixture
 def digest(monkeypatch: pytest.MonkeyPatch) -> Callable[[Parts], tuple[str, list[Path]]]:
     """A digest as a process without any gives it, and the files that were read for it."""
-    monkeypatch.setattr(files, "KNOWN", KnownDigests())
+    monkeypatch.setattr(digests, "KNOWN", KnownDigests())
     read: list[Path] = []
-    true = files.file_digest
-    monkeypatch.setattr(files, "file_digest", lambda path: read.append(path) or true(path))
+    true = digests.file_digest
+    monkeypatch.setattr(digests, "file_digest", lambda path: read.append(path) or true(path))
 
     def of(parts: Parts) -> tuple[str, list[Path]]:
         read.clear()
-        return files.digest_files(parts), list(read)
+        return digests.digest_files(parts), list(read)
 
     return of
 
@@ -104,22 +105,22 @@ def test_a_file_that_is_gone_is_named(parts: Parts, digest: Callable[..., object
     later(10)
     digest(parts)
     parts[0][1].unlink()
-    with pytest.raises(files.VfoaError, match=r"left\.png: no such file"):
+    with pytest.raises(VfoaError, match=r"left\.png: no such file"):
         digest(parts)
 
 
 def test_a_large_file_is_not_read_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, later: Callable[..., None]
 ) -> None:
-    monkeypatch.setattr(files, "KNOWN", KnownDigests())
+    monkeypatch.setattr(digests, "KNOWN", KnownDigests())
     path = tmp_path / "video.mp4"
     path.write_bytes(bytes(2 << 20))
     later(10)
-    first = files.file_digest(path)
-    monkeypatch.setattr(files, "_digest_of_large", lambda path: "read")
-    assert files.file_digest(path) == first
+    first = digests.file_digest(path)
+    monkeypatch.setattr(digests, "_digest_of_large", lambda path: "read")
+    assert digests.file_digest(path) == first
     path.write_bytes(bytes(3 << 20))
-    assert files.file_digest(path) == "read"
+    assert digests.file_digest(path) == "read"
 
 
 def test_another_process_takes_what_was_used(parts: Parts, later: Callable[..., None]) -> None:

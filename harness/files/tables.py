@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from harness.files import atomic_write, read_bytes, read_text
+from harness.files.io import atomic_write, read_bytes, read_text
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Float
 
@@ -55,7 +56,7 @@ class TableRow:
         cell = self.cells.get(column)
         if cell is None:
             return None
-        if (found := finite_number(cell)) is None:
+        if (found := _finite_number(cell)) is None:
             raise VfoaError(f"{self.where}: {column}: expected a finite number, found {cell!r}")
         return found
 
@@ -79,6 +80,68 @@ class TableRow:
         return vector
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TableColumns:
+    """The cells of a table by column, stripped; "" is a blank one."""
+
+    path: Path
+    lines: tuple[int, ...]
+    cells: Mapping[str, tuple[str, ...]]
+
+    def where(self, row: int) -> str:
+        """The place of a row for messages."""
+        return _place(self.path, self.lines[row])
+
+    def integers(self, column: str) -> NDArray[np.int64]:
+        """The whole numbers (n,) of a required column.
+
+        Raises
+        ------
+        VfoaError
+            For the first cell that is blank, or no whole number.
+        """
+        found: list[int] = []
+        for row, cell in enumerate(self.cells[column]):
+            if not INTEGER.fullmatch(cell) or abs(int(cell)) >= 2**63:
+                said = repr(cell) if cell else "nothing"
+                raise VfoaError(f"{self.where(row)}: {column}: expected a whole number, found {said}")
+            found.append(int(cell))
+        return np.array(found, dtype=np.int64)
+
+    def numbers(self, column: str) -> Float:
+        """The numbers (n,) of a column, NaN where a cell is blank; all NaN without the column.
+
+        Raises
+        ------
+        VfoaError
+            For the first cell that is no finite number.
+        """
+        cells = self.cells.get(column, ())
+        if not any(cells):
+            return np.broadcast_to(np.float64(np.nan), len(self.lines))
+        found = [_finite_number(cell) if cell else math.nan for cell in cells]
+        if None in found:
+            row = found.index(None)
+            raise VfoaError(f"{self.where(row)}: {column}: expected a finite number, found {cells[row]!r}")
+        return np.array(found, dtype=np.float64)
+
+    def group(self, columns: Sequence[str]) -> Float:
+        """The numbers (n, columns) of columns that belong together, NaN in rows where all of them are blank.
+
+        Raises
+        ------
+        VfoaError
+            For the first row where only some are blank, or as :meth:`numbers`.
+        """
+        found = np.stack([self.numbers(column) for column in columns], axis=1)
+        blank = np.isnan(found)
+        for row in np.flatnonzero(blank.any(axis=1) & ~blank.all(axis=1))[:1]:
+            missing = columns[int(blank[row].argmax())]
+            said = f"{missing}: found nothing; expected all of {', '.join(columns)}, or none"
+            raise VfoaError(f"{self.where(int(row))}: {said}")
+        return found
+
+
 def read_rows(
     path: Path, columns: Sequence[str], required: Sequence[str], *, version: str | None = None
 ) -> list[TableRow]:
@@ -99,14 +162,27 @@ def read_rows(
         For the first error, with file and line: a column that is unknown, missing or repeated, or a wrong number of
         cells.
     """
-    rows = checked_rows(path, columns, required, version)
+    rows = _checked_rows(path, columns, required, version)
     _, header = next(rows)
     return [
         TableRow(
-            where=place(path, line), cells={column: cell for column, cell in zip(header, cells, strict=True) if cell}
+            where=_place(path, line), cells={column: cell for column, cell in zip(header, cells, strict=True) if cell}
         )
         for line, cells in rows
     ]
+
+
+def read_columns(path: Path, columns: Sequence[str], required: Sequence[str]) -> TableColumns:
+    """Read the columns of a table; parameters and errors are those of :func:`read_rows`."""
+    rows = _checked_rows(path, columns, required)
+    _, header = next(rows)
+    lines: list[int] = []
+    cells: list[list[str]] = []
+    for line, row in rows:
+        lines.append(line)
+        cells.append(row)
+    by_column = zip(*cells, strict=True) if cells else ((),) * len(header)
+    return TableColumns(path=path, lines=tuple(lines), cells=dict(zip(header, by_column, strict=True)))
 
 
 def read_header(path: Path) -> tuple[str, ...]:
@@ -132,7 +208,7 @@ def format_rows(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str
     return text.getvalue()
 
 
-def checked_rows(
+def _checked_rows(
     path: Path, columns: Sequence[str], required: Sequence[str], version: str | None = None
 ) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of the header, then of each row."""
@@ -140,22 +216,22 @@ def checked_rows(
     line, header = next(rows, (1, None))
     if header is None:
         raise VfoaError(f"{path}:1: no header; expected {','.join(required)},...")
-    yield line, _checked_header(header, columns, required, place(path, line))
+    yield line, _checked_header(header, columns, required, _place(path, line))
     for line, cells in rows:
         if len(cells) != len(header):
             found = f"found {len(cells)} cells; expected {len(header)}, as in the header"
-            raise VfoaError(f"{place(path, line)}: {found}")
+            raise VfoaError(f"{_place(path, line)}: {found}")
         yield line, cells
 
 
-def place(path: Path, line: int) -> str:
+def _place(path: Path, line: int) -> str:
     """A line of a file for messages. Rows of Parquet have no lines: they are counted below the header, 0."""
     if path.suffix != ".parquet":
         return f"{path}:{line}"
     return f"{path}: row {line}" if line else f"{path}: header"
 
 
-def finite_number(cell: str) -> float | None:
+def _finite_number(cell: str) -> float | None:
     """The finite number in a cell; None if it is none."""
     if not _NUMBER.fullmatch(cell):
         return None

@@ -20,10 +20,10 @@ import httpx
 import psutil
 import pytest
 
-from harness import connections, guard
 from harness.record.composed import Composed
 from harness.record.web_app import open_path, site
 from harness.record.web_viewer import page_files
+from harness.server import guard
 from tests import annotating
 from tests.repository import REPOSITORY
 from tests.web import running
@@ -180,12 +180,12 @@ def test_a_slow_body_is_given_up(server: Server, monkeypatch: pytest.MonkeyPatch
 def test_many_connections_that_say_nothing_leave_it_reachable(
     server: Server, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(connections, "REQUEST_S", 600.0)  # it is the number that is bounded here
+    monkeypatch.setattr(guard, "REQUEST_S", 600.0)  # it is the number that is bounded here
     with ExitStack() as stack:
-        for _ in range(3 * connections.MOST):
+        for _ in range(3 * guard.MOST_CONNECTIONS):
             stack.enter_context(server.connect(said))
         assert _answered(server)
-        annotating.wait_for(lambda: _connections(server) <= connections.MOST)
+        annotating.wait_for(lambda: _connections(server) <= guard.MOST_CONNECTIONS)
         assert _answered(server)
 
 
@@ -240,7 +240,7 @@ def _connections(server: Server) -> int:
 
 
 def test_a_connection_that_says_nothing_is_closed(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connections, "REQUEST_S", 0.2)
+    monkeypatch.setattr(guard, "REQUEST_S", 0.2)
     for said in ("", "GET / HTTP/1.1\r\nHost: "):
         with server.connect(said) as connection:
             answer = b""

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.cached_values import kept_while_unchanged, read_value, settled_stamp, write_value
-from harness.known_digests import SETTLED_NS
+from harness.files.cache import kept_while_unchanged, read_value, settled_stamp, write_value
+from harness.files.digests import SETTLED_NS
 from tests.disk import write_bytes
 
 

@@ -10,6 +10,7 @@ import codecs
 import io
 import json
 import lzma
+import math
 import re
 import struct
 import tomllib
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 from xml.etree.ElementTree import Element, ParseError, fromstring
 
-from harness.files import read_text
+from harness.files.io import read_text
 from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ MOST_UNPACKED_BYTES = 2**30
 MOST_COMPRESSION = 250
 """Most unpacked bytes per packed one. Labels in XML compress to a fiftieth, zeros to a thousandth."""
 LARGEST_INTEGER = 2**64 - 1
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')[ \t]*+\.[ \t]*+"""
 _LONG_KEY = re.compile(rf"(?:^|[\[{{,])[ \t]*+(?:{_PART}){{{MOST_LEVELS},}}", re.MULTILINE)
 """A dotted key: tomllib takes time quadratic in its number of parts."""
@@ -228,6 +230,58 @@ def check_unpacked(members: Iterable[zipfile.ZipInfo], where: object) -> None:
         unpacked += member.file_size
     if unpacked > min(MOST_UNPACKED_BYTES, max(MOST_COMPRESSION * packed, 2**20)):
         raise VfoaError(f"{where}: {packed} bytes unpack to {unpacked}; expected an archive of ordinary files")
+
+
+def toml_key(key: str) -> str:
+    """One part of a key, in quotes if it needs them."""
+    return key if _BARE_KEY.fullmatch(key) else _text(key)
+
+
+def toml_value(value: Any) -> str:
+    """A JSON value as TOML text; a null in a table is left out, since TOML has no null.
+
+    Raises
+    ------
+    VfoaError
+        If a text is not Unicode: a file's name of other bytes.
+    """
+    if isinstance(value, dict):
+        pairs = (f"{toml_key(key)} = {toml_value(each)}" for key, each in value.items() if each is not None)
+        return "{ " + ", ".join(pairs) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return json.dumps(value)
+
+
+def _text(text: str) -> str:
+    """Text in JSON's quotes, which are valid TOML except for one control character."""
+    if not text.isascii():
+        try:
+            text.encode()
+        except UnicodeEncodeError:
+            raise VfoaError(f"{text!a}: not UTF-8; expected a name that is") from None
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def parse_assignment(text: str, example: str, option: str = "--set") -> tuple[str, Any]:
+    """Parse ``KEY=VALUE`` of an option: the value is TOML if it is valid TOML, else a string.
+
+    Raises
+    ------
+    VfoaError
+        If there is no equals sign; the message shows the example.
+    """
+    key, equals, value = text.partition("=")
+    if not equals:
+        raise VfoaError(f"{option} {text}: expected KEY=VALUE, such as {example}")
+    try:
+        return key.strip(), parse_toml(f"value = {value}", option)["value"]
+    except VfoaError:
+        return key.strip(), value.strip()
 
 
 class _TooLargeError(Exception):

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import httpx
 
-from harness.files import file_digest
+from harness.files.digests import file_digest
 from vfoa.errors import VfoaError
 from vfoa.weights import is_lfs_pointer
 

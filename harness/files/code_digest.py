@@ -15,7 +15,7 @@ from importlib.metadata import packages_distributions, version
 from importlib.util import find_spec, resolve_name
 from pathlib import Path
 
-from harness.files import file_digest
+from harness.files.digests import file_digest
 
 
 @cache

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from harness.clips.manifest import make_manifest
+from harness.files.safe_names import plain_cell, shown
 from harness.labels.files import read_annotations
 from harness.report.formats import Table, csv_cell, to_csv
-from harness.safe_names import plain_cell, shown
 from harness.stages.outputs.coco_panoptic import _Category, _Segment
 from tests.command import vfoa
 from tests.disk import stereo_pair_folder, write_text

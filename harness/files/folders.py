@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import os
-import re
 from pathlib import Path
 from typing import Literal
 
-from harness.files import stands
-from harness.remote import is_address, local_copy
-from vfoa.errors import VfoaError
+from harness.files.io import stands
 
 Kind = Literal["datasets", "annotations", "experiments"]
 
-_PACKAGE = Path(__file__).parent
+_PACKAGE = Path(__file__).parent.parent
 _SUFFIX: dict[Kind, str] = {"datasets": ".toml", "annotations": ".csv", "experiments": ".toml"}
-_VARIABLE = re.compile(r"\$\{(\w+)\}")
 
 
 def folders(kind: Kind) -> list[Path]:
@@ -51,30 +46,3 @@ def names(kind: Kind) -> dict[str, Path]:
     for folder in reversed(folders(kind)):
         found.update((path.stem, path) for path in folder.glob(f"*{_SUFFIX[kind]}") if stands(path))
     return dict(sorted(found.items()))
-
-
-def unset_variables(text: str) -> list[str]:
-    """The environment variables that a path from a configuration file needs and that are not set."""
-    return [name for name in dict.fromkeys(_VARIABLE.findall(text)) if not os.environ.get(name)]
-
-
-def expand(text: str, base: Path, where: str) -> Path:
-    """Resolve a configured path: ``${NAME}`` and ``~`` expanded, relative to ``base``; an address gives its local copy.
-
-    Raises
-    ------
-    VfoaError
-        If an environment variable is not set, or an address (:mod:`harness.remote`) cannot be read;
-        ``where`` (file and key) starts the message.
-    """
-
-    def value(match: re.Match[str]) -> str:
-        found = os.environ.get(match[1])
-        if not found:
-            below = text[match.end() :].strip("/")
-            holds = f"; set it to the folder that holds {below}" if below else ""
-            raise VfoaError(f"{where}: {text!r} needs the environment variable {match[1]}, which is not set{holds}")
-        return found
-
-    place = _VARIABLE.sub(value, text)
-    return local_copy(place, where) if is_address(place) else base / os.path.expanduser(place)

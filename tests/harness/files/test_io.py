@@ -8,16 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from harness.files import (
-    atomic_write,
-    check_new,
-    check_new_folder,
-    digest_files,
-    file_digest,
-    read_bytes,
-    read_text,
-    write_together,
-)
+from harness.files.digests import digest_files, file_digest
+from harness.files.io import atomic_write, check_new, check_new_folder, read_bytes, read_text, write_together
 from vfoa.errors import VfoaError
 
 

@@ -1,18 +1,16 @@
-"""Files: read with errors of one line, written atomically, and digested by content."""
+"""Files: read with errors of one line, and written atomically."""
 
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
 import stat
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from pathlib import Path
 
-from harness.known_digests import KNOWN, LARGE_BYTES, check_unchanged
+from harness.files.unchanged import check_unchanged
 from vfoa.errors import VfoaError
 
 _UMASK = os.umask(0)  # reading it changes it for all threads: read it only once
@@ -202,42 +200,3 @@ def replacing(path: Path) -> Iterator[Path]:
     except BaseException:
         temporary.unlink(missing_ok=True)
         raise
-
-
-def file_digest(path: Path) -> str:
-    """Hexadecimal sha256 of a file's content; raises a :class:`VfoaError` that names it if it cannot be read.
-
-    A large file is not read again while its stamp is the same (:mod:`harness.known_digests`).
-    """
-    check_readable(path)
-    try:
-        with path.open("rb") as file:
-            if os.fstat(file.fileno()).st_size <= LARGE_BYTES:  # a clip has many: no buffer for each
-                return hashlib.sha256(file.read()).hexdigest()
-    except (OSError, ValueError) as error:
-        raise unreadable(path, error) from None
-    return KNOWN.of([("large", os.fspath(path))], partial(_digest_of_large, path))
-
-
-def _digest_of_large(path: Path) -> str:
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except (OSError, ValueError) as error:
-        raise unreadable(path, error) from None
-
-
-def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
-    """Hexadecimal sha256 of (role, file) pairs in order: of the roles and the contents, not of the paths.
-
-    The files are not read again while their stamps are the same (:mod:`harness.known_digests`).
-    """
-    files = [(role, os.fspath(path)) for role, path in parts]  # text takes a third of the memory of paths
-    return KNOWN.of(files, partial(_digest_of_all, files))
-
-
-def _digest_of_all(parts: Sequence[tuple[str, str]]) -> str:
-    total = hashlib.sha256()
-    for role, path in parts:
-        total.update(f"{role}\0{file_digest(Path(path))}\n".encode())
-    return total.hexdigest()

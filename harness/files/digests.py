@@ -1,0 +1,130 @@
+"""Digests of files that need not be read again, because the files have the stamp that they had when they were read.
+
+The stamp of a set of files is the path, size, times, inode and device of each. A change of content sets the time of the
+last change (ctime), which no program can set back, so the same stamp means the same content. Only a file that changes
+again within one tick of its file system's clock keeps its stamp; therefore, as in git's index, a digest is only kept if
+the files had been left alone for some time before they were read. Memory-mapped writes may show late, and a file
+server whose clock is behind by more than that time is not noticed.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from harness.files.io import check_readable, unreadable
+from harness.files.unchanged import LARGE_BYTES, note_stamp
+
+SETTLED_NS = 3 * 10**9
+"""Age of the last change, ns, from which on a file counts as left alone: the coarsest clock (FAT) ticks every 2 s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """The stamp of a set of files, as a digest, and whether they had been left alone before it was taken."""
+
+    digest: str
+    is_settled: bool
+
+
+def stamp_of(parts: Sequence[tuple[str, str]]) -> Stamp | None:
+    """The stamp of (role, file) pairs in order; None if one of them is missing."""
+    settled_ns = time.time_ns() - SETTLED_NS
+    total, newest_ns = hashlib.blake2b(digest_size=20), 0
+    try:
+        for role, path in parts:
+            found = os.stat(path)
+            note_stamp(path, found)
+            newest_ns = max(newest_ns, found.st_mtime_ns, found.st_ctime_ns)
+            times = f"{found.st_mtime_ns} {found.st_ctime_ns}"
+            total.update(f"{role}\0{path}\0{found.st_size} {times} {found.st_ino} {found.st_dev}\n".encode())
+    except (OSError, ValueError):  # reading them gives the error
+        return None
+    return Stamp(total.hexdigest(), newest_ns <= settled_ns)
+
+
+class KnownDigests:
+    """Digests by the stamp of their files: those of this process, and those that an earlier one has kept."""
+
+    def __init__(self) -> None:
+        self._by_stamp: dict[str, str] = {}
+        self._used: dict[str, str] = {}
+
+    def of(self, parts: Sequence[tuple[str, str]], read: Callable[[], str]) -> str:
+        """The digest of (role, file) pairs: a known one, else that of ``read``, which reads the files."""
+        stamp = stamp_of(parts)
+        digest = self._by_stamp.get(stamp.digest) if stamp else None
+        if digest is None:
+            digest = read()
+            if stamp is None or not stamp.is_settled:
+                return digest
+        if stamp:
+            self._by_stamp[stamp.digest] = self._used[stamp.digest] = digest
+        return digest
+
+    def add(self, known: Mapping[str, str]) -> None:
+        """Add digests by stamp."""
+        self._by_stamp.update(known)
+
+    @property
+    def known(self) -> dict[str, str]:
+        """Every digest by stamp, for another process to add."""
+        return dict(self._by_stamp)
+
+    @contextmanager
+    def used(self) -> Iterator[Mapping[str, str]]:
+        """Yield the digests by stamp that are used in the ``with`` block, for another process to add."""
+        before, self._used = self._used, {}
+        try:
+            yield self._used
+        finally:
+            self._used = before
+
+
+KNOWN = KnownDigests()
+"""Those of this process."""
+
+
+def file_digest(path: Path) -> str:
+    """Hexadecimal sha256 of a file's content; raises a :class:`VfoaError` that names it if it cannot be read.
+
+    A large file is not read again while its stamp is the same (:mod:`harness.files.digests`).
+    """
+    check_readable(path)
+    try:
+        with path.open("rb") as file:
+            if os.fstat(file.fileno()).st_size <= LARGE_BYTES:  # a clip has many: no buffer for each
+                return hashlib.sha256(file.read()).hexdigest()
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from None
+    return KNOWN.of([("large", os.fspath(path))], partial(_digest_of_large, path))
+
+
+def _digest_of_large(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except (OSError, ValueError) as error:
+        raise unreadable(path, error) from None
+
+
+def digest_files(parts: Iterable[tuple[str, Path]]) -> str:
+    """Hexadecimal sha256 of (role, file) pairs in order: of the roles and the contents, not of the paths.
+
+    The files are not read again while their stamps are the same (:mod:`harness.files.digests`).
+    """
+    files = [(role, os.fspath(path)) for role, path in parts]  # text takes a third of the memory of paths
+    return KNOWN.of(files, partial(_digest_of_all, files))
+
+
+def _digest_of_all(parts: Sequence[tuple[str, str]]) -> str:
+    total = hashlib.sha256()
+    for role, path in parts:
+        total.update(f"{role}\0{file_digest(Path(path))}\n".encode())
+    return total.hexdigest()
