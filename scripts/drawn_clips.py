@@ -21,7 +21,7 @@ from harness.files.parsing import toml_key, toml_value
 from harness.labels.files import write_annotations
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.sources.measured.clip import MeasuredFrame, MeasuredObject, MeasuredPerson
-from harness.sources.measured.write import write_measured
+from harness.sources.measured.tables import write_measured
 from vfoa.posterior.settings import sigma_rad
 from vfoa.simulated_scenes import NOWHERE, Errors, Sequence, draw_sequence
 from vfoa.types import Box3D, Gaze, HeadPose

@@ -19,10 +19,8 @@ from harness.annotate.store import LabelStore
 from harness.annotate.suggestions import Block, Predictions, advice
 from harness.annotate.target_change import TargetChange, finish_change
 from harness.annotate.views import Views
-from harness.clips.looks import COLOURS, KEYS, looks
-from harness.clips.manifest import ClipManifest, load_manifest, make_manifest
-from harness.clips.manifest_checks import known_categories
-from harness.clips.naming import NameRule
+from harness.clips.manifest import ClipManifest, known_categories, load_manifest, make_manifest
+from harness.clips.naming import COLOURS, KEYS, NameRule, looks
 from harness.files.digests import digest_files
 from harness.files.folders import came_with_program
 from harness.files.io import read_bytes

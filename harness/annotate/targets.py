@@ -11,9 +11,8 @@ from typing import Any
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from harness.clips.looks import looks
 from harness.clips.manifest import ClipManifest, make_manifest
-from harness.clips.naming import NameRule
+from harness.clips.naming import NameRule, looks
 from harness.files.folders import came_with_program
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_toml

@@ -19,7 +19,7 @@ from harness.bench.mcap_memory import peak_mib
 from harness.processes import spawning
 from harness.report.formats import Table
 from harness.sources.recordings.clip import RecordingClip
-from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.topics import RecordingSettings
 
 Form = Literal["bag", "db3", "mcap", "mcap, H.264"]
 FORMS: tuple[Form, ...] = ("bag", "db3", "mcap", "mcap, H.264")

@@ -17,7 +17,7 @@ from rich.console import Console
 
 from harness.processes import spawning
 from harness.sources.recordings.clip import McapClip
-from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.topics import RecordingSettings
 
 WIDTH, HEIGHT = 160, 120
 STEP_NS = 40_000_000

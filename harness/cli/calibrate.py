@@ -10,8 +10,8 @@ import typer
 from harness.cli.terminal import say
 
 if TYPE_CHECKING:
-    from harness.sources.calibrate.boards import Board
     from harness.sources.calibrate.solve import StereoCalibration
+    from harness.sources.calibrate.views import Board
     from harness.sources.stereo_views import Views
 
 LAYOUT = "Layout of the views in the files, as in a manifest of stereo_folder: images, images_side_by_side, video ..."
@@ -47,12 +47,15 @@ def calibrate(
     to look at. Given a file that it has written, it rescales the lengths to another side of the squares.
     """
     from harness.files.io import atomic_write, check_new, write_together
-    from harness.sources.calibrate.files import format_calibration, preview_png, read_back
-    from harness.sources.calibrate.pictures import Pictures
-    from harness.sources.calibrate.preview import rectified_preview
-    from harness.sources.calibrate.rescale import rescaled
-    from harness.sources.calibrate.solve import solve
-    from harness.sources.calibrate.views import find_views
+    from harness.sources.calibrate.solve import (
+        format_calibration,
+        preview_png,
+        read_back,
+        rectified_preview,
+        rescaled,
+        solve,
+    )
+    from harness.sources.calibrate.views import Pictures, find_views
 
     _check_name(out)
     check_new(out, replace=replace, hint=", or another --out")
@@ -87,7 +90,7 @@ def calibrate(
 
 
 def _print_result(out: Path, preview: Path, shown: int, found: StereoCalibration, baseline_m: float) -> None:
-    from harness.clips.frame_checks import MAX_BASELINE_M, MIN_BASELINE_M
+    from harness.clips.check import MAX_BASELINE_M, MIN_BASELINE_M
 
     say(f"{preview}: frame {shown}, rectified")
     errors = f"RMS {found.rms_px:.3f} px, mean epipolar error {found.epipolar_px:.3f} px"
@@ -127,7 +130,7 @@ def _views(folder: Path, files: dict[str, str | None]) -> Views:
 def _board(
     columns: int | None, rows: int | None, square_mm: float, marker_mm: float | None, dictionary: str, legacy: bool
 ) -> Board:
-    from harness.sources.calibrate.boards import CharucoBoard, Chessboard
+    from harness.sources.calibrate.views import CharucoBoard, Chessboard
     from vfoa.errors import VfoaError
 
     if columns is None or rows is None:

@@ -96,7 +96,7 @@ def fetch_clips(
 
 def _fetch_sintel(root: Path) -> None:
     from harness.cli.terminal import bytes_bar
-    from harness.clips.sintel_archives import ARCHIVES, fetch_sintel
+    from harness.clips.fetch import ARCHIVES, fetch_sintel
 
     for part, archive in ARCHIVES.items():
         with bytes_bar(archive) as progress:
@@ -106,8 +106,8 @@ def _fetch_sintel(root: Path) -> None:
 def _fetch_idiap(root: Path) -> None:
     from harness.annotate.convert import import_labels, open_exchange
     from harness.cli.terminal import bytes_bar
+    from harness.clips.fetch import HEADS, IDIAP_HOME, IDIAP_LICENCE, LABELS, fetch_files
     from harness.clips.manifest import load_manifest
-    from harness.clips.repository_files import HEADS, IDIAP_HOME, IDIAP_LICENCE, LABELS, fetch_files
 
     say(f"licence: {IDIAP_LICENCE}")
     with bytes_bar("idiap_vfoa") as progress:
@@ -126,10 +126,10 @@ def _fetch_idiap(root: Path) -> None:
 
 def _fetch_vr_objects(root: Path) -> None:
     from harness.cli.terminal import bytes_bar
-    from harness.clips.repository_files import VR_HOME, VR_LICENCE, fetch_files, listed_files
+    from harness.clips.fetch import VR_HOME, VR_LICENCE, fetch_files, listed_files
     from harness.labels.files import write_annotations
+    from harness.sources.measured.tables import write_measured
     from harness.sources.measured.vr_objects import VrObjectsClip
-    from harness.sources.measured.write import write_measured
     from harness.stages.ground_truth.oracle import true_labels
 
     say(f"licence: {VR_LICENCE}")
@@ -148,7 +148,7 @@ def _fetch_vr_objects(root: Path) -> None:
 
 def _fetch_opencv(root: Path) -> None:
     from harness.cli.terminal import bytes_bar
-    from harness.clips.repository_files import OPENCV_HOME, OPENCV_LICENCE, fetch_files, listed_files
+    from harness.clips.fetch import OPENCV_HOME, OPENCV_LICENCE, fetch_files, listed_files
 
     say(f"licence: {OPENCV_LICENCE}")
     with bytes_bar("opencv_stereo") as progress:

@@ -100,7 +100,7 @@ def _open(
 ) -> tuple[LiveSource, ClipManifest, Sequence[int] | None]:
     """The source, the manifest with its names, and, if a clip is played, its frame numbers."""
     from harness.clips.manifest import as_clip_name, load_manifest, make_manifest
-    from harness.sources.live_sources import CameraPair, PlayedClip, open_capture
+    from harness.sources.live import CameraPair, PlayedClip, open_capture
     from vfoa.errors import VfoaError
 
     if settings and (right is not None or not source.endswith(".mcap")):
@@ -123,8 +123,8 @@ def _open(
 
 def _tail(path: Path, settings: tuple[str, ...]) -> LiveSource:
     from harness.files.parsing import parse_assignment
-    from harness.sources.mcap.tail import McapTail
-    from harness.sources.recordings.settings import RecordingSettings
+    from harness.sources.recordings.mcap_tail import McapTail
+    from harness.sources.recordings.topics import RecordingSettings
     from vfoa.errors import VfoaError
     from vfoa.validation import parse
 

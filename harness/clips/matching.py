@@ -1,14 +1,17 @@
-"""Match points of the left image in the right one."""
+"""Match both views of a frame: points for rectification, and objects too near for stereo matching."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from vfoa.types import Float, Image
+from vfoa.stereo.block_matching_settings import BlockMatchingSettings
+from vfoa.types import Float, Image, StereoFrame
 
 MATCHED_SIDE_PX = 2048
 """Larger images are reduced before matching: an 8K pair would need 8 GB."""
@@ -42,3 +45,86 @@ def _shrunk(gray: NDArray[np.uint8], factor: int) -> NDArray[np.uint8]:
     height, width = (size // factor for size in gray.shape)
     whole = gray[: height * factor, : width * factor]
     return gray if factor == 1 else np.asarray(cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA))
+
+
+LEAST_SHARE = 0.02
+"""Least share of matches nearer than a limit: noise reaches 0.012 in 22 rendered and real frames without near objects.
+"""
+
+Gray = NDArray[np.uint8]
+
+_WIDTH_PX = 320
+_SEARCHED = 0.6
+_BLOCK_PX = 5
+_MARGIN = 0.9
+_DEFAULT_M: float = BlockMatchingSettings().min_depth_m
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NearLimit:
+    """The share of matches nearer than a limit, and a limit in metres that 99 % of the matches are beyond."""
+
+    share: float
+    proposed_m: float
+
+
+def near_limit(frames: Sequence[StereoFrame], min_depth_m: float) -> NearLimit | None:
+    """Measure the matches nearer than a limit over some frames; None if they are too few, or without right images."""
+    depths = [matched_depths_m(frame) for frame in frames if frame.right is not None]
+    depths_m = np.concatenate(depths) if depths else np.empty(0)
+    if not depths_m.size or (share := float((depths_m < min_depth_m).mean())) < LEAST_SHARE:
+        return None
+    nearest_m = _MARGIN * float(np.percentile(depths_m, 1))
+    digits = 2 - math.ceil(math.log10(nearest_m))
+    return NearLimit(share=share, proposed_m=math.floor(nearest_m * 10**digits) / 10**digits)
+
+
+def near_notes(frames: Sequence[StereoFrame], min_depth_m: float = _DEFAULT_M) -> list[str]:
+    """A note if a limit (by default the matchers' own) excludes objects in these frames."""
+    found = near_limit(frames, min_depth_m)
+    if found is None:
+        return []
+    return [
+        f"{found.share:.0%} of the matches are nearer than stereo.min_depth_m = {min_depth_m:g}, which leaves them "
+        f"without depth; --set stereo.min_depth_m={found.proposed_m:g} reaches them"
+    ]
+
+
+def first_middle_last(frames: Sequence[int]) -> list[int]:
+    """Up to three of a clip's frame numbers, each once, for checks."""
+    return sorted({frames[0], frames[len(frames) // 2], frames[-1]}) if frames else []
+
+
+def matched_depths_m(frame: StereoFrame) -> Float:
+    """Depths (N,) of the pixels that a coarse semi-global match finds in both views, at about 320 columns."""
+    if frame.right is None:
+        return np.empty(0)
+    factor = max(1, math.ceil(frame.rig.width_px / _WIDTH_PX))
+    size = max(1, frame.rig.width_px // factor), max(1, frame.rig.height_px // factor)
+    searched = 16 * max(1, math.ceil(_SEARCHED * size[0] / 16))
+    # OpenCV does not match the first columns, as many as it searches
+    left, right = (
+        cv2.copyMakeBorder(_small(image, size), 0, 0, searched, 0, cv2.BORDER_REPLICATE)
+        for image in (frame.left, frame.right)
+    )
+    matcher = cv2.StereoSGBM.create(
+        minDisparity=0,
+        numDisparities=searched,
+        blockSize=_BLOCK_PX,
+        P1=8 * _BLOCK_PX**2,
+        P2=32 * _BLOCK_PX**2,
+        disp12MaxDiff=1,
+        preFilterCap=63,
+        uniquenessRatio=15,
+        speckleWindowSize=60,
+        speckleRange=2,
+    )
+    disparity_px = matcher.compute(left, right)[:, searched:].astype(np.float64) / 16
+    known = (disparity_px > 0) & (disparity_px <= np.arange(size[0]))
+    shifted_px = factor * disparity_px[known] + frame.rig.cx_right_px - frame.rig.cx_px
+    return frame.rig.fx_px * frame.rig.baseline_m / shifted_px[shifted_px > 0]
+
+
+def _small(image: Image, size: tuple[int, int]) -> Gray:
+    gray = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(gray, dtype=np.uint8)

@@ -17,7 +17,7 @@ from typing import Any, Self
 from harness.clips.manifest import ClipManifest
 from harness.run.frame_sink import FinishedFrame, SinkContext
 from harness.sources.measured.clip import PERSON, MeasuredFrame, MeasuredObject, MeasuredPerson
-from harness.sources.measured.write import write_measured
+from harness.sources.measured.tables import write_measured
 
 
 class MeasuredSink:

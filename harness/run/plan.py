@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from harness.clips.manifest import ClipManifest, load_manifest
-from harness.clips.near_limit import first_middle_last, near_notes
+from harness.clips.matching import first_middle_last, near_notes
 from harness.files.code_digest import code_digest
 from harness.labels.labels import Labels
 from harness.labels.timeline import timeline_of

@@ -14,11 +14,11 @@ from pydantic import Field, model_validator
 from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth
 from harness.sources.calibration_files.one_camera import read_one_camera
-from harness.sources.depth_images import DepthFrame, find_depth_frames
+from harness.sources.depth_layouts import DepthFrame, find_depth_frames
 from harness.sources.depth_optics import DepthOptics, Intrinsics
-from harness.sources.media.depth_files import read_depth_file
 from harness.sources.media.images import read_rgb
-from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
+from harness.sources.media.maps import read_depth_file
+from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import StereoFrame
@@ -80,7 +80,7 @@ class DepthFolderClip:
     @classmethod
     def recognise(cls, path: Path) -> Sequence[Recognised]:
         """Recognise folders or names of colour and of depth, TUM RGB-D, a scene of GFIE; refuse Azure Kinect's .mkv."""
-        from harness.sources.depth_recognition import recognise_depth
+        from harness.sources.depth_layouts import recognise_depth
 
         return recognise_depth(path)
 

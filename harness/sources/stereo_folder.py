@@ -128,7 +128,7 @@ class StereoFolderClip:
     @classmethod
     def recognise_as(cls, path: Path, given: Mapping[str, Any]) -> tuple[Recognised, ...]:
         """Recognise layouts with files or calibration properties that the user has named."""
-        from harness.sources.stereo_recognition import recognise_stereo
+        from harness.sources.stereo_layouts import recognise_stereo
 
         return recognise_stereo(path, given)
 

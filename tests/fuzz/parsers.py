@@ -25,12 +25,11 @@ from harness.score.exported import ExportedTable
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.calibration_files.options import Options
 from harness.sources.calibration_files.read import read_cameras
-from harness.sources.media.depth_files import read_depth_file
-from harness.sources.media.disparity_files import read_depth, read_disparity, read_sintel_disparity
+from harness.sources.depth_layouts import read_stamped_list
 from harness.sources.media.images import read_raw, read_rgb
+from harness.sources.media.maps import read_depth, read_depth_file, read_disparity, read_sintel_disparity
 from harness.sources.media.video import Video
-from harness.sources.sintel_files import read_camera, read_segments
-from harness.sources.stamped_list import read_stamped_list
+from harness.sources.sintel import read_camera, read_segments
 from harness.stages.outputs.heads import read_heads
 from harness.stages.outputs.tables import read_table
 from tests import calibrations

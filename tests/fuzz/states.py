@@ -30,10 +30,9 @@ from harness.score.score import score
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.recordings import messages
 from harness.sources.recordings.clip import RecordingClip
-from harness.sources.recordings.depth_images import read_depth
-from harness.sources.recordings.message_types import BY_NAME, MessageType
-from harness.sources.recordings.rvl import decode_rvl
-from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.messages import BY_NAME, MessageType
+from harness.sources.recordings.pixels import decode_rvl, read_depth
+from harness.sources.recordings.topics import RecordingSettings
 from harness.stages.cache.identity import Identity, difference
 from harness.stages.cache.stage import StoredOutputs, Tally
 from harness.stages.cache.store import Store

@@ -1,16 +1,22 @@
-"""Solve for both cameras and the pose between them from views of a board; views that do not fit are dropped."""
+"""Solve for both cameras and the pose between them from views of a board, and write the calibration as a file."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import cv2
 import numpy as np
 
+from harness.files.io import atomic_write
 from harness.sources.calibrate.views import Dropped, View
+from harness.sources.calibration_files.documents import numbers, read_document
+from harness.sources.calibration_files.read import read_cameras
+from harness.sources.rectification import Optics, optics
 from vfoa.errors import VfoaError
-from vfoa.types import Float
+from vfoa.types import Float, Image
 
 MIN_VIEWS = 3
 """Zhang's method needs three poses of the plane for all intrinsics."""
@@ -136,3 +142,83 @@ def _epipolar_px(view: View, K1: Float, D1: Float, K2: Float, D2: Float, F: Floa
     product = np.abs(np.sum(right * lines_right, axis=1))
     to_right, to_left = (product / np.hypot(lines[:, 0], lines[:, 1]) for lines in (lines_right, lines_left))
     return float(np.mean([to_right, to_left]))
+
+
+SQUARE = "square_m"
+"""The name under which ``vfoa calibrate`` stores the side of a square."""
+
+
+def rescaled(path: Path, square_m: float) -> str:
+    """Return the text of a file of ``vfoa calibrate`` for squares of another side in metres.
+
+    Raises
+    ------
+    VfoaError
+        If the file cannot be read, or does not contain the side that it was made with.
+    """
+    document = read_document(path)
+    if SQUARE not in document:
+        raise VfoaError(
+            f"{path}: no {SQUARE}; expected a file of vfoa calibrate (for any other: baseline_m = in [source], or "
+            "vfoa clips add PATH --baseline)"
+        )
+    scale = square_m / float(numbers(document[SQUARE], f"{path}: {SQUARE}", 1)[0])
+    storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    for name, value in document.items():
+        if name == SQUARE:
+            storage.write(name, square_m)
+        elif name == "T":
+            storage.write(name, np.asarray(value) * scale)
+        elif name in ("P1", "P2"):
+            storage.write(name, np.asarray(value) * np.array([1, 1, 1, scale]))
+        else:
+            storage.write(name, value)
+    return str(storage.releaseAndGetString())
+
+
+_MATRICES = ("K1", "D1", "K2", "D2", "R", "T", "R1", "R2", "P1", "P2")
+
+
+def format_calibration(calibration: StereoCalibration, square_m: float) -> str:
+    """Return a file's text: size, intrinsics, distortion, pose, rectification, and the side of a square in metres."""
+    storage = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    for name, value in zip(("image_width", "image_height"), calibration.size_px, strict=True):
+        storage.write(name, value)
+    for name in _MATRICES:
+        storage.write(name, getattr(calibration, name))
+    storage.write(SQUARE, square_m)
+    return str(storage.releaseAndGetString())
+
+
+def read_back(text: str, size_px: tuple[int, int]) -> Optics:
+    """Parse a file's text before it is written, and return its optics.
+
+    Raises
+    ------
+    VfoaError
+        If the cameras do not stand side by side, left before right.
+    """
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "stereo.yml"
+        atomic_write(path, text)
+        try:
+            return optics(read_cameras([path], lambda: size_px))
+        except VfoaError as error:
+            raise VfoaError(f"calibration: {str(error).removeprefix(f'{path}: ')}; no file is written") from None
+
+
+def preview_png(picture: Image) -> bytes:
+    """An RGB picture as PNG."""
+    _, data = cv2.imencode(".png", cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+    return data.tobytes()
+
+
+LINES = 16
+
+
+def rectified_preview(optics: Optics, left: Image, right: Image) -> Image:
+    """The rectified pair side by side (H, 2 W, 3) RGB, with evenly spaced green rows."""
+    picture = np.hstack(optics.rectify(left, right))
+    for row in np.linspace(0, picture.shape[0] - 1, LINES + 2)[1:-1].astype(int):
+        cv2.line(picture, (0, int(row)), (picture.shape[1] - 1, int(row)), (0, 255, 0), 1)
+    return picture

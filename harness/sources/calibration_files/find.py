@@ -13,7 +13,7 @@ from harness.sources.calibration_files.incomplete import IncompleteCalibrationEr
 from harness.sources.calibration_files.options import ImageSize, Options
 from harness.sources.calibration_files.read import NO_OPTIONS, read_cameras
 from harness.sources.calibration_files.scaling import scaled_to
-from harness.sources.side_names import pair_names
+from harness.sources.media.frame_files import pair_names
 from vfoa.errors import VfoaError
 
 LARGEST_BYTES = 1_000_000

@@ -21,7 +21,7 @@ A blank cell is an unknown value.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -29,7 +29,7 @@ import numpy as np
 from pydantic import Field
 
 from harness.files.digests import digest_files
-from harness.files.tables import TableRow, read_header, read_rows
+from harness.files.tables import TableRow, read_header, read_rows, write_rows
 from harness.sources import Recognised
 from harness.sources.measured.clip import (
     PERSON,
@@ -221,3 +221,61 @@ def _object(row: TableRow, settings: MeasuredTablesSettings, people: Collection[
     except ValueError as error:  # an extent of 0; the error's text says so
         raise VfoaError(f"{row.where}: {error}") from None
     return MeasuredObject(name=name, category=row.cells.get("category", name), box=box)
+
+
+_CUE = ("head_x", "head_y", "head_z", "head_sigma_rad", "gaze_x", "gaze_y", "gaze_z", "gaze_sigma_rad")
+_PEOPLE = ("frame", "time_ns", "person", *POSITION, *_CUE)
+_OBJECTS = ("frame", "object", "category", *POSITION, *SIZE, *QUATERNION)
+
+Cells = list[object]
+
+
+def write_measured(folder: Path, frames: Mapping[int, MeasuredFrame]) -> None:
+    """Write ``people.csv`` and ``objects.csv``. Reading them gives the same bits, except for rotated boxes.
+
+    A true gaze is written in place of a measured one: it is read with ``gaze = "truth"``.
+    """
+    numbered = sorted(frames.items())
+    write_rows(folder / "people.csv", _PEOPLE, [row for each in numbered for row in _people_cells(*each)])
+    write_rows(
+        folder / "objects.csv",
+        _OBJECTS,
+        [_object_cells(number, each) for number, frame in numbered for each in frame.objects],
+    )
+
+
+def _people_cells(number: int, frame: MeasuredFrame) -> Iterator[Cells]:
+    for person in frame.people:
+        yield [
+            *(number, frame.time_ns, person.name, *_vector_cells(person.eyes_m)),
+            *(*_direction_cells(person.head_pose), *_direction_cells(person.gaze, person.true_gaze)),
+        ]
+    if not frame.people:
+        yield [number, frame.time_ns, *[None] * (len(_PEOPLE) - 2)]
+
+
+def _direction_cells(cue: HeadPose | Gaze | None, truth: Float | None = None) -> Cells:
+    return [*_vector_cells(truth), None] if cue is None else [*_vector_cells(cue.direction), cue.sigma_rad]
+
+
+def _object_cells(number: int, each: MeasuredObject) -> Cells:
+    box = each.box
+    if box is None:
+        return [number, each.name, each.category, *[None] * 10]
+    quaternion: Cells = [None] * 4
+    if not np.array_equal(box.left_from_box, np.eye(3)):
+        from scipy.spatial.transform import Rotation  # not above: see tables.py
+
+        quaternion = Rotation.from_matrix(box.left_from_box).as_quat().tolist()
+    return [
+        number,
+        each.name,
+        each.category,
+        *_vector_cells(box.center_m),
+        *_vector_cells(2 * box.half_size_m),
+        *quaternion,
+    ]
+
+
+def _vector_cells(vector: Float | None) -> Cells:
+    return [None] * 3 if vector is None else list(vector.tolist())

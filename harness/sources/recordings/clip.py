@@ -12,21 +12,24 @@ import numpy as np
 
 from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth
-from harness.sources.bags.files import is_bag
-from harness.sources.mcap.container import files_in
-from harness.sources.mcap.records import is_mcap
+from harness.sources.recordings.bags import BagContainer, is_bag
 from harness.sources.recordings.cameras import Cameras, ConstantCameras, RecordedCameras, file_cameras
-from harness.sources.recordings.containers import open_container
+from harness.sources.recordings.containers import Container, Index, window_of
 from harness.sources.recordings.depth_camera import DepthCamera
-from harness.sources.recordings.depth_images import read_depth
-from harness.sources.recordings.index import Index, window_of
-from harness.sources.recordings.joining import FramePlaces, join_streams
-from harness.sources.recordings.losses import lost_by_cuts, lost_by_metadata
-from harness.sources.recordings.pixels import read_image
-from harness.sources.recordings.settings import RecordingSettings
-from harness.sources.recordings.streams import find_streams, unused_depth
-from harness.sources.recordings.topics import Place, Topic, are_rectified, find_camera
-from harness.sources.recordings.video_decoder import VideoDecoder
+from harness.sources.recordings.joining import FramePlaces, join_streams, lost_by_cuts, lost_by_metadata
+from harness.sources.recordings.mcap_container import McapContainer, files_in
+from harness.sources.recordings.mcap_files import is_mcap
+from harness.sources.recordings.pixels import read_depth, read_image
+from harness.sources.recordings.topics import (
+    Place,
+    RecordingSettings,
+    Topic,
+    are_rectified,
+    find_camera,
+    find_streams,
+    unused_depth,
+)
+from harness.sources.recordings.video import VideoDecoder
 from harness.sources.rectification import optics
 from vfoa.errors import VfoaError
 from vfoa.types import Image, Map, StereoFrame
@@ -207,6 +210,24 @@ class RecordingClip:
     def _size_px(self) -> tuple[int, int]:
         height, width = self._image(self._streams.left, self._frames[0].left).shape[:2]
         return width, height
+
+
+def open_container(path: Path) -> Container:
+    """Open the recording at a path: a file, or a folder of files into which it was split. Its content tells the format.
+
+    Raises
+    ------
+    VfoaError
+        If there is no such file or folder, or no recording in it.
+    """
+    if not path.exists():
+        raise VfoaError(f"{path}: no such file or folder; expected a recording")
+    if is_bag(path):
+        return BagContainer(path)
+    files = (path,) if path.is_file() else files_in(path)
+    if not files:
+        raise VfoaError(f"{path}: no .mcap, .bag or .db3 in this folder; expected a recording")
+    return McapContainer(files)
 
 
 class McapClip(RecordingClip):

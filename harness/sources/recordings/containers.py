@@ -1,13 +1,166 @@
-"""The protocol of a recording's file format: list its messages, and read one again."""
+"""What the file formats of recordings share: the protocol, the index of messages, bounded decompression."""
 
 from __future__ import annotations
 
+import bz2
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from harness.sources.recordings.index import Index, Window
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+
+from harness.sources.recordings.messages import IMAGES, MessageType, sight, stamp_ns
 from harness.sources.recordings.topics import Place, Topic
+from harness.sources.recordings.video import begins_video
 from vfoa.errors import VfoaError
+
+MOST_BYTES = 2**28
+"""Most bytes of a decompressed chunk or message; writers begin a new chunk after 1 to 4 MB, or a larger message."""
+
+
+def unpack(data: bytes, compression: str, size: int) -> bytes:
+    """Return the bytes of a chunk, decompressed to the size that it states.
+
+    Raises
+    ------
+    ValueError
+        If the size is too large or wrong, or the compression is none of lz4, zstd, bz2, none and "".
+    Exception
+        If the data are damaged: the libraries have errors of their own.
+    """
+    if size > MOST_BYTES:
+        raise ValueError(f"it claims {size} bytes; expected at most {MOST_BYTES}")
+    match compression:
+        case "zstd":
+            data = zstandard.ZstdDecompressor().stream_reader(data).read(size + 1)
+        case "lz4":
+            data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+        case "bz2":
+            data = bz2.BZ2Decompressor().decompress(data, max_length=size + 1)
+        case "" | "none":
+            pass
+        case _:
+            raise ValueError(f"compression {compression!r}; expected lz4, zstd, bz2 or none")
+    if len(data) != size:
+        raise ValueError(f"it does not unpack to the {size} bytes that it claims")
+    return data
+
+
+def zstd_size(head: bytes) -> int | None:
+    """The size that the head of data in Zstandard states, bytes; None if it states none. Raises as :func:`unpack`."""
+    size: int = zstandard.get_frame_parameters(head).content_size
+    return None if size == zstandard.CONTENTSIZE_UNKNOWN else size
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Window:
+    """Log times from ``start_ns`` to before ``end_ns`` (None: to the end)."""
+
+    start_ns: int
+    end_ns: int | None
+
+    def __contains__(self, log_time_ns: int) -> bool:
+        return self.start_ns <= log_time_ns and (self.end_ns is None or log_time_ns < self.end_ns)
+
+    def overlaps(self, first_ns: int, last_ns: int) -> bool:
+        """Whether a message between these two log times may lie in the window."""
+        return last_ns >= self.start_ns and (self.end_ns is None or first_ns < self.end_ns)
+
+
+def window_of(span_ns: tuple[int, int] | None, start_s: float | None, end_s: float | None, where: str) -> Window | None:
+    """Return the window between two times in seconds after the recording's first message; None if neither is given.
+
+    ``span_ns`` are the log times of the first and the last message.
+
+    Raises
+    ------
+    VfoaError
+        If the recording ends before the window begins, or has no message.
+    """
+    if start_s is None and end_s is None:
+        return None
+    if span_ns is None:
+        raise VfoaError(f"{where}: no messages")
+    first, last = span_ns
+    start = first + round((start_s or 0) * 1e9)
+    if start > last:
+        raise VfoaError(f"{where}: source.start_s: found {start_s:g}; the recording lasts {(last - first) / 1e9:.3f} s")
+    return Window(start_ns=start, end_ns=None if end_s is None else first + round(end_s * 1e9))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Index:
+    """All topics by name, and a note for each loss.
+
+    ``cut_spans_ns`` has, for each truncated file, the log times of the chunk in which it ends (None: in no chunk).
+    ``recorded`` are the numbers of recorded messages by topic, if metadata beside the files give them and the files do
+    not.
+    """
+
+    topics: dict[str, Topic]
+    losses: tuple[str, ...] = ()
+    cut_spans_ns: tuple[tuple[int, int] | None, ...] = ()
+    recorded: dict[str, int] | None = None
+
+
+class TopicIndex:
+    """Collects the topics of a recording, message by message; keeps one small entry per message of a camera.
+
+    Parameters
+    ----------
+    files
+        For error messages.
+    window
+        Only images of these log times are indexed. All calibrations, transforms and video packets are, because
+        images within the window may need them.
+    by_log_time
+        Use the times at which messages were recorded, not those in their headers.
+    """
+
+    def __init__(self, files: Sequence[Path], window: Window | None, *, by_log_time: bool) -> None:
+        self._files, self._window, self._by_log_time = files, window, by_log_time
+        self.topics: dict[str, Topic] = {}
+
+    def meet(self, name: str, kind: MessageType) -> Topic:
+        """Return the topic of this name; a new one if it is not known yet."""
+        if name not in self.topics:
+            self.topics[name] = Topic(name, kind)
+        return self.topics[name]
+
+    def add(self, topic: Topic, log_time_ns: int, data: bytes, address: tuple[int, int, int]) -> None:
+        """Index one message; ``address`` is its file's index and the two numbers by which its container finds it.
+
+        Raises
+        ------
+        VfoaError
+            If a message of a camera cannot be decoded.
+        """
+        kind = topic.type.kind
+        is_in_window = self._window is None or log_time_ns in self._window
+        if not is_in_window and kind in (None, "raw", "compressed"):
+            return
+        if is_in_window:
+            topic.count_message(log_time_ns)
+        if kind is None:
+            return
+        where = f"{self._files[address[0]]}: {topic.name}"
+        if topic.sight is None and (kind in IMAGES or kind == "calibration"):
+            topic.sight = sight(topic.type, data, where)
+        has_header = kind in IMAGES or kind == "calibration"
+        stamp = log_time_ns if self._by_log_time or not has_header else stamp_ns(topic.type, data, where)
+        place = Place(stamp, *address)
+        if is_in_window or kind != "video":
+            topic.places.append(place)
+        if kind == "video":
+            topic.packets.append((place, begins_video(topic.type, data, where)))
+
+    def sorted(self) -> dict[str, Topic]:
+        """The topics with their places in the order of their stamps."""
+        for topic in self.topics.values():
+            topic.places.sort()
+        return self.topics
 
 
 class Messages(Protocol):
@@ -37,7 +190,7 @@ class Container(Messages, Protocol):
         ...
 
     def index(self, window: Window | None, *, by_log_time: bool) -> Index:
-        """Read all messages once and index them as :class:`harness.sources.recordings.index.TopicIndex` does.
+        """Read all messages once and index them as :class:`harness.sources.recordings.containers.TopicIndex` does.
 
         Raises
         ------
@@ -45,25 +198,3 @@ class Container(Messages, Protocol):
             If a file is not of this format, or a camera's message cannot be decoded.
         """
         ...
-
-
-def open_container(path: Path) -> Container:
-    """Open the recording at a path: a file, or a folder of files into which it was split. Its content tells the format.
-
-    Raises
-    ------
-    VfoaError
-        If there is no such file or folder, or no recording in it.
-    """
-    from harness.sources.bags.container import BagContainer
-    from harness.sources.bags.files import is_bag
-    from harness.sources.mcap.container import McapContainer, files_in
-
-    if not path.exists():
-        raise VfoaError(f"{path}: no such file or folder; expected a recording")
-    if is_bag(path):
-        return BagContainer(path)
-    files = (path,) if path.is_file() else files_in(path)
-    if not files:
-        raise VfoaError(f"{path}: no .mcap, .bag or .db3 in this folder; expected a recording")
-    return McapContainer(files)

@@ -6,15 +6,10 @@ from collections.abc import Collection
 
 import numpy as np
 
-from harness.sources.depth_optics import DepthOptics, without_distortion
-from harness.sources.depth_registration import DepthRegistration, Transform
-from harness.sources.recordings.cameras import camera_at
+from harness.sources.depth_optics import DepthOptics, DepthRegistration, Transform, without_distortion
+from harness.sources.recordings.cameras import camera_at, find_extrinsics, find_transform
 from harness.sources.recordings.containers import Messages
-from harness.sources.recordings.depth_topics import has_no_frames, is_aligned
-from harness.sources.recordings.settings import RecordingSettings
-from harness.sources.recordings.streams import Streams
-from harness.sources.recordings.topics import Topic, find_camera
-from harness.sources.recordings.transforms import find_extrinsics, find_transform
+from harness.sources.recordings.topics import RecordingSettings, Streams, Topic, find_camera, has_no_frames, is_aligned
 from harness.sources.rectification import RawCamera
 from vfoa.errors import VfoaError
 from vfoa.types import Image, Map, StereoRig

@@ -2,15 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from harness.sources.recordings.pairing import join, of_distinct_stamps
-from harness.sources.recordings.settings import RecordingSettings
-from harness.sources.recordings.streams import Streams
-from harness.sources.recordings.topics import Place, Topic
+from harness.sources.recordings.containers import Index
+from harness.sources.recordings.topics import Place, RecordingSettings, Streams, Topic
 from vfoa.errors import VfoaError
+
+
+def join(left: Sequence[Place], right: Sequence[Place], tolerance_ns: int) -> list[tuple[Place, Place]]:
+    """Pair places of the two ascending sequences, each used once, at most ``tolerance_ns`` apart.
+
+    A place stays without a pair if its neighbour fits the other side better.
+    """
+    pairs: list[tuple[Place, Place]] = []
+    i = j = 0
+    while i < len(left) and j < len(right):
+        apart = abs(left[i].stamp_ns - right[j].stamp_ns)
+        if j + 1 < len(right) and abs(left[i].stamp_ns - right[j + 1].stamp_ns) < apart:
+            j += 1
+        elif i + 1 < len(left) and abs(left[i + 1].stamp_ns - right[j].stamp_ns) < apart:
+            i += 1
+        else:
+            if apart <= tolerance_ns:
+                pairs.append((left[i], right[j]))
+            i, j = i + 1, j + 1
+    return pairs
+
+
+def of_distinct_stamps(pairs: Sequence[tuple[Place, Place]]) -> list[tuple[Place, Place]]:
+    """The first pair of each left stamp: a camera takes one image at a time, but a file may contain copies."""
+    return [pair for place, pair in enumerate(pairs) if not place or pair[0].stamp_ns != pairs[place - 1][0].stamp_ns]
+
 
 _TOLD_NS = 1e6
 """Offset of colour and depth above which a note reports it."""
@@ -81,3 +106,27 @@ def _nearest(left: Topic, other: Topic) -> str:
 
 def _ms(nanoseconds: float) -> str:
     return f"{nanoseconds / 1e6:g} ms"
+
+
+def lost_by_metadata(index: Index, streams: Streams) -> list[str]:
+    """A note for each topic with fewer images than the metadata beside the files says."""
+    recorded = index.recorded or {}
+    return [
+        f"{topic.name}: {recorded[topic.name] - topic.count} of {recorded[topic.name]} images are lost "
+        "(by metadata.yaml)"
+        for topic in streams.topics
+        if recorded.get(topic.name, 0) > topic.count
+    ]
+
+
+def lost_by_cuts(index: Index, rate_hz: float | None) -> list[str]:
+    """A note for each truncated file. Its length is unknown; the head of its last chunk says what that chunk held."""
+    if index.recorded is not None:
+        return []
+    return [
+        "how many frames were lost is unknown (file truncated)"
+        if span is None or rate_hz is None
+        else f"the cut chunk alone held about {1 + round((span[1] - span[0]) / 1e9 * rate_hz)} of the lost "
+        f"frames ({span[0] / 1e9:.3f} to {span[1] / 1e9:.3f} s); how many followed is unknown (file truncated)"
+        for span in index.cut_spans_ns
+    ]

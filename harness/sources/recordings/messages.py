@@ -1,17 +1,168 @@
-"""Contents of camera messages: time stamp, pixels, calibration."""
+"""Messages of cameras in ROS 1, ROS 2 and Foxglove's protobuf and JSON: types, decoding, contents."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import base64
+import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from functools import lru_cache
+from typing import Any, Literal
 
+import mcap_protobuf.decoder
 import numpy as np
+from mcap.records import Schema
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
-from harness.sources.recordings.decoding import fields_of, reading
-from harness.sources.recordings.message_types import IMAGES, MessageType
 from harness.sources.rectification import MODELS, RawCamera
 from vfoa.errors import VfoaError
+
+Kind = Literal["raw", "compressed", "video", "calibration", "transforms", "extrinsics"]
+IMAGES: frozenset[Kind] = frozenset({"raw", "compressed", "video"})
+
+_ROS: dict[str, Kind] = {
+    "sensor_msgs/msg/Image": "raw",
+    "sensor_msgs/msg/CompressedImage": "compressed",
+    "sensor_msgs/msg/CameraInfo": "calibration",
+    "foxglove_msgs/msg/RawImage": "raw",
+    "foxglove_msgs/msg/CompressedImage": "compressed",
+    "foxglove_msgs/msg/CompressedVideo": "video",
+    "foxglove_msgs/msg/CameraCalibration": "calibration",
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "video",
+    "tf2_msgs/msg/TFMessage": "transforms",
+    "foxglove_msgs/msg/FrameTransform": "transforms",
+    "foxglove_msgs/msg/FrameTransforms": "transforms",
+    "realsense2_camera_msgs/msg/Extrinsics": "extrinsics",
+}
+_FOXGLOVE: dict[str, Kind] = {
+    f"foxglove.{name.rpartition('/')[2]}": kind for name, kind in _ROS.items() if name.startswith("foxglove_msgs/")
+}
+_FAMILIES: dict[str, dict[str, Kind]] = {"cdr": _ROS, "ros1": _ROS, "protobuf": _FOXGLOVE, "json": _FOXGLOVE}
+
+BY_NAME = "by name"
+"""Schema encoding of a ROS 2 message without a definition in the recording: the standard definition is used."""
+
+_SCHEMAS = {"cdr": ("ros2msg", "ros2idl", BY_NAME), "ros1": ("ros1msg",)}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MessageType:
+    """The encoding of a topic's messages, sufficient to decode them in another process.
+
+    ROS's types have their ROS 2 names (``sensor_msgs/msg/Image``) in ROS 1, too.
+    """
+
+    message_encoding: str
+    schema_encoding: str
+    name: str
+    schema: bytes
+
+    @property
+    def kind(self) -> Kind | None:
+        """The camera data that it carries; None: other data, or a schema in a language that is not supported."""
+        if self.schema_encoding not in _SCHEMAS.get(self.message_encoding, (self.schema_encoding,)):
+            return None
+        return _FAMILIES.get(self.message_encoding, {}).get(self.name)
+
+    @property
+    def is_ros(self) -> bool:
+        """Whether its messages are ROS's, in either serialisation."""
+        return self.message_encoding in _SCHEMAS
+
+
+def ros_name(name: str) -> str:
+    """ROS 2's name of a type: ``sensor_msgs/Image`` becomes ``sensor_msgs/msg/Image``."""
+    package, _, rest = name.partition("/")
+    return f"{package}/msg/{rest}" if rest and "/" not in rest else name
+
+
+_PLAIN_CDR = (b"\0\0", b"\0\1")
+"""First bytes of a message in XCDR1: big-endian, little-endian (OMG DDS-XTypes 1.3, table 59)."""
+
+
+def fields_of(kind: MessageType, data: bytes, where: str) -> Callable[[str], Any]:
+    """Decode a message; the returned function gives its fields by name, in the spelling of ROS 2.
+
+    ROS 1 and Foxglove write the matrices of a calibration in capitals; bytes in JSON are base64.
+    """
+    message = _decode(kind, data)
+    if kind.message_encoding == "json" and not isinstance(message, dict):
+        raise TypeError(f"expected an object, found {type(message).__name__}")
+
+    def field(name: str) -> Any:
+        for spelling in (name, name.upper()):
+            if kind.message_encoding == "json" and spelling in message:
+                value = message[spelling]
+                return base64.b64decode(value, validate=True) if name == "data" else value
+            if kind.message_encoding != "json" and hasattr(message, spelling):
+                return getattr(message, spelling)
+        raise VfoaError(f"{where}: a {kind.name} without {name!r}; found {', '.join(_names(message))}")
+
+    return field
+
+
+@contextmanager
+def reading(kind: MessageType, where: str) -> Iterator[None]:
+    """Turn every error in the block into one: the message does not match its topic's schema.
+
+    Raises
+    ------
+    VfoaError
+        In place of any other exception.
+    """
+    try:
+        yield
+    except VfoaError:
+        raise
+    except Exception as error:  # errors of the decoders, and of fields that are missing or of another kind
+        text = (str(error) or type(error).__name__).splitlines()[0]
+        raise VfoaError(f"{where}: not a {kind.name} in {kind.message_encoding}: {text}") from None
+
+
+def _names(message: Any) -> list[str]:
+    if isinstance(message, dict):
+        return list(message)
+    return [name for name in dir(message) if not name.startswith("_")]
+
+
+def _decode(kind: MessageType, data: bytes) -> Any:
+    # rosbags supports only XCDR1; it would misread the other encapsulations, whose alignment differs
+    if kind.message_encoding == "cdr" and data[:2] not in _PLAIN_CDR:
+        raise ValueError(f"encapsulation {data[:2].hex()}; expected 0000 or 0001 (plain CDR)")
+    return _decoder(kind)(data)
+
+
+@lru_cache(maxsize=64)
+def _decoder(kind: MessageType) -> Callable[[bytes], Any]:
+    if kind.message_encoding == "json":
+        return json.loads
+    if kind.is_ros:
+        return _ros_decoder(kind)
+    schema = Schema(id=1, name=kind.name, encoding=kind.schema_encoding, data=kind.schema)
+    decoder = mcap_protobuf.decoder.DecoderFactory().decoder_for(kind.message_encoding, schema)
+    if decoder is None:
+        raise ValueError(f"no decoder for a schema in {kind.schema_encoding!r}")
+    return decoder
+
+
+def _ros_decoder(kind: MessageType) -> Callable[[bytes], Any]:
+    if kind.schema_encoding == BY_NAME:
+        store = get_typestore(Stores.LATEST)
+        if kind.name not in store.types:
+            raise ValueError(f"the recording has no definition of {kind.name}")
+    else:
+        store = get_typestore(Stores.EMPTY)
+        text = kind.schema.decode()
+        is_idl = kind.schema_encoding == "ros2idl"
+        found = get_types_from_idl(text) if is_idl else get_types_from_msg(text, kind.name)
+        store.register({name: fields for name, fields in found.items() if name not in store.types})
+    deserialize = store.deserialize_ros1 if kind.message_encoding == "ros1" else store.deserialize_cdr
+
+    def decode(data: bytes) -> Any:
+        return deserialize(data, kind.name)
+
+    return decode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

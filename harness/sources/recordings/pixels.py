@@ -1,15 +1,68 @@
-"""Convert camera images, compressed or raw in the encodings of ROS and Foxglove, to RGB."""
+"""Images and depth maps in messages, raw and compressed."""
 
 from __future__ import annotations
 
+import struct
+from typing import Any
+
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from harness.sources.media.images import decode_rgb
-from harness.sources.recordings.message_types import MessageType
-from harness.sources.recordings.messages import CompressedPicture, RawPicture, picture
+from harness.sources.media.images import MOST_PIXELS, decode, decode_rgb
+from harness.sources.media.maps import default_counts_per_m, depth_map
+from harness.sources.recordings.messages import CompressedPicture, MessageType, RawPicture, Sight, picture
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.types import Image
+from vfoa.types import Image, Map
+
+_LONGEST = 11
+"""Most nibbles of a number of 32 bits."""
+
+
+def decode_rvl(data: bytes, width_px: int, height_px: int) -> NDArray[np.uint16]:
+    """Decode the image (H, W) in a stream of RVL.
+
+    Raises
+    ------
+    ValueError
+        If the stream is too short for the size, or its runs are longer than the image.
+    """
+    numbers = _numbers(data)
+    pixels = width_px * height_px
+    places, differences = [np.zeros(0, np.intp)], [np.zeros(0, np.int64)]
+    at = pixel = 0
+    while pixel < pixels:
+        if at + 2 > len(numbers):
+            raise ValueError(f"the stream ends at pixel {pixel} of {pixels}")
+        zeros, count = int(numbers[at]), int(numbers[at + 1])
+        at, pixel = at + 2, pixel + zeros
+        if pixel + count > pixels or at + count > len(numbers):
+            raise ValueError(f"a run of {zeros} zeros and {count} others ends outside of {width_px} x {height_px}")
+        places.append(np.arange(pixel, pixel + count))
+        differences.append(numbers[at : at + count])
+        at, pixel = at + count, pixel + count
+        if zeros == count == 0:
+            raise ValueError(f"an empty run at pixel {pixel} of {pixels}")
+    coded = np.concatenate(differences)
+    image = np.zeros(pixels, np.uint16)
+    image[np.concatenate(places)] = np.cumsum((coded >> 1) ^ -(coded & 1)).astype(np.uint16)
+    return image.reshape(height_px, width_px)
+
+
+def _numbers(data: bytes) -> NDArray[np.int64]:
+    """All numbers of the stream; incomplete nibbles at its end are ignored."""
+    words = np.frombuffer(data, "<u4", len(data) // 4)
+    nibbles = (words[:, None] >> np.arange(28, -4, -4, dtype=np.uint32) & 15).astype(np.int64).ravel()
+    ends = np.flatnonzero(nibbles < 8)
+    if ends.size == 0:
+        return np.zeros(0, np.int64)
+    starts = np.concatenate([[0], ends[:-1] + 1])
+    if (ends - starts).max() >= _LONGEST:
+        raise ValueError("a number of more than 32 bits")
+    used = nibbles[: ends[-1] + 1]
+    position = np.arange(len(used)) - np.repeat(starts, ends - starts + 1)
+    return np.add.reduceat((used & 7) << 3 * position, starts)
+
 
 # encoding -> bytes of one sample, samples of one pixel, OpenCV's conversion (None: RGB already)
 _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
@@ -72,3 +125,91 @@ def rgb(raw: RawPicture, where: str) -> Image:
         rows = rows[:, 0 if raw.is_bigendian else 1 :: 2]
     pixels = np.ascontiguousarray(rows).reshape(raw.height_px, raw.width_px, samples)
     return pixels if conversion is None else np.asarray(cv2.cvtColor(pixels, conversion), dtype=np.uint8)
+
+
+_DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
+_HEADER = struct.Struct("<iff")  # format, A, B: compressed_depth_image_transport, compression_common.h
+_SIZE = struct.Struct("<II")  # columns and rows before a stream of RVL
+_NO_DEPTH = ("infra", "/ir", "confidence", "amplitude", "thermal", "disparity")
+
+
+def may_be_depth(name: str, said: Sight | None) -> bool:
+    """Whether a topic's name, and the description of its first image, fit a depth image."""
+    lower = name.lower()
+    if said is None or any(word in lower for word in _NO_DEPTH):
+        return False
+    is_named = "depth" in lower
+    return (
+        said.form in ("16UC1", "32FC1") or (said.form == "mono16" and is_named) or _is_compressed(said.form, is_named)
+    )
+
+
+def _is_compressed(form: str, is_named: bool) -> bool:
+    # A "png" image whose topic is named after depth is depth; a "jpeg" can only be a picture of depth.
+    return "compressedDepth" in form or (is_named and "png" in form.lower() and "8" not in form)
+
+
+def read_depth(kind: MessageType, data: bytes, counts_per_m: float | None, where: str) -> Map:
+    """Read the depth (H, W) in metres from a message.
+
+    ``counts_per_m`` is the sensor's unit; None: integers are millimetres, floating point numbers metres.
+
+    Raises
+    ------
+    VfoaError
+        If the message is not of its type, or its image is damaged or of another encoding.
+    """
+    content = picture(kind, data, where)
+    counts = _raw_depth(content, where) if isinstance(content, RawPicture) else _compressed_depth(content, where)
+    return depth_map(counts, counts_per_m or default_counts_per_m(counts))
+
+
+def _raw_depth(raw: RawPicture, where: str) -> NDArray[Any]:
+    if raw.encoding not in _DEPTH:
+        raise VfoaError(f"{where}: a depth image in {raw.encoding!r}; expected one of: {', '.join(_DEPTH)}")
+    sample = np.dtype(_DEPTH[raw.encoding]).newbyteorder(">" if raw.is_bigendian else "<")
+    row_bytes = raw.width_px * sample.itemsize
+    if min(raw.width_px, raw.height_px) <= 0 or raw.step < row_bytes or len(raw.data) < raw.step * raw.height_px:
+        raise VfoaError(
+            f"{where}: {raw.width_px} x {raw.height_px} pixels of {raw.encoding} in {len(raw.data)} bytes, "
+            f"{raw.step} a row; expected at least {row_bytes} a row"
+        )
+    rows = np.frombuffer(raw.data, np.uint8, raw.step * raw.height_px).reshape(raw.height_px, raw.step)
+    return np.ascontiguousarray(rows[:, :row_bytes]).view(sample)
+
+
+def _compressed_depth(content: CompressedPicture, where: str) -> NDArray[Any]:
+    encoding, _, transport = (part.strip() for part in content.form.partition(";"))
+    if "compressedDepth" not in content.form:
+        return _png(content.data, where)
+    if len(content.data) < _HEADER.size:
+        raise VfoaError(f"{where}: compressedDepth of {len(content.data)} bytes; expected a header of {_HEADER.size}")
+    _, a, b = _HEADER.unpack_from(content.data)
+    body = content.data[_HEADER.size :]
+    counts = _rvl(body, where) if "rvl" in transport.lower() else _png(body, where)
+    if encoding != "32FC1":
+        return counts
+    with np.errstate(
+        divide="ignore", over="ignore", invalid="ignore"
+    ):  # quantised inverse depth: z = A / (v - B), 0 is unknown
+        return np.where(counts > 0, np.float32(a) / (counts.astype(np.float32) - np.float32(b)), np.float32(0))
+
+
+def _rvl(body: bytes, where: str) -> NDArray[np.uint16]:
+    if len(body) < _SIZE.size:
+        raise VfoaError(f"{where}: compressedDepth rvl without a size; expected columns and rows before the stream")
+    columns, rows = _SIZE.unpack_from(body)
+    if not 0 < columns * rows <= MOST_PIXELS:
+        raise VfoaError(f"{where}: compressedDepth rvl of {columns} x {rows} pixels in {len(body)} bytes")
+    try:
+        return decode_rvl(body[_SIZE.size :], columns, rows)
+    except ValueError as error:
+        raise VfoaError(f"{where}: compressedDepth rvl: {error}") from None
+
+
+def _png(body: bytes, where: str) -> NDArray[Any]:
+    image = decode(body, f"{where}: a compressed depth image", cv2.IMREAD_UNCHANGED)
+    if image.ndim != 2 or image.dtype != np.uint16:
+        found = f"{image.dtype.name} with shape {image.shape}"
+        raise VfoaError(f"{where}: a compressed depth image: found {found}; expected one channel of 16 bits in PNG")
+    return image

@@ -1,15 +1,19 @@
-"""Topics over all files of a recording, and the choice of the left and the right camera."""
+"""Topics of a recording, and which of them make frames: a pair, colour and depth, or a pair with depth."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Literal, NamedTuple, Self
 
-from harness.sources.recordings.message_types import IMAGES, MessageType
-from harness.sources.recordings.messages import Sight
-from harness.sources.side_names import pair_names
+from pydantic import Field, model_validator
+
+from harness.sources.depth_optics import Intrinsics
+from harness.sources.media.frame_files import pair_names
+from harness.sources.recordings.messages import IMAGES, MessageType, Sight
+from harness.sources.recordings.pixels import may_be_depth
 from vfoa.errors import VfoaError
+from vfoa.settings import Settings
 
 
 class Place(NamedTuple):
@@ -64,7 +68,7 @@ class Topic:
 def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, where: str) -> tuple[Topic, Topic]:
     """Return the image topics: the two that are named, or the only two whose names differ only in the side.
 
-    The sides are left and right, else cam0 and cam1, infra1 and infra2 ... (:mod:`harness.sources.side_names`).
+    The sides are left and right, else cam0 and cam1, infra1 and infra2 ... (:mod:`harness.sources.media.frame_files`).
 
     Raises
     ------
@@ -146,3 +150,209 @@ def named(topics: Iterable[Topic], name: str, role: str, where: str) -> Topic:
 def listed(topics: Iterable[Topic]) -> str:
     """Topics as an error lists them."""
     return ", ".join(map(str, topics)) or "none"
+
+
+PAIR_TOLERANCE_MS = 2.0
+"""The two cameras of a pair are triggered together."""
+
+DEPTH_TOLERANCE_MS = 20.0
+"""Colour and depth are often taken by two unsynchronised sensors, at 30 Hz up to 17 ms apart."""
+
+
+class RecordingSettings(Settings):
+    """The recording under the manifest's root, and properties that its topics and types do not contain.
+
+    ``left`` and ``right`` are image topics, ``depth`` is a topic of measured depth, ``left_info``, ``right_info`` and
+    ``depth_info`` those of their calibrations. With depth and without ``right``, ``left`` is the colour camera. Instead
+    of calibration topics, ``calibration`` is a file of a pair under the root, ``camera`` the numbers of a camera
+    without distortion, with a baseline for a pair. ``depth_scale`` is the number of the sensor's counts per metre (if
+    not given, integers are millimetres). Stamps of a frame are at most ``tolerance_ms`` apart (2 for a pair, 20 for
+    depth). ``rectified`` says whether the images are rectified already; if not given, those whose topics are called
+    ``image_rect`` are. ``start_s`` and ``end_s`` select a part, in seconds after the recording's first message.
+    ``stamps`` are those of the headers (when an image was taken), or of the log (when it was recorded), for headers
+    that were not set.
+    """
+
+    recording: str = "."
+    left: str | None = None
+    right: str | None = None
+    depth: str | None = None
+    left_info: str | None = None
+    right_info: str | None = None
+    depth_info: str | None = None
+    calibration: str | None = None
+    camera: Intrinsics | None = None
+    depth_scale: float | None = Field(default=None, gt=0)
+    rectified: bool | None = None
+    tolerance_ms: float | None = Field(default=None, ge=0)
+    start_s: float | None = Field(default=None, ge=0)
+    end_s: float | None = Field(default=None, gt=0)
+    stamps: Literal["header", "log"] = "header"
+
+    @model_validator(mode="after")
+    def _a_part(self) -> Self:
+        if self.end_s is not None and self.end_s <= (self.start_s or 0):
+            raise ValueError(f"found end_s {self.end_s:g}; expected more than start_s, {self.start_s or 0:g}")
+        if self.calibration is not None and self.camera is not None:
+            raise ValueError("found calibration and camera; expected one of them")
+        return self
+
+    def tolerance_ns(self, *, of_depth: bool) -> int:
+        """Greatest difference of stamps of one frame, nanoseconds."""
+        default = DEPTH_TOLERANCE_MS if of_depth else PAIR_TOLERANCE_MS
+        return round((default if self.tolerance_ms is None else self.tolerance_ms) * 1e6)
+
+
+_ALIGNED = ("aligned_depth_to", "depth_to_rgb", "depth_to_color", "depth_registered", "registered", "depth_aligned")
+"""Names that drivers give to depth in the colour camera's image."""
+
+_REALSENSE_SDK = "/device_"
+_COLOUR = ("color", "colour", "rgb")
+_NO_COLOUR = ("infra", "/ir", "confidence", "thermal", "disparity", "rgb_to_depth", "mask")
+_TRANSPORTS = ("/compressedDepth", "/compressed", "/ffmpeg", "/theora", "/h264", "/h265", "/video")
+
+
+def depth_topics(topics: Iterable[Topic]) -> list[Topic]:
+    """Return all topics that may be depth, by name."""
+    images = [topic for topic in topics if topic.is_image and topic.places]
+    return sorted((each for each in images if may_be_depth(each.name, each.sight)), key=lambda each: each.name)
+
+
+def is_aligned(depth: Topic, colour: Topic) -> bool:
+    """Whether depth is in the colour camera's image: by its topic's name, or in the same coordinate frame.
+
+    If both images give a size and the sizes differ, it is not.
+    """
+    if has_no_frames(depth):
+        return False
+    sizes = {each.sight.size_px for each in (depth, colour) if each.sight is not None and each.sight.size_px}
+    if len(sizes) > 1:
+        return False
+    if any(word in depth.name.lower() for word in _ALIGNED):
+        return True
+    return bool(depth.frame_id) and depth.frame_id == colour.frame_id
+
+
+def has_no_frames(topic: Topic) -> bool:
+    """Whether a topic is of RealSense's SDK, which never aligns depth, and names no coordinate frames."""
+    return topic.name.startswith(_REALSENSE_SDK)
+
+
+def find_colour_and_depth(
+    topics: Iterable[Topic], colour: str | None, depth: str | None, where: str
+) -> tuple[Topic, Topic]:
+    """Return the colour and the depth topic: as named, else the only aligned depth, else the only depth.
+
+    Raises
+    ------
+    VfoaError
+        If one is missing, or there are several candidates: the message lists them and says how to choose.
+    """
+    everything = list(topics)
+    images = sorted((topic for topic in everything if topic.is_image), key=lambda topic: topic.name)
+    depths = [named(images, depth, "depth", where)] if depth is not None else _of_streams(depth_topics(everything))
+    if not depths:
+        raise VfoaError(f"{where}: no depth topic; say depth = in [source]: found {listed(images)}")
+    colours = [named(images, colour, "left", where)] if colour is not None else _colours(images, depths)
+    if not colours:
+        raise VfoaError(
+            f"{where}: no colour topic beside {listed(depths)}; say left = in [source]: found {listed(images)}"
+        )
+    pairs = [(one, other) for other in depths for one in colours]
+    for fitting in ([pair for pair in pairs if is_aligned(pair[1], pair[0])], pairs):
+        best = _nearest(fitting)
+        if len(best) == 1:
+            return best[0]
+        if best:
+            raise VfoaError(
+                f"{where}: several colour and depth topics; say left = (colour) and depth = in [source]: "
+                f"found {listed(colours)} and {listed(depths)}"
+            )
+    raise AssertionError("there is a pair")
+
+
+def _colours(images: list[Topic], depths: list[Topic]) -> list[Topic]:
+    """Images in colour by name; if none has such a name, images of any other name."""
+    others = [each for each in images if each.places and each not in depths and not may_be_depth(each.name, each.sight)]
+    others = [each for each in others if not any(word in each.name.lower() for word in _NO_COLOUR)]
+    by_name = [each for each in others if any(word in each.name.lower() for word in _COLOUR)]
+    return _of_streams(by_name or [each for each in others if "depth" not in each.name.lower()])
+
+
+def _of_streams(topics: list[Topic]) -> list[Topic]:
+    """One topic per stream: the one with the most messages; of equal ones, the raw one."""
+    streams: dict[str, list[Topic]] = {}
+    for topic in topics:
+        streams.setdefault(_stream(topic.name), []).append(topic)
+    return [max(each, key=lambda topic: (len(topic.places), topic.type.kind == "raw")) for each in streams.values()]
+
+
+def _stream(name: str) -> str:
+    for transport in _TRANSPORTS:
+        name = name.removesuffix(transport)
+    return name
+
+
+def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:
+    """The pairs that fit best: same frame, similar names, both rectified or not, in colour, no left or right side."""
+
+    def rank(pair: tuple[Topic, Topic]) -> tuple[bool, int, bool, bool, bool]:
+        colour, depth = pair
+        parts = zip(colour.name.split("/"), depth.name.split("/"), strict=False)
+        common = next((place for place, (one, other) in enumerate(parts) if one != other), 0)
+        is_rectified = "rect" in depth.name or depth.name.endswith("depth_registered")  # ZED's name
+        is_gray = "gray" in colour.name or (colour.sight is not None and colour.sight.form in ("mono8", "8UC1"))
+        is_of_side = any(side in colour.name for side in ("left", "right"))
+        same_frame = bool(depth.frame_id) and colour.frame_id == depth.frame_id
+        return same_frame, common, ("rect" in colour.name) == is_rectified, not is_gray, not is_of_side
+
+    highest = max(map(rank, pairs), default=None)
+    return [pair for pair in pairs if rank(pair) == highest]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Streams:
+    """The topics of the frames: a left image with a right image, with depth, or with both."""
+
+    left: Topic
+    right: Topic | None
+    depth: Topic | None
+
+    @property
+    def topics(self) -> tuple[Topic, ...]:
+        """The topics in use."""
+        return tuple(topic for topic in (self.left, self.right, self.depth) if topic is not None)
+
+
+def find_streams(topics: Collection[Topic], settings: RecordingSettings, where: str) -> Streams:
+    """Return the named topics; else the only pair, with the depth of its left camera; else colour and depth.
+
+    Raises
+    ------
+    VfoaError
+        If there are none, or several candidates.
+    """
+    if settings.depth is not None and settings.right is None:
+        left, depth = find_colour_and_depth(topics, settings.left, settings.depth, where)
+        return Streams(left=left, right=None, depth=depth)
+    try:
+        left, right = find_pair(topics, settings.left, settings.right, where)
+    except VfoaError:
+        if settings.right is not None or not depth_topics(topics):
+            raise
+        left, depth = find_colour_and_depth(topics, settings.left, None, where)
+        return Streams(left=left, right=None, depth=depth)
+    images = [topic for topic in topics if topic.is_image]
+    own = [] if settings.depth is None else [named(images, settings.depth, "depth", where)]
+    own = own or [
+        each for each in depth_topics(topics) if is_aligned(each, left) and each.frame_id == left.frame_id != ""
+    ]
+    return Streams(left=left, right=right, depth=own[0] if len(own) == 1 else None)
+
+
+def unused_depth(topics: Collection[Topic], streams: Streams) -> tuple[str, ...]:
+    """A note if depth was recorded and is in no frame."""
+    if streams.depth is not None or not (others := depth_topics(topics)):
+        return ()
+    names = ", ".join(topic.name for topic in others)
+    return (f"depth was recorded, too, and is not of the left camera: {names}; depth = in [source] takes it instead",)

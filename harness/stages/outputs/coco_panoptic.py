@@ -19,7 +19,7 @@ from harness.remote import expand
 from harness.sources import Clip
 from harness.sources.media.frame_files import number_names
 from harness.sources.media.images import read_raw
-from harness.sources.media.segment_ids import present_ids, relabel, small_ids
+from harness.sources.media.maps import present_ids, relabel, small_ids
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.segmentation.key_frames import KeyFrameSettings
 from vfoa.types import Instance, Instances, StereoFrame

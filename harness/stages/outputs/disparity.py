@@ -9,8 +9,8 @@ from pydantic import Field
 from harness.files.digests import digest_files
 from harness.remote import expand
 from harness.sources import Clip
-from harness.sources.media.disparity_files import read_disparity
 from harness.sources.media.frame_files import check_printf, printf_name
+from harness.sources.media.maps import read_disparity
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Disparity, StereoFrame

@@ -10,8 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli.clips import app
-from harness.clips.check import check_clip
-from harness.clips.frame_checks import depth_notes
+from harness.clips.check import check_clip, depth_notes
 from harness.sources import ADAPTERS, Recogniser
 from tests.disk import HEIGHT, WIDTH, write_image, write_text
 from tests.harness.clips.adding import (

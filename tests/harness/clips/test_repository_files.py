@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from harness.cli.clips import fetch_clips
-from harness.clips import repository_files
+from harness.clips import fetch
 from harness.clips.check import check_clip
+from harness.clips.fetch import HEADS, fetch_files, listed_files
 from harness.clips.manifest import clips_here, load_manifest
-from harness.clips.repository_files import HEADS, fetch_files, listed_files
 from harness.files.digests import file_digest
 from tests.measured import idiap_file, vr_session
 from tests.repository import REPOSITORY
@@ -32,10 +32,10 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Site]:
     contents = {"HEADS": idiap_file(tmp_path / "made").read_bytes(), "LABELS": codes.getvalue()}
     with serve() as running:
         for constant, content in contents.items():
-            file = replace(getattr(repository_files, constant), sha256=hashlib.sha256(content).hexdigest())
-            monkeypatch.setattr(repository_files, constant, file)
+            file = replace(getattr(fetch, constant), sha256=hashlib.sha256(content).hexdigest())
+            monkeypatch.setattr(fetch, constant, file)
             running.files[f"/{file.name}"] = content
-        monkeypatch.setattr(repository_files, "IDIAP_HOME", running.url("/"))
+        monkeypatch.setattr(fetch, "IDIAP_HOME", running.url("/"))
         yield running
 
 
@@ -56,8 +56,8 @@ def test_a_fetched_clip_is_labelled_and_passes_the_check(
     fetch_clips("idiap_vfoa")
     shown = capsys.readouterr().out
     assert "licence: BSD 3-Clause" in shown
-    assert repository_files.HEADS.sha256 in shown
-    assert repository_files.LABELS.sha256 in shown
+    assert fetch.HEADS.sha256 in shown
+    assert fetch.LABELS.sha256 in shown
     checked = check_clip("idiap_vfoa")
     assert (checked.problems, checked.frames, checked.labels) == ((), 6, 12)
     labels = load_manifest("idiap_vfoa").labels(None)
@@ -77,7 +77,7 @@ def test_what_is_there_is_neither_fetched_again_nor_overwritten(site: Site, work
 def test_another_content_than_that_of_the_commit_is_refused(site: Site, tmp_path: Path) -> None:
     site.files[f"/{HEADS.name}"] += b"1,2,3\n"
     with pytest.raises(VfoaError, match=HEADS.name):
-        fetch_files(tmp_path / "data", [repository_files.HEADS], site.url("/"))
+        fetch_files(tmp_path / "data", [fetch.HEADS], site.url("/"))
     assert not (tmp_path / "data" / HEADS.name).exists()
 
 
@@ -93,7 +93,7 @@ def test_people_in_virtual_rooms_become_labelled_clips(
     rows = [f"{path.relative_to(tmp_path / 'made')},{path.stat().st_size},{file_digest(path)}" for path in files]
     (work / "datasets" / "vr_objects.csv").write_text("\n".join(["path,bytes,sha256", *rows]) + "\n")
     with serve() as running:
-        monkeypatch.setattr(repository_files, "VR_HOME", running.url("/"))
+        monkeypatch.setattr(fetch, "VR_HOME", running.url("/"))
         running.files.update({f"/{path.relative_to(tmp_path / 'made')}": path.read_bytes() for path in files})
         fetch_clips("vr_objects")
         asked = len(running.asked)
@@ -121,7 +121,7 @@ def test_the_genuine_pairs_of_opencv_are_fetched(
 ) -> None:
     pairs = sorted((shared_data / "chessboard").glob("*.jpg"))
     with serve() as running:
-        monkeypatch.setattr(repository_files, "OPENCV_HOME", running.url("/"))
+        monkeypatch.setattr(fetch, "OPENCV_HOME", running.url("/"))
         running.files.update({f"/{path.name}": path.read_bytes() for path in pairs})
         fetch_clips("opencv_stereo", tmp_path / "here")
     assert {path.name for path in (tmp_path / "here").iterdir()} == {path.name for path in pairs}

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from harness.cli.clips import fetch_clips
-from harness.clips import sintel_archives
-from harness.clips.sintel_archives import ARCHIVES, fetch_sintel, unpack
+from harness.clips import fetch
+from harness.clips.fetch import ARCHIVES, fetch_sintel, unpack
 from harness.sources.sintel import SintelClip, SintelSettings
 from tests.disk import picture, sintel_scene
 from tests.web import Site, serve
@@ -66,7 +66,7 @@ def test_the_disk_s_room_is_checked_first(tmp_path: Path, monkeypatch: pytest.Mo
     archive = tmp_path / "a.zip"
     archive.write_bytes(_zip({"training/a.png": b"12345"}))
     usage = shutil.disk_usage(tmp_path)._replace(free=4)
-    monkeypatch.setattr(sintel_archives.shutil, "disk_usage", lambda path: usage)
+    monkeypatch.setattr(fetch.shutil, "disk_usage", lambda path: usage)
     with pytest.raises(VfoaError, match="GB free"):
         unpack(archive, tmp_path)
     assert not (tmp_path / "training").exists()

@@ -23,7 +23,7 @@ from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from harness.run.saved_outputs import VARIABLE
 from harness.sources import Truth
-from harness.sources.live_sources import PlayedClip
+from harness.sources.live import PlayedClip
 from harness.stages.cache.store import Store
 from harness.studio import StudioClip
 from tests.disk import write_text

@@ -13,9 +13,9 @@ from mcap.writer import Writer as McapWriter
 from rosbags.typesys import Stores, get_typestore
 
 from harness.record import entities
-from harness.sources.mcap.tail import McapTail
 from harness.sources.recordings.clip import McapClip
-from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.mcap_tail import McapTail
+from harness.sources.recordings.topics import RecordingSettings
 from harness.stages.outputs.coco_panoptic_writer import write_coco_panoptic
 from tests.command import vfoa
 from tests.depth_recordings import DEPTH, Lens, Messages, Shot, messages, write_depth, write_take

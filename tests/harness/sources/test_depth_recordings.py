@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from harness.sources.bags import files
 from harness.sources.contract import check_contract
-from harness.sources.recordings import unpacking
+from harness.sources.recordings import bags, containers
 from harness.sources.recordings.clip import BagClip, McapClip, RecordingClip
-from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.topics import RecordingSettings
 from tests.depth_recordings import COLOUR, DEPTH, FORMATS, DepthForm, Format, Lens, Shot, messages, write_take
 from tests.disk import moving_picture
 from vfoa.errors import VfoaError
@@ -82,9 +81,9 @@ def test_a_recording_is_not_unpacked_beyond_what_one_can_have(
 ) -> None:
     path = write_take(tmp_path, kind, map(shot, (1, 2)))
     assert open_clip(path).frame(2).time_ns == shot(2).stamp_ns
-    for module in (unpacking, files):
+    for module in (containers, bags):
         monkeypatch.setattr(module, "MOST_BYTES", 5000)
-    monkeypatch.setattr(files, "_MOST_COMPRESSION", 0)
+    monkeypatch.setattr(bags, "_MOST_COMPRESSION", 0)
     with pytest.raises(VfoaError, match=r"(claims|unpacks to) \d+ bytes; expected at most 5000"):
         open_clip(path)
 

@@ -14,7 +14,7 @@ from mcap.records import Chunk, Message
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType
 
-from harness.sources.mcap.records import parts_of
+from harness.sources.recordings.mcap_files import parts_of
 from tests.disk import HEIGHT, WIDTH, picture, write_bytes
 from tests.harness.sources.numbered_recording import open_clip, pairs, stamp
 from tests.recordings import Family, write_pairs

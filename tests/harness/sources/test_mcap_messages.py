@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.sources.recordings.message_types import MessageType
-from harness.sources.recordings.messages import camera, picture, stamp_ns
+from harness.sources.recordings.messages import MessageType, camera, picture, stamp_ns
 from tests.recordings import CAMERA_INFO, HEADER, IMAGE
 from vfoa.errors import VfoaError
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.sources.recordings.pairing import join
+from harness.sources.recordings.joining import join
 from harness.sources.recordings.topics import Place
 
 STAMPS = st.lists(st.integers(0, 1000), max_size=30).map(sorted)

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, IndexType
 
-from harness.sources.mcap.container import McapContainer
 from harness.sources.recordings.clip import McapClip
-from harness.sources.recordings.index import Window, window_of
-from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.containers import Window, window_of
+from harness.sources.recordings.mcap_container import McapContainer
+from harness.sources.recordings.topics import RecordingSettings
 from tests.disk import HEIGHT, WIDTH, picture
 from tests.harness.sources.numbered_recording import LEFT, RIGHT, open_clip, pairs, stamp
 from tests.recordings import recorder, rectified_camera, write_pairs

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from harness.sources.side_names import pair_names
+from harness.sources.media.frame_files import pair_names
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
 from harness.sources.stereo_layouts import FoundLayout, find_layouts
 from tests.disk import write_bytes, write_image, write_text, write_video

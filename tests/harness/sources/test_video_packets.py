@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from harness.sources.contract import check_contract
-from harness.sources.recordings import video_decoder
+from harness.sources.recordings import video
 from harness.sources.recordings.clip import RecordingClip
-from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.recordings.topics import RecordingSettings
 from tests.depth_recordings import CODERS, Encoder, Lens, Shot, messages, write_video_take
 from tests.disk import moving_picture
 from vfoa.errors import VfoaError
@@ -71,7 +71,7 @@ def test_every_codec_gives_each_frame_in_any_order(tmp_path: Path, name: str) ->
 @pytest.mark.parametrize("name", CODERS)
 def test_a_packet_of_too_many_pixels_is_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     clip = open_clip(write_sdk(tmp_path / "a.mcap", name, coded(name)))
-    monkeypatch.setattr(video_decoder, "MOST_PIXELS", WIDTH * HEIGHT // 2)
+    monkeypatch.setattr(video, "MOST_PIXELS", WIDTH * HEIGHT // 2)
     with pytest.raises(VfoaError, match=r"frame 1: [^\n]*packet 1 is damaged, or larger than 6144 pixels"):
         clip.frame(1)
 

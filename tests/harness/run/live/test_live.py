@@ -29,11 +29,9 @@ from harness.run.experiment import Experiment, load_experiment
 from harness.run.live.newest import Newest
 from harness.run.live.runner import LiveReport, run_live
 from harness.run.results import read_results
-from harness.sources.live import Arrival, LiveSource
-from harness.sources.live_sources import CameraPair, PlayedClip
-from harness.sources.mcap.follow import follow_records
-from harness.sources.mcap.tail import McapTail
-from harness.sources.recordings.settings import RecordingSettings
+from harness.sources.live import Arrival, CameraPair, LiveSource, PlayedClip
+from harness.sources.recordings.mcap_tail import McapTail, follow_records
+from harness.sources.recordings.topics import RecordingSettings
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
 from harness.stages.slots import SLOTS
 from tests.alley import write_masks

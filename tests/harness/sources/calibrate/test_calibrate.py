@@ -9,12 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app, main
-from harness.sources.calibrate.boards import Chessboard
-from harness.sources.calibrate.files import format_calibration
-from harness.sources.calibrate.pictures import Pictures
-from harness.sources.calibrate.rescale import rescaled
-from harness.sources.calibrate.solve import solve
-from harness.sources.calibrate.views import View, find_views
+from harness.sources.calibrate.solve import format_calibration, rescaled, solve
+from harness.sources.calibrate.views import Chessboard, Pictures, View, find_views
 from harness.sources.calibration import Calibration
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.media.images import read_rgb

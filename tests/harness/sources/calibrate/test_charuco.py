@@ -11,11 +11,8 @@ import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app
-from harness.sources.calibrate.boards import CharucoBoard, Seen
-from harness.sources.calibrate.pictures import Pictures
-from harness.sources.calibrate.sharpness import edge_width_px
 from harness.sources.calibrate.solve import solve
-from harness.sources.calibrate.views import MAX_EDGE_PX, find_views
+from harness.sources.calibrate.views import MAX_EDGE_PX, CharucoBoard, Pictures, Seen, edge_width_px, find_views
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.rectification import RawCalibration
 from harness.sources.view_files import ViewFiles

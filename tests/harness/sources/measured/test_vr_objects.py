@@ -9,8 +9,8 @@ import pytest
 
 from harness.labels.files import read_annotations
 from harness.labels.labels import IGNORED
+from harness.sources.measured.tables import write_measured
 from harness.sources.measured.vr_objects import VrObjectsClip
-from harness.sources.measured.write import write_measured
 from harness.stages.ground_truth.oracle import true_labels
 from tests.measured import open_measured, vr_session
 from vfoa.errors import VfoaError

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.sources.media.disparity_files import read_disparity
+from harness.sources.media.maps import read_disparity
 from tests.disk import write_bytes
 from vfoa.errors import VfoaError
 

@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.sources.media.disparity_files import read_disparity, read_pfm
-from harness.sources.media.segment_ids import relabel, small_ids
+from harness.sources.media.maps import read_disparity, read_pfm, relabel, small_ids
 from harness.sources.sintel import SintelClip, SintelSettings
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
 from harness.stages.outputs.coco_panoptic import CocoPanoptic, CocoPanopticSettings

@@ -4,14 +4,76 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
 
-from harness.sources.mcap.channels import message_type
-from harness.sources.mcap.chunk_choice import chunks_in
-from harness.sources.mcap.recording import Walk, log_span_ns, read_message, recall_channels, walk_messages
-from harness.sources.mcap.rosbag2 import recorded_counts
-from harness.sources.recordings.index import Index, TopicIndex, Window
+from mcap.records import Channel, ChunkIndex, Schema
+
+from harness.files.io import read_bytes
+from harness.files.parsing import parse_yaml
+from harness.sources.recordings.containers import Index, TopicIndex, Window
+from harness.sources.recordings.mcap_files import (
+    Walk,
+    log_span_ns,
+    read_message,
+    recall_channels,
+    summary,
+    walk_messages,
+)
+from harness.sources.recordings.messages import MessageType, ros_name
 from harness.sources.recordings.topics import Place, Topic
+from vfoa.errors import VfoaError
+
+
+def message_type(channel: Channel, schema: Schema | None) -> MessageType:
+    """Return the type of a channel's messages; a channel may have no schema."""
+    name = "no schema" if schema is None else schema.name
+    return MessageType(
+        message_encoding=channel.message_encoding,
+        schema_encoding="" if schema is None else schema.encoding,
+        name=ros_name(name) if channel.message_encoding == "ros1" else name,
+        schema=b"" if schema is None else schema.data,
+    )
+
+
+def chunks_in(path: Path, window: Window, once: set[int]) -> list[int] | None:
+    """Return the offsets of the chunks to read for a window, by the file's index; None if the file has none.
+
+    Beside those of the window: for each channel of ``once``, the last chunk before the window with one of its messages,
+    since a camera may send its calibration once.
+    """
+    chunks = sorted(
+        (each for each in summary(path) if isinstance(each, ChunkIndex)), key=lambda each: each.chunk_start_offset
+    )
+    if not chunks or not all(each.message_index_offsets for each in chunks):
+        return None
+    wanted = {
+        each.chunk_start_offset for each in chunks if window.overlaps(each.message_start_time, each.message_end_time)
+    }
+    for channel in once:
+        holding = [each for each in chunks if channel in each.message_index_offsets]
+        before = [each for each in holding if each.message_start_time < window.start_ns]
+        wanted.update(each.chunk_start_offset for each in (before[-1:] or holding[:1]))
+    return sorted(wanted)
+
+
+def recorded_counts(files: tuple[Path, ...]) -> dict[str, int] | None:
+    """Messages by topic that were written into these files together.
+
+    None without a ``metadata.yaml`` beside them, or if it is not of exactly these files: its counts are of all.
+    """
+    path = files[0].with_name("metadata.yaml")
+    try:
+        noted = parse_yaml(read_bytes(path), path)["rosbag2_bagfile_information"]
+        names = {PurePosixPath(name).name for name in noted["relative_file_paths"]}
+        counts = dict(_count(each) for each in noted["topics_with_message_count"])
+    except (VfoaError, KeyError, TypeError, ValueError, AttributeError):
+        return None
+    return counts if names == {file.name for file in files} else None
+
+
+def _count(entry: Any) -> tuple[str, int]:
+    return str(entry["topic_metadata"]["name"]), int(entry["message_count"])
 
 
 class McapContainer:

@@ -1,22 +1,136 @@
-"""Find the layouts of ``depth_folder`` that fit a path, as proposals: a manifest then names one of them."""
+"""Files of ``depth_folder``: joined to frames by number or by listed times, and the layouts that fit a path.
+
+Lists are TUM RGB-D's: ``timestamp filename``, in seconds. ``associations.txt``, which TUM's ``associate.py`` writes,
+has both images of a frame in a line::
+
+    1305031102.175304 rgb/1305031102.175304.png 1305031102.160407 depth/1305031102.160407.png
+"""
 
 from __future__ import annotations
 
 import os
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
+from harness.files.io import read_text
 from harness.sources import Recognised
 from harness.sources.calibration_files.one_camera import read_one_camera
-from harness.sources.depth_images import find_depth_frames
-from harness.sources.media.depth_files import DEPTH_SUFFIXES, read_depth_file
-from harness.sources.media.frame_files import IMAGE_SUFFIXES
+from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames
 from harness.sources.media.images import read_rgb
-from harness.sources.recordings.settings import DEPTH_TOLERANCE_MS
+from harness.sources.media.maps import DEPTH_SUFFIXES, read_depth_file
+from harness.sources.recordings.joining import join
+from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS, Place
 from vfoa.errors import VfoaError
+
+
+def read_stamped_list(path: Path, word: str = "") -> dict[int, Path]:
+    """Files by their time in ns, ascending; lines that begin with ``#`` are left out.
+
+    ``word``: of lines with two images, take the one whose path has this word, or the other one if neither has it.
+
+    Raises
+    ------
+    VfoaError
+        If a line is of another form, or a time occurs twice.
+    """
+    found: dict[int, Path] = {}
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        text = line.strip()
+        if not text or text.startswith("#"):
+            continue
+        cells = text.split()
+        if len(cells) == 4 and word:  # ICL-NUIM has depth first
+            cells = max(cells[:2], cells[2:], key=lambda pair: word in pair[1].lower())
+        time, name = cells[0], text.partition(" ")[2].strip() if len(cells) != 2 else cells[1]
+        try:
+            stamp_ns = round(Decimal(time) * 10**9)
+        except (InvalidOperation, ValueError, OverflowError):
+            raise VfoaError(f"{path}:{number}: found {text!r}; expected a time in seconds and a file") from None
+        if not name:
+            raise VfoaError(f"{path}:{number}: found {text!r}; expected a time in seconds and a file")
+        if stamp_ns in found:
+            raise VfoaError(f"{path}:{number}: the time {time} occurs twice")
+        found[stamp_ns] = path.parent / name
+    if not found:
+        raise VfoaError(f"{path}: no images; expected lines of a time in seconds and a file")
+    return dict(sorted(found.items()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthFrame:
+    """The files of one frame; ``time_ns`` is None if there are only numbers."""
+
+    colour: Path
+    depth: Path
+    time_ns: int | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthFrames:
+    """Frames by number, ascending, and a note for each kind of file that belongs to no frame."""
+
+    by_number: dict[int, DepthFrame]
+    notes: tuple[str, ...]
+
+
+def find_depth_frames(folder: Path, colour: str, depth: str, tolerance_ms: float) -> DepthFrames:
+    """Return the frames of two patterns of files (``rgb/*.png``), or of two lists of files with times (``rgb.txt``).
+
+    Frames of lists are numbered from 1 by the colour images' times, at most ``tolerance_ms`` from the depth's.
+
+    Raises
+    ------
+    VfoaError
+        If no frame has both.
+    """
+    if colour.endswith(".txt") != depth.endswith(".txt"):
+        raise VfoaError(f"{folder}: colour {colour!r} and depth {depth!r}: expected two lists (.txt), or none")
+    if colour.endswith(".txt"):
+        return _by_time(folder, colour, depth, tolerance_ms)
+    colours, depths = (find_frames(folder, pattern, str(folder)) for pattern in (colour, depth))
+    common = sorted(colours.keys() & depths.keys())
+    if not common:
+        raise VfoaError(
+            f"{folder}: no frame number is in both {colour!r} ({_span(colours)}) and {depth!r} ({_span(depths)})"
+        )
+    notes = [
+        f"{name}: {len(found) - len(common)} of {len(found)} images have no partner of the same number"
+        for name, found in ((colour, colours), (depth, depths))
+        if len(found) > len(common)
+    ]
+    frames = {n: DepthFrame(colour=colours[n], depth=depths[n], time_ns=None) for n in common}
+    return DepthFrames(by_number=frames, notes=tuple(notes))
+
+
+def _by_time(folder: Path, colour: str, depth: str, tolerance_ms: float) -> DepthFrames:
+    words = ("rgb", "depth") if colour == depth else ("", "")  # one list of both, such as associations.txt
+    lists = [read_stamped_list(folder / name, word) for name, word in zip((colour, depth), words, strict=True)]
+    files = [list(found.values()) for found in lists]
+    places = [[Place(stamp, 0, number, 0) for number, stamp in enumerate(found)] for found in lists]
+    pairs = join(places[0], places[1], round(tolerance_ms * 1e6))
+    if not pairs:
+        raise VfoaError(f"{folder}: no two times of {colour} and {depth} are within {tolerance_ms:g} ms (tolerance_ms)")
+    notes = [
+        f"{name}: {len(found) - len(pairs)} of {len(found)} images have no partner within {tolerance_ms:g} ms"
+        for name, found in zip((colour, depth), files, strict=True)
+        if len(found) > len(pairs)
+    ]
+    frames = {
+        number: DepthFrame(colour=files[0][one.offset], depth=files[1][two.offset], time_ns=one.stamp_ns)
+        for number, (one, two) in enumerate(pairs, start=1)
+    }
+    return DepthFrames(by_number=frames, notes=tuple(notes))
+
+
+def _span(files: Mapping[int, Path]) -> str:
+    numbers = list(files)
+    return f"{numbers[0]} to {numbers[-1]}"
+
 
 _DEPTH_OF_FOLDERS = 3
 """Levels of folders below the path that are searched."""

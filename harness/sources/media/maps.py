@@ -1,0 +1,257 @@
+"""Maps in files, one number a pixel: disparity, depth, segment ids."""
+
+from __future__ import annotations
+
+import io
+import re
+import warnings
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from tokenize import TokenError
+from typing import Any
+
+import numpy as np
+import OpenEXR
+from numpy.typing import NDArray
+
+from harness.files.io import read_bytes
+from harness.sources.media.images import MOST_PIXELS, read_raw, too_many_pixels
+from vfoa.errors import VfoaError
+from vfoa.types import Map
+
+_DAMAGED = (ValueError, EOFError, OSError, SyntaxError, TokenError, MemoryError, OverflowError)
+"""Errors that NumPy raises for a damaged file: its header is Python."""
+
+
+def read_npy(path: Path) -> NDArray[Any]:
+    """Read an array of numbers; no pickle.
+
+    Raises
+    ------
+    VfoaError
+        If it cannot be read, or is no such file.
+    """
+    try:
+        data = io.BytesIO(read_bytes(path))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a file that Python 2 wrote
+            return np.lib.format.read_array(data, allow_pickle=False)
+    except _DAMAGED as error:
+        raise VfoaError(f"{path}: not an npy file: {error}") from None
+
+
+MILLIMETRES = 1000.0
+
+
+def depth_map(counts: NDArray[Any], counts_per_m: float) -> Map:
+    """Depth (H, W) float32 in metres; NaN where the sensor has 0, NaN, infinity or a negative number."""
+    with np.errstate(all="ignore"):  # values that are no numbers, as in a damaged file
+        values = counts.astype(np.float32) / np.float32(counts_per_m)
+    return np.where((values > 0) & np.isfinite(values), values, np.float32(np.nan))
+
+
+def default_counts_per_m(counts: NDArray[Any]) -> float:
+    """The default unit: integers are millimetres and floating point numbers metres."""
+    return MILLIMETRES if np.issubdtype(counts.dtype, np.integer) else 1.0
+
+
+_PFM_HEADER = re.compile(rb"(P[fF])\s+(\d+)\s+(\d+)\s+(-?[0-9.eE+-]+)[^\S\n]*\n")
+_DPT_TAG = np.float32(202021.25)
+
+
+def read_disparity(path: Path, *, counts_per_px: float = 256.0) -> Map:
+    """Read a disparity map (H, W) float32, pixels, positive; unknown values are NaN.
+
+    ``.npy`` and ``.pfm`` hold pixels. A PNG with three 8-bit channels is Sintel's, one with a single 16-bit channel
+    holds ``counts_per_px`` counts per pixel (KITTI: 256), 0 = unknown.
+
+    Raises
+    ------
+    VfoaError
+        If the file cannot be read, is of another kind, or holds no positive disparity but negative ones.
+    """
+    match path.suffix.lower():
+        case ".npy":
+            disparity = _read_npy(path)
+        case ".pfm":
+            disparity = read_pfm(path)
+        case ".png":
+            disparity = _read_png(path, counts_per_px)
+        case other:
+            raise VfoaError(f"{path}: cannot read a {other!r} file; expected .npy, .pfm or .png")
+    known = np.isfinite(disparity)
+    if (known & (disparity < 0)).any() and not (known & (disparity > 0)).any():
+        raise VfoaError(f"{path}: every disparity is negative; expected positive ones (x_right = x_left - d)")
+    return np.where(known & (disparity > 0), disparity, np.float32(np.nan))
+
+
+def read_sintel_disparity(path: Path) -> Map:
+    """Read MPI Sintel's PNG: d = 4 R + G / 64 + B / 16384, capped at 1024 (the cap is no measurement: NaN)."""
+    image = read_raw(path)
+    if image.ndim != 3 or image.dtype != np.uint8:
+        raise VfoaError(f"{path}: found {_kind(image)}; expected Sintel's 8-bit RGB disparity")
+    return _from_sintel(image)
+
+
+def read_depth(path: Path) -> Map:
+    """Read MPI Sintel's .dpt: depth (H, W) float32 in metres; the sky is huge but finite."""
+    data = read_bytes(path)
+    if len(data) < 12 or np.frombuffer(data, "<f4", 1)[0] != _DPT_TAG:
+        raise VfoaError(f"{path}: not a Sintel depth file: expected the tag {_DPT_TAG} in the first 4 bytes")
+    width, height = np.frombuffer(data, "<i4", 2, offset=4).tolist()
+    if width <= 0 or height <= 0 or len(data) != 12 + 4 * width * height:
+        raise VfoaError(f"{path}: found {len(data)} bytes; expected {12 + 4 * width * height} for {width} x {height}")
+    return np.frombuffer(data, "<f4", offset=12).reshape(height, width).astype(np.float32)
+
+
+def read_pfm(path: Path) -> Map:
+    """Read a one-channel PFM (H, W) float32: a negative scale means little-endian, rows are stored bottom up."""
+    data = read_bytes(path)
+    header = _PFM_HEADER.match(data)
+    if header is None or header[1] != b"Pf" or not _is_scale(header[4]):
+        raise VfoaError(f"{path}: not a one-channel PFM: the header is {data[:20]!r}")
+    width, height, order = int(header[2]), int(header[3]), "<" if header[4].startswith(b"-") else ">"
+    found, expected = len(data) - header.end(), 4 * width * height
+    if found != expected:
+        raise VfoaError(f"{path}: found {found} bytes of pixels; expected {expected} for {width} x {height}")
+    pixels = np.frombuffer(data, f"{order}f4", offset=header.end()).reshape(height, width)
+    return np.ascontiguousarray(pixels[::-1], dtype=np.float32)
+
+
+def _is_scale(text: bytes) -> bool:
+    try:
+        return float(text) != 0
+    except ValueError:
+        return False
+
+
+def _read_png(path: Path, counts_per_px: float) -> Map:
+    image = read_raw(path)
+    if image.ndim == 3 and image.dtype == np.uint8:
+        return _from_sintel(image)
+    if image.ndim == 2 and image.dtype == np.uint16:
+        return (image / counts_per_px).astype(np.float32)
+    raise VfoaError(f"{path}: found {_kind(image)}; expected 8-bit RGB (Sintel) or one 16-bit channel (KITTI)")
+
+
+def _from_sintel(image: NDArray[np.uint8]) -> Map:
+    disparity = image.astype(np.float32) @ np.array([4, 1 / 64, 1 / 16384], dtype=np.float32)
+    return np.where((disparity > 0) & (disparity < 1023.98), disparity, np.float32(np.nan))
+
+
+def _read_npy(path: Path) -> Map:
+    array = read_npy(path)
+    if array.ndim != 2 or not np.issubdtype(array.dtype, np.floating):
+        raise VfoaError(f"{path}: found {_kind(array)}; expected (H, W) of floating-point pixels")
+    with np.errstate(over="ignore"):  # values too large for float32 become infinite, which means unknown
+        return array.astype(np.float32)
+
+
+def _kind(array: NDArray[Any]) -> str:
+    return f"shape {array.shape} of {array.dtype}"
+
+
+DEPTH_SUFFIXES = frozenset({".png", ".tif", ".tiff", ".pgm", ".npy", ".exr", ".pfm"})
+
+_CHANNELS = ("Z", "Depth.Z", "ViewLayer.Depth.Z", "V", "Depth.V", "ViewLayer.Depth.V", "Y", "R")
+"""Channel names of depth in EXR: of renderers, of Blender, and of programs that write one channel as gray or colour."""
+
+_BACKGROUND = 1e9
+"""Renderers write at least this where there is no surface; Blender writes 1e10."""
+
+
+def read_depth_file(path: Path, counts_per_m: float | None) -> Map:
+    """Read the depth (H, W) float32 in metres, NaN where there is none.
+
+    ``counts_per_m`` is the file's unit; None: integers are millimetres, floating point numbers metres.
+
+    Raises
+    ------
+    VfoaError
+        If the file cannot be read, or holds no map of one channel.
+    """
+    counts = _counts(path)
+    if counts.ndim == 3 and counts.shape[2] == 1:
+        counts = counts[..., 0]
+    is_depth = np.issubdtype(counts.dtype, np.floating) or (
+        np.issubdtype(counts.dtype, np.integer) and counts.dtype.itemsize >= 2
+    )
+    if counts.ndim != 2 or not is_depth:
+        raise VfoaError(
+            f"{path}: found {counts.dtype.name} with shape {counts.shape}; expected depth in one channel of 16 bits or "
+            "of floating point numbers (a picture of depth in 8 bits has lost it)"
+        )
+    return depth_map(counts, counts_per_m or default_counts_per_m(counts))
+
+
+def _counts(path: Path) -> NDArray[Any]:
+    match path.suffix.lower():
+        case ".npy":
+            return read_npy(path)
+        case ".exr":
+            return _read_exr(path)
+        case ".pfm":
+            return read_pfm(path)
+    return read_raw(path)
+
+
+def _read_exr(path: Path) -> NDArray[Any]:
+    read_bytes(path)  # gives a clear error for a damaged file before the library tries
+    try:
+        with OpenEXR.File(str(path), header_only=True) as file:
+            low, high = file.header()["dataWindow"]
+            width, height = (high - low + 1).tolist()
+        if not 0 < width * height <= MOST_PIXELS:
+            raise VfoaError(f"{path}: {too_many_pixels(width, height)}")
+        with OpenEXR.File(str(path), separate_channels=True) as file:
+            channels = {name: channel.pixels for name, channel in file.channels().items()}
+    except VfoaError:
+        raise
+    except Exception as error:  # errors of the library have no common base class
+        raise VfoaError(f"{path}: not a readable EXR: {str(error).splitlines()[0]}") from None
+    name = next((each for each in _CHANNELS if each in channels), None)
+    if name is None:
+        raise VfoaError(
+            f"{path}: found channels {', '.join(channels)}; expected depth as one of: {', '.join(_CHANNELS)}"
+        )
+    z = np.asarray(channels[name], np.float32)
+    return np.where(z < _BACKGROUND, z, np.float32(np.nan))
+
+
+_LARGEST = np.iinfo(np.uint16).max
+
+
+def small_ids(ids: Iterable[int], where: str) -> dict[int, int]:
+    """Return a 16-bit id above 0 for each id: its own if it fits, else the smallest free one, in ascending order.
+
+    Raises
+    ------
+    VfoaError
+        If there are more than 65,535 ids.
+    """
+    wanted = sorted(set(ids) - {0})
+    if len(wanted) > _LARGEST:
+        raise VfoaError(f"{where}: {len(wanted)} different segment ids; expected at most {_LARGEST}")
+    kept = {number for number in wanted if number <= _LARGEST}
+    free = (number for number in range(1, _LARGEST + 1) if number not in kept)
+    return {number: number if number in kept else next(free) for number in wanted}
+
+
+def present_ids(ids: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Every id that an id map (H, W) has, ascending."""
+    if ids.size and ids.max() <= _LARGEST:  # for few different numbers, counting is ten times as fast as sorting
+        return np.flatnonzero(np.bincount(ids.ravel())).astype(np.uint32)
+    return np.unique(ids)
+
+
+def relabel(ids: NDArray[np.uint32], small: Mapping[int, int]) -> NDArray[np.uint16]:
+    """Convert an id map (H, W) to 16 bits; ids that are not in ``small`` become 0, no instance."""
+    if ids.size and ids.max() <= _LARGEST:
+        table = np.zeros(_LARGEST + 1, np.uint16)
+        for number, other in small.items():
+            if number <= _LARGEST:
+                table[number] = other
+        return table[ids]
+    present, where = np.unique(ids, return_inverse=True)
+    table = np.array([small.get(int(number), 0) for number in present], dtype=np.uint16)
+    return table[where].reshape(ids.shape)
