@@ -192,7 +192,7 @@ def test_many_connections_that_say_nothing_leave_it_reachable(
 FLOODED = """
 import resource, sys
 from pathlib import Path
-from harness.local_server import LocalServer
+from harness.server.local_server import LocalServer
 from harness.record.web_app import site
 
 resource.setrlimit(resource.RLIMIT_NOFILE, (400, 400))
