@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Literal
 
 import cv2
 import numpy as np
 
-from harness.run.saved_outputs import DISPARITY
 from harness.sources import Clip
-from harness.stages.outputs.disparity import FileMatcher, FileMatcherSettings
 from vfoa.stereo import MATCHERS, StereoMatcher
 from vfoa.types import Disparity, Image, StereoFrame
 
@@ -24,17 +21,14 @@ _HEAD_MARGIN = 0.35
 
 
 class DisparityView:
-    """A clip's disparity: saved by a run, else measured, else the true one, else by semi-global matching."""
+    """A clip's disparity: measured, else the true one, else by semi-global matching."""
 
-    def __init__(self, clip: Clip, saved: Path | None) -> None:
-        self._clip, self._saved = clip, saved
+    def __init__(self, clip: Clip) -> None:
+        self._clip = clip
         self._matcher: StereoMatcher | None = None
 
     def at(self, frame: StereoFrame) -> Disparity:
         """The disparity of a frame."""
-        if self._saved is not None:
-            settings = FileMatcherSettings(root=str(self._saved), pattern=DISPARITY, partial=True)
-            return FileMatcher(settings, self._clip).match(frame)
         if frame.depth_m is not None:
             return self._match(frame, "sensor")
         known = self._clip.truth(frame.index).disparity

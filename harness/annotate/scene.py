@@ -1,13 +1,12 @@
 """The overlay of a frame's left image: outlines with names, and the subjects' heads.
 
-Outlines come from a run's saved masks, else from its boxes; without a run, from the clip's own masks, if it has any.
+With a run, outlines are its boxes; without one, they come from the clip's own masks, if it has any.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -16,14 +15,9 @@ import numpy as np
 from harness.annotate.suggestions import Predictions
 from harness.clips.manifest import ClipManifest
 from harness.clips.naming import SubjectNames, name_targets
-from harness.files.parsing import read_toml
-from harness.run.directory import RunDirectory
 from harness.run.records import BoxPx, FrameRecord
-from harness.run.saved_outputs import VARIABLE
 from harness.sources import Clip
-from harness.stages.outputs.coco_panoptic import CocoPanoptic, CocoPanopticSettings
-from harness.stages.slots import CLIP_VARIABLE
-from vfoa.types import FrameResult, Instance, Instances, Mask, Scene, StereoFrame, Target
+from vfoa.types import FrameResult, Instance, Instances, Mask, Scene, Target
 
 _SMOOTHING_PX = 0.8
 """Greatest distance of an outline from the mask's own edge."""
@@ -59,23 +53,18 @@ class SceneView:
 class Scenes:
     """The scene of each frame of a clip, from a run if there is one."""
 
-    def __init__(self, name: str, clip: Clip, predictions: Predictions | None, run: Path | None) -> None:
+    def __init__(self, clip: Clip, predictions: Predictions | None) -> None:
         self._clip, self.predictions = clip, predictions
-        folder = None if run is None or predictions is None else saved_folder(run, name, predictions)
-        settings = None if folder is None else CocoPanopticSettings(root=str(folder), stuff="all", partial=True)
-        self._saved = None if settings is None else CocoPanoptic(settings, clip)
 
-    def at(self, number: int, read: Callable[[], StereoFrame], manifest: ClipManifest) -> SceneView:
-        """Return a frame's scene; ``read`` gives its images, ``manifest`` has the current names."""
+    def at(self, number: int, manifest: ClipManifest) -> SceneView:
+        """Return a frame's scene; ``manifest`` has the current names."""
         if self.predictions is not None:
             record = self.predictions.records.get(number)
-            return SceneView(objects=(), heads_px={}) if record is None else self._of_run(record, read, manifest)
+            return SceneView(objects=(), heads_px={}) if record is None else self._of_run(record, manifest)
         return self._of_truth(number, manifest)
 
-    def _of_run(self, record: FrameRecord, read: Callable[[], StereoFrame], manifest: ClipManifest) -> SceneView:
+    def _of_run(self, record: FrameRecord, manifest: ClipManifest) -> SceneView:
         names = _names_of_run(record, manifest)
-        saved = None if self._saved is None else self._saved.segment(read())
-        drawn = set() if saved is None else {each.id for each in saved.instances}
         objects = [
             SceneObject(
                 instance_id=each.instance_id,
@@ -83,9 +72,7 @@ class Scenes:
                 label=each.label,
                 score=each.score,
                 box_px=box,
-                outline=outline(saved.mask(each.instance_id))
-                if saved is not None and each.instance_id in drawn
-                else _rectangle(box),
+                outline=_rectangle(box),
             )
             for each in record.targets
             if (box := each.box_px) is not None
@@ -98,17 +85,6 @@ class Scenes:
         heads = {each.name: _box(each.head_box_px) for each in truth.people or () if each.name in manifest.subjects}
         objects = [] if truth.instances is None else _named(number, truth.instances, manifest)
         return SceneView(objects=small_last(objects), heads_px=heads)
-
-
-def saved_folder(run: Path, clip: str, predictions: Predictions, slot: str = "segmentation") -> Path | None:
-    """The folder of a stage's output saved by ``--save-outputs`` for the configuration; None if there is none."""
-    folder = RunDirectory(run).stage_outputs
-    for file in sorted(folder.glob("*.toml")):
-        for each in read_toml(file).get("configuration", ()):
-            if each.get("name") == predictions.configuration and "root" in each.get(slot, {}):
-                root: str = each[slot]["root"]
-                return Path(root.replace(f"${{{VARIABLE}}}", str(folder)).replace(CLIP_VARIABLE, clip))
-    return None
 
 
 def outline(mask: Mask) -> Outline:

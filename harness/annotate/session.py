@@ -40,7 +40,7 @@ class Session:
     clip
         The clip's name or its manifest.
     run, configuration
-        The run whose predictions and masks are shown; without one, the clip's own masks, if it has any.
+        The run whose predictions and boxes are shown; without one, the clip's own masks, if it has any.
     annotator
         The annotator of these labels: ``annotations/<clip>@<annotator>.csv``. None: the clip's own file.
     blind
@@ -80,7 +80,7 @@ class Session:
         self._reading, self._changing = threading.Lock(), threading.RLock()
         self._timeline = timeline_of(self._clip)
         self.manifest = finish_change(self.manifest, self._timeline)
-        self._views = Views(self._clip, self.manifest, self._predictions, run)
+        self._views = Views(self._clip, self.manifest, self._predictions)
         self._drawing = open_drawing(self.manifest, self._frames)
         try:
             self._store = open_store(self.manifest, annotator, self._timeline)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 from harness.annotate import pictures
-from harness.annotate.scene import Scenes, saved_folder
+from harness.annotate.scene import Scenes
 from harness.annotate.suggestions import Predictions
 from harness.clips.manifest import ClipManifest
 from harness.sources import Clip, LeftClip
@@ -22,11 +21,10 @@ _CACHED_SCENES = 2048
 class Views:
     """The images of a clip, and its disparity. Not for several threads at once."""
 
-    def __init__(self, clip: Clip, manifest: ClipManifest, predictions: Predictions | None, run: Path | None) -> None:
+    def __init__(self, clip: Clip, manifest: ClipManifest, predictions: Predictions | None) -> None:
         self._clip, self._manifest = clip, manifest
-        self._scenes = Scenes(manifest.name, clip, predictions, run)
-        saved = saved_folder(run, manifest.name, predictions, "stereo") if run and predictions else None
-        self._disparity = pictures.DisparityView(clip, saved)
+        self._scenes = Scenes(clip, predictions)
+        self._disparity = pictures.DisparityView(clip)
         self._frame = lru_cache(_CACHED_FRAMES)(self._read)
         self._left = lru_cache(_CACHED_FRAMES)(self._read_left)
         self._picture = lru_cache(_CACHED_PICTURES)(self._draw)
@@ -55,7 +53,7 @@ class Views:
 
     def _look_at(self, number: int) -> dict[str, Any]:
         height, width = self._left(number).shape[:2]
-        scene = self._scenes.at(number, lambda: self._frame(number), self._manifest)
+        scene = self._scenes.at(number, self._manifest)
         return {**scene.plain(), "size_px": (width, height)}
 
     def _draw(

@@ -16,7 +16,7 @@ from harness.report.sinks import recordings
 from harness.run.experiment import load_experiment
 from harness.run.plan import prepare
 from harness.run.runner import run_plan
-from harness.stages.outputs.coco_panoptic_writer import write_coco_panoptic
+from harness.stages.outputs.write import write_coco_panoptic
 from vfoa.types import Instance, Instances
 
 _EXPERIMENT = """

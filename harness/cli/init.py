@@ -140,8 +140,8 @@ def _write_data(folder: Path) -> StereoRig:
     from harness.clips.manifest import load_manifest
     from harness.files.io import atomic_write
     from harness.run.experiment import load_experiment
-    from harness.run.output_sink import OutputSink
     from harness.sources import MeasuredClip
+    from harness.stages.outputs.write import write_stage_outputs
     from harness.stages.slots import SLOTS
     from vfoa.pipeline import Stages, perceive
 
@@ -156,11 +156,10 @@ def _write_data(folder: Path) -> StereoRig:
         head_pose=built["head_pose"],
         gaze=built["gaze"],
     )
-    with OutputSink(folder, frozenset(built) - {"stereo"}) as outputs:
-        for number in _FRAMES:
-            frame = clip.frame(number)
-            outputs.save(perceive(frame, stages))
-            for side, image in (("left", frame.left), ("right", frame.right)):
-                png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
-                atomic_write(folder / side / f"{number:04d}.png", png)
-    return frame.rig
+    frames = [clip.frame(number) for number in _FRAMES]
+    write_stage_outputs(folder, [perceive(frame, stages) for frame in frames])
+    for frame in frames:
+        for side, image in (("left", frame.left), ("right", frame.right)):
+            png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
+            atomic_write(folder / side / f"{frame.index:04d}.png", png)
+    return frames[0].rig

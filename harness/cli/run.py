@@ -84,9 +84,6 @@ def run(
         bool,
         typer.Option("--oracle", help="Oracle ablation: replace one stage after another by ground truth."),
     ] = False,
-    save_outputs: Annotated[
-        bool, typer.Option("--save-outputs", help="Also save every stage's output, to replay without models.")
-    ] = False,
     cache: Cache = None,
     no_cache: Annotated[bool, typer.Option("--no-cache", help="Do not use the stage cache.")] = False,
     annotator: Annotated[
@@ -123,7 +120,6 @@ def run(
             workers=workers,
             limit=limit,
             oracle=oracle,
-            save_outputs=save_outputs,
             cache=store,
         )
         return
@@ -134,12 +130,7 @@ def run(
     beside = partial(run_plainly, out=Path(f"{wanted}-fit"), limit=limit, workers=workers)
     experiment = with_left_out_weights(experiment, beside)
     recorded = recording or Recording(experiment.recording)
-    plan = prepare(
-        experiment,
-        limit=limit,
-        sinks=composed_sinks(experiment.configurations, recorded.size),
-        save_outputs=save_outputs,
-    )
+    plan = prepare(experiment, limit=limit, sinks=composed_sinks(experiment.configurations, recorded.size))
     with _told_if_interrupted(notices), frames_bar(plan.frames, experiment.name) as progress:
         directory = run_plan(
             plan,
@@ -158,9 +149,6 @@ def run(
         say(notice)
     if advice := _advice(plan):
         say(advice)
-    if save_outputs:
-        say(f"Stage outputs: {directory.stage_outputs}  (run from them: its {experiment.name}.toml says how)")
-        say(f"As clips without images: vfoa clips add {directory.measured}/CLIP__CONFIGURATION")
     print_scores(scores, directory.path, verbose=verbose)
     _report_failures(directory)
 

@@ -29,7 +29,6 @@ def run_sweep(
     workers: int,
     limit: int | None,
     oracle: bool,
-    save_outputs: bool,
     cache: Store | None,
 ) -> None:
     """Run a sweep, write its table and page, and print its best settings and the effect of each factor.
@@ -40,8 +39,8 @@ def run_sweep(
     from harness.report.sweep import best_table, effects_table, write_sweep
     from harness.score.sweep.runner import sweep_plan
 
-    if unfit := [name for name, given in (("--oracle", oracle), ("--save-outputs", save_outputs)) if given]:
-        raise VfoaError(f"run {experiment.name}: found {unfit[0]}; expected none, since a sweep keeps only scores")
+    if oracle:
+        raise VfoaError(f"run {experiment.name}: found --oracle; expected none, since a sweep keeps only scores")
     plan = prepare(experiment, limit=limit)
     described = _described(plan)
     out = _free(out, described, beside)

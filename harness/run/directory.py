@@ -75,8 +75,7 @@ class RunDirectory:
         """The files that scores, exports and fits read, with those of the clips: what no output may replace."""
         yield from (self.manifest, self.results, self.timings)
         yield from self.path.glob("*.rrd")
-        for folder in (self.measured, self.stage_outputs, self.path / "partial"):
-            yield from folder.rglob("*")
+        yield from (self.path / "partial").rglob("*")
         for clip in self.read_manifest()["clips"] if self.manifest.is_file() else ():
             with suppress(VfoaError):  # the clip of a finished run may be gone
                 yield from load_manifest(clip.get("manifest") or clip["name"], clip["name"]).files
@@ -95,11 +94,6 @@ class RunDirectory:
         return f"{failure['clip']} under {failure['configuration']}: {failure['error']}{kept}"
 
     @property
-    def measured(self) -> Path:
-        """The scenes of each clip and configuration as clips of measurements, with ``--save-outputs``."""
-        return self.path / "measured"
-
-    @property
     def score_cache(self) -> Path:
         """What a scoring keeps for the next one (:mod:`harness.report.record_logs`)."""
         return self.path / "score_cache"
@@ -108,11 +102,6 @@ class RunDirectory:
     def noted_inputs(self) -> Path:
         """Digests of the inputs by their files' stamps, to continue and to score (:mod:`harness.files.digests`)."""
         return self.score_cache / "inputs.noted"
-
-    @property
-    def stage_outputs(self) -> Path:
-        """Saved stage outputs, if asked for (:mod:`harness.run.saved_outputs`)."""
-        return self.path / "stage_outputs"
 
     def recording(self, pair: Pair) -> Path:
         """The Rerun recording of one clip under one configuration."""

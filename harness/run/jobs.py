@@ -9,13 +9,10 @@ from harness.files.digests import KNOWN
 from harness.run.clip_job import ClipJob, ClipOutcome, checkpoints, first_frame
 from harness.run.directory import Pair, RunDirectory
 from harness.run.executors.contract import Executor, Progress, compute_with
-from harness.run.frame_sink import SharedFilesFactory, SinkFactory
+from harness.run.frame_sink import SharedFilesFactory
 from harness.run.loop import run_clip
-from harness.run.measured_sink import MeasuredSinks
-from harness.run.output_sink import OutputSinks
 from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, PreparedClip
-from harness.run.saved_outputs import owned_slots, owns_scenes
 from harness.run.warm_up import GivenUpError, Perceived
 from harness.sources import Clip, MeasuredClip
 from harness.stages.cache.stage import Account, ClipCache, open_cache
@@ -72,7 +69,7 @@ def run_jobs(
     todo = [job for job in jobs if job.configurations]
     begun = {job.manifest.name: first_frame(job, checkpoints(job, tell)) for job in todo}
     failures: dict[Pair, VfoaError] = {}
-    if cache and not plan.save_outputs and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
+    if cache and executor.workers > 1 and len(todo) < CLIPS_PER_WORKER * executor.workers:
         todo = _share(todo, begun, executor, account, progress, failures)
         progress = _silent
     for jobs in _rounds(todo):
@@ -163,12 +160,8 @@ def skip(one: PreparedClip | ClipJob, progress: Progress) -> None:
 
 def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | None, account: Account) -> ClipJob:
     """Return the job with the unfinished configurations of a clip."""
-    clip, everyone = one.manifest.name, plan.experiment.configurations
-    todo = [each.for_clip(clip) for each in everyone if not directory.is_finished((clip, each.name))]
-    outputs: tuple[SinkFactory, ...] = ()
-    if plan.save_outputs:
-        scenes = frozenset(each.name for each in everyone if owns_scenes(each, everyone))
-        outputs = OutputSinks({each.name: owned_slots(each, everyone) for each in everyone}), MeasuredSinks(scenes)
+    clip, configurations = one.manifest.name, plan.experiment.configurations
+    todo = [each.for_clip(clip) for each in configurations if not directory.is_finished((clip, each.name))]
     job = ClipJob(
         manifest=one.manifest,
         frames=one.frames,
@@ -176,7 +169,7 @@ def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | 
         configurations=tuple(todo),
         directory=directory,
         run_id=directory.read_manifest()["run_id"],
-        sinks=(*plan.sinks, *outputs, ResultsSinks()),
+        sinks=(*plan.sinks, ResultsSinks()),
         drawn=one.drawn,
         digest=one.digest,
         known=KNOWN.known,

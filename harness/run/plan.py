@@ -47,7 +47,6 @@ class Plan:
     experiment: Experiment
     clips: tuple[PreparedClip, ...]
     sinks: tuple[SinkFactory, ...] = ()
-    save_outputs: bool = False
 
     @property
     def pairs(self) -> list[Pair]:
@@ -65,13 +64,7 @@ class Plan:
         return sum(len(one.frames) for one in self.clips)
 
 
-def prepare(
-    experiment: Experiment,
-    *,
-    limit: int | None = None,
-    sinks: Iterable[SinkFactory] = (),
-    save_outputs: bool = False,
-) -> Plan:
+def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable[SinkFactory] = ()) -> Plan:
     """Open every clip, read every label file and find every weights file of an experiment; note likely problems.
 
     Parameters
@@ -80,8 +73,6 @@ def prepare(
         Take only the first frames of each clip; the experiment's own limit if None.
     sinks
         Sinks of the finished frames, beside the results.
-    save_outputs
-        Also save the outputs of every stage, and an experiment that runs from them.
 
     Raises
     ------
@@ -100,7 +91,7 @@ def prepare(
         *_said_of_near(clips, experiment.configurations),
     )
     noted = replace(experiment, notes=(*experiment.notes, *said))
-    return Plan(experiment=noted, clips=clips, sinks=tuple(sinks), save_outputs=save_outputs)
+    return Plan(experiment=noted, clips=clips, sinks=tuple(sinks))
 
 
 def _prepare_clip(name: str, limit: int | None, experiment: Experiment) -> PreparedClip:
@@ -178,7 +169,6 @@ def describe(plan: Plan) -> dict[str, Any]:
         "published": plan.experiment.published.model_dump() if plan.experiment.published else None,
         "annotator": plan.experiment.annotator,
         "recording": None,
-        "stage_outputs": plan.save_outputs,
         **{key: value for sink in plan.sinks for key, value in sink.described().items()},
         "clips": [_describe_clip(one, plan.experiment) for one in plan.clips],
         "configurations": {one.name: one.plain() for one in plan.experiment.configurations},

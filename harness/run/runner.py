@@ -20,7 +20,6 @@ from harness.run.experiment import Experiment
 from harness.run.jobs import Done, run_jobs, skip
 from harness.run.manifest import differences
 from harness.run.plan import Plan, PreparedClip, describe, prepare
-from harness.run.saved_outputs import write_experiment
 from harness.stages.cache.stage import cache_lines
 from harness.stages.cache.store import Store
 from vfoa.errors import VfoaError
@@ -153,9 +152,6 @@ def _finish(plan: Plan, directory: RunDirectory, of_run: dict[str, Any], done: D
     if not finished:
         others = f" (and {len(failed) - 1} more failed)" if len(failed) > 1 else ""
         raise VfoaError(f"{directory.told(failed[0])}{others}")
-    if plan.save_outputs and not failed:
-        partial = any(len(one.frames) < len(one.clip.frames) for one in plan.clips)
-        write_experiment(directory.stage_outputs, plan.experiment, partial=partial)
     directory.join(finished)
     directory.write_manifest({**of_run, "failed": failed, "cache": done.account.rows(), **circumstances(plan, started)})
     if not failed:

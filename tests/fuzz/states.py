@@ -38,7 +38,7 @@ from harness.stages.cache.stage import StoredOutputs, Tally
 from harness.stages.cache.store import Store
 from harness.stages.cache.values import encode
 from harness.stages.outputs.coco_panoptic import CocoPanoptic, CocoPanopticSettings
-from harness.stages.outputs.coco_panoptic_writer import write_coco_panoptic
+from harness.stages.outputs.write import write_coco_panoptic
 from harness.studio.store import load_pair
 from tests.disk import write_text
 from tests.exchanges import PlainClip

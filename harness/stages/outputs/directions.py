@@ -28,7 +28,7 @@ from harness.remote import expand
 from harness.sources import Clip
 from harness.stages.ground_truth.oracle import LEAST_OVERLAP
 from harness.stages.outputs.heads import read_heads
-from harness.stages.outputs.tables import FrameTable, RowIndex, read_table, write_table
+from harness.stages.outputs.tables import FrameTable, RowIndex, read_table
 from vfoa.crops import center
 from vfoa.geometry import box_iou, direction_from_crop, gaze_direction_crop, head_direction_crop, pixel_ray
 from vfoa.settings import Settings
@@ -114,23 +114,6 @@ class FileGaze:
     def digest(self) -> str:
         """Hexadecimal sha256 of both tables."""
         return self._rows.digest()
-
-
-def write_head_poses(path: Path, rows: Sequence[tuple[int, str, HeadPose]]) -> None:
-    """Write poses by frame and subject: direction, and angles in radians, so that they read back exactly."""
-    columns = (*DIRECTION, *(f"{name}_rad" for name in HEAD_ANGLES), "sigma_rad")
-    table = []
-    for frame, subject, pose in rows:
-        angles = (pose.yaw_rad, pose.pitch_rad, pose.roll_rad)
-        known = [None if math.isnan(angle) else angle for angle in angles]
-        table.append((frame, subject, *pose.direction.tolist(), *known, pose.sigma_rad))
-    write_table(path, columns, table)
-
-
-def write_gazes(path: Path, rows: Sequence[tuple[int, str, Gaze]]) -> None:
-    """Write gazes by frame and subject: direction, and sigma in radians, so that they read back exactly."""
-    table = [(frame, subject, *gaze.direction.tolist(), gaze.sigma_rad) for frame, subject, gaze in rows]
-    write_table(path, (*DIRECTION, "sigma_rad"), table)
 
 
 class _JoinedRows:

@@ -23,7 +23,7 @@ from pydantic import Field
 from harness.files.digests import digest_files, file_digest
 from harness.remote import expand
 from harness.sources import Clip
-from harness.stages.outputs.tables import RowIndex, read_table, write_table
+from harness.stages.outputs.tables import RowIndex, read_table
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Float, Head, Instances, StereoFrame
@@ -129,22 +129,3 @@ def read_heads(path: Path, clip: Clip) -> HeadTable:
 def _read_heads(path: Path, digest: str, frames: tuple[int, ...]) -> HeadTable:
     """As above, once for a content: several stages read it, and so does whoever describes the run."""
     return HeadTable(path, frames)
-
-
-def write_heads(path: Path, rows: list[tuple[int, str, Head]]) -> None:
-    """Write heads by frame and subject, as :func:`read_heads` reads them."""
-    write_table(path, COLUMNS, [(frame, subject, *_cells(head)) for frame, subject, head in rows])
-
-
-def _cells(head: Head) -> list[float | int | None]:
-    return [
-        *_numbers(head.box_px, len(BOX)),
-        float(head.score),
-        *_numbers(head.face_box_px, len(FACE)),
-        *_numbers(head.landmarks_px, len(LANDMARKS)),
-        head.instance_id,
-    ]
-
-
-def _numbers(values: Float | None, count: int) -> list[float] | list[None]:
-    return [None] * count if values is None else values.ravel().tolist()

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.files.tables import TableColumns, read_columns, write_rows
+from harness.files.tables import TableColumns, read_columns
 from vfoa.errors import VfoaError
 
 KEYS = ("frame", "subject")
@@ -77,11 +77,6 @@ def read_table(path: Path, columns: Sequence[str], frames: Collection[int]) -> F
     )
     _check_once(table)
     return table
-
-
-def write_table(path: Path, columns: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """Write a table atomically: ``columns`` follow ``frame,subject``; floats are exact, None is a blank cell."""
-    write_rows(path, (*KEYS, *columns), rows)
 
 
 def _check_once(table: FrameTable) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import socket
@@ -24,7 +23,7 @@ from harness.clips.manifest import load_manifest
 from harness.clips.naming import NameRule
 from harness.run.directory import RunDirectory
 from tests.annotating import MANIFEST
-from tests.disk import HEIGHT, WIDTH, write_image, write_text
+from tests.disk import HEIGHT, WIDTH, write_text
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity
@@ -38,7 +37,7 @@ def test_an_outline_is_the_edge_of_the_mask() -> None:
     assert np.array_equal(drawn.astype(bool), mask)
 
 
-def test_a_run_without_saved_masks_shows_its_boxes_and_names(opened: Any, work: Path) -> None:
+def test_a_run_shows_its_boxes_and_names(opened: Any, work: Path) -> None:
     scene = opened(run=work / "run").scene(0)
     names = [each["name"] for each in scene["objects"]]
     assert sorted(names) == ["ann", "book", "clock#4", "cup"]
@@ -49,25 +48,6 @@ def test_a_run_without_saved_masks_shows_its_boxes_and_names(opened: Any, work: 
     cup = next(each for each in scene["objects"] if each["name"] == "cup")
     assert cup["outline"] == [[[4, 30], [14, 30], [14, 44], [4, 44]]]
     assert scene["heads_px"] == {"ann": (0.0, 0.0, 5.0, 5.0)}
-
-
-def test_a_run_with_saved_masks_shows_their_edges(opened: Any, work: Path) -> None:
-    ids = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
-    ids[32:40, 5:12, 0] = 2
-    folder = work / "run" / "stage_outputs" / "noise" / "one"
-    for number in range(1, 13):
-        write_image(folder / "png" / f"frame_{number:04d}.png", ids)
-    segments = [{"id": 2, "category_id": 1}]
-    content = {
-        "annotations": [{"file_name": f"frame_{n:04d}.png", "segments_info": segments} for n in range(1, 13)],
-        "categories": [{"id": 1, "name": "cup", "isthing": 1}],
-    }
-    write_text(folder / "panoptic.json", json.dumps(content))
-    table = '{ model = "coco_panoptic", root = "${VFOA_STAGE_OUTPUTS}/${CLIP}/one", stuff = "all" }'
-    write_text(work / "run" / "stage_outputs" / "e.toml", f'[[configuration]]\nname = "one"\nsegmentation = {table}\n')
-    objects = {each["name"]: each["outline"] for each in opened(run=work / "run").scene(0)["objects"]}
-    assert objects["cup"] == [[[5, 32], [5, 39], [11, 39], [11, 32]]]
-    assert objects["book"] == [[[40, 28], [60, 28], [60, 46], [40, 46]]]  # no mask: its box
 
 
 def test_without_a_run_the_clips_own_masks_are_shown_by_the_manifests_names(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from harness.cli import main
-from harness.run.directory import RunDirectory
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.faults.project import MANIFEST
@@ -18,7 +17,6 @@ CASES = [
     ("export-table run --to csv --out", "run/manifest.json"),
     ("export-table run --to csv --out", "annotations/talk.csv"),
     ("export-table run --to csv --out", "datasets/talk.toml"),
-    ("plot run --kind forest --out", "run/stage_outputs/talk/mask.png"),
     ("compare run --page", "annotations/talk.csv"),
     ("bench talk.toml --clip talk --out", "datasets/talk.toml"),
     ("bench talk.toml --clip talk --out", "annotations/talk.csv"),
@@ -47,7 +45,6 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.setattr("sys.argv", ["vfoa", "run", "talk.toml", "--out", "run", "--workers", "1"])
         with pytest.raises(SystemExit):
             main()
-        write_text(RunDirectory(folder / "run").stage_outputs / "talk" / "mask.png", "a mask that was saved")
     return folder
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
-from harness.run.runner import prepare, run_plan
 from tests.calibrations import write_opencv
 from tests.disk import write_image, write_text
+from tests.stage_outputs import save_stage_outputs
 
 MANIFEST = """\
 name = "mine"
@@ -53,14 +53,9 @@ LABELS = "# vfoa annotations 1\nfirst_frame,last_frame,subject,target,note\n1,3,
 
 def build(folder: Path) -> Path:
     """Render three frames, save what every stage finds in them, and lay all of it out as somebody's own clip."""
-    project, rendered = folder / "project", folder / "rendered"
+    project = folder / "project"
     experiment = load_experiment("demo", clips=("studio_table",), overrides=("stereo.matcher=bm",))
-    experiment = type(experiment)(
-        name=experiment.name, clips=experiment.clips, configurations=experiment.configurations[:1]
-    )
-    plan = prepare(experiment, limit=3, save_outputs=True)
-    saved = run_plan(plan, rendered, workers=1, progress=lambda clip: None).stage_outputs / "studio_table" / "bm-one"
-    shutil.copytree(saved, project / "stage_outputs")
+    save_stage_outputs(project / "stage_outputs", "studio_table", experiment.configurations[0], (1, 2, 3))
     clip = load_manifest("studio_table").open()
     for number in (1, 2, 3):
         frame = clip.frame(number)

@@ -1,4 +1,4 @@
-"""A clip that no segmenter and no detector knows: drawn at four key frames, run, named, scored, replayed."""
+"""A clip that no segmenter and no detector knows: drawn at four key frames, run, named, scored."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from harness.run.experiment import load_experiment
 from harness.run.live.runner import run_live
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
-from harness.run.saved_outputs import VARIABLE
 from harness.sources import Truth
 from harness.sources.live import PlayedClip
 from harness.stages.cache.store import Store
@@ -74,10 +73,8 @@ def drawn_clip(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return manifest.annotations.place_drawn()
 
 
-def _run(
-    out: str, *, limit: int | None = None, workers: int = 1, what: str = "exp.toml", save: bool = False
-) -> RunDirectory:
-    plan = prepare(load_experiment(what), limit=limit, save_outputs=save)
+def _run(out: str, *, limit: int | None = None, workers: int = 1) -> RunDirectory:
+    plan = prepare(load_experiment("exp.toml"), limit=limit)
     cache = Store(Path("cache"), 10**9) if workers > 1 else None
     return run_plan(plan, Path(out), workers=workers, progress=lambda clip: None, cache=cache)
 
@@ -101,19 +98,13 @@ def test_four_key_frames_are_enough_for_a_clip_without_masks(drawn_clip: Path, m
     assert manifest["notes"] == [f"{CLIP}: drawn by hand: anna, bear, ben, bowl, mug, plant (24 key frames)."]
 
 
-def test_results_are_the_same_with_workers_and_from_what_was_saved(
-    drawn_clip: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    one = _run("one", limit=2, save=True)
+def test_results_are_the_same_with_workers(drawn_clip: Path) -> None:
+    one = _run("one", limit=2)
     two = _run("two", limit=2, workers=2)
     assert one.results.read_bytes() == two.results.read_bytes()
     for record in read_results(one.results):
         assert {each.name for each in record.targets} == {"mug", "bear", "bowl", "plant", "anna", "ben"}
         assert {each.name for each in record.subjects} == {"anna", "ben"}
-    monkeypatch.setenv(VARIABLE, str(one.stage_outputs.absolute()))
-    drawn_clip.unlink()
-    replayed = _run("replayed", limit=2, what=str(one.stage_outputs / "exp.toml"))
-    assert replayed.results.read_bytes() == one.results.read_bytes()
 
 
 def test_what_is_drawn_is_an_input_of_the_run(drawn_clip: Path) -> None:

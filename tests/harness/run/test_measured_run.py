@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -26,30 +24,11 @@ from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
-from harness.sources import MeasuredClip
 from tests.disk import write_text
-from tests.measured import EXPERIMENT, measured_tables, open_measured, true_labels
+from tests.measured import EXPERIMENT, measured_tables, true_labels
 from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between
-
-STAGES = """
-clips = ["studio_talk"]
-[defaults]
-stereo.matcher = "truth"
-segmentation.model = "truth"
-heads.detector = "truth"
-head_pose.model = "simulated"
-gaze.model = "simulated"
-"""
-ATTENTION = """
-[[configuration]]
-name = "cones"
-attention.cones_cm = [25]
-[[configuration]]
-name = "posterior"
-attention = { method = "bayes", surface = "box", smoothing = "both" }
-"""
 
 
 @pytest.fixture
@@ -132,55 +111,6 @@ def test_millimetres_are_found_by_the_check(talk: Path) -> None:
     path.write_text(path.read_text().replace("[source]", "[source]\nobjects = {wall = {center_m = [0, 0, 2500]}}"))
     (problem,) = check_clip("talk").problems
     assert "2500 m away" in problem
-
-
-def _saved(experiment: str, out: Path, limit: int | None = None) -> RunDirectory:
-    plan = prepare(load_experiment(experiment), limit=limit, save_outputs=True)
-    directory = run_plan(plan, out, workers=1, progress=lambda clip: None)
-    rescore(directory)
-    return directory
-
-
-def _answers(directory: RunDirectory) -> Iterator[tuple[str, ...]]:
-    """What is right and wrong, frame by frame, and the rates."""
-    with (directory.path / "frames.csv").open() as file:
-        for row in csv.DictReader(file):
-            yield row["configuration"], row["frame"], row["subject"], row["predicted"], row["outcome"]
-    with (directory.path / "frr.csv").open() as file:
-        for row in csv.DictReader(file):
-            yield row["configuration"], row["subject"], row["n"], row["correct"]
-
-
-def test_a_run_on_images_read_back_as_measurements_has_the_same_rates(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    write_text(tmp_path / "first.toml", STAGES + ATTENTION)
-    first = _saved("first.toml", tmp_path / "first", 20)
-    assert [path.name for path in first.measured.iterdir()] == ["studio_talk__cones"]  # both have the same scenes
-    added = add_clip(first.measured / "studio_talk__cones", name="back")
-    assert {"anna", "ben"} == set(added.subjects)
-    rows = read_text(load_manifest("studio_talk").annotations.expect(None)).splitlines()
-    cut = [(int(begin), min(int(end), 20), rest) for begin, end, *rest in csv.reader(rows[2:])]
-    kept = [",".join([str(begin), str(end), *rest]) for begin, end, rest in cut if begin <= 20]
-    write_text(added.annotations, "\n".join([*rows[:2], *kept]) + "\n")
-    write_text(tmp_path / "second.toml", 'clips = ["back"]\npreset = "measured"\n' + ATTENTION)
-    second = _saved("second.toml", tmp_path / "second")
-    of_first, of_second = ({*_answers(each)} for each in (first, second))
-    assert len(of_first) > 40
-    assert of_second == of_first
-
-
-def test_measurements_are_saved_and_read_back_to_the_last_bit(talk: Path) -> None:
-    saved = _saved("talk.toml", talk / "run")
-    clip = load_manifest("talk").open()
-    back = open_measured("measured", saved.measured / "talk__cones", objects_file="objects.csv")
-    assert isinstance(clip, MeasuredClip)
-    assert (back.people, back.objects, back.frames) == (clip.people, clip.objects, clip.frames)
-    for number in clip.frames:
-        one, other = clip.scene(number), back.scene(number)
-        assert (other.time_ns, repr(other.people)) == (one.time_ns, repr(one.people))
-        assert [repr(each.box) for each in other.targets] == [repr(each.box) for each in one.targets]
 
 
 def test_the_example_of_the_documents_runs_and_answers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

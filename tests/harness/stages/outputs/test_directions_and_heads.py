@@ -1,4 +1,4 @@
-"""Signals from files: every format is read strictly, and a run that was saved is the same run without models."""
+"""Outputs of other programs: every format is read strictly, and a run from files is the run that wrote them."""
 
 from __future__ import annotations
 
@@ -11,51 +11,37 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.report.write import rescore
 from harness.run.directory import RunDirectory
-from harness.run.experiment import Experiment, load_experiment
+from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
-from harness.run.saved_outputs import write_experiment
-from harness.stages.outputs.directions import (
-    FileGaze,
-    FileGazeSettings,
-    FileHeadPose,
-    FileHeadPoseSettings,
-    write_gazes,
-    write_head_poses,
-)
-from harness.stages.outputs.heads import FileHeads, FileHeadsSettings, read_heads, write_heads
+from harness.stages.outputs.directions import FileGaze, FileGazeSettings, FileHeadPose, FileHeadPoseSettings
+from harness.stages.outputs.heads import FileHeads, FileHeadsSettings, read_heads
+from harness.stages.outputs.write import write_gazes, write_head_poses, write_heads
 from tests.disk import write_text
 from tests.mirror import frame_of
+from tests.stage_outputs import save_stage_outputs
 from vfoa.errors import VfoaError
 from vfoa.geometry import pixel_ray
 from vfoa.types import Gaze, Head, HeadPose, Instances
 
-STUDIO = """
+DEFAULTS = """
 clips = ["studio_table"]
-
-[defaults]
-segmentation.model = "truth"
-heads.detector = "truth"
-gaze.model = "simulated"
-
 [[configuration]]
 name = "cones"
-stereo = { matcher = "bm", min_depth_m = 0.8, wls = false }
+"""
+STUDIO = f"""{DEFAULTS}
+stereo = {{ matcher = "bm", min_depth_m = 0.8, wls = false }}
+segmentation.model = "truth"
+heads.detector = "truth"
 head_pose.model = "simulated"
-
-[[configuration]]
-name = "bayes"
-stereo = { matcher = "bm", min_depth_m = 0.8, wls = false }
-head_pose.model = "simulated"
-gaze_filter.cues = "both"
-attention.method = "bayes"
-
-[[configuration]]
-name = "eyes"
-stereo.matcher = "truth"
-head_pose.model = "none"
-attention.cones_deg = [30]
+gaze.model = "simulated"
+"""
+FILES = f"""{DEFAULTS}
+stereo = {{ matcher = "files", root = "${{VFOA_OUT}}/${{CLIP}}", pattern = "disparity/frame_%04d.npy", partial = true }}
+segmentation = {{ model = "coco_panoptic", root = "${{VFOA_OUT}}/${{CLIP}}", stuff = "all", partial = true }}
+heads = {{ detector = "files", root = "${{VFOA_OUT}}/${{CLIP}}" }}
+head_pose = {{ model = "files", root = "${{VFOA_OUT}}/${{CLIP}}" }}
+gaze = {{ model = "files", root = "${{VFOA_OUT}}/${{CLIP}}" }}
 """
 
 HEADS = "frame,subject,u0_px,v0_px,u1_px,v1_px\n"
@@ -70,66 +56,40 @@ class AnyClip(NamedTuple):
     frames: tuple[int, ...] = (FRAME.index, 70, 71)
 
 
-def _run(experiment: Experiment, out: Path, limit: int, *, save: bool = False) -> RunDirectory:
-    plan = prepare(experiment, limit=limit, save_outputs=save)
-    directory = run_plan(plan, out, workers=1, progress=lambda clip: None)
-    rescore(directory)
-    return directory
+@pytest.fixture
+def files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The outputs of two frames of STUDIO, in a folder that FILES names by a variable."""
+    (configuration,) = load_experiment(str(write_text(tmp_path / "studio.toml", STUDIO))).configurations
+    write_text(tmp_path / "files.toml", FILES)
+    monkeypatch.setenv("VFOA_OUT", str(tmp_path / "out"))
+    return save_stage_outputs(tmp_path / "out" / "studio_table", "studio_table", configuration, (1, 2))
 
 
-def _same_without_models(
-    first: RunDirectory, experiment: str, tmp_path: Path, limit: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Move the stage outputs, take the models away, run again: the results are the same to the last byte."""
-    moved = first.stage_outputs.rename(tmp_path / "moved")
-    (tmp_path / "empty").mkdir()
-    monkeypatch.setenv("VFOA_MODELS", str(tmp_path / "empty"))
-    monkeypatch.setenv("VFOA_STAGE_OUTPUTS", str(moved))
-    second = _run(load_experiment(str(moved / f"{experiment}.toml")), tmp_path / "second", limit)
-    for name in ("results.jsonl", "frr.csv", "frames.csv"):
-        assert (second.path / name).read_bytes() == (first.path / name).read_bytes(), name
+def _run(experiment: Path, limit: int) -> RunDirectory:
+    plan = prepare(load_experiment(str(experiment)), limit=limit)
+    return run_plan(plan, experiment.with_suffix(".run"), workers=1, progress=lambda clip: None)
 
 
-def test_a_saved_run_is_the_same_run_from_its_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_text(tmp_path / "studio.toml", STUDIO)
-    first = _run(load_experiment(str(tmp_path / "studio.toml")), tmp_path / "first", 5, save=True)
-    saved = {
-        path.relative_to(first.stage_outputs / "studio_table").as_posix() for path in first.stage_outputs.rglob("*.csv")
-    }
-    assert saved == {"cones/heads.csv", "cones/head_pose.csv", "cones/gaze.csv", "eyes/gaze.csv"}
-    assert len(list(first.stage_outputs.rglob("*.npy"))) == 2 * 5
-    assert len(list(first.stage_outputs.rglob("*.png"))) == 5
-    _same_without_models(first, "studio", tmp_path, 5, monkeypatch)
+def test_a_run_from_files_is_the_run_that_computed_them(files: Path, tmp_path: Path) -> None:
+    computed, read = (_run(tmp_path / f"{name}.toml", 2).read_manifest()["run_id"] for name in ("studio", "files"))
+    assert computed != read
+    assert (tmp_path / "files.run" / "results.jsonl").read_bytes() == (
+        tmp_path / "studio.run" / "results.jsonl"
+    ).read_bytes()
 
 
-def test_models_are_saved_as_well(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shared_data: Path, shared_models: Path
-) -> None:
-    """YuNet, FSA-Net and ADAS-0002 on Sintel: faces, landmarks and the models' angles go through the files."""
-    monkeypatch.setenv("VFOA_DATA", str(shared_data))
-    monkeypatch.setenv("VFOA_MODELS", str(shared_models))
-    whole = load_experiment("bandage_2")
-    chosen = tuple(each for each in whole.configurations if each.name in ("sgbm-two", "truth-90deg"))
-    experiment = Experiment(name="faces", clips=whole.clips, configurations=chosen)
-    first = _run(experiment, tmp_path / "first", 3, save=True)
-    assert first.stage_outputs.joinpath("sintel_bandage_2", "sgbm-two", "gaze.csv").read_text().count("\n") > 1
-    _same_without_models(first, "faces", tmp_path, 3, monkeypatch)
+def test_a_frame_without_a_file_is_told_when_it_is_read(files: Path, tmp_path: Path) -> None:
+    with pytest.raises(VfoaError, match=r"no annotation for frame 3|frame_0003"):
+        _run(tmp_path / "files.toml", 3)
 
 
-@pytest.mark.parametrize("name", ["demo", "default", "bayes", "filter", "street"])
-def test_the_experiment_that_is_written_keeps_every_setting_after_the_stages(name: str, tmp_path: Path) -> None:
-    experiment = load_experiment(name, clips=("studio_table",))
-    write_experiment(tmp_path, experiment, partial=False)
-    written = load_experiment(str(tmp_path / f"{experiment.name}.toml"))
-    assert (written.name, written.clips, written.notes) == (experiment.name, experiment.clips, experiment.notes)
-    for found, expected in zip(written.configurations, experiment.configurations, strict=True):
-        assert (found.name, found.reconstruction, found.attend) == (
-            expected.name,
-            expected.reconstruction,
-            expected.attend,
-        )
-        off = {slot for slot, choice in expected.choices.items() if choice is None}
-        assert {slot for slot, choice in found.choices.items() if choice is None} == off
+def test_a_finished_run_is_not_taken_over_when_a_file_has_changed(files: Path, tmp_path: Path) -> None:
+    finished = _run(tmp_path / "files.toml", 1).read_manifest()["finished"]
+    assert _run(tmp_path / "files.toml", 1).read_manifest()["finished"] == finished
+    table = files / "gaze.csv"
+    table.write_text("".join(table.read_text().splitlines(keepends=True)[:-1]))
+    with pytest.raises(VfoaError, match=r"holds another run \(different: stage_outputs_sha256 of"):
+        _run(tmp_path / "files.toml", 1)
 
 
 numbers = st.floats(-1e6, 1e6, allow_nan=False)
@@ -298,30 +258,6 @@ def test_a_mistake_in_the_gazes_is_found_before_the_first_frame(text: str, line:
     with pytest.raises(VfoaError, match=line) as error:
         _gaze(tmp_path)
     assert "\n" not in str(error.value)
-
-
-def test_a_frame_that_was_not_saved_is_said_when_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write_text(tmp_path / "studio.toml", STUDIO)
-    first = _run(load_experiment(str(tmp_path / "studio.toml")), tmp_path / "first", 1, save=True)
-    monkeypatch.setenv("VFOA_STAGE_OUTPUTS", str(first.stage_outputs))
-    with pytest.raises(VfoaError, match=r"no annotation for frame 2"):
-        _run(load_experiment(str(first.stage_outputs / "studio.toml")), tmp_path / "second", 2)
-
-
-def test_a_finished_run_is_not_taken_over_when_a_file_has_changed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_text(tmp_path / "studio.toml", STUDIO)
-    first = _run(load_experiment(str(tmp_path / "studio.toml")), tmp_path / "first", 1, save=True)
-    monkeypatch.setenv("VFOA_STAGE_OUTPUTS", str(first.stage_outputs))
-    saved = load_experiment(str(first.stage_outputs / "studio.toml"))
-    second = _run(saved, tmp_path / "second", 1)
-    finished = second.read_manifest()["finished"]
-    assert _run(saved, tmp_path / "second", 1).read_manifest()["finished"] == finished
-    table = first.stage_outputs / "studio_table" / "eyes" / "gaze.csv"
-    table.write_text("".join(table.read_text().splitlines(keepends=True)[:-1]))
-    with pytest.raises(VfoaError, match=r"holds another run \(different: stage_outputs_sha256 of"):
-        _run(saved, tmp_path / "second", 1)
 
 
 def _heads(root: Path) -> None:
