@@ -205,8 +205,6 @@ def run_experiment(
 
     overrides = tuple(f"{key}={toml_value(value)}" for key, value in (settings or {}).items())
     experiment = load_experiment(str(name_or_path), clips=tuple(clips), overrides=overrides, preset=preset)
-    if experiment.sweep:
-        raise VfoaError(f"{name_or_path}: a sweep; expected an experiment without [sweep] (`vfoa run` runs sweeps)")
     plan = prepare(
         experiment, limit=limit, sinks=composed_sinks(experiment.configurations, "light" if recordings else None)
     )

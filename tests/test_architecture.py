@@ -69,7 +69,7 @@ DOORS = {
         "harness/server/",
     ),
     "jinja2": ("harness/report/page/render.py",),
-    "matplotlib": ("harness/report/figures.py", "harness/report/", "harness/report/sweep.py"),
+    "matplotlib": (),
     "rich": ("harness/cli/", "harness/report/formats.py", "harness/bench/"),
     "pandas": ("harness/api.py", "harness/bench/stages.py"),
     "msgspec": (

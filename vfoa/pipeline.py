@@ -5,9 +5,9 @@ perceive     images -> percepts: disparity, instances, heads, head poses, gazes.
 reconstruct  percepts -> scene: clouds, boxes and eye origins in metres. Stateless.
 attend       scene, memory -> result, memory: tracks, filtered cues, cones, attention. Ordered and cheap.
 
-The first two run out of order and in parallel; a sweep over cones repeats only the third. A temporal gaze model needs
-the neighbouring frames: perceive keeps its crops, and a :class:`vfoa.gaze.temporal.HeadWindow` adds the gazes, in
-order.
+The first two run out of order and in parallel; configurations that differ in attention repeat only the third. A
+temporal gaze model needs the neighbouring frames: perceive keeps its crops, and a
+:class:`vfoa.gaze.temporal.HeadWindow` adds the gazes, in order.
 """
 
 from __future__ import annotations

@@ -99,13 +99,6 @@ def _attention(bench: Bench) -> list[Table]:
     return [attention_table(timings), methods_table(time_methods())]
 
 
-def _sweep(bench: Bench) -> list[Table]:
-    from harness.bench.sweep import time_sweep
-    from harness.bench.tables import sweep_table
-
-    return [sweep_table(time_sweep())]
-
-
 def _scoring(bench: Bench) -> list[Table]:
     from harness.bench.scoring import time_scoring
     from harness.bench.tables import scoring_table
@@ -180,7 +173,6 @@ SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "gpu": _gpu,
     "naive": _naive,
     "attention": _attention,
-    "sweep": _sweep,
     "scoring": _scoring,
     "report": _report,
     "gaze_filter": _gaze_filter,

@@ -11,7 +11,6 @@ from harness.bench.run_memory import Peak
 from harness.bench.scoring import ScoringTiming
 from harness.bench.stages import STAGES, StageCosts
 from harness.bench.stereo import OFF_PX, StereoQuality
-from harness.bench.sweep import SweepTiming
 from harness.report.formats import UNKNOWN, Table
 
 
@@ -75,25 +74,6 @@ def attention_table(rows: Sequence[AttentionTiming]) -> Table:
             for row in rows
         ),
         words=0,
-    )
-
-
-def sweep_table(row: SweepTiming) -> Table:
-    """Attention under many settings at once, compared with one setting after the other."""
-    return Table(
-        title="Sweep over cone settings, milliseconds a frame of one subject",
-        columns=("settings", "boxes", "all at once", "one by one", "times faster"),
-        rows=(
-            (
-                str(row.settings),
-                str(row.boxes),
-                f"{row.at_once_ms:.1f}",
-                f"{row.one_by_one_ms:.0f}",
-                f"{row.times_faster:.0f}",
-            ),
-        ),
-        words=0,
-        notes=("The whole of `vfoa run sensitivity` prints its own time.",),
     )
 
 

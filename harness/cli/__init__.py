@@ -23,17 +23,14 @@ from harness.cli.compare import compare
 from harness.cli.demo import demo
 from harness.cli.doctor import doctor
 from harness.cli.export_failure import export_failure
-from harness.cli.export_table import export_table
 from harness.cli.fit import fit
 from harness.cli.init import init
 from harness.cli.live import live
 from harness.cli.plan import plan
-from harness.cli.plot import plot
 from harness.cli.report import report
 from harness.cli.run import run
 from harness.cli.score import score
 from harness.cli.settings import settings
-from harness.cli.simulate import simulate
 from harness.cli.terminal import say
 from harness.cli.view import view
 from harness.files.safe_names import shown
@@ -87,17 +84,14 @@ app.command(short_help="Run clips under configurations; print the FRR table.")(r
 app.command(short_help="Run on live frames: two cameras, or a growing recording.")(live)
 app.command(short_help="Score a run again, without images or models.")(score)
 app.command(short_help="Write a run's report page, or serve it with its recordings.")(report)
-app.command(short_help="Draw a figure of a run for a paper: PDF, SVG, PNG.")(plot)
 app.command(short_help="Open a run's recordings in the Rerun viewer.")(view)
 app.command(short_help="Write one frame and its neighbours as a small recording.")(export_failure)
 app.command(short_help="Compare configurations, of one run or of several.")(compare)
 app.command(short_help="Say how many clips it takes to see a difference.")(plan)
-app.command(short_help="Export a run's table with a data sheet.")(export_table)
 app.command(short_help="Fit attention's weights to labelled clips.")(fit)
 app.command(short_help="Measure the speed of each stage.")(bench)
 app.command(short_help="Label a clip in the browser: who looks at what.")(annotate)
 app.command(short_help="Calibrate two cameras from pictures of a board.")(calibrate)
-app.command(short_help="Check the paper's five synthetic cases.")(simulate)
 app.command(short_help="Check what running needs on this machine.")(doctor)
 app.command(short_help="Make a working directory with the data folders.")(init)
 app.command(short_help="Print every setting: type, unit, default, meaning.")(settings)

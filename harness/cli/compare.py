@@ -20,7 +20,7 @@ _KINDS = "significant-drop[=POINTS], drop=POINTS or possible-drop=POINTS"
 def compare(
     runs: Annotated[
         list[str],
-        typer.Argument(help="Directories of finished runs, or tables exported from them as JSON.", metavar="RUN"),
+        typer.Argument(help="Directories of finished runs.", metavar="RUN"),
     ],
     baseline: Annotated[
         str | None, typer.Option(metavar="RUN", help="Compare each configuration with this run's of the same name.")
@@ -50,7 +50,7 @@ def compare(
 
     from harness.files.io import atomic_write, check_new
     from harness.report.comparisons import terminal_comparisons
-    from harness.report.page.render_sweep import render_comparison
+    from harness.report.page.render import render_comparison
     from harness.run.directory import RunDirectory
     from harness.score.run_comparison import compare_runs, compare_with_baseline
     from vfoa.errors import VfoaError
@@ -64,7 +64,7 @@ def compare(
     against = None if baseline is None else run_folder(baseline)
     if page is not None:
         compared = [*folders, *([] if against is None else [against])]
-        inputs = [file for run in compared for file in ([run] if run.is_file() else RunDirectory(run).inputs)]
+        inputs = [file for run in compared for file in RunDirectory(run).inputs]
         check_new(page, replace=replace, hint=", or another --page", inputs=inputs)
     found = compare_runs(folders) if against is None else compare_with_baseline(folders, against)
     failing = [] if check is None else _failing(found, *check)

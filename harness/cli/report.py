@@ -22,23 +22,15 @@ def report(
     port: Port = 0,
     no_open: NoOpen = False,
 ) -> None:
-    """Write a run's report page from its results and the present labels, or the page of a sweep."""
-    from harness.report.sweep import write_sweep
+    """Write a run's report page from its results and the present labels."""
     from harness.report.write import report_page, rescore
     from harness.run.directory import RunDirectory
-    from harness.score.sweep.read import is_sweep, read_sweep
     from vfoa.errors import VfoaError
 
     folder = run_folder(run)
     directory = RunDirectory(folder)
     if not serve and (port or no_open):
         raise VfoaError("report: --port and --no-open are for --serve: leave them out, or add it")
-    if is_sweep(folder):
-        if serve:
-            raise VfoaError(f"{run}: a sweep has no recordings to serve; expected --serve left out")
-        write_sweep(folder, read_sweep(folder))
-        say(f"Page: {folder / 'report.html'}")
-        return
     if not serve:
         rescore(directory)
         say(f"Page: {directory.path / 'report.html'}")

@@ -110,19 +110,6 @@ def run(
     workers = workers or os.cpu_count() or 1
     notices: list[str] = []
     wanted = out_folder(out or Path("runs") / experiment.name)
-    if experiment.sweep:
-        from harness.cli.sweep import run_sweep
-
-        run_sweep(
-            experiment,
-            out=wanted,
-            beside=out is None,
-            workers=workers,
-            limit=limit,
-            oracle=oracle,
-            cache=store,
-        )
-        return
     if oracle:
         from harness.score.oracle_ablation import with_oracle_ablation
 

@@ -1,10 +1,9 @@
-"""How far probabilities can be believed, as tables and as a diagram."""
+"""How far probabilities can be believed, as tables."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from harness.report.formats import UNKNOWN, Table
 from harness.score.intervals import LEAST_CLIPS
@@ -19,9 +18,6 @@ from harness.score.posterior_checks import (
 )
 from harness.score.reliability import BINS, Reliability
 from harness.score.statistics import Interval
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def reliability_table(found: Sequence[Reliability]) -> Table:
@@ -72,24 +68,6 @@ def _last(each: Reliability) -> tuple[str, str]:
 
 def _range(interval: Interval) -> str:
     return UNKNOWN if math.isnan(interval.low) else f"{interval.low:.3f} to {interval.high:.3f}"
-
-
-def reliability_figure(found: Sequence[Reliability]) -> Figure:
-    """The reliability diagram: the share of right frames, and their number, against confidence."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6, 6), layout="constrained")
-    above, below = figure.subplots(2, 1, height_ratios=(3, 1), sharex=True)
-    above.plot([0, 1], [0, 1], color="0.6", linestyle="--", label="as sure as right")
-    for each in found:
-        filled = each.counts > 0
-        label = f"{each.configuration} (ECE {each.calibration_error:.3f})"
-        above.plot(each.confidence[filled], each.accuracy[filled], marker="o", label=label)
-        below.step([k / BINS for k in range(BINS + 1)], [*each.counts, each.counts[-1]], where="post")
-    above.set(ylabel="share of right frames", ylim=(0, 1))
-    below.set(xlabel="confidence", ylabel="frames", xlim=(0, 1))
-    above.legend()
-    return figure
 
 
 def prediction_set_table(found: Sequence[SetCoverage]) -> Table:

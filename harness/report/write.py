@@ -23,7 +23,7 @@ from harness.report.page.data import Served
 from harness.report.page.render import render_page
 from harness.report.published import published_table
 from harness.report.record_logs import KeptParts, RecordLogs
-from harness.report.reliability import reliability_figure, reliability_table, subject_reliability_table
+from harness.report.reliability import reliability_table, subject_reliability_table
 from harness.report.stages import (
     StageTimes,
     object_measures_table,
@@ -59,9 +59,8 @@ def write_scores(
     """Write the tables and the page of records that the logs have seen beside the results, all or none.
 
     ``frr.csv .md .tex``, ``oracle_ablation.csv``, ``measures.csv``, ``objects.csv``, ``frames.csv``,
-    ``comparisons.csv .md``, ``report.html``, and ``reliability.svg .png`` where a
-    configuration gives probabilities. ``manifest`` is as for :func:`harness.report.page.render.render_page`; ``times``
-    are read from the ``timings.csv`` beside the results if not given.
+    ``comparisons.csv .md``, ``report.html``. ``manifest`` is as for :func:`harness.report.page.render.render_page`;
+    ``times`` are read from the ``timings.csv`` beside the results if not given.
 
     Raises
     ------
@@ -76,12 +75,7 @@ def write_scores(
         "frames.csv": logs.frames.to_csv(scores.verdicts),
         "report.html": _page(results, logs, scores, manifest, times=times),
     }
-    files: dict[Path, str | bytes] = {folder / name: text for name, text in texts.items()}
-    if reliabilities:
-        from harness.report.figures import figure_files
-
-        files |= figure_files(folder / "reliability", reliability_figure(reliabilities))
-    write_together(files)
+    write_together({folder / name: text for name, text in texts.items()})
     return scores
 
 

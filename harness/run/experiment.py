@@ -20,12 +20,6 @@ An experiment is a TOML file::
     gaze = { none = { model = "none" }, truth = { model = "truth" } }      # several settings of one table
 
 or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and the tables in which it differs.
-
-A grid of thousands is a sweep, which keeps only the scores (see :mod:`harness.score.sweep`)::
-
-    [sweep]
-    per = "gaze.error_deg"                  # find the best setting for each of these values: the lines of the figure
-    across = "attention.cones_deg"          # plot the rate over these values: the abscissa of the figure
 """
 
 from __future__ import annotations
@@ -100,21 +94,14 @@ def preset_tables(name: str | None, where: str) -> Mapping[str, Mapping[str, Any
 RecordingSize = Literal["light", "full", "none"]
 
 
-class SweepView(Settings):
-    """The axes of a sweep's figure: the best setting for each value of ``per``; the rate over those of ``across``."""
-
-    per: str
-    across: str
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Experiment:
     """Clips x configurations. ``notes`` are printed with the table.
 
     ``limit`` is the number of frames to take of each clip; None for all. ``annotator`` names the annotator whose labels
-    are scored; None for ``annotations/<clip>.csv``. ``sweep``: keep only scores; None for a run. ``published`` are
-    published figures for these configurations. ``missing`` says which clips of a family are not here. ``recording`` is
-    the size of the recordings unless the command line names one.
+    are scored; None for ``annotations/<clip>.csv``. ``published`` are published figures for these configurations.
+    ``missing`` says which clips of a family are not here. ``recording`` is the size of the recordings unless the
+    command line names one.
     """
 
     name: str
@@ -123,7 +110,6 @@ class Experiment:
     notes: tuple[str, ...] = ()
     limit: int | None = None
     annotator: str | None = None
-    sweep: SweepView | None = None
     published: Published | None = None
     missing: tuple[str, ...] = ()
     recording: RecordingSize = "light"
@@ -139,7 +125,6 @@ class _File(Settings):
     defaults: dict[str, dict[str, Any]] = Field(default_factory=dict)
     grid: dict[str, Any] = Field(default_factory=dict)
     configuration: tuple[dict[str, Any], ...] = ()
-    sweep: SweepView | None = None
     published: Published | None = None
     recording: RecordingSize = "light"
 
@@ -179,7 +164,6 @@ def load_experiment(
         raise VfoaError(f"{where}: clips: {error}") from None
     missing = (f"Not here, and not run: {', '.join(absent)}.",) if absent else ()
     changes = [parse_assignment(text, "stereo.matcher=sgbm") for text in overrides]
-    _check_sweep(file, where)
     configurations, partly = _configurations(file, changes, preset, where)
     if file.seeds > 1:
         configurations = tuple(each for one in configurations for each in repeated(one, file.seeds, where))
@@ -191,7 +175,6 @@ def load_experiment(
         limit=None if clips else file.limit,
         notes=(*file.notes, *missing, *partly, *_fitted_notes(file, preset, present)),
         annotator=file.annotator,
-        sweep=file.sweep,
         published=file.published,
         missing=missing,
         recording=file.recording,
@@ -276,13 +259,6 @@ def _find(name_or_path: str) -> Path:
     if path is None:
         raise VfoaError(f"experiment: no {name_or_path!r}; {did_you_mean(name_or_path, names('experiments'))}")
     return path
-
-
-def _check_sweep(file: _File, where: str) -> None:
-    for role in ("per", "across") if file.sweep else ():
-        key = getattr(file.sweep, role)
-        if key not in file.grid:
-            raise VfoaError(f"{where}: sweep.{role}: {key!r} is not in the grid; {did_you_mean(key, file.grid)}")
 
 
 def _check_published(file: _File, configurations: list[str], where: str) -> None:

@@ -1,6 +1,6 @@
 """The only loop over frames: read, perceive, reconstruct, attend for each configuration, hand to the sinks.
 
-Batch runs, live runs and sweeps all use it; they differ in where frame numbers come from and in their sinks. Each frame
+Batch runs and live runs use it; they differ in where frame numbers come from and in their sinks. Each frame
 is read once and each distinct stage runs once. A configuration that fails is dropped, and the others continue.
 """
 

@@ -12,18 +12,18 @@ import numpy as np
 from harness.labels.labels import IGNORED, Labels
 from harness.run.directory import RunDirectory
 from harness.run.grid import base_of
-from harness.run.records import FrameRecord
+from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.baselines import Baselines
 from harness.score.finished_run import FinishedRun
-from harness.score.replay import to_subject, to_target
 from harness.score.verdicts import find_subject, right_answers
+from vfoa import types
 from vfoa.attention import AttentionSettings, pay_attention
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.logit import LogitSettings, Traces, shipped_weights
 from vfoa.logit import weigh_attentions as weigh
 from vfoa.logit_cues import Seen
 from vfoa.logit_fit import UNKNOWN, LabelledSequence
-from vfoa.types import PROBABILISTIC
+from vfoa.types import PROBABILISTIC, Box3D, Cues, Gaze, HeadPose, Instance, Subject, Target
 
 _CONES = AttentionSettings(cones_cm=(10, 25))
 TWO_CONES = "two cones"
@@ -153,8 +153,8 @@ def labelled_people(
     traces = Traces()
     rows: dict[str, list[tuple[float, Seen, int | None, Nearest, Mapping[str, Outcome]]]] = {}
     for record in records:
-        targets = tuple(to_target(each) for each in record.targets)
-        subjects = tuple(to_subject(each) for each in record.subjects)
+        targets = tuple(_target(each) for each in record.targets)
+        subjects = tuple(_subject(each) for each in record.subjects)
         attentions, traces = weigh(subjects, targets, traces, settings, record.time_ns)
         seen = {each.subject.track_id: each.belief for each in attentions}
         for name in labels.subjects:
@@ -200,3 +200,32 @@ def _outcomes(record: FrameRecord, labels: Labels, *, has_probabilities: bool) -
             chance: dict[int | None, float] = {each.instance_id: each.total for each in found.attention}
             chance[None] = max(0.0, 1 - sum(chance.values()))
             yield name, (found.focus in right, chance[found.focus], sum(chance.get(key, 0.0) for key in right))
+
+
+def _subject(record: SubjectRecord) -> Subject:
+    """A person of a record as attention takes it, with the directions after the filter."""
+    gaze = None if record.gaze is None else Gaze(direction=np.array(record.gaze), sigma_rad=record.gaze_sigma_rad)
+    head = None if record.head is None else HeadPose(direction=np.array(record.head))
+    origin = None if record.eye_origin_m is None else np.array(record.eye_origin_m)
+    number = -record.track_id if record.instance_id is None else record.instance_id  # no target has a negative id
+    person = types.Person(view=Cues(head_pose=head, gaze=gaze), instance_id=number, eye_origin_left=origin)
+    return Subject(track_id=record.track_id, person=person, gaze=gaze, head_pose=head)
+
+
+def _target(record: TargetRecord) -> Target:
+    """A target of a record as attention takes it, with its box only: records have no clouds."""
+    instance = Instance(id=record.instance_id, label=record.label, category_id=0, is_thing=True, score=record.score)
+    return Target(
+        instance=instance,
+        box_px=None,
+        points_left=np.zeros((0, 3), np.float32),
+        box=None if record.box is None else _box(record.box),
+    )
+
+
+def _box(record: BoxRecord) -> Box3D:
+    return Box3D(
+        center_m=np.array(record.center_m),
+        half_size_m=np.array(record.half_size_m),
+        left_from_box=np.array(record.axes).T,
+    )

@@ -172,7 +172,7 @@ def find_events(codes: Codes, positions: Codes) -> list[Event]:
 def match_events(true: list[Event], found: list[Event]) -> int:
     """The greatest number of pairs of a true and a found event with the same target that overlap; each is used once.
 
-    Both lists are in order. Events of one list do not overlap, so the sweep below finds the best alignment: if the
+    Both lists are in order. Events of one list do not overlap, so the pass below finds the best alignment: if the
     first two do not match, the one that ends first can match no later event.
     """
     matched = i = j = 0

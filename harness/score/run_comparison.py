@@ -4,31 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
 
 from harness.run.directory import RunDirectory
 from harness.score.comparison import Comparison, compare, with_holm
-from harness.score.exported import ExportedTable
 from harness.score.finished_run import read_scores
 from harness.score.oracle_ablation import without_oracles
-from harness.score.scored_frames import ScoredFrames
+from harness.score.score import Scores
 from vfoa.errors import VfoaError
-
-
-class _Scored(Protocol):
-    """One side of a comparison: a scored run, or an exported table."""
-
-    @property
-    def scored_configurations(self) -> tuple[str, ...]: ...
-
-    def frames_of(self, configuration: str) -> list[ScoredFrames]: ...
 
 
 def compare_runs(runs: Sequence[Path]) -> tuple[Comparison, ...]:
     """Compare every two configurations of several runs on their common frames, named ``run/configuration``.
 
-    A run is a directory, or the JSON file that ``vfoa export-table`` wrote of one. The oracle ablation is left out,
-    here and below.
+    The oracle ablation is left out, here and below.
 
     Raises
     ------
@@ -37,7 +25,7 @@ def compare_runs(runs: Sequence[Path]) -> tuple[Comparison, ...]:
     """
     found = {}
     for run in _distinct(runs):
-        scored = _read(run)
+        scored = read_scores(RunDirectory(run))
         found.update({f"{run}/{name}": scored.frames_of(name) for name in _compared(scored)})
     return compare(found)
 
@@ -50,22 +38,18 @@ def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Compari
     VfoaError
         If a run cannot be scored, has a configuration that the baseline lacks, or has none in common with it to score.
     """
-    reference = _read(baseline)
-    scored = [(run, _read(run)) for run in _distinct([baseline, *runs])[1:]]
+    reference = read_scores(RunDirectory(baseline))
+    scored = [(run, read_scores(RunDirectory(run))) for run in _distinct([baseline, *runs])[1:]]
     return with_holm(
         [_with_same(one, name, run, reference, baseline) for run, one in scored for name in _compared(one)]
     )
 
 
-def _read(run: Path) -> _Scored:
-    return ExportedTable.read(run) if run.suffix == ".json" else read_scores(RunDirectory(run))
-
-
-def _compared(scored: _Scored) -> list[str]:
+def _compared(scored: Scores) -> list[str]:
     return without_oracles(scored.scored_configurations)
 
 
-def _with_same(scored: _Scored, name: str, run: Path, reference: _Scored, baseline: Path) -> Comparison:
+def _with_same(scored: Scores, name: str, run: Path, reference: Scores, baseline: Path) -> Comparison:
     known = reference.scored_configurations
     if name not in known:
         raise VfoaError(f"{baseline}: has no configuration {name!r} of {run}; found {', '.join(known)}")

@@ -51,20 +51,17 @@ VERBS: dict[str, Writes | Left] = {
     "live": Left("what it writes depends on when frames come; it does not resume"),
     "score": Writes(("score", "run"), varies=_RUN_VARIES),
     "report": Writes(("report", "run"), varies=_RUN_VARIES),
-    "view": Left("opens a viewer; with --screenshot one file, by the writer that export-table has"),
+    "view": Left("opens a viewer; with --screenshot one file, by the writer that fit has"),
     "export-failure": Writes(
         ("export-failure", "run", "--frame", "20", "--config", "cones", "--out", "small.rrd", "--replace"),
         varies=(".rrd",),
     ),
-    "plot": Writes(("plot", "run", "--kind", "forest", "--out", "forest.svg", "--replace")),
-    "export-table": Writes(("export-table", "run", "--to", "json", "--out", "table.json")),
     "fit": Writes(("fit", "run", "--out", "fitted.toml", "--even-if-worse")),
-    "bench": Left("measures times; one file, by the writer that export-table has"),
+    "bench": Left("measures times; one file, by the writer that fit has"),
     "annotate": Writes(call=project.label, varies=(".talk.jsonl",), grows=("annotations/talk.csv",)),
     "calibrate": Writes(
         ("calibrate", "board", *_BOARD, "--left", "left*.png", "--right", "right*.png", "--out", "rig.yml", "--replace")
     ),
-    "simulate": Left("a minute of computing; tables by the writer that run has"),
     "init": Writes(("init", "other")),
     "labels import": Writes(
         ("labels", "import", "theirs.eaf", "--format", "elan", "--clip", "talk", "--annotator", "eve", "--replace")
@@ -76,7 +73,7 @@ VERBS: dict[str, Writes | Left] = {
     "clips add": Writes(("clips", "add", "data/walk", "--name", "walk")),
     "clips fetch": Left("downloads from fixed addresses, by the download that models fetch has"),
     "models fetch": Writes(("models", "fetch", "mine")),
-    "models export": Left("needs PyTorch; one file, by the writer that export-table has"),
+    "models export": Left("needs PyTorch; one file, by the writer that fit has"),
 }
 """By the words of a verb. A new verb has a line here, or a test of the suite fails."""
 

@@ -21,7 +21,6 @@ from harness.labels.formats.cvat_drawn import read_cvat_drawn
 from harness.run.experiment import load_experiment
 from harness.run.fitted_weights import read_fitted
 from harness.run.results import read_results, to_line
-from harness.score.exported import ExportedTable
 from harness.sources.calibration_files.one_camera import read_one_camera
 from harness.sources.calibration_files.options import Options
 from harness.sources.calibration_files.read import read_cameras
@@ -148,7 +147,6 @@ PARSERS: Sequence[Parser] = (
     Parser("results", "results.jsonl", _RESULTS, lambda path: list(read_results(path))),
     Parser("run manifest", "manifest.json", states.write_run_manifest, states.open_run, names_file=False),
     Parser("thumbnails", "clip__one.jsonl", states.write_thumbnails, states.open_thumbnails),
-    Parser("exported table", "table.json", states.write_exported, ExportedTable.read),
     Parser("cache entry", "entry.bin", states.write_entry, states.load_entry, names_file=False),
     Parser("cache identity", "identity.json", _IDENTITY, states.use_identity, names_file=False),
     Parser(

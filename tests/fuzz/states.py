@@ -17,13 +17,12 @@ from harness.annotate.store import LabelStore
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
 from harness.labels.timeline import Timeline
-from harness.report.export import exported_table
 from harness.report.thumbnails import lines_path, read_thumbnails
 from harness.report.thumbnails.writer import ThumbnailWriter
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
-from harness.score.finished_run import FinishedRun, read_scores
+from harness.score.finished_run import FinishedRun
 from harness.score.labelled_run import read_labelled
 from harness.score.reference import Reference
 from harness.score.score import score
@@ -136,12 +135,6 @@ def open_run(path: Path) -> Any:
     records, reference = list(run.records()), run.reference()
     read_labelled(RunDirectory(path.parent), None)
     return score(records, reference)
-
-
-def write_exported(path: Path) -> None:
-    directory = RunDirectory(_run(path.parent))
-    table = exported_table(read_scores(directory), directory.read_manifest())
-    write_text(path, table.model_dump_json())
 
 
 def write_thumbnails(path: Path) -> None:

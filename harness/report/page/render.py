@@ -22,6 +22,7 @@ from harness.report.stages import StageTimes
 from harness.report.tables import error_types_table, frr_table, nowhere_table, remarks, seeds_table, visible_table
 from harness.report.thumbnails import Thumbnails
 from harness.report.verdict import headline, next_steps, verdict_sentence
+from harness.score.comparison import Comparison
 from harness.score.oracle_ablation import steps, without_oracles
 from harness.score.reliability import Reliability
 from harness.score.score import Scores
@@ -141,6 +142,26 @@ def _figures(scores: Scores, reliabilities: Sequence[Reliability], times: StageT
         if times and times.ms
         else None,
     }
+
+
+MOST_SENTENCES = 3
+"""Most significant differences that the head of a comparison's page names; the table has all."""
+
+
+def render_comparison(comparisons: Sequence[Comparison]) -> str:
+    """Return the page of comparisons of several runs: a row for each pair, to be sorted by any column."""
+    names = {name for each in comparisons for name in (each.reference, each.configuration)}
+    significant = [each.sentence for each in comparisons if each.is_significant]
+    table = comparison_table(comparisons)
+    return template("compare.html.jinja").render(
+        title="Comparison of runs",
+        facts=[f"{len(names)} configurations", f"{len(comparisons)} pairs"],
+        verdict=" ".join(f"{sentence}." for sentence in significant[:MOST_SENTENCES])
+        or "No two of them differ significantly.",
+        table=table.title,
+        packs={"tables": pack_json([plain_table(table)])},
+        script=script("compare"),
+    )
 
 
 def _known(value: float | None) -> float | None:

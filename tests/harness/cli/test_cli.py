@@ -162,7 +162,6 @@ def test_a_spoilt_clip_is_one_line_and_no_table(
 @pytest.mark.parametrize(
     "words",
     [
-        ("export-table", "run", "--to", "csv", "--out"),
         ("fit", "run", "--out"),
         ("bench", "demo", "--out"),
         ("models", "export", "gaze360", "--checkpoint", "none.pt", "--out"),

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 from harness.cli import app
 from harness.run.results import to_line
-from harness.score.exported import ExportedSubject, ExportedTable, Sheet
+from harness.score import run_comparison
+from harness.score.scored_frames import ScoredFrames
 from tests.records import answers
 from vfoa.errors import VfoaError
 
@@ -50,36 +51,29 @@ def _run(folder: Path, correct: int, configuration: str = "one", frames: range =
     return str(folder)
 
 
-def _exported(path: Path, looks: int, right: Mapping[str, int]) -> str:
-    """An exported table of one look of fifty frames in each clip; below six clips are the looks of one."""
-    clips = [f"clip {k}" if looks >= 6 else "clip" for k in range(looks)]
-    subjects = [f"girl {k}" for k in range(looks)]
-    frames = tuple(
-        ExportedSubject(
-            clip=clip,
-            subject=subject,
-            frames=tuple(range(LOOK)),
-            looks=(0,) * LOOK,
-            truth=("cup",) * LOOK,
-            correct={name: "1" * n + "0" * (LOOK - n) for name, n in right.items()},
-        )
-        for clip, subject in zip(clips, subjects, strict=True)
-    )
-    sheet = Sheet(
-        experiment="",
-        clips=(),
-        subjects=1,
-        pairs=0,
-        units="",
-        seeds={},
-        notes=(),
-        versions={},
-        source_sha256=None,
-        commit=None,
-    )
-    table = ExportedTable(sheet=sheet, configurations={key: {} for key in right}, rows=(), frames=frames)
-    path.write_text(table.with_digest().model_dump_json())
-    return str(path)
+@dataclass(frozen=True)
+class _Scored:
+    """The scores of a run: of each configuration, so many right frames in one look of fifty frames in each clip.
+
+    Below six clips there is one clip, and the looks are of several subjects.
+    """
+
+    looks: int
+    right: int
+    scored_configurations: tuple[str, ...] = ("bm-one", "bm-two", "sgbm-one", "sgbm-two")
+
+    def frames_of(self, configuration: str) -> list[ScoredFrames]:
+        return [
+            ScoredFrames(
+                clip=f"clip {k}" if self.looks >= 6 else "clip",
+                subject=f"girl {k}",
+                frames=tuple(range(LOOK)),
+                looks=(0,) * LOOK,
+                truth=("cup",) * LOOK,
+                correct=(1,) * self.right + (0,) * (LOOK - self.right),
+            )
+            for k in range(self.looks)
+        ]
 
 
 def test_a_significant_drop_fails_and_a_small_one_does_not(tmp_path: Path) -> None:
@@ -112,14 +106,12 @@ def test_a_significant_drop_fails_and_a_small_one_does_not(tmp_path: Path) -> No
     ],
 )
 def test_a_check_passes_or_fails_by_its_kind_and_is_refused_where_it_cannot(
-    tmp_path: Path, looks: int, kind: str, ends: tuple[int | None, ...]
+    monkeypatch: pytest.MonkeyPatch, looks: int, kind: str, ends: tuple[int | None, ...]
 ) -> None:
-    # one look in each of as many clips, but of few: below six clips, looks are the units
-    names = ("bm-one", "bm-two", "sgbm-one", "sgbm-two")
-    before = _exported(tmp_path / "before.json", looks, dict.fromkeys(names, 20))
-    for number, (right, expected) in enumerate(zip((20, 18, 0), ends, strict=True)):
-        after = _exported(tmp_path / f"{number}.json", looks, dict.fromkeys(names, right))
-        done = CliRunner().invoke(app, ["compare", after, "--baseline", before, "--fail-on", kind])
+    for right, expected in zip((20, 18, 0), ends, strict=True):
+        runs = {"before": _Scored(looks, 20), "after": _Scored(looks, right)}
+        monkeypatch.setattr(run_comparison, "read_scores", lambda directory, runs=runs: runs[directory.path.name])
+        done = CliRunner().invoke(app, ["compare", "after", "--baseline", "before", "--fail-on", kind])
         if expected is None:
             assert isinstance(done.exception, VfoaError)
             assert "cannot fail" in str(done.exception) or "cannot pass" in str(done.exception)

@@ -13,11 +13,10 @@ from tests.faults.project import MANIFEST
 from tests.measured import EXPERIMENT, measured_tables, true_labels
 
 CASES = [
-    ("export-table run --to csv --out", "run/results.jsonl"),
-    ("export-table run --to csv --out", "run/manifest.json"),
-    ("export-table run --to csv --out", "annotations/talk.csv"),
-    ("export-table run --to csv --out", "datasets/talk.toml"),
+    ("compare run --page", "run/results.jsonl"),
+    ("compare run --page", "run/manifest.json"),
     ("compare run --page", "annotations/talk.csv"),
+    ("compare run --page", "datasets/talk.toml"),
     ("bench talk.toml --clip talk --out", "datasets/talk.toml"),
     ("bench talk.toml --clip talk --out", "annotations/talk.csv"),
     ("export-failure run --frame 3 --config cones --out", "run/talk__cones.rrd"),

@@ -102,7 +102,7 @@ def test_one_edited_label_reads_its_own_blocks_alone(run: RunDirectory, read: Re
     written, seen = _score_both_ways(run, read)
     assert seen == [("configuration-0", 31), ("configuration-1", 31)]
     assert written["frr.csv"] != before["frr.csv"]
-    assert {"reliability.svg", "measures.csv", "objects.csv", "report.html"} <= written.keys()
+    assert {"measures.csv", "objects.csv", "report.html"} <= written.keys()
 
 
 def test_nothing_is_read_where_nothing_has_changed(run: RunDirectory, read: Read) -> None:

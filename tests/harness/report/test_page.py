@@ -4,6 +4,7 @@ import base64
 import json
 import re
 import zlib
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from html.parser import HTMLParser
 from pathlib import Path
@@ -18,11 +19,10 @@ from harness.report.page.attention_log import AttentionLog
 from harness.report.page.data import LETTERS, STATES, differing_settings
 from harness.report.page.packing import bundle, runs, steps
 from harness.report.page.render import render_page
-from harness.report.plots.confusion import confusions
 from harness.run.records import FrameRecord
 from harness.score.reference import Reference
 from harness.score.score import Scores, score
-from harness.score.verdicts import NO_HIT
+from harness.score.verdicts import NO_HIT, answered
 from tests.records import answers, frame_record, labels, subject_record, target_record
 
 EVIL = "</script><script>alert(1)</script>"
@@ -149,12 +149,12 @@ def test_attention_that_is_too_much_is_thinned_and_the_page_says_so(
     assert (f"every {found}th frame" in text) == (found > 1)
 
 
-def test_confusions_count_every_scored_frame_once() -> None:
+def test_every_scored_frame_has_one_answer() -> None:
     scores, _ = _scored(
         answers(("cup", "none", "dragon", None, "cup", "book")),
         {"clip": labels("cup", "cup", "cup", "cup", "ignore", "dragon")},
     )
-    found = confusions(scores.verdicts)["clip", "one"]
+    found = Counter((each.truth, answered(each)) for each in scores.verdicts if each.outcome != "unscored")
     wrong = {("cup", NO_HIT): 1, ("cup", "dragon"): 1, ("cup", "no prediction"): 1, ("dragon", "book"): 1}
     assert found == {("cup", "cup"): 1, **wrong}
 
@@ -165,7 +165,7 @@ def test_another_instance_of_the_true_name_is_no_agreement() -> None:
     label = Label(target="cup", point_px=(5.0, 5.0))
     truth = Labels([LabelRange(first_frame=1, last_frame=1, subject="girl", label=label)])
     scores, _ = _scored([record], {"clip": truth})
-    assert confusions(scores.verdicts)["clip", "one"]["cup", "cup"] == 0
+    assert [(each.truth, answered(each)) for each in scores.verdicts] == [("cup", "cup (another of this name)")]
 
 
 def test_only_settings_that_differ_are_listed() -> None:
@@ -206,5 +206,5 @@ def test_every_name_that_a_module_imports_is_exported_there() -> None:
     ]
     assert imported
     assert [each for each in imported if each[2] not in exported[each[1]]] == []
-    for entry in ("main", "sweep"):
+    for entry in ("main", "compare"):
         assert not re.search(r"^(?:import|export) ", bundle(Path(packing.__file__).with_name(f"{entry}.js")), re.M)

@@ -1,1 +1,0 @@
-"""Figures of a finished run for a paper, one file per kind."""
