@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from harness.annotate.bodies import TrueBodies
-from harness.clips.naming import NameRule
 from harness.labels.formats.exchange import Exchange
 from harness.labels.labels import Label, LabelRange, Labels
-from harness.sources import PersonTruth, Truth
+from harness.sources import Truth
 from tests.scenes import make_rig
-from vfoa.types import Instance, Instances, StereoFrame
+from vfoa.types import StereoFrame
 
 SUBJECTS, TARGETS = ("girl", "boy"), ("bird", "cup")
 
@@ -44,28 +42,6 @@ class PlainClip:
 
     def digest(self) -> str:
         return "0" * 64
-
-
-BOXES = {"bird": (2, 2, 12, 12), "cup": (2, 20, 12, 30), "girl": (30, 2, 40, 40), "boy": (50, 2, 60, 40)}
-"""The box of everything in each frame of a :func:`staged` clip: u0, v0, u1, v1, the last pixel not included."""
-
-
-def staged(frames: Sequence[int] = range(1, 51), **more: Any) -> tuple[PlainClip, TrueBodies]:
-    """A clip whose ground truth has all masks and heads (the upper quarter of a person), with their positions."""
-    ids = np.zeros((48, 64), dtype=np.uint16)
-    for number, (u0, v0, u1, v1) in enumerate(BOXES.values(), start=1):
-        ids[v0:v1, u0:u1] = number
-    listed = (
-        Instance(id=k, label=name, category_id=k, is_thing=True, score=1) for k, name in enumerate(BOXES, start=1)
-    )
-    people = (
-        PersonTruth(name=name, instance_id=k, head_box_px=np.array([BOXES[name][0], 2.0, BOXES[name][2], 12.0]))
-        for k, name in ((3, "girl"), (4, "boy"))
-    )
-    truth = Truth(instances=Instances(ids=ids, instances=tuple(listed)), people=tuple(people))
-    clip = PlainClip(frames=frames, truths=dict.fromkeys(frames, truth), **more)
-    rules = {name: NameRule(category=name, instance=k) for k, name in enumerate(BOXES, start=1)}
-    return clip, TrueBodies(clip=clip, rules=rules)
 
 
 def exchange(clip: PlainClip | None = None, **more: Any) -> Exchange:

@@ -5,23 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace as replace_fields
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
-from harness.annotate.bodies import RunBodies, TrueBodies
 from harness.annotate.clip_stores import open_drawing, open_store, read_for_store
 from harness.annotate.marks import from_labels, stretches
+from harness.annotate.predictions import predicted_heads
 from harness.clips.manifest import ClipManifest
-from harness.files.io import check_new, check_new_folder
-from harness.labels.bodies import Bodies
+from harness.files.io import check_new
 from harness.labels.drawn import Drawn, write_drawn
 from harness.labels.files import write_annotations
 from harness.labels.formats import FORMATS, AnnotationFormat
-from harness.labels.formats.cvat_drawn import read_cvat_drawn, write_cvat_drawn
-from harness.labels.formats.exchange import Exchange, Imported
+from harness.labels.formats.cvat import read_cvat_drawn, write_cvat_drawn
+from harness.labels.formats.exchange import Box, Exchange, HeadBoxes, Imported
 from harness.labels.labels import Labels
 from harness.labels.timeline import timeline_of
 from harness.run.clip_records import read_clip_records
+from harness.sources import AnyClip
 from vfoa.errors import VfoaError
 
 
@@ -34,7 +35,6 @@ def open_exchange(
     gaps: Literal["ignore", "none"] = "ignore",
     run: Path | None = None,
     configuration: str | None = None,
-    unnamed: str | None = None,
     attribute: str = "target",
     observation: str | None = None,
 ) -> Exchange:
@@ -43,8 +43,7 @@ def open_exchange(
     Parameters
     ----------
     run, configuration
-        The run (and its configuration) that gives the positions of heads and targets; by default the clip's ground
-        truth gives them.
+        The run (and its configuration) that gives the boxes of heads; by default the clip's ground truth gives them.
 
     Raises
     ------
@@ -52,10 +51,7 @@ def open_exchange(
         If the clip cannot be opened, or the run has no results of it.
     """
     clip = manifest.open()
-    rules = {**manifest.subjects, **manifest.targets}
-    bodies: Bodies = TrueBodies(clip=clip, rules=rules)
-    if run is not None:
-        bodies = RunBodies(records=read_clip_records(run, manifest, configuration).by_frame)
+    records = None if run is None else read_clip_records(run, manifest, configuration).by_frame
     return Exchange(
         clip=clip,
         subjects=tuple(manifest.subjects),
@@ -64,11 +60,24 @@ def open_exchange(
         offset=offset,
         renamed=renamed or {},
         gaps=gaps,
-        bodies=bodies,
-        unnamed=unnamed,
+        heads=true_heads(clip) if records is None else predicted_heads(records),
         attribute=attribute,
         observation=observation,
     )
+
+
+def true_heads(clip: AnyClip) -> HeadBoxes:
+    """The head boxes of a clip's ground truth, by frame and name of the subject."""
+    truth = lru_cache(maxsize=1)(clip.truth)
+
+    def head_box(frame: int, subject: str) -> Box | None:
+        person = next((each for each in truth(frame).people or () if each.name == subject), None)
+        if person is None:
+            return None
+        u0, v0, u1, v1 = person.head_box_px.tolist()
+        return u0, v0, u1, v1
+
+    return head_box
 
 
 def import_labels(
@@ -181,10 +190,7 @@ def export_labels(
     VfoaError
         If the clip has no such labels, the format needs unknown data, or ``to`` exists and may not be replaced.
     """
-    if to.is_dir():  # some formats write a folder
-        check_new_folder(to, replace=replace)
-    else:
-        check_new(to, replace=replace, inputs=manifest.files)
+    check_new(to, replace=replace, inputs=manifest.files)
     path = manifest.annotations.find() if annotator is None else manifest.annotations.expect(annotator)
     if path is None:
         raise VfoaError(f"{manifest.name}: no annotations; expected {manifest.annotations.place()}")

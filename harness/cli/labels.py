@@ -30,7 +30,7 @@ class Gaps(StrEnum):
 
 
 class MergeRule(StrEnum):
-    """Rules for merging labels: see :mod:`harness.labels.merge`."""
+    """Rules for merging labels: see :func:`harness.labels.labels.merge_labels`."""
 
     agree = "agree"
     first = "first"
@@ -48,10 +48,7 @@ Annotator = Annotated[
 ]
 Format = Annotated[
     str,
-    typer.Option(
-        "--format",
-        help="elan, boris, boris-aggregated, cvat, csv, idiap_vfoa, videoattentiontarget, childplay, or a package's.",
-    ),
+    typer.Option("--format", help="elan, boris, cvat, csv, idiap_vfoa, or a package's."),
 ]
 Fps = Annotated[
     float | None, typer.Option(min=0.001, help="Frames per second in the other program. Default: the clip's.")
@@ -62,7 +59,7 @@ Offset = Annotated[
 Drawn = Annotated[bool, typer.Option("--drawn", help="CVAT: boxes and points of CLIP.drawn.csv, not the labels.")]
 FromRun = Annotated[
     str | None,
-    typer.Option("--run", metavar="RUN", help="Take heads and boxes from this run. Default: the clip's ground truth."),
+    typer.Option("--run", metavar="RUN", help="CVAT: take heads from this run. Default: the clip's ground truth."),
 ]
 
 
@@ -82,9 +79,6 @@ def import_(
         ),
     ] = None,
     gaps: Annotated[Gaps, typer.Option(help="Meaning of frames without a label between two labels.")] = Gaps.ignore,
-    target: Annotated[
-        str | None, typer.Option(help="Formats of points: fallback target for a point on nothing with a name.")
-    ] = None,
     attribute: Annotated[str, typer.Option(help="CVAT: the attribute that holds the target.")] = "target",
     observation: Annotated[
         str | None, typer.Option(metavar="NAME", help="BORIS: observation to read, if the file has several.")
@@ -93,8 +87,6 @@ def import_(
         bool, typer.Option("--confirm", help="Confirm suggestions (a run's predictions), so that they are scored.")
     ] = False,
     drawn: Drawn = False,
-    run: FromRun = None,
-    config: RunConfiguration = None,
     replace: Annotated[bool, typer.Option("--replace", help="Replace labels of the subjects in the file.")] = False,
 ) -> None:
     """Read the labels of another program; print what is left out, and what is replaced."""
@@ -108,9 +100,6 @@ def import_(
         offset=offset,
         renamed=dict(_pair(each) for each in rename or ()),
         gaps=gaps.value,
-        run=run_folder(run) if run else None,
-        configuration=config,
-        unnamed=target,
         attribute=attribute,
         observation=observation,
     )
@@ -151,7 +140,7 @@ def export(
 
     Predictions are marked as suggestions if the format allows it. Correct them, then import them with --confirm.
     """
-    from harness.annotate.run_labels import export_predictions, is_run
+    from harness.annotate.predictions import export_predictions, is_run
     from vfoa.errors import VfoaError
 
     folder = run_folder(source)
@@ -269,7 +258,7 @@ def merge(
     from harness.clips.manifest import load_manifest
     from harness.files.io import check_new
     from harness.labels.files import write_annotations
-    from harness.labels.merge import merge_labels, to_decide
+    from harness.labels.labels import merge_labels, to_decide
 
     manifest = load_manifest(clip)
     opened = manifest.open()

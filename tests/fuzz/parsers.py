@@ -17,7 +17,7 @@ from harness.clips.manifest import load_manifest
 from harness.labels.drawn import read_drawn
 from harness.labels.files import read_annotations
 from harness.labels.formats import FORMATS
-from harness.labels.formats.cvat_drawn import read_cvat_drawn
+from harness.labels.formats.cvat import read_cvat_drawn
 from harness.run.experiment import load_experiment
 from harness.run.fitted_weights import read_fitted
 from harness.run.results import read_results, to_line
@@ -131,15 +131,12 @@ PARSERS: Sequence[Parser] = (
     Parser("cvat tracks", "theirs.xml", whole.CVAT_TRACKS, lambda path: read_cvat_drawn(path, exchange())),
     *(
         Parser(f"{name} labels", file_name, whole.exported(name), _labels(name))
-        for name, file_name in (
-            *((name, "theirs.csv") for name in ("boris", "boris-aggregated", "csv", "childplay")),
-            *(("cvat", "theirs.xml"), ("elan", "theirs.eaf")),
-        )
+        for name, file_name in (("csv", "theirs.csv"), ("cvat", "theirs.xml"), ("elan", "theirs.eaf"))
     ),
+    Parser("BORIS tables", "theirs.csv", whole.BORIS_TABLES, _labels("boris")),
     Parser("BORIS project", "theirs.boris", whole.exported("boris"), _labels("boris")),
     Parser("BORIS project, packed", "theirs.boris.gz", whole.boris_packed, _labels("boris")),
     Parser("BORIS workbook", "theirs.xlsx", whole.boris_workbook, _labels("boris")),
-    Parser("VideoAttentionTarget labels", "girl.txt", whole.ATTENTION_TARGET, _labels("videoattentiontarget")),
     Parser("Idiap labels, arrays", "a_gt.npz", whole.idiap_arrays, states.idiap_labels),
     Parser("Idiap labels, table", "labels.csv", whole.idiap_table, states.idiap_labels),
     Parser("journal of labels", "journal.jsonl", states.write_journal, states.open_labels),

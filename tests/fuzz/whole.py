@@ -19,7 +19,7 @@ from harness.labels.formats import FORMATS
 from harness.labels.labels import Labels
 from tests import calibrations, depth_recordings
 from tests.disk import moving_picture, picture, write_bytes, write_image
-from tests.exchanges import exchange, row, staged
+from tests.exchanges import exchange, row
 from tests.harness.damage import project
 from tests.measured import LABELS_HEADER, idiap_file, measured_tables
 from tests.recordings import Family, rectified_camera, write_pairs
@@ -68,7 +68,13 @@ CVAT_TRACKS = (
     '<box frame="5" keyframe="0" outside="1" xtl="3" ytl="2" xbr="11" ybr="8"/></track>'
     '<track id="1" label="cup"><points frame="2" keyframe="1" outside="0" points="7.5,8.5"/></track></annotations>'
 )
-ATTENTION_TARGET = "00000001.jpg,30,2,40,12,5,5\n00000002.jpg,30,2,40,12,-1,-1\n00000003.jpg,30,2,40,12,-1,7.5\n"
+BORIS_TABLES = (
+    "Observation id,talk\nTime offset (s),0.0\nTime,Media file path,FPS,Subject,Behavior,Comment,Status\n"
+    "0.000,talk.mp4,25.0,girl,bird,eyes shut,START\n0.030,talk.mp4,25.0,boy,cup,,START\n"
+    "0.080,talk.mp4,25.0,girl,bird,,STOP\n0.100,talk.mp4,25.0,girl,nod,,POINT\n0.120,talk.mp4,25.0,boy,cup,,STOP\n",
+    "Observation id\tSubject\tBehavior\tModifier #1\tBehavior type\tStart (s)\tStop (s)\tComment start\n"
+    "talk\tgirl\tbird\t\tSTATE\t0.000\t0.080\teyes shut\ntalk\tboy\tcup\tred\tSTATE\t0.030\t0.120\t\n",
+)
 SIGNALS = "frame,subject,x,y,z\n1,anna,0,0,1\n2,anna,0.5,-0.5,1e0\n2,ben,,,\n"
 HEADS = "frame,subject,u0_px,v0_px,u1_px,v1_px,score,instance_id\n1,anna,1,2,30.5,40,0.5,1\n2,anna,1,2,3,4,,\n"
 STAMPS = "# timestamp filename\n1305031102.175304 rgb/1.png\n1305031102.211214 rgb/2.png\n"
@@ -92,8 +98,7 @@ _ROWS = Labels([row(1, 3, "bird"), row(4, 9, "none"), row(10, 12, "bird", note="
 
 def exported(name: str) -> Write:
     def write(path: Path) -> None:
-        clip, bodies = staged()
-        FORMATS.load(name)().write(path, _ROWS, exchange(clip, bodies=bodies))
+        FORMATS.load(name)().write(path, _ROWS, exchange())
 
     return write
 

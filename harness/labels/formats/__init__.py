@@ -5,8 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Protocol
 
+from harness.labels.files import read_annotations, write_annotations
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.labels import Labels
+from harness.labels.timeline import timeline_of
 from vfoa.registry import Registry
 
 
@@ -34,25 +36,35 @@ class AnnotationFormat(Protocol):
         ...
 
 
+class AnnotationCsv:
+    """Reads and writes the CSV of ``annotations/README.md``, of labels that come from a run or from elsewhere."""
+
+    def read(self, path: Path, exchange: Exchange) -> Imported:
+        """Read a file with the manifest's own names."""
+        timeline, subjects, targets = timeline_of(exchange.clip), exchange.subjects, exchange.targets
+        labels = read_annotations(path, timeline=timeline, subjects=subjects, targets=targets, allow_gaps=True)
+        return exchange.labels(labels.ranges, path)
+
+    def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
+        """Write the canonical form; nothing is lost."""
+        write_annotations(path, labels)
+        return ()
+
+
 FORMATS = Registry(
     kind="annotation format",
     builtin={
         "boris": "harness.labels.formats.boris:Boris",
-        "boris-aggregated": "harness.labels.formats.boris_aggregated:BorisAggregated",
-        "csv": "harness.labels.formats.annotation_csv:AnnotationCsv",
-        "childplay": "harness.labels.formats.childplay:ChildPlay",
+        "csv": "harness.labels.formats:AnnotationCsv",
         "cvat": "harness.labels.formats.cvat:CvatVideo",
         "elan": "harness.labels.formats.elan:Elan",
         "idiap_vfoa": "harness.labels.formats.idiap_vfoa:IdiapGroundTruth",
-        "videoattentiontarget": "harness.labels.formats.video_attention_target:VideoAttentionTarget",
     },
     group="vfoa.annotation_formats",
 )
 
 SUFFIXES = {
     "boris": ".boris",
-    "boris-aggregated": ".csv",
-    "childplay": ".csv",
     "csv": ".csv",
     "cvat": ".xml",
     "elan": ".eaf",

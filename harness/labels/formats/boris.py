@@ -1,35 +1,178 @@
-"""BORIS: its project file, or its tables of events (CSV, TSV, XLSX), distinguished by their content.
+"""BORIS: its project file, and its tables of events, distinguished by their content. Projects are written.
 
-A file called ``.boris`` is written as a project, any other as a table of tabular events.
+A project (``.boris``, JSON, also gzipped) holds observations, whose state events start and stop in turn. An event is
+``[time, subject, behaviour, modifiers, comment]``, followed by a frame number since BORIS 8. The behaviour is the
+target. The fields are those of BORIS's own projects (github.com/olivierfriard/BORIS, ``tests/files``; read, not used).
 """
 
 from __future__ import annotations
 
+import json
+import math
+import zlib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
-from harness.files.io import read_bytes
-from harness.labels.formats.boris_aggregated import REQUIRED as AGGREGATED
-from harness.labels.formats.boris_aggregated import BorisAggregated
-from harness.labels.formats.boris_project import SUFFIXES, read_project, write_project
-from harness.labels.formats.boris_tabular import BorisTabular
-from harness.labels.formats.exchange import Exchange, Imported
-from harness.labels.formats.tables import rows_of
-from harness.labels.labels import Labels
+from harness.files.io import atomic_write, read_bytes
+from harness.files.parsing import parse_json
+from harness.labels.formats.boris_tables import NO_FOCAL_SUBJECT, choose_observation, read_events
+from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans, left_out, one_line, to_spans
+from harness.labels.labels import Label, Labels
+from vfoa.errors import VfoaError
+
+_SUFFIXES = (".boris", ".boris.gz")
+_GZIP = b"\x1f\x8b"
+_LARGEST_BYTES = 2**28
+_DATE = "1970-01-01T00:00:00"
+"""The format needs dates; a constant one gives the same bytes for the same labels."""
 
 
 class Boris:
     """State events. Point events have no length and are left out, with a note."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
-        """Read one observation."""
-        if path.name.lower().endswith(SUFFIXES) or read_bytes(path)[:1] == b"{":
-            return read_project(path, exchange)
-        if any(set(AGGREGATED) <= set(cells) for _, cells in rows_of(path)):
-            return BorisAggregated().read(path, exchange)
-        return BorisTabular().read(path, exchange)
+        """Read one observation of a project, or of a table (CSV, TSV, XLSX)."""
+        if path.name.lower().endswith(_SUFFIXES) or read_bytes(path)[:1] == b"{":
+            return _read_project(path, exchange)
+        return read_events(path, exchange)
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
-        """Write a project or a table, by the file's name."""
-        if path.name.lower().endswith(".boris"):
-            return write_project(path, labels, exchange)
-        return BorisTabular().write(path, labels, exchange)
+        """Write a project with one observation, named like the file; image points are left out."""
+        events: list[tuple[int, int, list[Any]]] = []
+        last = 0
+        for start, end, row in to_spans(labels, exchange):
+            last = max(last, end)
+            for order, time, comment in ((1, start, row.label.note), (0, end, "")):  # at equal times, ends come first
+                events.append((time, order, [time / 1000, row.subject, row.label.target, "", comment, "NA"]))
+        targets = dict.fromkeys(row.label.target for row in labels.ranges)
+        observation = {
+            "file": [],
+            "type": "LIVE",
+            "date": _DATE,
+            "description": "",
+            "time offset": 0.0,
+            "events": [event for *_, event in sorted(events, key=lambda each: (each[0], each[1], each[2][1:3]))],
+            "observation time interval": [0, last / 1000],
+            "independent_variables": {},
+            "visualize_spectrogram": False,
+            "visualize_waveform": False,
+            "close_behaviors_between_videos": False,
+            "scan_sampling_time": 0,
+            "start_from_current_time": False,
+            "start_from_current_epoch_time": False,
+        }
+        project = {
+            "time_format": "hh:mm:ss",
+            "project_date": _DATE,
+            "project_name": _stem(path),
+            "project_description": "Written by vfoa. A behaviour is what the subject looks at.",
+            "project_format_version": "7.0",
+            "subjects_conf": {
+                str(place): {"key": "", "name": name, "description": ""} for place, name in enumerate(labels.subjects)
+            },
+            "behaviors_conf": {str(place): _behaviour(name) for place, name in enumerate(targets)},
+            "observations": {_stem(path): observation},
+            "behavioral_categories": [],
+            "independent_variables": {},
+            "coding_map": {},
+            "behaviors_coding_map": [],
+            "converters": {},
+        }
+        atomic_write(path, json.dumps(project, indent=1, ensure_ascii=False) + "\n")
+        return tuple(left_out(labels, "BORIS", notes=True))
+
+
+def _read_project(path: Path, exchange: Exchange) -> Imported:
+    """Read the state events of one observation of a project."""
+    project = _load(path)
+    observations = project.get("observations")
+    if not isinstance(observations, dict) or not observations:
+        raise VfoaError(f"{path}: no observations; expected a BORIS project")
+    name = choose_observation(observations, exchange.observation, path)
+    observation = observations[name]
+    events = _events(observation, f"{path}: observation {name!r}")
+    behaviours = project.get("behaviors_conf")
+    kinds = {
+        str(each.get("code")): str(each.get("type", ""))
+        for each in (behaviours.values() if isinstance(behaviours, dict) else ())
+        if isinstance(each, dict)
+    }
+    states = [each for each in events if not kinds.get(each[2], "").lower().startswith("point")]
+    said = []
+    if len(states) < len(events):
+        said.append(f"{path}: {len(events) - len(states)} point events have no length and are left out.")
+    offset_ms, note = _offset(observation, exchange, path)
+    found = from_spans(_pairs(states, offset_ms, exchange, f"{path}: observation {name!r}"), exchange, path)
+    return Imported(labels=found.labels, notes=(*found.notes, *said, *note))
+
+
+def _behaviour(name: str) -> dict[str, str]:
+    said = {"type": "State event", "key": "", "code": name, "description": "looks at it", "color": "", "category": ""}
+    return {**said, "modifiers": "", "excluded": "", "coding map": ""}
+
+
+def _stem(path: Path) -> str:
+    return path.name.removesuffix(".gz").removesuffix(".boris")
+
+
+def _load(path: Path) -> dict[str, Any]:
+    data = read_bytes(path)
+    try:
+        if data.startswith(_GZIP):
+            unpack = zlib.decompressobj(zlib.MAX_WBITS | 16)
+            data = unpack.decompress(data, _LARGEST_BYTES)
+    except zlib.error as error:
+        raise VfoaError(f"{path}: not a BORIS project: {error}") from None
+    project = parse_json(data, path)
+    if not isinstance(project, dict):
+        raise VfoaError(f"{path}: found {type(project).__name__}; expected a BORIS project")
+    return project
+
+
+def _events(observation: Any, where: str) -> list[tuple[int, str, str, str]]:
+    """Time (ms), subject, behaviour and comment of every event, in order of time."""
+    events = observation.get("events") if isinstance(observation, Mapping) else None
+    if not isinstance(events, list):
+        raise VfoaError(f"{where}: no events; expected a list of them")
+    found = []
+    for place, event in enumerate(events, start=1):
+        if not isinstance(event, list) or len(event) < 3 or not _is_time(event[0]):
+            raise VfoaError(
+                f"{where}: event {place}: found {str(event)[:80]!r}; expected [time, subject, behaviour, ...]"
+            )
+        comment = one_line(str(event[4])) if len(event) > 4 else ""
+        found.append((round(float(event[0]) * 1000), str(event[1]) or NO_FOCAL_SUBJECT, str(event[2]), comment))
+    return sorted(found, key=lambda each: each[0])
+
+
+def _is_time(value: Any) -> bool:
+    return isinstance(value, int | float) and math.isfinite(value) and abs(value) < 1e9
+
+
+def _offset(observation: Mapping[str, Any], exchange: Exchange, path: Path) -> tuple[int, list[str]]:
+    """The offset of the first player's medium, ms; BORIS subtracts it from the time of the observation."""
+    media = observation.get("media_info")
+    offsets = media.get("offset") if isinstance(media, dict) else None
+    offset = offsets.get("1", 0.0) if isinstance(offsets, dict) else 0.0
+    if not _is_time(offset) or offset == 0:
+        return 0, []
+    if exchange.offset != 0:
+        return 0, [f"{path}: the media offset of {offset:g} s is not used: --offset says where the clip begins."]
+    return -round(offset * 1000), [f"{path}: the media offset of {offset:g} s is taken off."]
+
+
+def _pairs(events: list[tuple[int, str, str, str]], offset_ms: int, exchange: Exchange, where: str) -> Iterator[Span]:
+    """Yield the spans between every first and second event of a subject and behaviour."""
+    begun: dict[tuple[str, str], tuple[int, str]] = {}
+    for time, subject, behaviour, comment in events:
+        if (subject, behaviour) not in begun:
+            begun[subject, behaviour] = time, comment
+            continue
+        start, note = begun.pop((subject, behaviour))
+        here = f"{where}: {start / 1000:.3f} s"
+        ours = exchange.subject(subject, here)
+        label = Label(target=exchange.target(behaviour, ours, here), note=note)
+        yield Span(start_ms=start + offset_ms, end_ms=time + offset_ms, subject=ours, label=label, where=here)
+    for (subject, behaviour), (start, _) in begun.items():
+        raise VfoaError(f"{where}: {behaviour!r} of {subject!r} starts at {start / 1000:.3f} s and never stops")

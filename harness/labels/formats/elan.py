@@ -13,8 +13,7 @@ from typing import Any
 
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_xml
-from harness.labels.formats.exchange import Exchange, Imported, one_line
-from harness.labels.formats.spans import Span, from_spans, to_spans
+from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans, one_line, to_spans
 from harness.labels.labels import Label, Labels
 from harness.labels.rows import SUGGESTED, parse_point
 from vfoa.errors import VfoaError

@@ -1,22 +1,26 @@
-"""Mapping of another program's labels to ours: names, frame numbers, times, gaps."""
+"""Mapping of another program's labels to ours: names, frame numbers, times and spans of time, gaps."""
 
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
-from harness.labels.bodies import Bodies, Box
-from harness.labels.formats.names import NameLog
 from harness.labels.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, gaps
 from harness.labels.timeline import timeline_of
 from harness.sources import Clip, MeasuredClip
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, did_you_mean
 
+Box = tuple[float, float, float, float]
+"""u0, v0, u1, v1 in pixels."""
+HeadBoxes = Callable[[int, str], Box | None]
+"""The box of a subject's head in a frame; None: not known."""
+
+_SHOWN = 8
 _LARGEST = 1e9
 """Largest offset and rate: seconds, frames, or frames per second."""
 
@@ -27,6 +31,58 @@ class Imported:
 
     labels: Labels
     notes: tuple[str, ...] = ()
+
+
+@dataclass(slots=True, kw_only=True)
+class NameLog:
+    """Translates names by ``renamed`` (theirs -> ours) and records those that it could not translate.
+
+    ``SUBJECT:NAME`` renames the targets called ``NAME`` of one subject, whose name is ours or theirs.
+    """
+
+    renamed: Mapping[str, str]
+    _seen: set[str] = field(default_factory=set)
+    _unknown: dict[tuple[str, str], tuple[str, str]] = field(default_factory=dict)
+
+    def translate(self, name: str, subject: str | None = None) -> str:
+        """Our name for theirs, of a target of ``subject`` (ours) if one is given; unchanged without a rename."""
+        self._seen.add(name)
+        if subject is not None:
+            theirs = (each for each, ours in self.renamed.items() if ours == subject)
+            for key in (f"{each}:{name}" for each in (subject, *theirs)):
+                if key in self.renamed:
+                    self._seen.add(key)
+                    return self.renamed[key]
+        return self.renamed.get(name, name)
+
+    def expect(self, name: str, known: Collection[str], kind: str, where: str, subject: str | None = None) -> str:
+        """Our name for theirs. An unknown one is recorded; :meth:`check` reports all of them at once."""
+        found = self.translate(name, subject)
+        if found not in known:
+            self._unknown.setdefault((kind, name), (where, f"{found!r}; {did_you_mean(found, known)}"))
+        return found
+
+    def check(self, path: object) -> tuple[str, ...]:
+        """Reject unknown names; return a note for each rename of a name that the file does not have.
+
+        Raises
+        ------
+        VfoaError
+            One line that lists the unknown names.
+        """
+        if len(self._unknown) == 1:
+            (((kind, name), (where, said)),) = self._unknown.items()
+            raise VfoaError(f"{where}: unknown {kind} {said} (--rename {name!r}=OURS)")
+        if self._unknown:
+            listed = [f"{kind} {said}" for (kind, _), (_, said) in self._unknown.items()][:_SHOWN]
+            more = f" and {len(self._unknown) - _SHOWN} more" if len(self._unknown) > _SHOWN else ""
+            told = " | ".join(listed) + more
+            raise VfoaError(f"{path}: {len(self._unknown)} unknown names: {told} (--rename THEIRS=OURS for each)")
+        return tuple(
+            f"{path}: --rename {name}: no such name in it; {did_you_mean(name, self._seen)}"
+            for name in self.renamed
+            if name not in self._seen
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,10 +102,8 @@ class Exchange:
         The other program's name -> ours; ``SUBJECT:NAME`` -> ours for targets of one subject.
     gaps
         Meaning of frames without a label between two labels of a subject.
-    bodies
-        Positions of heads and targets, for formats of boxes and points.
-    unnamed
-        The fallback target: that of a point on nothing with a name; None: ``ignore``.
+    heads
+        The boxes of heads, for formats of boxes; None: not known.
     attribute
         In CVAT: the attribute that holds the target.
     observation
@@ -63,8 +117,7 @@ class Exchange:
     offset: float = 0.0
     renamed: Mapping[str, str] = field(default_factory=dict)
     gaps: Literal["ignore", "none"] = "ignore"
-    bodies: Bodies | None = None
-    unnamed: str | None = None
+    heads: HeadBoxes | None = None
     attribute: str = "target"
     observation: str | None = None
 
@@ -137,10 +190,6 @@ class Exchange:
         rig = self.clip.frame(self.frames[0]).rig
         return 0.0, 0.0, float(rig.width_px), float(rig.height_px)
 
-    def head_box(self, frame: int, subject: str) -> Box | None:
-        """The box of a subject's head, pixels; None if it is not known."""
-        return self.bodies.head_box(frame, subject) if self.bodies else None
-
     def positions(self, row: LabelRange) -> range:
         """The positions of a range's frames in the clip."""
         return range(bisect_left(self.frames, row.first_frame), bisect_right(self.frames, row.last_frame))
@@ -178,6 +227,70 @@ class Exchange:
                 notes.append(f"{path}: {subject}: {frames} frames between labels have none: {self.gaps!r}.")
             filled += rows
         return Imported(labels=Labels([*labels.ranges, *filled]), notes=tuple(notes))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Span:
+    """A label from ``start_ms`` up to ``end_ms``, in the other program's time; ``where`` is its place in the file."""
+
+    start_ms: int
+    end_ms: int
+    subject: str
+    label: Label
+    where: str
+
+
+def from_spans(spans: Iterable[Span], exchange: Exchange, path: object) -> Imported:
+    """Return labels from spans: a span covers the frames shown from its start on and before its end.
+
+    Raises
+    ------
+    VfoaError
+        If a frame lies in two spans of a subject, or a span ends before it begins.
+    """
+    rows: list[LabelRange] = []
+    outside: list[Span] = []
+    last: dict[str, tuple[int, Span]] = {}
+    for span in sorted(spans, key=lambda each: (each.start_ms, each.end_ms)):
+        if span.end_ms < span.start_ms:
+            raise VfoaError(f"{span.where}: ends at {span.end_ms / 1000:g} s, before it begins")
+        low, high = (bisect_left(exchange.times_ms, each) for each in (span.start_ms, span.end_ms))
+        if low >= high:
+            outside.append(span)
+            continue
+        before, other = last.get(span.subject, (-1, span))
+        if low <= before:
+            raise VfoaError(
+                f"{span.where}: {span.subject!r} has two labels in frame {exchange.frames[low]}: overlaps with "
+                f"{other.where}"
+            )
+        last[span.subject] = high - 1, span
+        first, final = exchange.frames[low], exchange.frames[high - 1]
+        rows.append(LabelRange(first_frame=first, last_frame=final, subject=span.subject, label=span.label))
+    found = exchange.labels(rows, path)
+    if not outside:
+        return found
+    said = f"{path}: {len(outside)} labels hold no frame of the clip and are left out, the first at {outside[0].where}."
+    return Imported(labels=found.labels, notes=(*found.notes, said))
+
+
+def to_spans(labels: Labels, exchange: Exchange) -> Iterator[tuple[int, int, LabelRange]]:
+    """Yield start, end (ms) and range of all labels: each ends when the next frame of the clip is shown.
+
+    Raises
+    ------
+    VfoaError
+        If the first frame would be shown before time 0.
+    """
+    times = exchange.times_ms
+    if times and times[0] < 0:
+        raise VfoaError(f"--offset: the clip's first frame would be at {times[0] / 1000:g} s; expected 0 or later")
+    for row in labels.ranges:
+        positions = exchange.positions(row)
+        if positions:
+            after = positions[-1] + 1
+            end = times[after] if after < len(times) else times[-1] + exchange.step_ms
+            yield times[positions[0]], end, row
 
 
 def one_line(text: str | None) -> str:

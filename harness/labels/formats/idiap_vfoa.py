@@ -17,7 +17,7 @@ import numpy as np
 from harness.files.io import read_bytes
 from harness.files.parsing import check_archive
 from harness.labels.formats.exchange import Exchange, Imported
-from harness.labels.formats.tables import read_table
+from harness.labels.formats.tables import read_table, rows_of
 from harness.labels.labels import NOWHERE, Label, Labels, ranges_of
 from harness.labels.timeline import timeline_of
 from vfoa.errors import VfoaError, did_you_mean
@@ -94,7 +94,7 @@ def _arrays(path: Path) -> dict[str, Sequence[int]]:
 def _of_table(path: Path, exchange: Exchange) -> Iterator[_Found]:
     timeline = timeline_of(exchange.clip)
     frame_at = dict(zip(timeline.times_ns, timeline.frames, strict=True))
-    for line, cells in read_table(path, ("time_ns", "person", "looks_at")):
+    for line, cells in read_table(rows_of(path), ("time_ns", "person", "looks_at"), path):
         where, stamp, meaning = f"{path}:{line}", cells["time_ns"], cells["looks_at"]
         if not (stamp.isascii() and stamp.isdigit()) or int(stamp) not in frame_at:
             raise VfoaError(f"{where}: time_ns: found {stamp!r}; expected the time of a frame of the clip")

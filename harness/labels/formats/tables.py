@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
 
@@ -18,14 +18,8 @@ _ZIP = b"PK\x03\x04"
 """A workbook is a ZIP archive."""
 
 
-def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield line and cells of every row that is not empty; separated by tabs if the first line has one, else by commas.
-
-    Raises
-    ------
-    VfoaError
-        If the file is not such text.
-    """
+def _csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """The rows of a text; separated by tabs if the first line has one, else by commas."""
     text = read_text(path)
     delimiter = "\t" if "\t" in text.lstrip().partition("\n")[0] else ","
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter)
@@ -38,9 +32,15 @@ def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 
 
 def rows_of(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield line and cells of every row of a text table or of the first sheet of an ``.xlsx``; as `csv_rows`."""
+    """Yield line and cells of every row that is not empty, of a text table or of the first sheet of an ``.xlsx``.
+
+    Raises
+    ------
+    VfoaError
+        If the file is neither.
+    """
     data = read_bytes(path)
-    yield from _workbook_rows(data, path) if data.startswith(_ZIP) else csv_rows(path)
+    yield from _workbook_rows(data, path) if data.startswith(_ZIP) else _csv_rows(path)
 
 
 def _workbook_rows(data: bytes, path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -65,7 +65,9 @@ def _cell(value: object) -> str:
     return "" if value is None else str(value)
 
 
-def read_table(path: Path, required: Sequence[str]) -> Iterator[tuple[int, dict[str, str]]]:
+def read_table(
+    rows: Iterable[tuple[int, list[str]]], required: Sequence[str], path: Path
+) -> Iterator[tuple[int, dict[str, str]]]:
     """Yield line and cells by column of every row below the header, the first row with all ``required`` columns.
 
     Lines above the header are skipped. A short row has empty cells at its end.
@@ -73,10 +75,10 @@ def read_table(path: Path, required: Sequence[str]) -> Iterator[tuple[int, dict[
     Raises
     ------
     VfoaError
-        If the file is not text, or has no such header.
+        If there is no such header.
     """
     header: list[str] | None = None
-    for line, row in rows_of(path):
+    for line, row in rows:
         if header is not None:
             yield line, dict(zip_longest(header, row[: len(header)], fillvalue=""))
         elif set(required) <= set(row):

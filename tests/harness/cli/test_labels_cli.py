@@ -35,7 +35,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", ["elan", "boris", "boris-aggregated"])  # cvat would render every head
+@pytest.mark.parametrize("name", ["elan", "boris"])  # cvat would render every head
 def test_labels_go_out_and_come_back(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -120,16 +120,6 @@ def test_an_import_replaces_only_subjects_of_the_file_and_can_be_undone(
     with closing(open_store(manifest, None, timeline_of(manifest.open()))) as store:
         store.undo(store.revision)
     assert own.read_text().splitlines()[2:] == theirs
-
-
-def test_a_folder_with_files_is_not_written_over(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    mine = write_text(folder / "theirs" / "anna.txt", "mine")
-    words = ("labels", "export", CLIP, "theirs", "--format", "videoattentiontarget")
-    code, _, said = vfoa(monkeypatch, capsys, *words)
-    assert (code, mine.read_text()) == (2, "mine")
-    assert "theirs: has files already; expected --replace" in said
 
 
 def test_tables_of_agreement_are_written_all_or_none(

@@ -19,7 +19,7 @@ from harness.labels.drawn import (
     format_drawn,
     read_drawn,
 )
-from harness.labels.formats.cvat_drawn import read_cvat_drawn, write_cvat_drawn
+from harness.labels.formats.cvat import read_cvat_drawn, write_cvat_drawn
 from tests.disk import write_text
 from tests.exchanges import PlainClip, exchange
 from vfoa.errors import VfoaError

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.labels.formats.boris_aggregated import BorisAggregated
-from harness.labels.formats.boris_tabular import BorisTabular
+from harness.labels.formats.boris import Boris
 from harness.labels.labels import Labels
 from tests.disk import write_text
 from tests.exchanges import exchange, row
@@ -80,72 +79,63 @@ AGGREGATED_9 = HEAD_AGGREGATED_9 + "".join(
 ROWS = (row(1, 2, "bird", note="eyes shut"), row(2, 3, "cup", "boy"), row(3, 4, "cup"))
 
 
-@pytest.mark.parametrize(
-    ("reader", "text", "line"),
-    [
-        (BorisTabular, TABULAR_7, 13),
-        (BorisTabular, TABULAR_8, 6),
-        (BorisAggregated, AGGREGATED, 4),
-        (BorisAggregated, AGGREGATED_9, 4),
-    ],
-)
+@pytest.mark.parametrize(("text", "line"), [(TABULAR_7, 13), (TABULAR_8, 6), (AGGREGATED, 4), (AGGREGATED_9, 4)])
 @pytest.mark.parametrize("mark", ["", "\ufeff"])
-def test_its_layouts_are_read(tmp_path: Path, reader: type[BorisTabular], text: str, line: int, mark: str) -> None:
+def test_its_layouts_are_read(tmp_path: Path, text: str, line: int, mark: str) -> None:
     path = write_text(tmp_path / "a.tsv", mark + text)
-    imported = reader().read(path, exchange())
+    imported = Boris().read(path, exchange())
     assert imported.labels == Labels(ROWS)
     assert imported.notes == (f"{path}: 1 point events have no length and are left out, line {line} first.",)
 
 
 def test_its_windows_line_ends_change_nothing(tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.csv", TABULAR_7.replace("\n", "\r\n"))
-    assert BorisTabular().read(path, exchange()).labels == Labels(ROWS)
+    assert Boris().read(path, exchange()).labels == Labels(ROWS)
 
 
 def test_a_tab_in_a_note_does_not_make_a_tsv_of_a_csv(tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.csv", TABULAR_7.replace("eyes shut", "eyes\tshut"))
-    assert BorisTabular().read(path, exchange()).labels == Labels(ROWS)
+    assert Boris().read(path, exchange()).labels == Labels(ROWS)
 
 
-@pytest.mark.parametrize(("reader", "text"), [(BorisTabular, TABULAR_8), (BorisAggregated, AGGREGATED_9)])
-def test_events_without_a_focal_subject_can_be_given_one(tmp_path: Path, reader: type[BorisTabular], text: str) -> None:
+@pytest.mark.parametrize(("text", "nobody"), [(TABULAR_8, ""), (AGGREGATED_9, "No focal subject")])
+def test_events_without_a_focal_subject_can_be_given_one(tmp_path: Path, text: str, nobody: str) -> None:
     """BORIS leaves the cell empty in one export, and has words for it in the other."""
-    nobody = "" if reader is BorisTabular else "No focal subject"
     path = write_text(tmp_path / "a.tsv", text.replace("\tgirl\t", f"\t{nobody}\t"))
     with pytest.raises(VfoaError, match="unknown subject 'No focal subject'"):
-        reader().read(path, exchange())
-    assert reader().read(path, exchange(renamed={"No focal subject": "girl"})).labels == Labels(ROWS)
+        Boris().read(path, exchange())
+    assert Boris().read(path, exchange(renamed={"No focal subject": "girl"})).labels == Labels(ROWS)
 
 
 @pytest.mark.parametrize(
-    ("reader", "text"),
+    "text",
     [
-        (BorisTabular, TABULAR_7.replace("Time offset (s),0.0", "Time offset (s),60")),
-        (BorisTabular, TABULAR_8.replace("talk.mp4\t0\t2.000", "talk.mp4\t60\t2.000")),
-        (BorisAggregated, AGGREGATED_9.replace("talk.mp4\t0.000\t", "talk.mp4\t60\t")),
+        TABULAR_7.replace("Time offset (s),0.0", "Time offset (s),60"),
+        TABULAR_8.replace("talk.mp4\t0\t2.000", "talk.mp4\t60\t2.000"),
+        AGGREGATED_9.replace("talk.mp4\t0.000\t", "talk.mp4\t60\t"),
     ],
 )
-def test_a_time_offset_that_was_not_told_is_said(tmp_path: Path, reader: type[BorisTabular], text: str) -> None:
+def test_a_time_offset_that_was_not_told_is_said(tmp_path: Path, text: str) -> None:
     path = write_text(tmp_path / "a.csv", text)
-    assert reader().read(path, exchange()).notes[-1] == (
+    assert Boris().read(path, exchange()).notes[-1] == (
         f"{path}: the observation's time offset is 60 s, which BORIS adds to all times; --offset 60 takes it off."
     )
-    assert "time offset" not in " ".join(reader().read(path, exchange(offset=60.0)).notes)
+    assert "time offset" not in " ".join(Boris().read(path, exchange(offset=60.0)).notes)
 
 
 def test_modifiers_are_left_out_and_counted(tmp_path: Path) -> None:
     path = write_text(tmp_path / "a.tsv", AGGREGATED_9.replace("cup\tNot defined\t\t", "cup\tNot defined\tred\t"))
-    imported = BorisAggregated().read(path, exchange())
+    imported = Boris().read(path, exchange())
     assert imported.labels == Labels(ROWS)
     assert f"{path}: modifiers in 2 rows are left out, line 3 first." in imported.notes
 
 
-@pytest.mark.parametrize(("reader", "text"), [(BorisTabular, TABULAR_8), (BorisAggregated, AGGREGATED_9)])
-def test_one_of_two_observations_must_be_chosen(tmp_path: Path, reader: type[BorisTabular], text: str) -> None:
+@pytest.mark.parametrize("text", [TABULAR_8, AGGREGATED_9])
+def test_one_of_two_observations_must_be_chosen(tmp_path: Path, text: str) -> None:
     path = write_text(tmp_path / "a.tsv", text + text.splitlines()[-1].replace("talk", "walk", 1) + "\n")
     with pytest.raises(VfoaError, match="found the observations 'talk', 'walk'; expected --observation NAME"):
-        reader().read(path, exchange())
-    assert reader().read(path, exchange(observation="talk")).labels == Labels(ROWS)
+        Boris().read(path, exchange())
+    assert Boris().read(path, exchange(observation="talk")).labels == Labels(ROWS)
 
 
 @pytest.mark.parametrize(
@@ -170,15 +160,14 @@ def test_a_mistake_is_one_line_with_its_place(tmp_path: Path, old: str, new: str
     assert old in TABULAR_7
     path = write_text(tmp_path / "a.csv", TABULAR_7.replace(old, new))
     with pytest.raises(VfoaError, match=message) as error:
-        BorisTabular().read(path, exchange())
+        Boris().read(path, exchange())
     assert str(error.value).startswith(str(path))
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("writer", [BorisTabular, BorisAggregated])
-def test_what_it_cannot_hold_is_said(tmp_path: Path, writer: type[BorisTabular]) -> None:
+def test_what_it_cannot_hold_is_said(tmp_path: Path) -> None:
     labels = Labels([row(1, 2, "bird", point_px=(3.0, 4.0)), row(3, 4, "cup", is_suggested=True)])
-    assert writer().write(tmp_path / "a.csv", labels, exchange()) == (
+    assert Boris().write(tmp_path / "a.boris", labels, exchange()) == (
         "BORIS cannot hold it: 1 suggested labels stand in it as if a person had confirmed them.",
         "BORIS cannot hold it: 1 image points are left out.",
     )
@@ -186,4 +175,4 @@ def test_what_it_cannot_hold_is_said(tmp_path: Path, writer: type[BorisTabular])
 
 def test_an_offset_before_the_beginning_is_refused(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"--offset: the clip's first frame would be at -2 s; expected 0 or later"):
-        BorisTabular().write(tmp_path / "a.csv", Labels(ROWS), exchange(offset=-2.0))
+        Boris().write(tmp_path / "a.boris", Labels(ROWS), exchange(offset=-2.0))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness.annotate.bodies import TrueBodies
+from harness.annotate.convert import true_heads
 from harness.labels.formats.cvat import CvatVideo
 from harness.labels.labels import Labels
 from harness.sources import PersonTruth, Truth
@@ -124,7 +124,7 @@ def test_boxes_are_heads_where_they_are_known(tmp_path: Path) -> None:
     girl = PersonTruth(name="girl", instance_id=1, head_box_px=np.array([1.0, 2, 3, 4]))
     clip = PlainClip(truths={1: Truth(people=(girl,))})
     path = tmp_path / "a.xml"
-    notes = CvatVideo().write(path, Labels([row(1, 2, "bird")]), exchange(clip, bodies=TrueBodies(clip=clip, rules={})))
+    notes = CvatVideo().write(path, Labels([row(1, 2, "bird")]), exchange(clip, heads=true_heads(clip)))
     assert notes == ("1 boxes are the whole image: the subject's head is not known there (--run RUN has heads).",)
     boxes = [
         [box.get(key) for key in ("frame", "keyframe", "outside", "xtl", "ytl", "xbr", "ybr")]

@@ -16,7 +16,6 @@ HELD = {
     "csv": {"notes": True, "points": True, "suggested": True},
     "elan": {"notes": True, "points": True, "suggested": True},
     "boris": {"notes": True, "points": False, "suggested": False},
-    "boris-aggregated": {"notes": True, "points": False, "suggested": False},
 }
 """The labels that formats of times can hold."""
 
@@ -32,7 +31,7 @@ def _again(name: str, path: Path, labels: Labels, **how: object) -> Labels:
     return imported.labels
 
 
-@pytest.mark.parametrize("name", [*HELD, "boris-tabular"])
+@pytest.mark.parametrize("name", HELD)
 @given(
     frames=FRAMES,
     rate=st.sampled_from([10.0, 24.0, 25.0, 29.97, 60.0, 120.0]),
@@ -52,10 +51,8 @@ def test_formats_of_times(
     data: st.DataObject,
 ) -> None:
     clip = PlainClip(frames=frames, rate_hz=rate, start_ns=start_ns)
-    labels = data.draw(labels_of(frames, **HELD.get(name, HELD["boris"])))
-    file = f"labels{SUFFIXES.get(name, '.csv')}"
-    name = "boris" if name == "boris-tabular" else name
-    assert _again(name, tmp_path / file, labels, clip=clip, fps=fps, offset=offset) == labels
+    labels = data.draw(labels_of(frames, **HELD[name]))
+    assert _again(name, tmp_path / f"labels{SUFFIXES[name]}", labels, clip=clip, fps=fps, offset=offset) == labels
 
 
 @given(frames=FRAMES, offset=st.integers(0, 1000), data=st.data())

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
+from typing import get_args
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.labels.files import read_annotations, write_annotations
-from harness.labels.labels import Label, LabelRange, Labels
-from harness.labels.merge import RULES, Rule, merge_labels, to_decide
+from harness.labels.labels import Label, LabelRange, Labels, MergeRule, merge_labels, to_decide
 from harness.labels.timeline import Timeline
 from tests.exchanges import SUBJECTS, TARGETS, labels_of, row
 
@@ -52,12 +53,12 @@ BEN = Labels([row(1, 3, "bird"), row(4, 6, "cup"), row(7, 7, "cup", is_suggested
         ),
     ],
 )
-def test_by_rule(rule: Rule, expected: list[LabelRange]) -> None:
+def test_by_rule(rule: MergeRule, expected: list[LabelRange]) -> None:
     assert merge_labels({"anna": ANNA, "ben": BEN}, FRAMES, rule) == Labels(expected)
 
 
-@pytest.mark.parametrize("rule", RULES)
-def test_frames_that_one_has_not_come_to_are_as_if_they_were_not_there(rule: Rule) -> None:
+@pytest.mark.parametrize("rule", get_args(MergeRule))
+def test_frames_that_one_has_not_come_to_are_as_if_they_were_not_there(rule: MergeRule) -> None:
     begun = Labels([row(1, 4, "bird"), row(5, 8, "ignore", note="not labelled yet")])
     short = Labels([row(1, 4, "bird")])
     rest = Labels([row(1, 8, "bird")])
@@ -70,9 +71,9 @@ def test_what_is_left_to_a_person_is_known() -> None:
     assert [each.first_frame for each in to_decide(merged)] == [4, 7, 11]
 
 
-@given(data=st.data(), rule=st.sampled_from(RULES))
+@given(data=st.data(), rule=st.sampled_from(get_args(MergeRule)))
 def test_a_merged_file_is_whole_and_labels_of_one_stay(
-    data: st.DataObject, rule: Rule, tmp_path_factory: pytest.TempPathFactory
+    data: st.DataObject, rule: MergeRule, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     drawn = [data.draw(labels_of(list(FRAMES), notes=True, points=True, suggested=True)) for _ in range(2)]
     path = tmp_path_factory.mktemp("merged") / "a.csv"
