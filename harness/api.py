@@ -18,8 +18,8 @@ from harness.report.formats import to_csv
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.score.run_comparison import compare_runs as _compare_runs
-from harness.score.run_comparison import compare_with_baseline
+from harness.score.comparison import compare_runs as _compare_runs
+from harness.score.comparison import compare_with_baseline
 from vfoa.errors import VfoaError
 from vfoa.types import StereoRig
 

@@ -10,8 +10,7 @@ from harness.report.record_logs import RecordLogs
 from harness.report.write import write_scores
 from harness.run.records import AttentionRecord, BoxPx, BoxRecord, FrameRecord, SubjectRecord, TargetRecord, Vector
 from harness.run.results import read_results
-from harness.score.outcomes import OutcomeLog, Outcomes
-from harness.score.reference import Reference
+from harness.score.outcomes import OutcomeLog, Outcomes, Reference
 
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
@@ -99,7 +98,7 @@ def labels(*targets: str, subject: str = "girl") -> Labels:
 
 def score_run(results: Path, reference: Reference) -> None:
     """Score a ``results.jsonl``, and write the tables and the page beside it."""
-    logs = RecordLogs(reference, ())
+    logs = RecordLogs(reference)
     logs.watch(read_results(results))
     write_scores(results, logs)
 

@@ -20,8 +20,7 @@ from harness.files.io import atomic_write
 from harness.report.formats import Table, to_markdown
 from harness.score.comparison import POWER, Spread, clips_needed
 from harness.score.intervals import LEAST_CLIPS, Units, difference_interval, rate_interval
-from harness.score.sign_flips import sign_flip_p
-from harness.score.statistics import SIGNIFICANCE, Interval, wilson_interval
+from harness.score.statistics import SIGNIFICANCE, Interval, sign_flip_p, wilson_interval
 
 CLIPS, LASTS_S = (4, 5, 6, 8, 12, 24), (0.5, 1.0, 2.0, 4.0, 8.0)
 LOOKS_S, MARGINS = (0.7, 3.0), (1.9, 2.6)

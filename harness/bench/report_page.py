@@ -20,7 +20,7 @@ from harness.report.formats import UNKNOWN, Table
 from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, picture_path
 from harness.report.write import render_run
 from harness.run.records import FrameRecord
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 
 THINGS = ("mug", "book", "bottle", "vase", "laptop", "ball")
 PEOPLE = ("anna", "ben")

@@ -52,7 +52,7 @@ def compare(
     from harness.report.comparisons import terminal_comparisons
     from harness.report.page.render import render_comparison
     from harness.run.directory import RunDirectory
-    from harness.score.run_comparison import compare_runs, compare_with_baseline
+    from harness.score.comparison import compare_runs, compare_with_baseline
     from vfoa.errors import VfoaError
 
     if fail_on is not None and baseline is None:

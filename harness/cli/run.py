@@ -100,7 +100,7 @@ def run(
     from harness.report.write import rescore
     from harness.run.directory import out_folder
     from harness.run.runner import prepare, run_plan
-    from harness.score.left_out import with_left_out_weights
+    from harness.score.fit_logit import with_left_out_weights
     from harness.stages.cache.store import open_store
 
     experiment = experiment_of(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)

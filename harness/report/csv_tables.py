@@ -9,8 +9,8 @@ from functools import lru_cache
 from harness.report.formats import Table, csv_cell
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.baselines import BASELINES
+from harness.score.calibration import prediction_set
 from harness.score.metrics import load_metrics
-from harness.score.posterior_checks import prediction_set
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES, Verdict
 from vfoa.errors import VfoaError

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import deque
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -30,13 +30,11 @@ from harness.report.page.attention_log import AttentionLog, TrackPart
 from harness.report.reliability import direction_check_table, prediction_set_table
 from harness.report.stages import StageTimes, stage_times
 from harness.run.measure_log import MeasureLog
-from harness.run.records import DirectionFitRecord, FrameRecord, renamed
+from harness.run.records import FrameRecord, renamed
 from harness.run.results import Block, block_bytes, find_blocks, lines_digest, read_block
+from harness.score.calibration import CalibrationData, CalibrationLog, misfit_notes
 from harness.score.finished_run import FinishedRun
-from harness.score.outcomes import Judged, OutcomeLog
-from harness.score.posterior_checks import DirectionLog, SetLog, misfit_notes
-from harness.score.reference import Reference
-from harness.score.reliability import BeliefLog, Sureness
+from harness.score.outcomes import Judged, OutcomeLog, Reference
 from harness.score.score import Scores, score_outcomes
 from harness.stages.frame_measures import FrameMeasures
 
@@ -50,36 +48,34 @@ class Part:
     measures: list[FrameMeasures]
     names: dict[int, str]
     rows: list[FrameLines]
-    beliefs: dict[str, list[Sureness]]
-    sets: list[tuple[bool, int]]
-    fits: list[DirectionFitRecord]
+    calibration: CalibrationData
     attention: dict[str, TrackPart]
     targets: list[str]
 
 
 class RecordLogs:
-    """The logs of a run. ``probabilistic`` are the configurations whose attention is a probability."""
+    """The logs of a run, which is scored against the reference."""
 
-    def __init__(self, reference: Reference, probabilistic: Collection[str]) -> None:
+    def __init__(self, reference: Reference) -> None:
         self._reference, self.names_now = reference, reference.names_now
         self.outcomes, self.measures = OutcomeLog(reference), MeasureLog()
         self.frames, self.attention = FrameRows(), AttentionLog()
-        self.beliefs = BeliefLog(probabilistic, reference.labels)
-        self.sets, self.directions = SetLog(reference.labels), DirectionLog()
+        self.calibration = CalibrationLog(reference.probabilistic, reference.labels)
 
     def watch(self, records: Iterable[FrameRecord]) -> None:
         """Look at each record once."""
-        watched = self.directions.watch(self.sets.watch(self.beliefs.watch(self.frames.watch(records))))
+        watched = self.calibration.watch(self.frames.watch(records))
         deque(map(self.outcomes.judge, self.measures.watch(self.attention.watch(watched))), maxlen=0)
 
     def scores(self) -> Scores:
         """The scores of all records watched or added; notes say where directions do not fit the posterior."""
         scores = score_outcomes(self.outcomes.outcomes(), self.measures, self._reference)
-        return replace(scores, notes=(*scores.notes, *misfit_notes(self.directions.checks())))
+        return replace(scores, notes=(*scores.notes, *misfit_notes(self.calibration.direction_checks())))
 
     def tables(self) -> tuple[Table, ...]:
         """Tables of prediction sets and of measured directions."""
-        return prediction_set_table(self.sets.coverages()), direction_check_table(self.directions.checks())
+        log = self.calibration
+        return prediction_set_table(log.coverages()), direction_check_table(log.direction_checks())
 
     def part(self, clip: str, configuration: str) -> Part:
         """Return the data of these logs, which have watched one configuration on one clip, for other logs."""
@@ -92,9 +88,7 @@ class RecordLogs:
             measures=measures,
             names=names,
             rows=self.frames.part(),
-            beliefs=self.beliefs.part(clip, configuration),
-            sets=self.sets.part(configuration),
-            fits=self.directions.part(clip, configuration),
+            calibration=self.calibration.part(clip, configuration),
             attention=attention,
             targets=targets,
         )
@@ -104,26 +98,24 @@ class RecordLogs:
         self.outcomes.add(clip, configuration, part.judged, part.times_ns)
         self.measures.add(clip, configuration, part.measures, part.names)
         self.frames.add(clip, configuration, part.rows)
-        self.beliefs.add(clip, configuration, part.beliefs)
-        self.sets.add(configuration, part.sets)
-        self.directions.add(clip, configuration, part.fits)
+        self.calibration.add(clip, configuration, part.calibration)
         self.attention.add(clip, configuration, part.attention, part.targets)
 
 
 class KeptParts:
     """The blocks of a run's results, and the stored part of the logs for each; ``reference`` holds the labels."""
 
-    def __init__(self, run: FinishedRun, reference: Reference, probabilistic: Sequence[str]) -> None:
+    def __init__(self, run: FinishedRun, reference: Reference) -> None:
         self._results, self._timings = run.directory.results, run.directory.timings
         self._folder = run.directory.score_cache
-        self._reference, self._probabilistic = reference, probabilistic
+        self._reference = reference
         self._labels: dict[tuple[str, tuple[int, ...]], str] = {}
         self.blocks = _indexed(self._results, self._folder / "blocks.noted")
         self._scored = [(block, self._key(block)) for block in run.scored_blocks(self.blocks)]
 
     def logs(self) -> RecordLogs:
         """Return the logs of all blocks. New parts are stored, and parts that are no longer used are removed."""
-        logs = RecordLogs(self._reference, self._probabilistic)
+        logs = RecordLogs(self._reference)
         for block, key in self._scored:
             path = self._folder / f"{key}.part"
             part = read_value(path, Part)
@@ -143,7 +135,7 @@ class KeptParts:
         return kept_while_unchanged(path, self._timings, StageTimes, _code_digest(), lambda: stage_times(self._timings))
 
     def _watched(self, block: Block) -> Part:
-        logs = RecordLogs(self._reference, self._probabilistic)
+        logs = RecordLogs(self._reference)
         names = self._reference.names_now.get(block.clip, {})
         logs.watch(renamed(record, names) for record in read_block(self._results, block))
         return logs.part(block.clip, block.configuration)
@@ -152,7 +144,7 @@ class KeptParts:
         name = block.configuration
         of = (
             *(block.digest, self._labelled(block), sorted(self._reference.names_now.get(block.clip, {}).items())),
-            *(name in self._reference.says_nowhere, name in self._probabilistic, _code_digest()),
+            *(name in self._reference.says_nowhere, name in self._reference.probabilistic, _code_digest()),
         )
         return hashlib.blake2b(repr(of).encode(), digest_size=16).hexdigest()
 

@@ -6,17 +6,18 @@ import math
 from collections.abc import Sequence
 
 from harness.report.formats import UNKNOWN, Table
-from harness.score.intervals import LEAST_CLIPS
-from harness.score.posterior_checks import (
+from harness.score.calibration import (
+    BINS,
     MOST_SHARE,
     MOST_SURPRISES,
     MOST_TIMES_CLAIMED,
     SET_LEVEL,
     SMALL_TAIL,
     DirectionCheck,
+    Reliability,
     SetCoverage,
 )
-from harness.score.reliability import BINS, Reliability
+from harness.score.intervals import LEAST_CLIPS
 from harness.score.statistics import Interval
 
 

@@ -46,11 +46,10 @@ from harness.report.tables import (
 from harness.report.thumbnails import read_thumbnails
 from harness.run.directory import Pair, RunDirectory
 from harness.run.records import FrameRecord
+from harness.score.calibration import Reliability
 from harness.score.finished_run import FinishedRun
-from harness.score.reference import Reference
-from harness.score.reliability import Reliability
+from harness.score.outcomes import Reference
 from harness.score.score import Scores
-from vfoa.types import PROBABILISTIC
 
 
 def write_scores(
@@ -68,10 +67,10 @@ def write_scores(
         If the ``timings.csv`` that a run has beside its results cannot be read.
     """
     scores = logs.scores()
-    reliabilities = logs.beliefs.reliabilities()
+    reliabilities = logs.calibration.reliabilities()
     folder = results.parent
     texts = {
-        **render_tables(scores, reliabilities, logs.beliefs.by_subject(), logs.tables()),
+        **render_tables(scores, reliabilities, logs.calibration.by_subject(), logs.tables()),
         "frames.csv": logs.frames.to_csv(scores.verdicts),
         "report.html": _page(results, logs, scores, manifest, times=times),
     }
@@ -88,7 +87,7 @@ def render_run(
     served: Served | None,
 ) -> str:
     """Return the page that :func:`write_scores` writes. ``served``: for a server of recordings."""
-    logs = RecordLogs(reference, probabilistic(manifest))
+    logs = RecordLogs(reference)
     logs.watch(records)
     return _page(results, logs, logs.scores(), manifest, served)
 
@@ -106,17 +105,11 @@ def _page(
         logs.attention,
         manifest=manifest,
         times=times or stage_times(results.parent / "timings.csv"),
-        reliabilities=logs.beliefs.reliabilities(),
-        checks=(subject_reliability_table(logs.beliefs.by_subject()), *logs.tables()),
+        reliabilities=logs.calibration.reliabilities(),
+        checks=(subject_reliability_table(logs.calibration.by_subject()), *logs.tables()),
         thumbnails=read_thumbnails(results.parent, scores.verdicts, logs.names_now),
         served=served,
     )
-
-
-def probabilistic(manifest: Mapping[str, Any] | None) -> list[str]:
-    """The configurations whose attention is a probability."""
-    configurations = manifest["configurations"] if manifest else {}
-    return [name for name, each in configurations.items() if each.get("attention", {}).get("method") in PROBABILISTIC]
 
 
 def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
@@ -135,7 +128,7 @@ def rescore(directory: RunDirectory, annotator: str | None = None) -> Scores:
     with _collector_paused():
         run = FinishedRun.read(directory)
         reference = run.reference(annotator, compare_content=True)
-        kept = KeptParts(run, reference, probabilistic(run.manifest))
+        kept = KeptParts(run, reference)
         scores = write_scores(directory.results, kept.logs(), run.manifest, kept.times())
         # last: a damaged run is refused before anything is written
         if any(directory.path.glob("*.rrd")):

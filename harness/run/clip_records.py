@@ -29,9 +29,14 @@ class ClipRecords:
     says_nowhere: bool
 
 
-def says_nowhere(attention: Mapping[str, Any]) -> bool:
-    """Whether a method in a run's manifest can answer "looks at nothing": a posterior, the nearest within a limit."""
-    return attention.get("method") in PROBABILISTIC or attention.get("limit_deg") is not None
+def has_probabilities(configuration: Mapping[str, Any]) -> bool:
+    """Whether the attention of a configuration in a run's manifest is a probability."""
+    return configuration.get("attention", {}).get("method") in PROBABILISTIC
+
+
+def says_nowhere(configuration: Mapping[str, Any]) -> bool:
+    """Whether a configuration can answer "looks at nothing": with probabilities, or the nearest within a limit."""
+    return has_probabilities(configuration) or configuration.get("attention", {}).get("limit_deg") is not None
 
 
 def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | None) -> ClipRecords:
@@ -57,13 +62,13 @@ def read_clip_records(run: Path, clip: ClipManifest | str, configuration: str | 
     names = list(dict.fromkeys(each.configuration for each in records))
     chosen = _choose(names, configuration, run)
     by_frame = {each.frame: each for each in records if each.configuration == chosen}
-    attention = manifest.get("configurations", {}).get(chosen, {}).get("attention", {})
+    settings = manifest.get("configurations", {}).get(chosen, {})
     return ClipRecords(
         configuration=chosen,
         by_frame=by_frame,
         all=records,
-        has_probabilities=attention.get("method") in PROBABILISTIC,
-        says_nowhere=says_nowhere(attention),
+        has_probabilities=has_probabilities(settings),
+        says_nowhere=says_nowhere(settings),
     )
 
 

@@ -1,4 +1,4 @@
-"""Comparison of two configurations on the frames that both were scored on, with the smallest detectable difference."""
+"""Comparison of configurations, of one run or several, on the frames that both were scored on; clips that it takes."""
 
 from __future__ import annotations
 
@@ -6,15 +6,29 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
+from harness.run.directory import RunDirectory
+from harness.score.finished_run import read_scores
 from harness.score.intervals import LEAST_CLIPS, Units, difference_interval, standard_error
+from harness.score.oracle_ablation import without_oracles
+from harness.score.score import Scores
 from harness.score.scored_frames import Pairs, ScoredFrames, pair
-from harness.score.sign_flips import inferiority_p, needed_shift, sign_flip_p, smallest_p
-from harness.score.sign_flips import power as flip_power
-from harness.score.statistics import SIGNIFICANCE, UNKNOWN, Interval, holm
+from harness.score.statistics import (
+    SIGNIFICANCE,
+    UNKNOWN,
+    Interval,
+    holm,
+    inferiority_p,
+    needed_shift,
+    sign_flip_p,
+    smallest_p,
+)
+from harness.score.statistics import power as flip_power
+from vfoa.errors import VfoaError
 from vfoa.types import Float
 
 POWER = 0.8
@@ -315,3 +329,57 @@ def _fewest(enough: Callable[[int], bool]) -> int | None:
         middle = (low + high) // 2
         low, high = (low, middle) if enough(middle) else (middle, high)
     return high
+
+
+def compare_runs(runs: Sequence[Path]) -> tuple[Comparison, ...]:
+    """Compare every two configurations of several runs on their common frames, named ``run/configuration``.
+
+    The oracle ablation is left out, here and below.
+
+    Raises
+    ------
+    VfoaError
+        If a run cannot be scored, two runs are the same directory, or their labels differ.
+    """
+    found = {}
+    for run in _distinct(runs):
+        scored = read_scores(RunDirectory(run))
+        found.update({f"{run}/{name}": scored.frames_of(name) for name in _compared(scored)})
+    return compare(found)
+
+
+def compare_with_baseline(runs: Sequence[Path], baseline: Path) -> tuple[Comparison, ...]:
+    """Compare each configuration of the runs with the baseline's of the same name; Holm over all of these.
+
+    Raises
+    ------
+    VfoaError
+        If a run cannot be scored, has a configuration that the baseline lacks, or has none in common with it to score.
+    """
+    reference = read_scores(RunDirectory(baseline))
+    scored = [(run, read_scores(RunDirectory(run))) for run in _distinct([baseline, *runs])[1:]]
+    return with_holm(
+        [_with_same(one, name, run, reference, baseline) for run, one in scored for name in _compared(one)]
+    )
+
+
+def _compared(scored: Scores) -> list[str]:
+    return without_oracles(scored.scored_configurations)
+
+
+def _with_same(scored: Scores, name: str, run: Path, reference: Scores, baseline: Path) -> Comparison:
+    known = reference.scored_configurations
+    if name not in known:
+        raise VfoaError(f"{baseline}: has no configuration {name!r} of {run}; found {', '.join(known)}")
+    (one,) = compare({f"{baseline}/{name}": reference.frames_of(name), f"{run}/{name}": scored.frames_of(name)})
+    if one.n == 0:
+        raise VfoaError(f"{run}: configuration {name!r} has no scored frame in common with {baseline}")
+    return one
+
+
+def _distinct(runs: Sequence[Path]) -> list[Path]:
+    places = [run.resolve() for run in runs]
+    for run, place in zip(runs, places, strict=True):
+        if places.count(place) > 1:
+            raise VfoaError(f"{run}: given twice; expected different runs")
+    return list(runs)

@@ -16,17 +16,15 @@ from harness.files.cache import read_value, write_value
 from harness.files.digests import KNOWN, digest_files
 from harness.files.io import is_file
 from harness.labels.timeline import Timeline
-from harness.run.clip_records import says_nowhere
+from harness.run.clip_records import has_probabilities, says_nowhere
 from harness.run.directory import Pair, RunDirectory
 from harness.run.manifest import differences
 from harness.run.published import Published
 from harness.run.records import FrameRecord, renamed
 from harness.run.results import Block, read_results
-from harness.score.carried_masks import said_of_carried_masks
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
 from vfoa.errors import VfoaError
-from vfoa.types import PROBABILISTIC
 
 RUN_LABELS = "run_labels_sha256"
 """The key of a run's manifest with the labels that it was made with, if its tables use other labels."""
@@ -159,14 +157,8 @@ class FinishedRun:
             ),
             unknown_names={clip["name"]: unknown_names(clip, manifests[clip["name"]]) for clip in run["clips"]},
             names_now=self.names_now(),
-            says_nowhere=frozenset(
-                name for name, each in run["configurations"].items() if says_nowhere(each.get("attention", {}))
-            ),
-            probabilistic=frozenset(
-                name
-                for name, each in run["configurations"].items()
-                if each.get("attention", {}).get("method") in PROBABILISTIC
-            ),
+            says_nowhere=frozenset(name for name, each in run["configurations"].items() if says_nowhere(each)),
+            probabilistic={name: True for name, each in run["configurations"].items() if has_probabilities(each)},
             published=Published.model_validate(run["published"]) if run.get("published") else None,
             factors=run.get("factors", {}),
         )
@@ -307,3 +299,20 @@ def said_of_content(
 def _labels_of_run(run: Mapping[str, Any], clip: Mapping[str, Any]) -> str | None:
     found: Mapping[str, str | None] = run.get(RUN_LABELS) or run.get(TABLE_LABELS) or {}
     return found.get(clip["name"])
+
+
+def said_of_carried_masks(configurations: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+    """Yield a note for each distance and delay of key frames, with the configurations that have it."""
+    names: dict[tuple[int, int], list[str]] = {}
+    for name, configuration in configurations.items():
+        segmentation = configuration.get("segmentation") or {}
+        every, delay = segmentation.get("every", 1), segmentation.get("delay", 0)
+        if every + delay > 1:
+            names.setdefault((every, delay), []).append(name)
+    for (every, delay), chosen in names.items():
+        later = f" and used from {delay} frames later on" if delay else ""
+        yield (
+            f"{', '.join(chosen)}: masks are found once in {every} frames{later} (segmentation.every = {every}, "
+            f"segmentation.delay = {delay}). Optical flow carries them to the frames between, so they are up to "
+            f"{every + delay - 1} frames old; masks_from and masks_age_s in results.jsonl say which and how old."
+        )

@@ -7,7 +7,7 @@ interval is valid for these clips only. A stretch is as many consecutive looks o
 :data:`MOST_STRETCHES` stretches in all. Few long ones are worth nearly as much as many short ones, and errors seldom
 outlast them (Ibragimov and Müller, "t-statistic based correlation and heterogeneity robust inference", 2010).
 
-The interval of a difference is that of the sign-flip test (:mod:`harness.score.sign_flips`). Those of a rate are
+The interval of a difference is that of the sign-flip test (:mod:`harness.score.statistics`). Those of a rate are
 percentile intervals whose percentiles are expanded for small samples (Hesterberg, "What Teachers Should Know about the
 Bootstrap", The American Statistician 69, 2015, section 4.3): as far out as Student's t with the resample's degrees of
 freedom, and by the factor by which a resample's spread is too small. In ``reports/coverage.md`` the plain percentiles
@@ -31,8 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.score.looks import joined
-from harness.score.sign_flips import sign_flip_interval
-from harness.score.statistics import LEVEL, REPLICATES, SIGNIFICANCE, UNKNOWN, Codes, Interval
+from harness.score.statistics import LEVEL, REPLICATES, SIGNIFICANCE, UNKNOWN, Codes, Interval, sign_flip_interval
 from vfoa.types import Float
 
 LEAST_CLIPS = 6

@@ -14,6 +14,7 @@ from harness.run.directory import RunDirectory
 from harness.run.grid import base_of
 from harness.run.records import BoxRecord, FrameRecord, SubjectRecord, TargetRecord
 from harness.score.baselines import Baselines
+from harness.score.calibration import probabilities
 from harness.score.finished_run import FinishedRun
 from harness.score.verdicts import find_subject, right_answers
 from vfoa import types
@@ -23,7 +24,7 @@ from vfoa.logit import LogitSettings, Traces, shipped_weights
 from vfoa.logit import weigh_attentions as weigh
 from vfoa.logit_cues import Seen
 from vfoa.logit_fit import UNKNOWN, LabelledSequence
-from vfoa.types import PROBABILISTIC, Box3D, Cues, Gaze, HeadPose, Instance, Subject, Target
+from vfoa.types import Box3D, Cues, Gaze, HeadPose, Instance, Subject, Target
 
 _CONES = AttentionSettings(cones_cm=(10, 25))
 TWO_CONES = "two cones"
@@ -114,7 +115,8 @@ _Others = dict[tuple[str, str, int], dict[str, Outcome]]
 
 def _labelled_runs(run: FinishedRun, configurations: Collection[str], others: _Others | None) -> list[LabelledRun]:
     """Read the configurations in one pass; ``others`` takes the outcomes of all configurations, if it is given."""
-    labels, known = run.reference().labels, run.manifest["configurations"]
+    reference = run.reference()
+    labels = reference.labels
     found: dict[str, dict[tuple[str, str], list[FrameRecord]]] = {name: {} for name in configurations}
     for record in run.records():
         if record.clip not in labels:
@@ -123,8 +125,7 @@ def _labelled_runs(run: FinishedRun, configurations: Collection[str], others: _O
         if base in found:
             found[base].setdefault((record.clip, record.configuration), []).append(record)
         if others is not None and (base == record.configuration or record.configuration.endswith(".seed1")):
-            method = known.get(record.configuration, {}).get("attention", {}).get("method")
-            has_probabilities = method in PROBABILISTIC
+            has_probabilities = record.configuration in reference.probabilistic
             for name, outcome in _outcomes(record, labels[record.clip], has_probabilities=has_probabilities):
                 others.setdefault((record.clip, name, record.frame), {})[base] = outcome
     experiment = str(run.manifest.get("experiment", ""))
@@ -197,9 +198,8 @@ def _outcomes(record: FrameRecord, labels: Labels, *, has_probabilities: bool) -
             if not has_probabilities or found.missing is not None:
                 yield name, (found.missing is None and found.focus in right, math.nan, math.nan)
                 continue
-            chance: dict[int | None, float] = {each.instance_id: each.total for each in found.attention}
-            chance[None] = max(0.0, 1 - sum(chance.values()))
-            yield name, (found.focus in right, chance[found.focus], sum(chance.get(key, 0.0) for key in right))
+            chances = probabilities(found)
+            yield name, (found.focus in right, chances[found.focus], sum(chances.get(key, 0.0) for key in right))
 
 
 def _subject(record: SubjectRecord) -> Subject:

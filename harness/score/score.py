@@ -22,11 +22,9 @@ from harness.score.baselines import BASELINES
 from harness.score.intervals import rate_interval
 from harness.score.looks import EventCounts, count_events
 from harness.score.metrics import Metric, load_metrics
-from harness.score.outcomes import OutcomeLog, Outcomes
-from harness.score.reference import Reference
+from harness.score.outcomes import OutcomeLog, Outcomes, Reference
 from harness.score.scored_frames import ScoredFrames, units_of
-from harness.score.sign_flips import sign_flip_p
-from harness.score.statistics import SIGNIFICANCE, Flags, Interval, wilson_interval
+from harness.score.statistics import SIGNIFICANCE, Flags, Interval, sign_flip_p, wilson_interval
 from harness.score.verdicts import ERROR_TYPES, Verdict
 
 Beats = Literal["yes", "not shown", "no"]

@@ -24,7 +24,7 @@ from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.score.finished_run import FinishedRun
 from harness.score.labelled_run import read_labelled
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.recordings import messages

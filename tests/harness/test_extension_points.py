@@ -12,7 +12,7 @@ import pytest
 
 from harness.run.results import to_line
 from harness.score.metrics import load_metrics
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from scripts.worked_examples import example
 from tests.plugins import install
 from tests.records import answers, labels, score_run

@@ -22,9 +22,9 @@ from harness.report.stages import StageTimes
 from harness.report.tables import error_types_table, frr_table, nowhere_table, remarks, seeds_table, visible_table
 from harness.report.thumbnails import Thumbnails
 from harness.report.verdict import headline, next_steps, verdict_sentence
+from harness.score.calibration import Reliability
 from harness.score.comparison import Comparison
 from harness.score.oracle_ablation import steps, without_oracles
-from harness.score.reliability import Reliability
 from harness.score.score import Scores
 
 _FOLDER = Path(__file__).parent

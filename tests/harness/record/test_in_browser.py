@@ -22,7 +22,7 @@ from harness.record.web_viewer import web_viewer_files
 from harness.report.page.attention_log import AttentionLog
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.score.verdicts import Verdict
 from tests.browser import WEBGL, chromium, let_out, point_at, set_width

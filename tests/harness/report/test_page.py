@@ -20,7 +20,7 @@ from harness.report.page.data import LETTERS, STATES, differing_settings
 from harness.report.page.packing import bundle, runs, steps
 from harness.report.page.render import render_page
 from harness.run.records import FrameRecord
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import Scores, score
 from harness.score.verdicts import NO_HIT, answered
 from tests.records import answers, frame_record, labels, subject_record, target_record

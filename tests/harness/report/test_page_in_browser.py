@@ -18,7 +18,7 @@ from harness.report.thumbnails import Thumbnail, ThumbnailSubject, lines_path, p
 from harness.report.thumbnails.writer import picture
 from harness.run.results import to_line
 from harness.score.comparison import compare
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.score.verdicts import ERROR_TYPES
 from tests.browser import chromium, point_at, requested, set_width, wait_until_drawn

@@ -15,7 +15,7 @@ from harness.report.tables import frr_table, paper_table, summary_table, termina
 from harness.report.write import render_tables
 from harness.run.records import FrameRecord
 from harness.run.results import to_line
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.score.verdicts import ERROR_TYPES
 from tests.records import answers, frame_record, labels, score_run, subject_record, target_record

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import pytest
 
 from harness.report.verdict import grid_levels, verdict_sentence
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import score
 from tests.records import answers, labels
 

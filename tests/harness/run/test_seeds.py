@@ -14,7 +14,7 @@ from harness.run.experiment import load_experiment
 from harness.run.grid import base_of
 from harness.run.records import DirectionFitRecord, FrameRecord
 from harness.score.comparison import compare
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.stages.frame_measures import FrameMeasures
 from tests.disk import write_text
@@ -85,18 +85,19 @@ def test_rows_are_means_over_seeds_and_looks_are_counted_once() -> None:
 
 
 def test_checks_of_probabilities_and_of_stages_take_all_seeds_together() -> None:
-    reference = Reference(labels={"clip": labels("cup", "cup", "can")})
-    logs = RecordLogs(reference, ["bayes.seed1", "bayes.seed2"])
-    for configuration, said in (("bayes.seed1", ["cup", "can", "can"]), ("bayes.seed2", ["cup", "cup", "can"])):
-        of_seed = RecordLogs(reference, [configuration])
+    seeds = ("bayes.seed1", "bayes.seed2")
+    reference = Reference(labels={"clip": labels("cup", "cup", "can")}, probabilistic=seeds)
+    logs = RecordLogs(reference)
+    for configuration, said in zip(seeds, (["cup", "can", "can"], ["cup", "cup", "can"]), strict=True):
+        of_seed = RecordLogs(reference)
         of_seed.watch(map(fitted_and_measured, answers(said, configuration=configuration)))
         logs.add("clip", configuration, of_seed.part("clip", configuration))
-    (calibration,) = logs.beliefs.reliabilities()
+    (calibration,) = logs.calibration.reliabilities()
     assert (calibration.configuration, calibration.n) == ("bayes", 6)
     assert calibration.share_right == pytest.approx(5 / 6)
-    assert [(each.configuration, each.n) for each in logs.beliefs.by_subject()] == [("bayes", 6)]
-    assert [(each.configuration, each.n) for each in logs.sets.coverages()] == [("bayes", 6)]
-    assert [(each.configuration, each.n) for each in logs.directions.checks()] == [("bayes", 6)]
+    assert [(each.configuration, each.n) for each in logs.calibration.by_subject()] == [("bayes", 6)]
+    assert [(each.configuration, each.n) for each in logs.calibration.coverages()] == [("bayes", 6)]
+    assert [(each.configuration, each.n) for each in logs.calibration.direction_checks()] == [("bayes", 6)]
     assert {key: len(frames) for key, frames in logs.measures.pooled().items()} == {("clip", "bayes"): 6}
 
 

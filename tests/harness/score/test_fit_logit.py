@@ -11,9 +11,8 @@ from harness.cli.run import experiment_of, run_plainly
 from harness.clips.add import add_clip
 from harness.run.experiment import load_experiment
 from harness.run.fitted_weights import read_fitted
-from harness.score.fit_logit import folds_of
+from harness.score.fit_logit import folds_of, with_left_out_weights
 from harness.score.labelled_run import read_labelled
-from harness.score.left_out import with_left_out_weights
 from tests.command import vfoa
 from tests.disk import write_text
 from tests.measured import EXPERIMENT, measured_tables, true_labels

@@ -22,7 +22,7 @@ from harness.score.intervals import (
     resampled_rates,
     standard_error,
 )
-from harness.score.sign_flips import inferiority_p, needed_shift, power, sign_flip_interval, sign_flip_p, smallest_p
+from harness.score.statistics import inferiority_p, needed_shift, power, sign_flip_interval, sign_flip_p, smallest_p
 
 
 def _run(rng: np.random.Generator, clips: int, looks: int = 5, signed: bool = False) -> Units:

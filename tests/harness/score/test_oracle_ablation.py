@@ -14,7 +14,7 @@ from harness.report.write import rescore
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
 from harness.score.oracle_ablation import steps, with_oracle_ablation
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.sources import PersonTruth, Truth
 from harness.stages.configuration import StageChoice

@@ -10,7 +10,7 @@ from harness.report.published import reproductions
 from harness.report.write import render_tables
 from harness.run.experiment import load_experiment
 from harness.run.published import Published
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import score
 from tests.disk import write_text
 from tests.records import answers, labels

@@ -10,7 +10,7 @@ from sklearn.metrics import cohen_kappa_score, f1_score, log_loss
 from harness.labels.labels import Label, LabelRange, Labels
 from harness.run.records import FrameRecord
 from harness.score.metrics import LEAST_PROBABILITY
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import ScoreRow, Scores, score
 from harness.score.statistics import wilson_interval
 from harness.score.verdicts import ERROR_TYPES

@@ -13,7 +13,7 @@ from PIL import Image
 from harness.report.thumbnails import Thumbnails, lines_path, picture_path, read_thumbnails
 from harness.report.thumbnails.writer import ThumbnailWriter, picture, thumbnail
 from harness.run.frame_sink import FinishedFrame
-from harness.score.reference import Reference
+from harness.score.outcomes import Reference
 from harness.score.score import score
 from harness.score.verdicts import Verdict
 from tests.harness.record.conftest import ANN, EYES, show
