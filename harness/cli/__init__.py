@@ -1,4 +1,4 @@
-"""The command line: one file per command, heavy imports inside the command.
+"""The command line: a file per group of commands, heavy imports inside the commands.
 
 A known error is one line on stderr and exit code 2; anything else is a bug and keeps its traceback.
 """
@@ -15,24 +15,16 @@ from typing import Annotated, Any, NoReturn
 import typer
 from typer.core import TyperArgument
 
-from harness.cli import cache, clips, labels, models
+from harness.cli import clips, labels, models, setup
 from harness.cli.annotate import annotate
 from harness.cli.bench import bench
 from harness.cli.calibrate import calibrate
-from harness.cli.compare import compare
-from harness.cli.demo import demo
-from harness.cli.doctor import doctor
-from harness.cli.export_failure import export_failure
 from harness.cli.fit import fit
-from harness.cli.init import init
 from harness.cli.live import live
-from harness.cli.plan import plan
-from harness.cli.report import report
-from harness.cli.run import run
-from harness.cli.score import score
-from harness.cli.settings import settings
+from harness.cli.run import demo, run
+from harness.cli.scores import compare, plan, report, score
 from harness.cli.terminal import say
-from harness.cli.view import view
+from harness.cli.view import export_failure, view
 from harness.files.safe_names import shown
 from harness.processes import keep_working_directory_out
 from vfoa.errors import StageError, VfoaError
@@ -92,12 +84,12 @@ app.command(short_help="Fit attention's weights to labelled clips.")(fit)
 app.command(short_help="Measure the speed of each stage.")(bench)
 app.command(short_help="Label a clip in the browser: who looks at what.")(annotate)
 app.command(short_help="Calibrate two cameras from pictures of a board.")(calibrate)
-app.command(short_help="Check what running needs on this machine.")(doctor)
-app.command(short_help="Make a working directory with the data folders.")(init)
-app.command(short_help="Print every setting: type, unit, default, meaning.")(settings)
+app.command(short_help="Check what running needs on this machine.")(setup.doctor)
+app.command(short_help="Make a working directory with the data folders.")(setup.init)
+app.command(short_help="Print every setting: type, unit, default, meaning.")(setup.settings)
 app.add_typer(labels.app, name="labels", short_help="Check, import, export, compare and merge labels.")
 app.add_typer(labels.app, name="annotations", hidden=True)  # the earlier name of this command
-app.add_typer(cache.app, name="cache")
+app.add_typer(setup.cache_app, name="cache")
 app.add_typer(clips.app, name="clips")
 app.add_typer(models.app, name="models", short_help="List, fetch, check and export models.")
 

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.completion import experiment_and_clip_names
-from harness.cli.options import Replace
+from harness.cli.options import Replace, experiment_and_clip_names
 from harness.cli.terminal import say
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""``vfoa run``."""
+"""``vfoa run`` and ``vfoa demo``."""
 
 from __future__ import annotations
 
@@ -14,8 +14,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.completion import clip_names, experiment_and_clip_names, preset_names
-from harness.cli.options import Cache, Out, Overrides, Verbose, Workers
+from harness.cli.options import (
+    Cache,
+    Out,
+    Overrides,
+    Verbose,
+    Workers,
+    clip_names,
+    experiment_and_clip_names,
+    preset_names,
+)
 from harness.cli.terminal import say
 
 if TYPE_CHECKING:
@@ -243,3 +251,13 @@ def _said_of_unknown(name: str) -> str:
         f"run: no experiment or clip {name!r}; {hint}expected one of: {', '.join(experiments)}, an experiment's .toml "
         "file, or clips (`vfoa clips list`)"
     )
+
+
+def demo(
+    out: Out = None,
+    workers: Workers = 0,
+    limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
+    verbose: Verbose = False,
+) -> None:
+    """Run the paper's table on rendered clips: {BM, SGBM} x {one cone, two}. Downloads nothing."""
+    run(["demo"], out=out, workers=workers, limit=limit, verbose=verbose)

@@ -1,16 +1,24 @@
-"""``vfoa view``: open a recording."""
+"""``vfoa view``, ``vfoa export-failure``: open recordings, step through wrong frames, write a few frames."""
 
 from __future__ import annotations
 
+import re
+import sys
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from harness.cli.options import OneClip, OneConfiguration, Recordings, Replace, run_folder
+from harness.cli.terminal import say
+from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
-    from harness.record.composed import Composed
+    from harness.record.composed import Composed, RecordedClip
+    from harness.record.web_app import Routes
+    from harness.score.score import Scores
+    from harness.score.verdicts import Verdict
 
 
 def view(
@@ -35,13 +43,11 @@ def view(
     replace: Replace = False,
 ) -> None:
     """Open a run's recordings in the Rerun viewer: one for each clip, with a tab for each configuration."""
-    from harness.cli.failures import browse_failures, step_through
     from harness.files.io import check_new
     from harness.record import viewer
     from harness.record.composed import find_recordings
     from harness.run.directory import RunDirectory
     from harness.server.local_server import ended_by_sigterm, sigterm_as_ctrl_c
-    from vfoa.errors import VfoaError
 
     folder = run_folder(run)
     if failures:
@@ -75,7 +81,6 @@ def view(
 
 
 def _browse(recordings: list[Composed], frame: int | None) -> None:
-    from harness.cli.browse import browse
     from harness.record.web_app import open_path
 
     first, *others = recordings
@@ -90,7 +95,6 @@ def _compared(
     from dataclasses import replace
 
     from harness.record.composed import find_clips
-    from vfoa.errors import VfoaError
 
     if clip is None or config is not None or compare[0] == compare[1] or run.is_file():
         raise VfoaError("view --compare: expected a run's directory, --clip, no --config, and two configurations")
@@ -99,3 +103,194 @@ def _compared(
     (found,) = find_clips(run, clip, None)
     found.expect_subject(subject)
     return replace(found.compare(*compare), subject=subject)
+
+
+KEYS = "Enter or n: next, p: previous, w: the label is wrong, q: quit"
+
+
+def step_through(run: Path, clip: str | None, configuration: str | None) -> None:
+    """Open the viewer at a run's first wrong frame, and step to others by keys."""
+    if not sys.stdin.isatty():
+        raise VfoaError(
+            "view --failures: expected a terminal to read keys from, found none; --failures --web has links"
+        )
+    say(KEYS)
+    place: int | None = 0
+    while place is not None:
+        place = _steps(run, clip, configuration, place)
+
+
+def _steps(run: Path, clip: str | None, configuration: str | None, start: int) -> int | None:
+    """Step through the wrong frames; return the position at which a label was corrected, None at the end.
+
+    The viewer is reopened after a correction: it would keep the old content of the recording.
+    """
+    from harness.record import viewer
+
+    wrong, recordings = _wrong_frames(run, clip, configuration)
+    if not wrong:
+        say("No wrong frame.")
+        return None
+    shown = {clip: recording.compose() for clip, recording in recordings.items()}
+    place: int | None = min(start, len(wrong) - 1)
+    with viewer.opened(instead="--failures --web has a link to each wrong frame, for any browser") as go_to:
+        while place is not None:
+            at = wrong[place]
+            go_to(shown[at.clip], at.frame, (at.configuration, at.subject))
+            say(describe(wrong, place))
+            key = _key()
+            if key == "w" and _correct(run, at):
+                return place
+            place = next_place(key, place, len(wrong))
+    return None
+
+
+def _key() -> str:
+    """The key that is pressed; ``q`` for Ctrl-C and Ctrl-D."""
+    try:
+        return str(typer.prompt("", default="n", show_default=False, prompt_suffix="> ")).strip().lower()
+    except typer.Abort:
+        return "q"
+
+
+def next_place(key: str, place: int, count: int) -> int | None:
+    """The place, 0 to ``count`` - 1, that a key leads to; None ends. Both ends stay, and so does every other key."""
+    match key:
+        case "q":
+            return None
+        case "" | "n":
+            return min(place + 1, count - 1)
+        case "p":
+            return max(place - 1, 0)
+    return place
+
+
+def describe(wrong: Sequence[Verdict], place: int) -> str:
+    """One line: position among the wrong frames, clip, configuration, frame, subject, truth, prediction, error type."""
+    each = wrong[place]
+    where = f"{each.clip}, {each.configuration}, frame {each.frame}"
+    predicted = "no prediction" if each.predicted is None else f"predicted {each.predicted}"
+    return f"{place + 1}/{len(wrong)}  {where}: {each.subject} looks at {each.truth}, {predicted} ({each.error_type})"
+
+
+def _correct(run: Path, wrong: Verdict) -> bool:
+    """Ask for the right target of a frame, and write it; return False if nothing was written."""
+    from harness.annotate.correction import Correction, choices, correct
+    from harness.run.directory import RunDirectory
+
+    directory = RunDirectory(run)
+    try:
+        say(f"{', '.join(choices(directory, wrong.clip, wrong.subject))}; FIRST-LAST for more than this frame")
+        said = typer.prompt("right target [FIRST-LAST], or nothing", default="", show_default=False).strip()
+        if not said:
+            return False
+        target, first, last = _told(said, wrong.frame)
+        correction = Correction(clip=wrong.clip, subject=wrong.subject, target=target, first=first, last=last)
+        say(f"{correct(directory, correction)}: {correction}. Tables, page and recordings are updated.")
+    except (VfoaError, typer.Abort) as error:
+        say(f"vfoa: {error or 'nothing was changed'}", err=True)
+        return False
+    return True
+
+
+def _told(said: str, frame: int) -> tuple[str, int, int]:
+    """Parse a target and the frames: ``red cup`` for the frame alone, ``red cup 12-20`` for several."""
+    if found := re.fullmatch(r"(.+)\s+(\d+)-(\d+)", said):
+        return found[1], int(found[2]), int(found[3])
+    return said, frame, frame
+
+
+def browse_failures(run: Path, clip: str | None, configuration: str | None) -> None:
+    """Serve the recordings of a run, and a page that steps through its wrong frames beside the web viewer."""
+    from harness.record.web_app import failures_routes
+
+    wrong, recordings = _wrong_frames(run, clip, configuration)
+    if not wrong:
+        say("No wrong frame.")
+        return
+    shown = {
+        (each.clip, each.configuration): recordings[each.clip].under(each.configuration).compose() for each in wrong
+    }
+    say(f"{len(wrong)} wrong frames")
+    browse(shown.values(), ["/"], more=failures_routes(wrong, shown))
+
+
+def _wrong_frames(
+    run: Path, clip: str | None, configuration: str | None
+) -> tuple[list[Verdict], dict[str, RecordedClip]]:
+    """The wrong frames, and the recordings of each clip."""
+    from harness.record.composed import find_clips
+    from harness.run.directory import RunDirectory
+    from harness.score.finished_run import read_scores
+
+    recordings = {each.files.clip: each for each in find_clips(run, clip, configuration)}
+    return wrong_verdicts(read_scores(RunDirectory(run)), clip, configuration), recordings
+
+
+def wrong_verdicts(scores: Scores, clip: str | None, configuration: str | None) -> list[Verdict]:
+    """The wrong verdicts, grouped by recording and sorted by frame; None: of every clip, every configuration."""
+    wrong = [
+        verdict
+        for verdict in scores.verdicts
+        if verdict.outcome == "wrong"
+        and clip in (None, verdict.clip)
+        and configuration in (None, verdict.configuration)
+    ]
+    clips, configurations = scores.clips.index, scores.configurations.index
+    return sorted(wrong, key=lambda each: (clips(each.clip), configurations(each.configuration), each.frame))
+
+
+def browse(
+    recordings: Iterable[Composed],
+    paths: Sequence[str],
+    *,
+    page: Callable[[], str] | None = None,
+    more: Routes = (),
+    port: int = 0,
+    no_open: bool = False,
+) -> None:
+    """Serve recordings by their names, and ``more``; print the addresses of ``paths``, and open the first one."""
+    from harness.record.web_app import site
+    from harness.record.web_viewer import web_viewer_files
+    from harness.server.local_server import LocalServer, ended_by_sigterm, open_browser
+
+    with ended_by_sigterm():
+        app = site({each.name: each for each in recordings}, web_viewer_files(), page=page, more=more)
+        server = LocalServer(app, port)
+        addresses = [server.address_of(path) for path in paths]
+        say("\n".join(["Serving until Ctrl-C:", *addresses]))
+        if not no_open:
+            open_browser(addresses[0])
+        server.run()
+
+
+def export_failure(
+    run: Recordings,
+    frame: Annotated[int, typer.Option(help="The frame, in the source's own numbers.")],
+    clip: OneClip = None,
+    config: OneConfiguration = None,
+    subject: Annotated[str | None, typer.Option(help="Open it with this person's tab in front.")] = None,
+    margin: Annotated[int, typer.Option(help="Frames to keep on either side.")] = 10,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="RRD", help="File to write. Default: named after clip, configuration and frame."),
+    ] = None,
+    replace: Annotated[bool, typer.Option("--replace", help="Overwrite the file of --out.")] = False,
+) -> None:
+    """Write one frame and its neighbours as a small recording."""
+    from dataclasses import replace as changed
+
+    from harness.files.io import check_new
+    from harness.record.composed import find_clips
+    from harness.record.excerpt import write_excerpt
+
+    found = find_clips(run_folder(run), clip, config)
+    pairs = [f"{each.files.clip}, {layers.configuration}" for each in found for layers in each.layers]
+    if len(pairs) > 1:
+        raise VfoaError(f"{run}: expected one recording, found {'; '.join(pairs)}: choose with --clip and --config")
+    found[0].expect_subject(subject)
+    recording = changed(found[0].compose(), subject=subject)
+    excerpt = out or Path(f"{recording.name}__{frame}.rrd")
+    check_new(excerpt, replace=replace or out is None, hint=", or another --out", inputs=recording.files)
+    write_excerpt(recording, found[0].rate_hz, frame, margin, excerpt)
+    say(f"{excerpt}: {excerpt.stat().st_size / 1e6:.1f} MB")

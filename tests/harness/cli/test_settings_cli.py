@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import pytest
 
 import vfoa as package
-from harness.cli.completion import configuration_names, experiment_and_clip_names
+from harness.cli.options import configuration_names, experiment_and_clip_names
 from harness.run.experiment import load_experiment
 from harness.stages.configuration import TABLES
 from harness.stages.settings_reference import setting_keys, settings_tables

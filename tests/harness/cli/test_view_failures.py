@@ -7,8 +7,8 @@ import sys
 import pytest
 
 from harness.cli import main
+from harness.cli.view import describe, next_place, wrong_verdicts
 from harness.run.directory import RunDirectory
-from harness.score.failures import describe, failures, walk
 from harness.score.score import Scores
 from harness.score.verdicts import Verdict
 
@@ -48,30 +48,27 @@ def _places(found: list[Verdict]) -> list[tuple[str, str, int]]:
 
 
 def test_failures_are_the_wrong_frames_recording_by_recording_in_time():
-    assert _places(failures(SCORES, None, None)) == [("b", "two", 3), ("b", "two", 7), ("b", "one", 1), ("a", "two", 9)]
-    assert _places(failures(SCORES, "b", None)) == [("b", "two", 3), ("b", "two", 7), ("b", "one", 1)]
-    assert _places(failures(SCORES, None, "two")) == [("b", "two", 3), ("b", "two", 7), ("a", "two", 9)]
-    assert failures(SCORES, "a", "one") == []
+    assert _places(wrong_verdicts(SCORES, None, None)) == [
+        ("b", "two", 3),
+        ("b", "two", 7),
+        ("b", "one", 1),
+        ("a", "two", 9),
+    ]
+    assert _places(wrong_verdicts(SCORES, "b", None)) == [("b", "two", 3), ("b", "two", 7), ("b", "one", 1)]
+    assert _places(wrong_verdicts(SCORES, None, "two")) == [("b", "two", 3), ("b", "two", 7), ("a", "two", 9)]
+    assert wrong_verdicts(SCORES, "a", "one") == []
 
 
 @pytest.mark.parametrize(
-    ("keys", "seen"),
-    [
-        ([], [0]),
-        (["", "n"], [0, 1, 2]),
-        (["n", "p", "N\n"], [0, 1, 0, 1]),
-        (["p"], [0, 0]),
-        (["n", "n", "n"], [0, 1, 2, 2]),
-        (["n", "q", "n"], [0, 1]),
-        (["x", "n"], [0, 0, 1]),
-    ],
+    ("key", "place", "then"),
+    [("", 0, 1), ("n", 1, 2), ("n", 2, 2), ("p", 2, 1), ("p", 0, 0), ("x", 1, 1), ("w", 1, 1), ("q", 1, None)],
 )
-def test_keys_step_and_stop_at_both_ends(keys, seen):
-    assert list(walk(3, keys)) == seen
+def test_keys_step_and_stop_at_both_ends(key: str, place: int, then: int | None) -> None:
+    assert next_place(key, place, 3) == then
 
 
 def test_a_failure_is_one_line_that_says_what_was_wrong():
-    line = describe(failures(SCORES, None, None), 1)
+    line = describe(wrong_verdicts(SCORES, None, None), 1)
     assert line == "2/4  b, two, frame 7: ann looks at cup, predicted book (outscored)"
 
 

@@ -1,18 +1,78 @@
-"""``vfoa compare``."""
+"""``vfoa score``, ``report``, ``compare``, ``plan``: commands on the scores of finished runs."""
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.cli.options import Json, run_folder
+from harness.cli.options import Json, NoOpen, Port, Run, Verbose, run_folder
 from harness.cli.terminal import print_json, print_reports, say
 
 if TYPE_CHECKING:
     from harness.score.comparison import Comparison
+
+
+def score(
+    run: Run,
+    annotator: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ANNOTATOR", help="Score against CLIP@ANNOTATOR.csv. Default: the labels that the run names."
+        ),
+    ] = None,
+    verbose: Verbose = False,
+) -> None:
+    """Score a run again from its results and the present labels; needs no images and no models."""
+    from harness.cli.terminal import print_scores, say_unknown_names
+    from harness.report.write import rescore
+    from harness.run.directory import RunDirectory
+
+    folder = run_folder(run)
+    scores = rescore(RunDirectory(folder), annotator)
+    gc.freeze()  # the verdicts of all frames live to the end: without this, the collector visits them once more at exit
+    print_scores(scores, folder, verbose=verbose)
+    say_unknown_names(scores)
+
+
+def report(
+    run: Run,
+    serve: Annotated[
+        bool,
+        typer.Option(
+            "--serve", help="Serve the page on this machine: a click on a frame opens its recording; Ctrl-C ends it."
+        ),
+    ] = False,
+    port: Port = 0,
+    no_open: NoOpen = False,
+) -> None:
+    """Write a run's report page from its results and the present labels."""
+    from harness.report.write import report_page, rescore
+    from harness.run.directory import RunDirectory
+    from vfoa.errors import VfoaError
+
+    folder = run_folder(run)
+    directory = RunDirectory(folder)
+    if not serve and (port or no_open):
+        raise VfoaError("report: --port and --no-open are for --serve: leave them out, or add it")
+    if not serve:
+        rescore(directory)
+        say(f"Page: {directory.path / 'report.html'}")
+        return
+    from harness.annotate.correction_page import correction_routes
+    from harness.cli.view import browse
+    from harness.record.composed import served_recordings
+
+    recordings = served_recordings(folder)
+    page = partial(report_page, directory, {pair: each.name for pair, each in recordings.items()})
+    page()  # so that an error in the run is reported here, and not in the browser
+    more = correction_routes(directory)
+    browse(recordings.values(), ["/"], page=page, more=more, port=port, no_open=no_open)
+
 
 _KINDS = "significant-drop[=POINTS], drop=POINTS or possible-drop=POINTS"
 
@@ -131,3 +191,24 @@ def _failing(found: Sequence[Comparison], kind: str, points: float) -> list[str]
         if (p := each.inferiority_p(points / 100)) >= SIGNIFICANCE:
             lines.append(f"{dropped}; a drop of {points:g} is not ruled out (one-sided {format_p(p)})")
     return lines
+
+
+def plan(
+    run: Run,
+    points: Annotated[float, typer.Option(min=0.1, max=100, help="Difference to detect, in points of FRR.")] = 5.0,
+    power: Annotated[float, typer.Option(min=0.5, max=0.99, help="Probability of detecting it.")] = 0.8,
+    as_json: Json = False,
+) -> None:
+    """Print how many clips and looks are needed to detect a difference, from the spread of this run."""
+    from dataclasses import asdict
+
+    from harness.cli.terminal import print_json, print_reports
+    from harness.report.plan import plan_table, plans
+    from harness.run.directory import RunDirectory
+    from harness.score.finished_run import read_scores
+
+    found = plans(read_scores(RunDirectory(run_folder(run))), points, power)
+    if as_json:
+        print_json([asdict(each) for each in found])
+    else:
+        print_reports([plan_table(found, points, power)])

@@ -1,0 +1,347 @@
+"""``vfoa init``, ``doctor``, ``settings``, ``cache``: the working directory, and what this machine has."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from harness.cli.options import Cache, Json, stage_names
+from harness.cli.terminal import print_json, print_table, say
+
+if TYPE_CHECKING:
+    from vfoa.types import StereoRig
+
+
+_README = """# A working directory of vfoa
+
+    vfoa run                       the table of experiments/first.toml; then runs/first/report.html
+    vfoa view runs/first           its recording in the Rerun viewer
+    vfoa annotate example          change who looks at what, in the browser
+    vfoa clips add PATH            a clip of your own: images, video, recording
+
+datasets/     a .toml for each clip: where its files are, who is in it
+annotations/  a .csv for each clip: who looks at what in which frames
+experiments/  clips under configurations
+data/example  a rendered stereo pair, its calibration, and what models would find in it
+"""
+
+_CLIP = """# Two rendered frames: anna looks at ben, ben at the bear.
+name = "example"
+adapter = "stereo_folder"
+root = "../data/example"
+
+[source]
+left = "left/%04d.png"
+right = "right/%04d.png"
+rate_hz = {rate_hz}
+
+[source.camera]
+{camera}
+{names}"""
+
+_LABELS = """# vfoa annotations 1
+first_frame,last_frame,subject,target,note
+1,2,anna,ben,
+1,2,ben,bear,
+"""
+
+_EXPERIMENT = """# Two matchers x two sets of cones. What needs weights is read from files: masks, heads, poses, gazes.
+clips = ["example"]
+
+[defaults.stereo]
+min_depth_m = 0.8
+
+[defaults.segmentation]
+model = "coco_panoptic"
+root = "data/${CLIP}"
+
+[defaults.heads]
+detector = "files"
+root = "data/${CLIP}"
+
+[defaults.head_pose]
+model = "files"
+root = "data/${CLIP}"
+
+[defaults.gaze]
+model = "files"
+root = "data/${CLIP}"
+
+[grid]
+"stereo.matcher" = ["bm", "sgbm"]
+"attention.cones_cm" = { one = [10], two = [10, 25] }
+"""
+
+_FRAMES = (1, 2)
+
+
+def init(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Directory; it is made if it does not exist.")],
+) -> None:
+    """Make a working directory: the data folders, and an example clip with labels and an experiment.
+
+    Files that exist stay as they are.
+    """
+    from vfoa.errors import VfoaError
+
+    for name in ("datasets", "annotations", "experiments"):
+        try:
+            (folder / name).mkdir(parents=True, exist_ok=True)
+        except (FileExistsError, NotADirectoryError):
+            raise VfoaError(f"{folder / name}: found a file; expected a folder") from None
+    with tempfile.TemporaryDirectory(dir=folder, prefix=".init-") as temporary:
+        made = Path(temporary)
+        _write_example(made)
+        for path in sorted(path for path in made.rglob("*") if path.is_file()):
+            target = folder / path.relative_to(made)
+            if not target.exists():
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.move(path, target)
+    say((folder / "README.md").read_text(encoding="utf-8"), nl=False)
+    inside = "" if folder.resolve() == Path.cwd() else f"cd {folder} && "
+    say(f"next: {inside}vfoa run")
+
+
+def _write_example(folder: Path) -> None:
+    """Write the example clip, its labels and its experiment into a folder."""
+    from harness.clips.manifest import load_manifest
+    from harness.files.io import write_together
+    from harness.files.parsing import toml_value
+
+    talk = load_manifest("studio_talk")
+    rig = _write_data(folder / "data" / "example")
+    camera = {"fx_px": rig.fx_px, "cx_px": rig.cx_px, "cy_px": rig.cy_px, "baseline_m": rig.baseline_m}
+    names = [
+        f'\n[{table}.{key}]\ncategory = "{rule.category}"\ninstance = {rule.instance}\n'
+        for table, rules in (("subjects", talk.subjects), ("targets", talk.targets))
+        for key, rule in rules.items()
+    ]
+    manifest = _CLIP.format(
+        rate_hz=toml_value(talk.open().rate_hz),
+        camera="".join(f"{key} = {toml_value(value)}\n" for key, value in camera.items()),
+        names="".join(names).lstrip("\n"),
+    )
+    write_together(
+        {
+            folder / "README.md": _README,
+            folder / "datasets" / "example.toml": manifest,
+            folder / "annotations" / "example.csv": _LABELS,
+            folder / "experiments" / "first.toml": _EXPERIMENT,
+        }
+    )
+
+
+def _write_data(folder: Path) -> StereoRig:
+    """Render the pairs, and write them with what the demo's stages find in them; return the rig."""
+    import cv2
+
+    from harness.clips.manifest import load_manifest
+    from harness.files.io import atomic_write
+    from harness.run.experiment import load_experiment
+    from harness.sources import MeasuredClip
+    from harness.stages.outputs.write import write_stage_outputs
+    from harness.stages.slots import SLOTS
+    from vfoa.pipeline import Stages, perceive
+
+    clip = load_manifest("studio_talk").open()
+    assert not isinstance(clip, MeasuredClip)
+    choices = load_experiment("demo").configurations[0].choices
+    built = {slot: SLOTS[slot].build(choice, clip) for slot, choice in choices.items() if choice}
+    stages = Stages(
+        matcher=built["stereo"],
+        segmenter=built["segmentation"],
+        heads=built["heads"],
+        head_pose=built["head_pose"],
+        gaze=built["gaze"],
+    )
+    frames = [clip.frame(number) for number in _FRAMES]
+    write_stage_outputs(folder, [perceive(frame, stages) for frame in frames])
+    for frame in frames:
+        for side, image in (("left", frame.left), ("right", frame.right)):
+            png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].tobytes()
+            atomic_write(folder / side / f"{frame.index:04d}.png", png)
+    return frames[0].rig
+
+
+_MODULES = ("numpy", "pandas", "cv2", "cv2.ximgproc", "open3d", "onnxruntime", "filterpy", "rerun", "mcap")
+_LIBRARIES = {
+    "cv2.ximgproc": "pip uninstall opencv-python-headless, then reinstall opencv-contrib-python-headless",
+    "open3d": "sh system-libraries.sh python, or on Debian: libgl1 libx11-6 libgomp1 libegl1 libusb-1.0-0",
+}
+"""What to do for a package that is installed and cannot be imported."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One line: the state of one thing, whether running stops without it, and what mends it (None: nothing to do)."""
+
+    what: str
+    state: str
+    fix: str | None = None
+    required: bool = False
+
+
+def doctor(as_json: Json = False) -> None:
+    """Check what running needs: packages, write access, weights, providers, browser; exit 2 if it cannot work."""
+    findings = [*_python(), *_packages(), *_folders(), *_weights(), *_providers(), *_browser()]
+    if as_json:
+        print_json([asdict(finding) for finding in findings])
+    else:
+        print_table(
+            ["check", "state", "to mend it"],
+            [[finding.what, finding.state, finding.fix] for finding in findings],
+            wrapped={"state", "to mend it"},
+        )
+    if any(finding.required and finding.fix for finding in findings):
+        raise typer.Exit(2)
+
+
+def _python() -> Iterator[Finding]:
+    old = sys.version_info < (3, 11)
+    yield Finding(
+        what="Python",
+        state=f"{platform.python_version()}, {platform.machine()}",
+        fix="install Python 3.11 or newer" if old else None,
+        required=True,
+    )
+
+
+def _packages() -> Iterator[Finding]:
+    """Import each package: one that is installed can still lack a library of the system."""
+    from importlib import import_module
+
+    for name in _MODULES:
+        try:
+            module = import_module(name)
+        except ImportError as error:
+            fix = _LIBRARIES.get(name, "pip install --requirement requirements.lock")
+            yield Finding(what=name, state=str(error).splitlines()[0], fix=fix, required=True)
+        else:
+            yield Finding(what=name, state=getattr(module, "__version__", "ready"))
+
+
+def _folders() -> Iterator[Finding]:
+    import os
+
+    from harness.files.cache import VARIABLE, cache_root
+    from vfoa.weights import cache_directory
+
+    mends = {
+        "working directory": (Path.cwd(), "cd to a folder of your own"),
+        "stage cache": (cache_root(), f"set {VARIABLE} to a folder of your own"),
+        "fetched weights": (cache_directory(), "set XDG_CACHE_HOME to a folder of your own"),
+    }
+    for what, (folder, fix) in mends.items():
+        there = next(parent for parent in (folder, *folder.parents) if parent.exists())
+        writable = os.access(there, os.W_OK | os.X_OK)
+        state = f"{folder}: {'writable' if writable else 'cannot be written'}"
+        yield Finding(what=what, state=state, fix=None if writable else fix, required=what == "working directory")
+
+
+def _weights() -> Iterator[Finding]:
+    """For each slot, the stages that can run; and how to get the weights of the one that `vfoa run CLIP` takes."""
+    from harness.run.experiment import load_experiment
+    from harness.stages.slots import SLOTS
+    from harness.stages.weights.readiness import missing_weights, ready_stages
+
+    (default,) = load_experiment("default", clips=("any",)).configurations
+    for slot, choice in default.choices.items():
+        missing = missing_weights([choice] if choice else [])
+        fix = " or ".join((missing.fetch, *missing.instead)) if missing else None
+        ready = ", ".join(stage.name for stage in ready_stages(SLOTS[slot])) or "none"
+        yield Finding(what=f"{slot} (default {choice.name if choice else 'none'})", state=f"ready: {ready}", fix=fix)
+
+
+def _providers() -> Iterator[Finding]:
+    from vfoa.onnx import available_providers
+
+    providers = available_providers()
+    fix = None if len(providers) > 1 else "for CUDA: onnxruntime-gpu in place of onnxruntime; then --provider cuda"
+    yield Finding(what="providers of networks", state=", ".join(providers), fix=fix)
+
+
+def _browser() -> Iterator[Finding]:
+    import webbrowser
+
+    try:
+        state, fix = webbrowser.get().__class__.__name__, None
+    except webbrowser.Error:
+        state, fix = "none", "open the address that `vfoa annotate` and `vfoa report --serve` print in any browser"
+    yield Finding(what="browser", state=state, fix=fix)
+
+
+def settings(
+    stage: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="STAGE",
+            help="Only a stage or step (stereo), or one choice of it (stereo.sgbm).",
+            autocompletion=stage_names,
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Print every setting: key (for --set and for experiments), type, unit, default and meaning."""
+    from dataclasses import asdict
+
+    from harness.cli.terminal import print_json, print_table
+    from harness.stages.settings_reference import settings_tables
+
+    tables = settings_tables(stage)
+    if as_json:
+        print_json([asdict(table) for table in tables])
+        return
+    for table in tables:
+        say(f"{table.title}{': ' if table.summary else ''}{table.summary}")
+        if table.settings:
+            print_table(
+                ("Key", "Type", "Unit", "Default", "Meaning"),
+                [(each.key, each.type, each.unit, each.default, each.meaning) for each in table.settings],
+                wrapped=("Type", "Default", "Meaning"),
+            )
+        else:
+            say("  nothing to set\n")
+
+
+cache_app = typer.Typer(help="Show and clear the stage cache.", no_args_is_help=True)
+
+
+@cache_app.command(short_help="Show where the cache is and what it holds.")
+def info(cache: Cache = None, as_json: Json = False) -> None:
+    """Show where the cache is, its limit, and the size of each stage and clip."""
+    from dataclasses import asdict
+
+    from harness.stages.cache.store import open_store
+
+    store = open_store(cache)
+    usage = store.usage()
+    total = sum(each.bytes for each in usage)
+    if as_json:
+        where = {"path": str(store.stages), "limit_bytes": store.limit_bytes, "bytes": total}
+        print_json({**where, "stages": [asdict(each) for each in usage]})
+        return
+    if usage:
+        print_table(
+            ["stage", "clip", "results", "MB"],
+            [[f"{each.slot} {each.name}", each.clip, each.files, f"{each.bytes / 1e6:.1f}"] for each in usage],
+        )
+    say(f"{store.stages}: {total / 1e6:.1f} MB of at most {store.limit_bytes / 1e6:.0f} MB ($VFOA_CACHE_GB)")
+
+
+@cache_app.command()
+def clear(cache: Cache = None) -> None:
+    """Remove every cached result."""
+    from harness.stages.cache.store import open_store
+
+    store = open_store(cache)
+    total = sum(each.bytes for each in store.usage())
+    store.clear()
+    say(f"{store.stages}: removed {total / 1e6:.1f} MB")
