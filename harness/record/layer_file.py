@@ -68,6 +68,7 @@ class LayerFile:
 
     def state(self) -> dict[str, Any]:
         """Return the state for another run: the bytes of each flushed partial file, and its parts."""
+        self._unsent = 0
         parts = {name: log.state() for name, log in self._logs.items()}
         files = {path.name: size for path, size in self._kept}
         if self._file:

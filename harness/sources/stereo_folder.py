@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+from bisect import bisect_left
 from collections.abc import Mapping
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
@@ -152,7 +152,8 @@ class StereoFolderClip:
 
     def time_ns(self, number: int) -> int:
         """Time from the files, or the number over the rate (without times, or if the manifest gives a rate)."""
-        if number not in self._numbers:
+        place = bisect_left(self.frames, number)
+        if self.frames[place : place + 1] != (number,):
             expected = f"{self.frames[0]} to {self.frames[-1]}"
             raise VfoaError(f"{self._folder}: no frame {number}; expected {expected}")
         stamp_ns = None if self._settings.rate_hz else self._views.time_ns(number)
@@ -193,10 +194,6 @@ class StereoFolderClip:
             str(cameras).encode() if isinstance(cameras, Calibration) else cameras.left.key + cameras.right.key
         )
         return digest.hexdigest()
-
-    @cached_property
-    def _numbers(self) -> frozenset[int]:
-        return frozenset(self.frames)
 
     def _optics(self, size_px: tuple[int, int]) -> Optics:
         """The optics for images of this size, computed when the first one is read: a clip has one size."""

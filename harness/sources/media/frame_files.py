@@ -6,7 +6,7 @@ import glob
 import os
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, KeysView, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -22,10 +22,31 @@ IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".
 _IMAGE_ENDS = tuple(IMAGE_SUFFIXES)
 
 
-class FolderFiles(Mapping[int, Path]):
-    """Files of one folder by frame number. Only their names are kept: an hour of video has 90,000 of them."""
+class NumberedNames(Mapping[int, str]):
+    """Names by frame number, ascending. An hour of video has 90,000: those that follow one pattern are not kept."""
 
-    def __init__(self, folder: Path, names: dict[int, str]) -> None:
+    def __init__(self, names: dict[int, str]) -> None:
+        self._pattern = _shared_pattern(names)
+        self._names: Mapping[int, str] | range = _steps(names) if self._pattern else names
+
+    def __getitem__(self, number: int) -> str:
+        if not isinstance(self._names, range):
+            return self._names[number]
+        if number not in self._names:
+            raise KeyError(number)
+        return printf_name(self._pattern, number)
+
+    def __iter__(self) -> Iterator[int]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+class FolderFiles(Mapping[int, Path]):
+    """Files of one folder by frame number."""
+
+    def __init__(self, folder: Path, names: Mapping[int, str]) -> None:
         self._folder, self._names = folder, names
 
     def __getitem__(self, number: int) -> Path:
@@ -36,10 +57,6 @@ class FolderFiles(Mapping[int, Path]):
 
     def __len__(self) -> int:
         return len(self._names)
-
-    def keys(self) -> KeysView[int]:
-        """The frame numbers; those of a dictionary are faster than those of a mapping."""
-        return self._names.keys()
 
 
 def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
@@ -73,12 +90,12 @@ def find_frames(root: Path, pattern: str, where: str) -> Mapping[int, Path]:
     return {number: by_name[name] for number, name in number_names(by_name, f"{where}: {pattern!r}").items()}
 
 
-def number_names(names: Iterable[str], where: str) -> dict[int, str]:
+def number_names(names: Iterable[str], where: str) -> NumberedNames:
     """File names by frame number, ascending: the number is the one run of digits that differs between them."""
     names = sorted(names)
     runs = {name: [int(digits) for digits in _DIGITS.findall(os.path.splitext(name)[0])] for name in names}
     if len(names) == 1:
-        return _unique([((runs[names[0]] or [0])[-1], names[0])], where)
+        return NumberedNames(_unique([((runs[names[0]] or [0])[-1], names[0])], where))
     first = names[0]
     if odd := next((name for name in names if len(runs[name]) != len(runs[first]) or not runs[name]), None):
         raise VfoaError(
@@ -91,7 +108,24 @@ def number_names(names: Iterable[str], where: str) -> dict[int, str]:
             f"{where}: {len(varying)} numbers differ between {first!r} and {names[-1]!r}; "
             "expected one, or a pattern with %d for the frame number"
         )
-    return _unique(((runs[name][varying[0]], name) for name in names), where)
+    return NumberedNames(_unique(((runs[name][varying[0]], name) for name in names), where))
+
+
+def _shared_pattern(names: Mapping[int, str]) -> str:
+    """The printf pattern that gives every name from its number; "" if there is none."""
+    number, name = next(iter(names.items()))
+    for digits in _DIGITS.finditer(name):
+        pattern = f"{name[: digits.start()]}%0{len(digits[0])}d{name[digits.end() :]}"
+        if int(digits[0]) == number and all(printf_name(pattern, each) == name for each, name in names.items()):
+            return pattern
+    return ""
+
+
+def _steps(names: dict[int, str]) -> dict[int, str] | range:
+    """The numbers as a range if their steps are equal, else the names as they are."""
+    numbers = [*names]
+    steps = range(numbers[0], numbers[-1] + 1, max(1, (numbers[-1] - numbers[0]) // max(1, len(numbers) - 1)))
+    return steps if [*steps] == numbers else names
 
 
 def printf_name(pattern: str, number: int) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import lru_cache
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -94,11 +95,12 @@ class CocoPanoptic:
 
     def digest(self) -> str:
         """Hexadecimal sha256 of the JSON and every PNG that it names."""
-        maps = [(str(number), self._png / name) for number, name in self._masks.files.items()]
+        maps = ((str(number), self._png / name) for number, name in self._masks.files.items())
         try:
-            return digest_files([("json", self._json), *maps])
+            return digest_files(chain([("json", self._json)], maps))
         except VfoaError:
-            if missing := next((path for _, path in maps if not path.is_file()), None):
+            paths = (self._png / name for name in self._masks.files.values())
+            if missing := next((path for path in paths if not path.is_file()), None):
                 raise VfoaError(f"{missing}: no such file; expected it, since {self._json} names it") from None
             raise
 
