@@ -203,7 +203,7 @@ def plan(
     from dataclasses import asdict
 
     from harness.cli.terminal import print_json, print_reports
-    from harness.report.plan import plan_table, plans
+    from harness.report.comparisons import plan_table, plans
     from harness.run.directory import RunDirectory
     from harness.score.finished_run import read_scores
 

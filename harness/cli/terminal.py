@@ -131,8 +131,7 @@ def print_scores(scores: Scores, run: Path, *, verbose: bool = False) -> None:
     """
     from rich.console import Console
 
-    from harness.report.comparisons import terminal_ablation
-    from harness.report.published import published_table
+    from harness.report.comparisons import published_table, terminal_ablation
     from harness.report.stages import terminal_measures
     from harness.report.tables import remarks, seeds_table, summary_table, terminal_table
     from harness.report.verdict import headline, next_steps, verdict_sentence

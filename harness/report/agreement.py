@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from harness.labels.labels import Labels
-from harness.report.formats import UNKNOWN, Table
+from harness.report.formats import UNKNOWN, Table, number, percent
 from harness.score.agreement import Agreement, differences
 
 _NOTE = (
@@ -25,10 +25,8 @@ def agreement_table(clip: str, found: Sequence[Agreement]) -> Table:
         rows=tuple(
             (
                 *(each.first, each.second, each.subject or "(all)", str(each.n), str(each.skipped)),
-                *(_percent(each.agreed, each.n), _number(each.kappa)),
-                UNKNOWN
-                if math.isnan(each.interval.low)
-                else f"{_number(each.interval.low)} to {_number(each.interval.high)}",
+                *(percent(each.agreed / each.n if each.n else None), number(each.kappa, 2)),
+                UNKNOWN if math.isnan(each.interval.low) else f"{each.interval.low:.2f} to {each.interval.high:.2f}",
             )
             for each in found
         ),
@@ -45,7 +43,7 @@ def targets_table(clip: str, found: Sequence[Agreement]) -> Table:
         rows=tuple(
             (
                 *(pair.first, pair.second, each.target, str(each.first), str(each.second), str(each.both)),
-                *(f"{100 * each.share:.1f}", _number(each.kappa)),
+                *(percent(each.share), number(each.kappa, 2)),
             )
             for pair in found
             if pair.subject is None
@@ -100,11 +98,3 @@ def agreement_tables(
         **confusions,
         "differences": differences_table(clip, labels, found, frames),
     }
-
-
-def _percent(part: int, whole: int) -> str:
-    return f"{100 * part / whole:.1f}" if whole else UNKNOWN
-
-
-def _number(value: float) -> str:
-    return UNKNOWN if math.isnan(value) else f"{value:.2f}"

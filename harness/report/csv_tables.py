@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
-from harness.report.formats import Table, csv_cell
+from harness.report.formats import Table, csv_cell, csv_share
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.baselines import BASELINES
 from harness.score.calibration import prediction_set
@@ -45,7 +45,9 @@ def scores_table(scores: Scores) -> Table:
     metrics = tuple(load_metrics())
     if taken := sorted({*columns} & {*metrics}):
         raise VfoaError(f"metric {taken[0]!r}: frr.csv already has a column of that name; expected another name")
-    rows = tuple((*_score_cells(row, scores), *(_share(row.metrics[name]) for name in metrics)) for row in scores.rows)
+    rows = tuple(
+        (*_score_cells(row, scores), *(csv_share(row.metrics[name]) for name in metrics)) for row in scores.rows
+    )
     return Table(title="Scores", columns=(*columns, *metrics), words=3, rows=rows)
 
 
@@ -54,14 +56,14 @@ def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
     return (
         *(row.clip or ALL, row.subject or ALL, row.configuration),
         *map(str, (row.n, row.looks, row.clips, row.correct, row.n - row.correct, row.predicted, row.no_hit)),
-        *map(_share, (row.frr, row.interval.low, row.interval.high)),
+        *map(csv_share, (row.frr, row.interval.low, row.interval.high)),
         "" if math.isnan(row.interval.low) else row.interval.unit,
-        *map(_share, (row.wilson.low, row.wilson.high, row.coverage, row.frr_predicted)),
-        *(str(row.visible), _share(row.frr_visible)),
+        *map(csv_share, (row.wilson.low, row.wilson.high, row.coverage, row.frr_predicted)),
+        *(str(row.visible), csv_share(row.frr_visible)),
         *_nowhere_cells(row),
         *map(str, (events.true, events.found, events.matched)),
-        *map(_share, events.rates),
-        *(_share(row.baselines[name]) for name in BASELINES),
+        *map(csv_share, events.rates),
+        *(csv_share(row.baselines[name]) for name in BASELINES),
         row.beats,
         *(str(row.error_types[error_type]) for error_type in ERROR_TYPES),
         _unknown_names(row, scores),
@@ -77,11 +79,7 @@ def _nowhere_cells(row: ScoreRow) -> tuple[str, ...]:
     found = row.nowhere
     if found is None:
         return ("",) * 5
-    return (*map(str, (found.true, found.said, found.right)), _share(found.precision), _share(found.recall))
-
-
-def _share(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.6f}"
+    return (*map(str, (found.true, found.said, found.right)), csv_share(found.precision), csv_share(found.recall))
 
 
 _cell = lru_cache(maxsize=None)(csv_cell)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from harness.files.parsing import toml_key, toml_value
-from harness.report.formats import UNKNOWN, Table
+from harness.report.formats import Table, number, percent
 from harness.run.fitted_weights import FittedWeights, MethodScore
 from vfoa.logit import shipped_fit
 
@@ -40,11 +40,8 @@ def _table(title: str, rows: Sequence[MethodScore], notes: Sequence[str]) -> Tab
         (
             row.method,
             str(row.n),
-            *(UNKNOWN if each is None else f"{each:.3f}" for each in (row.log_loss, row.calibration_error)),
-            *(
-                UNKNOWN if each is None else f"{100 * each:.1f}"
-                for each in (row.balanced_frr, row.frr, row.recall_on_targets)
-            ),
+            *(number(each, 3) for each in (row.log_loss, row.calibration_error)),
+            *map(percent, (row.balanced_frr, row.frr, row.recall_on_targets)),
         )
         for row in rows
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -132,6 +133,26 @@ def csv_cell(text: str) -> str:
     """One cell as :func:`to_csv` writes it, for tables that are too long to hold in memory as cells."""
     text = plain_cell(text)
     return '"' + text.replace('"', '""') + '"' if re.search('[",\r\n]', text) else text
+
+
+def number(value: float | None, digits: int, scale: float = 1) -> str:
+    """A number for people; :data:`UNKNOWN` without a value."""
+    return UNKNOWN if value is None or math.isnan(value) else f"{scale * value:.{digits}f}"
+
+
+def percent(share: float | None) -> str:
+    """A share in percent, for people."""
+    return number(share, 1, 100)
+
+
+def p_value(p: float) -> str:
+    """A p value in two significant digits, for people."""
+    return "<0.001" if p < 0.001 else f"{p:.2g}"
+
+
+def csv_share(value: float) -> str:
+    """A share for programs: six decimals, empty without a value."""
+    return "" if math.isnan(value) else f"{value:.6f}"
 
 
 def _aligned(cells: Sequence[str], widths: Iterable[int], words: int) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from harness.report.formats import UNKNOWN, Table
+from harness.report.formats import UNKNOWN, Table, number
 from harness.score.calibration import (
     BINS,
     MOST_SHARE,
@@ -100,9 +100,9 @@ def direction_check_table(found: Sequence[DirectionCheck]) -> Table:
                 each.configuration,
                 str(each.n),
                 f"{100 * each.surprises:.1f}",
-                _degrees(each.claimed_deg),
-                _degrees(each.implied_deg),
-                UNKNOWN if each.share is None else f"{each.share:.2f}",
+                number(each.claimed_deg, 1),
+                number(each.implied_deg, 1),
+                number(each.share, 2),
                 "yes" if each.fits else "no",
             )
             for each in found
@@ -116,7 +116,3 @@ def direction_check_table(found: Sequence[DirectionCheck]) -> Table:
             "do not explain the heads. A fit does not show that the probabilities are right: only labels do.",
         ),
     )
-
-
-def _degrees(angle_deg: float | None) -> str:
-    return UNKNOWN if angle_deg is None else f"{angle_deg:.1f}"

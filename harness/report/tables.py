@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import statistics
+from collections.abc import Callable, Iterable
 
 from harness.report.csv_tables import ALL
-from harness.report.formats import UNKNOWN, Table
-from harness.report.verdict import next_steps, overall
+from harness.report.formats import UNKNOWN, Table, number, percent
+from harness.report.verdict import compared_rows, next_steps
 from harness.score.baselines import BASELINES
 from harness.score.intervals import LEAST_CLIPS
 from harness.score.metrics import LEAST_PROBABILITY, load_metrics
@@ -53,44 +54,40 @@ TERMINAL_COLUMNS = (
 
 def frr_table(scores: Scores) -> Table:
     """The main table: FRR of every configuration on every clip, with its interval, its best baseline and coverage."""
-    return Table(
-        title="Focus recognition rate (FRR) by clip and configuration",
-        columns=(
-            *("Clip", "Configuration", "n", "Units", "FRR %", "95 %", *BALANCED),
+    return _table(
+        "Focus recognition rate (FRR) by clip and configuration",
+        (
+            *("n", "Units", "FRR %", "95 %", *BALANCED),
             *("Baseline %", "Beaten", "Coverage %", "No hit %", "FRR given answer %", "Wilson"),
         ),
-        words=2,
-        rows=tuple(
-            (
-                *_names(row),
-                *(str(row.n), str(row.looks), _percent(row.frr), _range(row.interval), *_balanced(row)),
-                *(_percent(row.baselines[row.best_baseline]), row.beats),
-                *(_percent(row.coverage), _percent(row.no_hit / row.n), _percent(row.frr_predicted)),
-                _range(row.wilson),
-            )
-            for row in scores.by_clip()
+        scores.by_clip(),
+        lambda row: (
+            *(str(row.n), str(row.looks), percent(row.frr), _range(row.interval)),
+            *(percent(row.metrics[name]) for name in SHARES),
+            *(number(row.metrics[name], 3) for name in LOSSES),
+            *(percent(row.baselines[row.best_baseline]), row.beats),
+            *(percent(row.coverage), percent(row.no_hit / row.n), percent(row.frr_predicted), _range(row.wilson)),
         ),
-        notes=(*remarks(scores), *FRR_NOTES),
+        (*remarks(scores), *FRR_NOTES),
     )
 
 
 def summary_table(scores: Scores) -> tuple[Table, int | None]:
     """A row for each configuration over all clips, at most :data:`MOST_ROWS`, and the place of the best one in it."""
-    shown = without_oracles(scores.scored_configurations)
-    rows = [row for row in overall(scores) if row.configuration in shown]
+    rows = compared_rows(scores)
     kept = set(map(id, sorted(rows, key=lambda row: -row.frr)[:MOST_ROWS]))
     places = [row for row in rows if id(row) in kept]
     left_out = f" The best {MOST_ROWS} of {len(rows)} configurations." if len(rows) > MOST_ROWS else ""
     columns: dict[str, list[str]] = {
         "Configuration": [row.configuration for row in places],
         "n": [str(row.n) for row in places],
-        "FRR %": [_percent(row.frr) for row in places],
+        "FRR %": [percent(row.frr) for row in places],
         "95 %": [_range(row.interval) for row in places],
-        "Balanced %": [_percent(row.metrics["balanced_frr"]) for row in places],
-        "Log loss": [_loss(row, "log_loss") for row in places],
-        "Baseline %": [_percent(row.baselines[row.best_baseline]) for row in places],
+        "Balanced %": [percent(row.metrics["balanced_frr"]) for row in places],
+        "Log loss": [number(row.metrics["log_loss"], 3) for row in places],
+        "Baseline %": [percent(row.baselines[row.best_baseline]) for row in places],
         "Beaten": [row.beats for row in places],
-        "No hit %": [_percent(row.no_hit / row.n) for row in places],
+        "No hit %": [percent(row.no_hit / row.n) for row in places],
     }
     has_losses = any(not math.isnan(row.metrics["log_loss"]) for row in places)
     columns.pop("No hit %" if has_losses else "Log loss")  # both do not fit
@@ -129,15 +126,13 @@ def terminal_table(scores: Scores) -> Table:
 
 def paper_table(scores: Scores) -> Table:
     """Numbers of correct and wrong frames by configuration, over all clips, as papers on the subject print them."""
-    shown = without_oracles(scores.scored_configurations)
-    rows = [row for row in scores.by_clip() if row.configuration in shown]
-    pooled = [row for row in rows if row.clip is None] or rows
     return Table(
         title="Correct and wrong frames by configuration",
         columns=("Configuration", "Correct", "Wrong", "FRR %"),
         words=1,
         rows=tuple(
-            (row.configuration, str(row.correct), str(row.n - row.correct), _percent(row.frr)) for row in pooled
+            (row.configuration, str(row.correct), str(row.n - row.correct), percent(row.frr))
+            for row in compared_rows(scores)
         ),
     )
 
@@ -145,23 +140,15 @@ def paper_table(scores: Scores) -> Table:
 def measures_table(scores: Scores) -> Table:
     """Agreement beyond the share of correct frames: every metric that the main table has not, then events."""
     metrics = {name: metric for name, metric in load_metrics().items() if name not in (*SHARES, *LOSSES)}
-    return Table(
-        title="Agreement and events",
-        columns=(
-            *("Clip", "Configuration"),
-            *(metric.title for metric in metrics.values()),
-            *("Event recall", "Event precision", "Event F"),
+    return _table(
+        "Agreement and events",
+        (*(metric.title for metric in metrics.values()), "Event recall", "Event precision", "Event F"),
+        scores.by_clip(),
+        lambda row: (
+            number(value + 0.0, 2)  # no minus before a zero
+            for value in (*(row.metrics[name] for name in metrics), *row.events.rates)
         ),
-        words=2,
-        rows=tuple(
-            (
-                *_names(row),
-                *(_decimal(row.metrics[name]) for name in metrics),
-                *map(_decimal, row.events.rates),
-            )
-            for row in scores.by_clip()
-        ),
-        notes=(
+        (
             " ".join(metric.meaning for metric in metrics.values()) + " Events: longest runs of one label; a true and "
             "a found one match if they have the same label and overlap, each used once.",
         ),
@@ -170,19 +157,15 @@ def measures_table(scores: Scores) -> Table:
 
 def baselines_table(scores: Scores) -> Table:
     """Rates of the baselines on the same frames."""
-    return Table(
-        title="Baselines on the same frames, FRR %",
-        columns=("Clip", "Configuration", "FRR", *(_words(name) for name in BASELINES), "Best", "Beaten"),
-        words=2,
-        rows=tuple(
-            (
-                *(*_names(row), _percent(row.frr)),
-                *(_percent(row.baselines[name]) for name in BASELINES),
-                *(_words(row.best_baseline).lower(), row.beats),
-            )
-            for row in scores.by_clip()
+    return _table(
+        "Baselines on the same frames, FRR %",
+        ("FRR", *(_words(name) for name in BASELINES), "Best", "Beaten"),
+        scores.by_clip(),
+        lambda row: (
+            *(percent(share) for share in (row.frr, *(row.baselines[name] for name in BASELINES))),
+            *(_words(row.best_baseline).lower(), row.beats),
         ),
-        notes=(
+        (
             "Commonest: always the subject's commonest label in the clip. Nearest: the box nearest to the eyes. "
             "Largest: in the image. Central: the box nearest to the camera's axis. Nearest in angle: the box nearest "
             "in angle to the measured gaze, or nothing beyond a limit that is best on the other clips (one clip: no "
@@ -193,20 +176,15 @@ def baselines_table(scores: Scores) -> Table:
 
 def seeds_table(scores: Scores) -> Table:
     """Variation of rates between the seeds of the simulated errors; no rows for a run under one seed."""
-    return Table(
-        title="Over seeds",
-        columns=("Clip", "Configuration", "Seeds", "Mean FRR %", "95 %", "SD over seeds", "Lowest %", "Highest %"),
-        words=2,
-        rows=tuple(
-            (
-                *(*_names(row), str(len(row.seed_rates)), _percent(row.frr), _range(row.interval)),
-                *(f"{100 * statistics.stdev(row.seed_rates):.1f}", _percent(min(row.seed_rates))),
-                _percent(max(row.seed_rates)),
-            )
-            for row in scores.by_clip()
-            if row.seed_rates
+    return _table(
+        "Over seeds",
+        ("Seeds", "Mean FRR %", "95 %", "SD over seeds", "Lowest %", "Highest %"),
+        [row for row in scores.by_clip() if row.seed_rates],
+        lambda row: (
+            *(str(len(row.seed_rates)), percent(row.frr), _range(row.interval)),
+            *map(percent, (statistics.stdev(row.seed_rates), min(row.seed_rates), max(row.seed_rates))),
         ),
-        notes=(
+        (
             "Each configuration ran under several seeds of its simulated errors. Rates are means over them, and n "
             "counts all. 95 %: over seeds and clips (below 6 clips, looks); each clip has errors of its own under "
             "every seed. SD: what one seed more or less does, in points.",
@@ -216,18 +194,14 @@ def seeds_table(scores: Scores) -> Table:
 
 def nowhere_table(scores: Scores) -> Table:
     """Precision and recall of "looks at nothing"; no rows if no method can say it, or nobody looks at nothing."""
+    found = [(row, row.nowhere) for row in scores.by_clip() if row.nowhere and (row.nowhere.true or row.nowhere.said)]
     return Table(
         title="Looking at nothing",
         columns=("Clip", "Configuration", "True", "Said", "Both", "Precision %", "Recall %"),
         words=2,
         rows=tuple(
-            (
-                *_names(row),
-                *map(str, (row.nowhere.true, row.nowhere.said, row.nowhere.right)),
-                *map(_percent, (row.nowhere.precision, row.nowhere.recall)),
-            )
-            for row in scores.by_clip()
-            if row.nowhere is not None and (row.nowhere.true or row.nowhere.said)
+            (*_names(row), *map(str, (of.true, of.said, of.right)), *map(percent, (of.precision, of.recall)))
+            for row, of in found
         ),
         notes=("Of the configurations whose method can answer that a subject looks at nothing in the scene.",),
     )
@@ -235,20 +209,15 @@ def nowhere_table(scores: Scores) -> Table:
 
 def visible_table(scores: Scores) -> Table:
     """FRR with and without the frames in which something blocks the line of sight; no rows without such labels."""
-    rows = [row for row in scores.by_clip() if row.visible < row.n]
-    return Table(
-        title="FRR with and without blocked lines of sight",
-        columns=("Clip", "Configuration", "n", "Blocked", "FRR %", "FRR % without blocked", "FRR % of blocked"),
-        words=2,
-        rows=tuple(
-            (
-                *_names(row),
-                *(str(row.n), str(row.n - row.visible), _percent(row.frr), _percent(row.frr_visible)),
-                _percent((row.correct - row.visible_correct) / (row.n - row.visible)),
-            )
-            for row in rows
+    return _table(
+        "FRR with and without blocked lines of sight",
+        ("n", "Blocked", "FRR %", "FRR % without blocked", "FRR % of blocked"),
+        [row for row in scores.by_clip() if row.visible < row.n],
+        lambda row: (
+            *(str(row.n), str(row.n - row.visible), percent(row.frr), percent(row.frr_visible)),
+            percent((row.correct - row.visible_correct) / (row.n - row.visible)),
         ),
-        notes=(
+        (
             "Blocked: the label's note says that something stands between the eyes and the target. The label says "
             "where the subject's gaze was aimed, which is then not what the subject sees.",
         ),
@@ -259,15 +228,12 @@ def error_types_table(scores: Scores) -> Table:
     """Numbers of wrong frames by error type; error types that never occur are left out."""
     rows = scores.by_clip()
     seen = [error_type for error_type in ERROR_TYPES if any(row.error_types[error_type] for row in rows)]
-    return Table(
-        title="Error types",
-        columns=("Clip", "Configuration", "Wrong", *(error_type.replace("_", " ") for error_type in seen)),
-        words=2,
-        rows=tuple(
-            (*_names(row), str(row.n - row.correct), *(str(row.error_types[error_type]) for error_type in seen))
-            for row in rows
-        ),
-        notes=tuple(f"{error_type.replace('_', ' ').capitalize()}: {ERROR_TYPES[error_type]}." for error_type in seen),
+    return _table(
+        "Error types",
+        ("Wrong", *(error_type.replace("_", " ") for error_type in seen)),
+        rows,
+        lambda row: (str(row.n - row.correct), *(str(row.error_types[error_type]) for error_type in seen)),
+        tuple(f"{_words(error_type)}: {ERROR_TYPES[error_type]}." for error_type in seen),
     )
 
 
@@ -279,15 +245,8 @@ def subjects_table(scores: Scores) -> Table:
         words=3,
         rows=tuple(
             (
-                str(row.clip),
-                str(row.subject),
-                row.configuration,
-                str(row.n),
-                str(row.looks),
-                _percent(row.frr),
-                _range(row.interval),
-                _percent(row.coverage),
-                _percent(row.no_hit / row.n),
+                *(str(row.clip), str(row.subject), row.configuration, str(row.n), str(row.looks), percent(row.frr)),
+                *(_range(row.interval), percent(row.coverage), percent(row.no_hit / row.n)),
             )
             for row in scores.by_subject()
         ),
@@ -309,18 +268,27 @@ def remarks(scores: Scores) -> list[str]:
         best = max(row.frr for row in of_clip)
         if rate >= best:
             found.append(
-                f"{clip}: the baseline {_words(name).lower()!r} is right in {_percent(rate)} % of the frames, the "
-                f"best configuration in {_percent(best)} %."
+                f"{clip}: the baseline {_words(name).lower()!r} is right in {percent(rate)} % of the frames, the "
+                f"best configuration in {percent(best)} %."
             )
     return found
 
 
-def _balanced(row: ScoreRow) -> tuple[str, ...]:
-    return *(_percent(row.metrics[name]) for name in SHARES), *(_loss(row, name) for name in LOSSES)
-
-
-def _loss(row: ScoreRow, name: str) -> str:
-    return UNKNOWN if math.isnan(row.metrics[name]) else f"{row.metrics[name]:.3f}"
+def _table(
+    title: str,
+    columns: tuple[str, ...],
+    rows: Iterable[ScoreRow],
+    cells: Callable[[ScoreRow], Iterable[str]],
+    notes: tuple[str, ...],
+) -> Table:
+    """A table of rates: every row begins with its clip and its configuration."""
+    return Table(
+        title=title,
+        columns=("Clip", "Configuration", *columns),
+        words=2,
+        rows=tuple((*_names(row), *cells(row)) for row in rows),
+        notes=notes,
+    )
 
 
 def _names(row: ScoreRow) -> tuple[str, str]:
@@ -331,13 +299,5 @@ def _words(name: str) -> str:
     return name.replace("_", " ").capitalize()
 
 
-def _percent(share: float) -> str:
-    return UNKNOWN if math.isnan(share) else f"{100 * share:.1f}"
-
-
 def _range(interval: Interval) -> str:
     return UNKNOWN if math.isnan(interval.low) else f"{100 * interval.low:.0f}–{100 * interval.high:.0f}"
-
-
-def _decimal(value: float) -> str:
-    return UNKNOWN if math.isnan(value) else f"{value + 0.0:.2f}"

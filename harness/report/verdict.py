@@ -69,8 +69,7 @@ def verdict_sentence(scores: Scores) -> str:
     A grid is compared by its factors, over all values of the others. A single configuration is compared with its best
     baseline.
     """
-    names = without_oracles(scores.scored_configurations)
-    rows = {row.configuration: row for row in overall(scores) if row.configuration in names}
+    rows = {row.configuration: row for row in compared_rows(scores)}
     if not rows:
         return "Nothing is scored: no frame has a label."
     losses = _said_of_log_loss(list(rows.values()))
@@ -98,7 +97,7 @@ def headline(scores: Scores) -> str:
 
     By a sign-flip test of the units that the interval resamples.
     """
-    rows = [row for row in overall(scores) if row.configuration in without_oracles(scores.scored_configurations)]
+    rows = compared_rows(scores)
     if not rows:
         return ""
     best = max(rows, key=lambda row: row.frr)
@@ -109,10 +108,10 @@ def headline(scores: Scores) -> str:
     return f"{best.configuration} {100 * best.frr:.1f} %{of}; {verb} {baseline}{test}"
 
 
-def overall(scores: Scores) -> list[ScoreRow]:
-    """The row of each configuration over all clips."""
-    rows = scores.by_clip()
-    return [row for row in rows if row.clip is None] or rows
+def compared_rows(scores: Scores) -> list[ScoreRow]:
+    """The row of each configuration over all clips, without the oracle ablation."""
+    compared = without_oracles(scores.scored_configurations)
+    return [row for row in scores.overall() if row.configuration in compared]
 
 
 def _against_baseline(row: ScoreRow) -> str:

@@ -15,13 +15,13 @@ from harness.report.comparisons import (
     compare_configurations,
     comparison_table,
     comparisons_csv,
+    published_table,
     terminal_ablation,
 )
 from harness.report.csv_tables import scores_table
 from harness.report.formats import LATEX_HEAD, Table, to_csv, to_latex, to_markdown
 from harness.report.page.data import Served
 from harness.report.page.render import render_page
-from harness.report.published import published_table
 from harness.report.record_logs import KeptParts, RecordLogs
 from harness.report.reliability import reliability_table, subject_reliability_table
 from harness.report.stages import (

@@ -132,9 +132,7 @@ def without_oracles(configurations: Collection[str]) -> list[str]:
 
 def steps(scores: Scores) -> list[Step]:
     """The ablations of a run, each beginning with its configuration; empty for a run without ablation."""
-    rows = scores.by_clip()
-    pooled = [row for row in rows if row.clip is None] or rows
-    scored = {row.configuration: row for row in pooled}
+    scored = {row.configuration: row for row in scores.overall()}
     found: list[Step] = []
     for name, row in scored.items():
         before = _step_before(name, scored)

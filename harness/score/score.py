@@ -137,6 +137,11 @@ class Scores:
         """The rows of whole clips and, if there are several, of all clips together."""
         return [row for row in self.rows if row.subject is None]
 
+    def overall(self) -> list[ScoreRow]:
+        """The row of each configuration over all clips."""
+        rows = self.by_clip()
+        return [row for row in rows if row.clip is None] or rows
+
     def by_subject(self) -> list[ScoreRow]:
         """The rows of single subjects."""
         return [row for row in self.rows if row.subject is not None]

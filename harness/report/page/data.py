@@ -103,7 +103,6 @@ def page_data(
         clips.append({"name": clip, "subjects": list(subjects), "frames": len(frames), "rate_hz": rates_hz.get(clip)})
     rows = scores.by_clip()
     places = {clip: number for number, clip in enumerate(scores.clips)}
-    pooled = [row for row in rows if row.clip is None] or rows
     packs["rows"] = pack_json([_row(row, places, scored) for row in rows if row.clip is not None])
     data = {
         "states": STATES,
@@ -116,7 +115,7 @@ def page_data(
         "cues": values.has_cues,
         "run": served and served.run,
         "recordings": served and _recordings(served),
-        "overall": [_row(row, {}, scored) for row in pooled],
+        "overall": [_row(row, {}, scored) for row in scores.overall()],
         "names": list(names.codes),
     }
     return data, packs

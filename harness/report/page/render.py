@@ -10,13 +10,12 @@ from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 
-from harness.report.comparisons import ablation_table, compare_configurations, comparison_table
+from harness.report.comparisons import ablation_table, compare_configurations, comparison_table, published_table
 from harness.report.formats import UNKNOWN, Table
 from harness.report.page.attention_log import AttentionLog
 from harness.report.page.data import Served, differing_settings, page_data
 from harness.report.page.packing import bundle, pack_json
 from harness.report.panels import Picture, draw_panels
-from harness.report.published import published_table
 from harness.report.reliability import reliability_table
 from harness.report.stages import StageTimes
 from harness.report.tables import error_types_table, frr_table, nowhere_table, remarks, seeds_table, visible_table

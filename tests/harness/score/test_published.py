@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.report.published import reproductions
+from harness.report.comparisons import reproductions
 from harness.report.write import render_tables
 from harness.run.experiment import load_experiment
 from harness.run.published import Published
