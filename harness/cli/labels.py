@@ -140,7 +140,9 @@ def export(
 
     Predictions are marked as suggestions if the format allows it. Correct them, then import them with --confirm.
     """
+    from harness.annotate.convert import export_drawn, export_labels, open_exchange
     from harness.annotate.predictions import export_predictions, is_run
+    from harness.clips.manifest import load_manifest
     from vfoa.errors import VfoaError
 
     folder = run_folder(source)
@@ -155,41 +157,14 @@ def export(
         return
     if to is None:
         raise VfoaError(f"{source}: no run's directory; expected FILE, the file to write the clip's labels to")
+    manifest = load_manifest(source)
+    from_run = run_folder(run) if run and not drawn else None
+    exchange = open_exchange(manifest, fps=fps, offset=offset, run=from_run, configuration=config)
     if drawn:
-        _export_drawn(source, to, format_, fps, offset, replace)
+        notes = export_drawn(manifest, format_, exchange, to, replace=replace)
     else:
-        _export_clip(source, to, format_, annotator, fps, offset, run, config, replace)
-
-
-def _export_clip(
-    name: str,
-    to: Path,
-    format_: str,
-    annotator: str | None,
-    fps: float | None,
-    offset: float,
-    run: str | None,
-    config: str | None,
-    replace: bool,
-) -> None:
-    from harness.annotate.convert import export_labels, open_exchange
-    from harness.clips.manifest import load_manifest
-
-    manifest = load_manifest(name)
-    exchange = open_exchange(
-        manifest, fps=fps, offset=offset, run=run_folder(run) if run else None, configuration=config
-    )
-    _print_export(to, export_labels(manifest, annotator, format_, exchange, to, replace=replace))
-
-
-def _export_drawn(name: str, to: Path, format_: str, fps: float | None, offset: float, replace: bool) -> None:
-    """Write the drawing, which is the same for all annotators."""
-    from harness.annotate.convert import export_drawn, open_exchange
-    from harness.clips.manifest import load_manifest
-
-    manifest = load_manifest(name)
-    exchange = open_exchange(manifest, fps=fps, offset=offset)
-    _print_export(to, export_drawn(manifest, format_, exchange, to, replace=replace))
+        notes = export_labels(manifest, annotator, format_, exchange, to, replace=replace)
+    _print_export(to, notes)
 
 
 def _print_export(path: Path, notes: Iterable[str]) -> None:

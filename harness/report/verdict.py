@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 from harness.score.comparison import Comparison, compare, with_holm
 from harness.score.oracle_ablation import without_oracles
@@ -131,52 +132,57 @@ def _against_baseline(row: ScoreRow) -> str:
 def _of_group(comparisons: Sequence[Comparison]) -> tuple[list[str], list[str]]:
     """The configurations that the best one beats, and those that cannot be told from it."""
     names = list(dict.fromkeys(name for each in comparisons for name in (each.reference, each.configuration)))
-    against = {name: [_seen_from(name, each) for each in comparisons if name in _pair(each)] for name in names}
-    best = max(names, key=lambda name: sum(0 if math.isnan(gain) else gain for _, gain, _ in against[name]))
-    beaten = [(other, gain, each) for other, gain, each in against[best] if each.is_significant and gain > 0]
-    tied = [other for other, _, each in against[best] if not each.is_significant]
+    against = {
+        name: [_seen_from(name, each) for each in comparisons if name in (each.reference, each.configuration)]
+        for name in names
+    }
+    best = max(
+        names, key=lambda name: sum(0 if math.isnan(each.difference) else each.difference for each in against[name])
+    )
+    beaten = [each for each in against[best] if each.is_significant and each.difference > 0]
+    tied = [each for each in against[best] if not each.is_significant]
     told = []
     if len(beaten) > _MOST_NAMES:
-        gains = [gain for _, gain, _ in beaten]
+        gains = [each.difference for each in beaten]
         told = [f"{best} beats {len(beaten)} others by {100 * min(gains):.1f} to {100 * max(gains):.1f} points"]
     elif beaten:
-        parts = [f"{other} by {100 * gain:.1f} points{_ends(best, each)}" for other, gain, each in beaten]
+        parts = [f"{each.reference} by {100 * each.difference:.1f} points{_ends(each, ' (', ')')}" for each in beaten]
         told = [f"{best} beats {_joined(parts)}"]
     if len(tied) > _MOST_NAMES:
         return told, [f"{best} cannot be told from {len(tied)} others"]
     if len(tied) > 1:
-        return told, [f"{best} cannot be told from {_joined(tied)}"]
+        return told, [f"{best} cannot be told from {_joined([each.reference for each in tied])}"]
     if not tied:
         return told, []
-    ((gain, each),) = ((gain, each) for other, gain, each in against[best] if other == tied[0])
-    apart = f"{_joined([name for name in names if name in (best, tied[0])])} cannot be told apart"
-    return told, [apart if math.isnan(gain) else f"{apart} ({_points(best, gain, each)})"]
+    (each,) = tied
+    apart = f"{_joined([name for name in names if name in (best, each.reference)])} cannot be told apart"
+    points = f" ({100 * each.difference:.1f} points{_ends(each, ', ')})"
+    return told, [apart if math.isnan(each.difference) else f"{apart}{points}"]
 
 
-def _pair(each: Comparison) -> tuple[str, str]:
-    return each.reference, each.configuration
-
-
-def _seen_from(name: str, each: Comparison) -> tuple[str, float, Comparison]:
+def _seen_from(name: str, each: Comparison) -> Comparison:
+    """The comparison with this one of its two configurations as the later one."""
     if each.configuration == name:
-        return each.reference, each.difference, each
-    return each.configuration, 0.0 - each.difference, each
+        return each
+    return replace(
+        each,
+        reference=each.configuration,
+        configuration=name,
+        better=each.worse,
+        worse=each.better,
+        difference=0.0 - each.difference,
+        interval=replace(each.interval, low=-each.interval.high, high=-each.interval.low),
+    )
 
 
-def _points(best: str, gain: float, each: Comparison) -> str:
-    ends = _ends(best, each)
-    return f"{100 * gain:.1f} points{',' if ends else ''}{ends.replace('(', '').replace(')', '')}"
-
-
-def _ends(best: str, each: Comparison) -> str:
-    """The interval that belongs to the test, as corrected as it is."""
+def _ends(each: Comparison, before: str, after: str = "") -> str:
+    """The interval that belongs to the test, as corrected as it is, between two texts; empty without one."""
     low, high = each.interval.low, each.interval.high
     if math.isnan(low):
-        return f" ({each.counted_units} are too few for a test)" if each.units and not each.can_be_significant else ""
-    if each.configuration != best:
-        low, high = -high, -low
+        too_few = each.units and not each.can_be_significant
+        return f"{before}{each.counted_units} are too few for a test{after}" if too_few else ""
     corrected = f", corrected for {each.family} comparisons" if each.family > 1 else ""
-    return f" (95 %: {100 * low:.1f} to {100 * high:.1f}{_only(each.interval)}{corrected})"
+    return f"{before}95 %: {100 * low:.1f} to {100 * high:.1f}{_only(each.interval)}{corrected}{after}"
 
 
 def _only(interval: Interval) -> str:

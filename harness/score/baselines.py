@@ -17,15 +17,13 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import NamedTuple
 
 import numpy as np
 
-from harness.labels.labels import Label
 from harness.run.records import BoxPx, FrameRecord, SubjectRecord, Vector
 from harness.score.statistics import Flags
-from harness.score.verdicts import true_targets
 from vfoa.types import Float
 
 BASELINES = ("commonest", "nearest", "largest", "central", "nearest_in_angle")
@@ -37,11 +35,15 @@ class Choices(NamedTuple):
     ``angle_rad`` is between the direction and the pick of ``in_angle``; NaN without a pick.
     """
 
-    nearest: int | None
-    largest: int | None
-    central: int | None
+    nearest: int | None = None
+    largest: int | None = None
+    central: int | None = None
     in_angle: int | None = None
     angle_rad: float = math.nan
+
+    def hits(self, right: Collection[int | None]) -> tuple[bool, ...]:
+        """Which of the first four picks are among these instances. No pick is right nowhere."""
+        return tuple(each is not None and each in right for each in self[:4])
 
 
 class Baselines:
@@ -57,7 +59,7 @@ class Baselines:
     def choose(self, subject: SubjectRecord | None) -> Choices:
         """Apply the baselines to a subject of the frame. Ties go to the lower instance id."""
         if subject is None:
-            return Choices(None, None, None)
+            return Choices()
         own, eyes, dist = subject.instance_id, subject.eye_origin_m, math.dist
         nearest = None
         if eyes is not None:
@@ -125,28 +127,3 @@ def _angle_rad(direction: Vector, eyes: Vector, center: Vector) -> float:
 def _off_axis(center_m: Vector) -> float:
     """Minus the cosine of the angle between a point and the camera's axis; it grows with the angle."""
     return -center_m[2] / (math.hypot(*center_m) or math.inf)
-
-
-class Hits(NamedTuple):
-    """The baselines that use the frame: which were right, and the angle of the last one's choice."""
-
-    nearest: bool
-    largest: bool
-    central: bool
-    in_angle: bool
-    angle_rad: float
-
-
-NO_HITS = Hits(nearest=False, largest=False, central=False, in_angle=False, angle_rad=math.nan)
-
-
-def hits_of(record: FrameRecord, choices: Choices, label: Label) -> Hits:
-    """Compare the baselines' choices for a subject in a frame with its label."""
-    right = {target.instance_id for target in true_targets(record, label)}
-    return Hits(
-        nearest=choices.nearest in right,
-        largest=choices.largest in right,
-        central=choices.central in right,
-        in_angle=choices.in_angle in right,
-        angle_rad=choices.angle_rad,
-    )

@@ -12,11 +12,11 @@ import numpy as np
 from harness.labels.labels import NOWHERE, Label, Labels
 from harness.run.published import Published
 from harness.run.records import FrameRecord
-from harness.score.baselines import BASELINES, NO_HITS, Baselines, Hits, best_limit_rad, commonest, hits_of
+from harness.score.baselines import BASELINES, Baselines, Choices, best_limit_rad, commonest
 from harness.score.calibration import NO_PROBABILITIES, worth_of
 from harness.score.looks import LEAST_S, correlation_time_s, number_looks
 from harness.score.statistics import Codes, Flags
-from harness.score.verdicts import NO_HIT, Verdict, answer, find_subject, judge, judge_absent
+from harness.score.verdicts import NO_HIT, Verdict, answer, find_subject, judge, judge_absent, right_answers
 from vfoa.types import Float
 
 NO_PREDICTION = -1
@@ -83,12 +83,20 @@ class Outcomes:
     rate_hz: float | None
 
 
+NO_HITS = Choices().hits(())
+UNKNOWN_WORTH = (math.nan, math.nan)
+
+
 class Judgement(NamedTuple):
-    """Truth and prediction of a subject in a frame, and what its probabilities are worth (NaN: it has none)."""
+    """Truth and prediction of a subject in a frame, and what its probabilities are worth (NaN: it has none).
+
+    ``hits`` says which baselines that use the frame are right, ``angle_rad`` is as in :class:`Choices`.
+    """
 
     verdict: Verdict
-    hits: Hits
     is_blocked: bool
+    hits: tuple[bool, ...] = NO_HITS
+    angle_rad: float = math.nan
     on_truth: float = math.nan
     brier: float = math.nan
 
@@ -214,13 +222,14 @@ def _judge_record(
         verdict = judge(record, subject, label)
         if says_nowhere:
             verdict = _as_said(verdict)
-        hits, worth = NO_HITS, (math.nan, math.nan)
+        judgement = Judgement(verdict, label is not None and label.is_blocked)
         if baselines and label and verdict.outcome != "unscored":
             found = find_subject(record, subject)
-            hits = hits_of(record, baselines.choose(found), label)
-            worth = worth_of(record, found, label) if has_probabilities else worth
-        blocked = label is not None and label.is_blocked
-        by_subject.setdefault(subject, {})[record.frame] = Judgement(verdict, hits, blocked, *worth)
+            choices = baselines.choose(found)
+            hits = choices.hits(right_answers(record, label))
+            worth = worth_of(record, found, label) if has_probabilities else UNKNOWN_WORTH
+            judgement = Judgement(verdict, judgement.is_blocked, hits, choices.angle_rad, *worth)
+        by_subject.setdefault(subject, {})[record.frame] = judgement
 
 
 def _as_said(verdict: Verdict) -> Verdict:
@@ -238,12 +247,12 @@ def _judge_absent_frames(
     by_subject: dict[str, Judged],
     has_probabilities: bool,
 ) -> None:
-    worth = NO_PROBABILITIES if has_probabilities else (math.nan, math.nan)
+    worth = NO_PROBABILITIES if has_probabilities else UNKNOWN_WORTH
     for frame, subject, label in wanted:
         judged = by_subject.setdefault(subject, {})
         if frame not in judged:
             verdict = judge_absent(clip, configuration, frame, subject, label)
-            judged[frame] = Judgement(verdict, NO_HITS, label.is_blocked, *worth)
+            judged[frame] = Judgement(verdict, label.is_blocked, NO_HITS, math.nan, *worth)
 
 
 def _outcomes(
@@ -257,7 +266,7 @@ def _outcomes(
     truth = _coded(truths, codes)
     positions = np.array([places[verdict.frame] for verdict in verdicts], dtype=np.intp)
     always = commonest(truths)
-    baselines = [(each == always, *one.hits[:-1]) for each, one in zip(truths, scored, strict=True)]
+    baselines = [(each == always, *one.hits) for each, one in zip(truths, scored, strict=True)]
     return Outcomes(
         clip=clip,
         configuration=configuration,
@@ -276,7 +285,7 @@ def _outcomes(
         on_truth=np.array([each.on_truth for each in scored], dtype=np.float64),
         brier=np.array([each.brier for each in scored], dtype=np.float64),
         baselines=np.array(baselines, dtype=np.bool_).reshape(-1, len(BASELINES)),
-        angles_rad=np.array([each.hits.angle_rad for each in scored], dtype=np.float64),
+        angles_rad=np.array([each.angle_rad for each in scored], dtype=np.float64),
         error_types=tuple(verdict.error_type for verdict in verdicts if verdict.error_type is not None),
         rate_hz=rate,
     )

@@ -38,25 +38,19 @@ class AttentionTrack:
     frames: array[int] = field(default_factory=lambda: array("q"))
     columns: dict[str, tuple[bytearray, bytearray, bytearray]] = field(default_factory=dict)
 
-    def append(self, frame: int, values: dict[str, AttentionRecord]) -> None:
+    def append(self, frame: int, values: Mapping[str, AttentionRecord]) -> None:
         """Add a frame."""
-        before = len(self.frames)
-        self.frames.append(frame)
-        for name in [each for each in values if each not in self.columns]:
-            self.columns[name] = tuple(bytearray([UNKNOWN]) * before for _ in PARTS)  # type: ignore[assignment]
-        for name, column in self.columns.items():
-            value = values.get(name)
-            for part, cells in zip(PARTS, column, strict=True):
-                cells.append(UNKNOWN if value is None else _byte(getattr(value, part)))
+        columns = {name: [bytes([_byte(getattr(value, part))]) for part in PARTS] for name, value in values.items()}
+        self.extend([frame], columns)
 
     def extend(self, frames: Sequence[int], columns: Mapping[str, Sequence[bytes]]) -> None:
-        """Add the frames of another track."""
-        before = len(self.frames)
-        self.frames.extend(frames)
+        """Add frames; ``columns`` are the bytes of each part, by target."""
         for name in [each for each in columns if each not in self.columns]:
-            self.columns[name] = tuple(bytearray([UNKNOWN]) * before for _ in PARTS)  # type: ignore[assignment]
+            self.columns[name] = tuple(bytearray([UNKNOWN]) * len(self.frames) for _ in PARTS)  # type: ignore[assignment]
+        self.frames.extend(frames)
+        unknown = (bytes([UNKNOWN]) * len(frames),) * len(PARTS)
         for name, column in self.columns.items():
-            for cells, more in zip(column, columns.get(name, (bytes([UNKNOWN]) * len(frames),) * 3), strict=True):
+            for cells, more in zip(column, columns.get(name, unknown), strict=True):
                 cells.extend(more)
 
     def attended(self) -> list[str]:

@@ -37,6 +37,8 @@ def test_what_it_leaves_prints_a_table_at_once_and_keeps_what_is_edited(
     assert example is not None
     assert rendered is not None
     assert list(example.labelled([1, 2])) == list(rendered.labelled([1, 2]))
+    opened, talk = (load_manifest(name).open_images() for name in ("example", "studio_talk"))
+    assert (opened.frame(1).rig, opened.rate_hz) == (talk.frame(1).rig, talk.rate_hz)
 
     code, _, err = vfoa(monkeypatch, capsys, "run", "--recording", "none", "--workers", "1")
     rows = list(csv.DictReader((tmp_path / "runs" / "first" / "frr.csv").read_text().splitlines()))
