@@ -26,7 +26,7 @@ from harness.record.images import open_without_real_time
 
 Format = Literal["bag", "bag bz2", "bag lz4", "db3", "mcap", "db3 zstd file", "db3 zstd message"]
 FORMATS: tuple[Format, ...] = ("bag", "db3", "mcap")
-DepthForm = Literal["raw", "png", "rvl", "32FC1", "32FC1 png"]
+DepthForm = Literal["raw", "png", "32FC1", "32FC1 png"]
 
 COLOUR, DEPTH = "/camera/color/image_raw", "/camera/aligned_depth_to_color/image_raw"
 PACKET = """std_msgs/Header header
@@ -215,9 +215,6 @@ def write_depth(write: Messages, shot: Shot, form: DepthForm) -> None:
 
 def compressed_depth(depth_mm: NDArray[np.uint16], form: DepthForm) -> tuple[str, bytes]:
     """The message's format and data as ROS's compressed_depth_image_transport writes them."""
-    if form == "rvl":
-        head = struct.pack("<iff", 0, 0, 0) + struct.pack("<II", depth_mm.shape[1], depth_mm.shape[0])
-        return "16UC1; compressedDepth rvl", head + encode_rvl(depth_mm)
     if form == "png":
         return "16UC1; compressedDepth png", struct.pack("<iff", 0, 0, 0) + _png(depth_mm)
     # 32FC1: inverse depth in 16 bits, as the transport quantises it up to 10 m
@@ -235,37 +232,6 @@ def _png(counts: NDArray[np.uint16]) -> bytes:
     done, coded = cv2.imencode(".png", counts)
     assert done
     return coded.tobytes()
-
-
-def encode_rvl(depth: NDArray[np.uint16]) -> bytes:
-    """RVL as its paper's listing writes it, number by number."""
-    values = depth.ravel().tolist()
-    nibbles: list[int] = []
-
-    def put(number: int) -> None:
-        while True:
-            nibble, number = number & 7, number >> 3
-            nibbles.append(nibble | 8 if number else nibble)
-            if not number:
-                return
-
-    at = previous = 0
-    while at < len(values):
-        first = at
-        while at < len(values) and values[at] == 0:
-            at += 1
-        put(at - first)
-        first = at
-        while at < len(values) and values[at] != 0:
-            at += 1
-        put(at - first)
-        for value in values[first:at]:
-            difference = value - previous
-            put((difference << 1) ^ (difference >> 31))
-            previous = value
-    nibbles += [0] * (-len(nibbles) % 8)
-    packed = np.array(nibbles, np.uint32).reshape(-1, 8) << np.arange(28, -4, -4, dtype=np.uint32)
-    return packed.sum(axis=1, dtype=np.uint32).astype("<u4").tobytes()
 
 
 Coder = Literal["libx264", "libx265", "libvpx-vp9", "libsvtav1"]

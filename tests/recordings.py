@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,12 +14,12 @@ from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.timestamp_pb2 import Timestamp
-from mcap.writer import Writer as JsonWriter
-from mcap_protobuf.writer import Writer as ProtobufWriter
+from mcap.writer import Writer
+from mcap_protobuf.schema import build_file_descriptor_set
 from mcap_ros2.writer import Writer as Ros2Writer
 from numpy.typing import NDArray
 
-Family = Literal["ros2", "protobuf", "json"]
+Family = Literal["ros2", "protobuf"]
 Pixels = Literal["raw", "png", "jpeg"]
 
 HEADER = """
@@ -149,17 +147,13 @@ class Recorder:
                 self._ids[name] = self.writer.register_msgdef(f"sensor_msgs/msg/{name}", ROS2[name] + HEADER)
             header = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": "camera"}
             self.writer.write_message(topic, self._ids[name], {"header": header, **fields}, log_time=log_ns)
-        elif self._family == "protobuf":
-            message = protobuf(timestamp=Timestamp(seconds=sec, nanos=nanosec), **fields)
-            self.writer.write_message(topic, message, log_time=log_ns, publish_time=log_ns)
         else:
             if topic not in self._ids:
-                schema = self.writer.register_schema(f"foxglove.{name}", "jsonschema", b'{"type": "object"}')
-                self._ids[topic] = self.writer.register_channel(topic, "json", schema)
-            if "data" in fields:
-                fields = fields | {"data": base64.b64encode(fields["data"]).decode()}
-            text = json.dumps({"timestamp": {"sec": sec, "nsec": nanosec}, **fields})
-            self.writer.add_message(self._ids[topic], log_ns, text.encode(), log_ns)
+                definition = build_file_descriptor_set(protobuf).SerializeToString()
+                schema = self.writer.register_schema(f"foxglove.{name}", "protobuf", definition)
+                self._ids[topic] = self.writer.register_channel(topic, "protobuf", schema)
+            message = protobuf(timestamp=Timestamp(seconds=sec, nanos=nanosec), **fields)
+            self.writer.add_message(self._ids[topic], log_ns, message.SerializeToString(), log_ns)
 
 
 @contextmanager
@@ -167,11 +161,9 @@ def recorder(path: Path, family: Family = "ros2", **options: Any) -> Iterator[Re
     """Opens a recording; options are those of the library's writer (chunk size, compression)."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("wb") as file:
-        if family == "json":
-            writer: Any = JsonWriter(file, **options)
+        writer: Any = (Ros2Writer if family == "ros2" else Writer)(file, **options)
+        if family == "protobuf":
             writer.start()
-        else:
-            writer = (Ros2Writer if family == "ros2" else ProtobufWriter)(file, **options)
         yield Recorder(family, writer)
         writer.finish()
 

@@ -121,7 +121,7 @@ def _sides(folder: Path) -> tuple[str, str]:
 
 
 def _views(folder: Path, files: dict[str, str | None]) -> Views:
-    from harness.sources.view_files import ViewFiles
+    from harness.sources.stereo_views import ViewFiles
     from vfoa.validation import parse
 
     return parse(ViewFiles, files, "calibrate").views(folder)

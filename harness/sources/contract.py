@@ -32,45 +32,34 @@ def check_contract(clip: Clip | MeasuredClip, *, spawn: bool = False) -> None:
     """
     _check_frames(clip)
     _check_description(clip)
-    numbers = _sample(clip)
-    before = {number: _fingerprint(_read(clip, number)) for number in numbers}
-    for number in numbers:
-        frame = _read(clip, number)
-        if isinstance(frame, Scene) and isinstance(clip, MeasuredClip):
-            _check_scene(frame, number, clip)
+    numbers = sorted({clip.frames[0], clip.frames[len(clip.frames) // 2], clip.frames[-1]})
+    before = _fingerprints(clip, numbers)
+    frames = {number: _read(clip, number) for number in numbers}
+    times_ns = [frame.time_ns for frame in frames.values()]
+    for number, frame in frames.items():
+        where = f"frame {number}"
+        _expect(frame.index == number, f"{where}: its index is {frame.index}")
+        _expect(type(frame.time_ns) is int, f"{where}: time_ns is {type(frame.time_ns).__name__}; expected int")
+        if isinstance(clip, MeasuredClip):
+            assert isinstance(frame, Scene)
+            _check_scene(frame, where, clip)
         else:
-            _check_frame(frame, number)
-            _check_left(clip, frame, number)
+            assert isinstance(frame, StereoFrame)
+            _check_images(frame, where, clip)
             _check_truth(clip.truth(number), frame)
-    again = {number: _fingerprint(_read(clip, number)) for number in reversed(numbers)}
-    _expect(again == before, "frame: found other content when a frame was read again")
-    _check_times([_read(clip, number).time_ns for number in numbers])
+    _expect(_fingerprints(clip, numbers[::-1]) == before, "frame: found other content when a frame was read again")
+    _expect(all(a < b for a, b in itertools.pairwise(times_ns)), f"time_ns: {times_ns} do not ascend")
     _check_outside(clip)
-    _check_clock(clip, numbers)
+    found_ns = [clip.time_ns(number) for number in numbers]
+    _expect(found_ns == times_ns, f"time_ns: found {found_ns} for frames {numbers}; expected {times_ns}, as they have")
     _check_copies(clip, before, spawn)
 
 
-def _check_left(clip: Clip | MeasuredClip, frame: StereoFrame | Scene, number: int) -> None:
-    if isinstance(clip, LeftClip) and isinstance(frame, StereoFrame):
-        _expect(np.array_equal(clip.left(number), frame.left), f"left({number}): found another image than the frame's")
-
-
 def _read(clip: Clip | MeasuredClip, number: int) -> StereoFrame | Scene:
-    return clip.scene(number) if isinstance(clip, MeasuredClip) else clip.frame(number)
-
-
-def _check_scene(scene: Scene, number: int, clip: MeasuredClip) -> None:
-    where = f"frame {number}"
-    _expect(scene.index == number, f"{where}: its index is {scene.index}")
-    _expect(type(scene.time_ns) is int, f"{where}: time_ns is {type(scene.time_ns).__name__}; expected int")
-    people, things = list(clip.people.values()), list(clip.objects.values())
-    _expect(len({*people, *things}) == len(people) + len(things), f"{where}: two names share an instance id")
-    _expect({*clip.people, *clip.objects} <= {*clip.categories}, f"{where}: a name has no category")
-    found = [target.instance.id for target in scene.targets]
-    _expect(len(set(found)) == len(found), f"{where}: two targets share an instance id: {found}")
-    _expect({*found} <= {*people, *things}, f"{where}: targets {found} include one that has no name")
-    seen = [person.instance_id for person in scene.people]
-    _expect({*seen} <= {*people}, f"{where}: people {seen} include one that has no name")
+    frame = clip.scene(number) if isinstance(clip, MeasuredClip) else clip.frame(number)
+    expected = Scene if isinstance(clip, MeasuredClip) else StereoFrame
+    _expect(isinstance(frame, expected), f"frame {number}: found {type(frame).__name__}; expected {expected.__name__}")
+    return frame
 
 
 def _check_frames(clip: AnyClip) -> None:
@@ -93,18 +82,26 @@ def _check_description(clip: AnyClip) -> None:
     _expect(clip.digest() == digest, "digest: found another one when it was asked again")
 
 
-def _check_frame(frame: StereoFrame | Scene, number: int) -> None:
-    where = f"frame {number}"
-    if not isinstance(frame, StereoFrame):
-        raise AssertionError(f"{where}: found {type(frame).__name__}; expected a StereoFrame")
-    _expect(frame.index == number, f"{where}: its index is {frame.index}")
-    _expect(type(frame.time_ns) is int, f"{where}: time_ns is {type(frame.time_ns).__name__}; expected int")
+def _check_scene(scene: Scene, where: str, clip: MeasuredClip) -> None:
+    people, things = list(clip.people.values()), list(clip.objects.values())
+    _expect(len({*people, *things}) == len(people) + len(things), f"{where}: two names share an instance id")
+    _expect({*clip.people, *clip.objects} <= {*clip.categories}, f"{where}: a name has no category")
+    found = [target.instance.id for target in scene.targets]
+    _expect(len(set(found)) == len(found), f"{where}: two targets share an instance id: {found}")
+    _expect({*found} <= {*people, *things}, f"{where}: targets {found} include one that has no name")
+    seen = [person.instance_id for person in scene.people]
+    _expect({*seen} <= {*people}, f"{where}: people {seen} include one that has no name")
+
+
+def _check_images(frame: StereoFrame, where: str, clip: Clip) -> None:
     for name, array in (("left image", frame.left), ("right image", frame.right), ("depth map", frame.depth_m)):
         _expect(array is None or array.flags.c_contiguous, f"{where}: the {name} is not contiguous")
+    if isinstance(clip, LeftClip):
+        same = np.array_equal(clip.left(frame.index), frame.left)
+        _expect(same, f"left({frame.index}): found another image than the frame's")
 
 
-def _check_truth(truth: Truth, frame: StereoFrame | Scene) -> None:
-    assert isinstance(frame, StereoFrame)
+def _check_truth(truth: Truth, frame: StereoFrame) -> None:
     where, size = f"truth of frame {frame.index}", frame.left.shape[:2]
     if truth.disparity is not None:
         found = truth.disparity.disparity_px
@@ -116,38 +113,18 @@ def _check_truth(truth: Truth, frame: StereoFrame | Scene) -> None:
     _expect(len(set(names)) == len(names), f"{where}: people of one name: {names}")
 
 
-def _check_times(times_ns: list[int]) -> None:
-    _expect(all(a < b for a, b in itertools.pairwise(times_ns)), f"time_ns: {times_ns} do not ascend")
-
-
-def _check_clock(clip: Clip | MeasuredClip, numbers: list[int]) -> None:
-    for number in numbers:
-        asked, read = clip.time_ns(number), _read(clip, number).time_ns
-        _expect(asked == read, f"time_ns: found {asked} for frame {number}; expected {read}, as the frame has it")
-
-
 def _check_outside(clip: Clip | MeasuredClip) -> None:
-    for number in (clip.frames[0] - 1, clip.frames[-1] + 1, *_first_gap(clip)):
-        message = _refusal(clip, number)
-        if message is None:
-            raise AssertionError(f"frame {number}, which is not in frames: expected a VfoaError")
-        # Errors name the clip, because a run can have many clips.
-        fine = re.match(rf"\S.*: .*\bframe {number}\b", message) and "\n" not in message
-        _expect(bool(fine), f"frame {number}: {message!r}; expected one line that names the clip and 'frame {number}'")
-
-
-def _first_gap(clip: AnyClip) -> list[int]:
     numbers = set(clip.frames)
-    inner = (number + 1 for number in clip.frames[:-1] if number + 1 not in numbers)
-    return [number for number in [next(inner, None)] if number is not None]
-
-
-def _refusal(clip: Clip | MeasuredClip, number: int) -> str | None:
-    try:
-        _read(clip, number)
-    except VfoaError as error:
-        return str(error)
-    return None
+    gap = next((number + 1 for number in clip.frames if number + 1 not in numbers), clip.frames[-1] + 1)
+    for number in (clip.frames[0] - 1, gap, clip.frames[-1] + 1):
+        try:
+            _read(clip, number)
+        except VfoaError as error:  # it names the clip, because a run can have many
+            fine = re.match(rf"\S.*: .*\bframe {number}\b", str(error)) and "\n" not in str(error)
+            expected = f"expected one line that names the clip and 'frame {number}'"
+            _expect(bool(fine), f"frame {number}: {str(error)!r}; {expected}")
+        else:
+            raise AssertionError(f"frame {number}, which is not in frames: expected a VfoaError")
 
 
 def _check_copies(clip: Clip | MeasuredClip, expected: dict[int, str], spawn: bool) -> None:
@@ -163,22 +140,22 @@ def _check_copies(clip: Clip | MeasuredClip, expected: dict[int, str], spawn: bo
 
 def _read_copy(data: bytes, numbers: list[int]) -> tuple[dict[int, str], str]:
     clip: Clip | MeasuredClip = pickle.loads(data)
-    return {number: _fingerprint(_read(clip, number)) for number in numbers}, clip.digest()
+    return _fingerprints(clip, numbers), clip.digest()
 
 
-def _fingerprint(frame: StereoFrame | Scene) -> str:
-    """Digest of everything that a frame holds."""
-    if isinstance(frame, Scene):
-        return hashlib.sha256(repr(frame).encode()).hexdigest()
-    total = hashlib.sha256(f"{frame.index} {frame.time_ns} {frame.rig}".encode())
-    for array in (frame.left, frame.right, frame.depth_m):
-        total.update(b"none" if array is None else array.tobytes())
-    return total.hexdigest()
-
-
-def _sample(clip: AnyClip) -> list[int]:
-    """First, middle and last number, without repetitions."""
-    return sorted({clip.frames[0], clip.frames[len(clip.frames) // 2], clip.frames[-1]})
+def _fingerprints(clip: Clip | MeasuredClip, numbers: list[int]) -> dict[int, str]:
+    """Digest of everything that each frame holds."""
+    found = {}
+    for number in numbers:
+        frame = _read(clip, number)
+        if isinstance(frame, Scene):
+            total = hashlib.sha256(repr(frame).encode())
+        else:
+            total = hashlib.sha256(f"{frame.index} {frame.time_ns} {frame.rig}".encode())
+            for array in (frame.left, frame.right, frame.depth_m):
+                total.update(b"none" if array is None else array.tobytes())
+        found[number] = total.hexdigest()
+    return found
 
 
 def _expect(kept: bool, broken: str) -> None:

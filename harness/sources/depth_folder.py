@@ -79,7 +79,7 @@ class DepthFolderClip:
 
     @classmethod
     def recognise(cls, path: Path) -> Sequence[Recognised]:
-        """Recognise folders or names of colour and of depth, TUM RGB-D, a scene of GFIE; refuse Azure Kinect's .mkv."""
+        """Recognise folders or names of colour and of depth, TUM RGB-D, a scene of GFIE."""
         from harness.sources.depth_layouts import recognise_depth
 
         return recognise_depth(path)

@@ -20,11 +20,10 @@ from typing import Any
 from harness.files.io import read_text
 from harness.sources import Recognised
 from harness.sources.calibration_files.one_camera import read_one_camera
-from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames
+from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames, join_times
 from harness.sources.media.images import read_rgb
 from harness.sources.media.maps import DEPTH_SUFFIXES, read_depth_file
-from harness.sources.recordings.joining import join
-from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS, Place
+from harness.sources.recordings.topics import DEPTH_TOLERANCE_MS
 from vfoa.errors import VfoaError
 
 
@@ -110,18 +109,17 @@ def find_depth_frames(folder: Path, colour: str, depth: str, tolerance_ms: float
 def _by_time(folder: Path, colour: str, depth: str, tolerance_ms: float) -> DepthFrames:
     words = ("rgb", "depth") if colour == depth else ("", "")  # one list of both, such as associations.txt
     lists = [read_stamped_list(folder / name, word) for name, word in zip((colour, depth), words, strict=True)]
-    files = [list(found.values()) for found in lists]
-    places = [[Place(stamp, 0, number, 0) for number, stamp in enumerate(found)] for found in lists]
-    pairs = join(places[0], places[1], round(tolerance_ms * 1e6))
+    (times_ns, colours), (_, depths) = files = [(list(found), list(found.values())) for found in lists]
+    pairs = join_times(times_ns, files[1][0], round(tolerance_ms * 1e6))
     if not pairs:
         raise VfoaError(f"{folder}: no two times of {colour} and {depth} are within {tolerance_ms:g} ms (tolerance_ms)")
     notes = [
         f"{name}: {len(found) - len(pairs)} of {len(found)} images have no partner within {tolerance_ms:g} ms"
-        for name, found in zip((colour, depth), files, strict=True)
+        for name, (_, found) in zip((colour, depth), files, strict=True)
         if len(found) > len(pairs)
     ]
     frames = {
-        number: DepthFrame(colour=files[0][one.offset], depth=files[1][two.offset], time_ns=one.stamp_ns)
+        number: DepthFrame(colour=colours[one], depth=depths[two], time_ns=times_ns[one])
         for number, (one, two) in enumerate(pairs, start=1)
     }
     return DepthFrames(by_number=frames, notes=tuple(notes))
@@ -163,41 +161,12 @@ _TUM_CAMERAS = {
 }
 """fx, fy, cx, cy as TUM publishes them with the data set; the small lens distortion of the first two is left out."""
 
-_MATROSKA = b"\x1a\x45\xdf\xa3"
-_HEAD_BYTES = 1 << 20
-
 _GFIE_CAMERA = "CameraKinect.npy"
 
 
 def recognise_depth(path: Path) -> tuple[Recognised, ...]:
-    """Return every way to read a folder as colour with depth; none for anything else.
-
-    Raises
-    ------
-    VfoaError
-        If the path is a recording of Azure Kinect, whose depth is of another lens: the message names a converter.
-    """
-    if not path.is_dir():
-        if _is_azure_kinect(path):
-            raise VfoaError(
-                f"{path}: an Azure Kinect recording; expected colour and aligned depth: Open3D's "
-                "azure_kinect_mkv_reader.py --input FILE.mkv --output FOLDER writes such a folder, and "
-                "Azure_Kinect_ROS_Driver with recording_file plays it for a bag (depth_to_rgb)"
-            )
-        return ()
-    return tuple(_tum(path) or _gfie(path) or _folders(path))
-
-
-def _is_azure_kinect(path: Path) -> bool:
-    """Whether a file is Matroska with k4arecorder's tags, or its codec of 16-bit depth, near the beginning."""
-    try:
-        if not path.is_file():
-            return False
-        with path.open("rb") as file:
-            head = file.read(_HEAD_BYTES)
-    except OSError:
-        return False
-    return head.startswith(_MATROSKA) and (b"K4A_" in head or b"b16g" in head)
+    """Return every way to read a folder as colour with depth; none for anything else."""
+    return tuple(_tum(path) or _gfie(path) or _folders(path)) if path.is_dir() else ()
 
 
 def _tum(path: Path) -> list[Recognised]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from pydantic import Field
 
 from harness.sources.calibration import Calibration, check_camera
-from harness.sources.rectification import RawCamera
+from harness.sources.rectification import RawCamera, undistortion_maps
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 from vfoa.types import Float, Image, Map, StereoRig
@@ -79,7 +79,8 @@ class DepthOptics:
         except VfoaError as error:
             raise VfoaError(f"{where}: {error}") from None
         self._camera, self._where = camera, where
-        self._maps = _maps(camera) if camera.d.any() else None
+        without = replace(camera, r=np.eye(3), p=np.column_stack([camera.k, np.zeros(3)]))
+        self._maps = undistortion_maps(without) if camera.d.any() else None
 
     @property
     def rig(self) -> StereoRig:
@@ -110,16 +111,6 @@ class DepthOptics:
             raise VfoaError(
                 f"{self._where}: the calibration is for {self._camera.size_px} pixels, the {what} has {size}"
             )
-
-
-def _maps(camera: RawCamera) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike]:
-    if camera.model == "equidistant":
-        maps = cv2.fisheye.initUndistortRectifyMap(
-            camera.k, camera.d, np.eye(3), camera.k, camera.size_px, cv2.CV_32FC1
-        )
-        return maps[0], maps[1]
-    maps = cv2.initUndistortRectifyMap(camera.k, camera.d, np.eye(3), camera.k, camera.size_px, cv2.CV_32FC1)
-    return maps[0], maps[1]
 
 
 _LARGEST_PX = 16
@@ -212,8 +203,6 @@ def _covered(corners: Float) -> tuple[Float, Float]:
 
 def _rays(pixels: Float, camera: RawCamera) -> Float:
     """(x / z, y / z) (N, 2) of pixels (N, 2) in the camera's own image, distortion included."""
-    if camera.model == "equidistant":
-        d = camera.d if camera.d.size else np.zeros(4)
-        return np.asarray(cv2.fisheye.undistortPoints(pixels[:, None], camera.k, d)).reshape(-1, 2)
+    undistort = cv2.fisheye.undistortPoints if camera.model == "equidistant" else cv2.undistortPoints
     d = camera.d if camera.d.size else np.zeros(4)
-    return np.asarray(cv2.undistortPoints(pixels[:, None], camera.k, d)).reshape(-1, 2)
+    return np.asarray(undistort(pixels[:, None], camera.k, d)).reshape(-1, 2)

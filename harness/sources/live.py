@@ -17,10 +17,9 @@ import cv2
 import numpy as np
 
 from harness.sources import Clip
-from harness.sources.calibration_files.options import Options
-from harness.sources.calibration_files.read import read_cameras
+from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.media.video import opencv_name
-from harness.sources.rectification import Optics, optics
+from harness.sources.rectification import Rectifier
 from vfoa.errors import VfoaError
 from vfoa.types import Image, StereoFrame
 
@@ -153,7 +152,7 @@ class CameraPair:
     def __init__(self, left: Capture, right: Capture, calibration: Path, *, rectified: bool = False) -> None:
         self._captures = left, right
         self._calibration, self._rectified = calibration, rectified
-        self._optics: Optics | None = None
+        self._rectifier: Rectifier | None = None
 
     def arrivals(self, stopped: Event) -> Iterator[Arrival]:
         """As in :class:`harness.sources.live.LiveSource`; ends when a camera delivers no more frames."""
@@ -180,11 +179,13 @@ class CameraPair:
         return Arrival(number=number, time_ns=time_ns, arrived_s=arrived_s, read=read)
 
     def _frame(self, number: int, time_ns: int, left: Image, right: Image) -> StereoFrame:
-        if self._optics is None:
+        if self._rectifier is None:
             size = (left.shape[1], left.shape[0])
-            self._optics = optics(read_cameras([self._calibration], lambda: size, Options(rectified=self._rectified)))
-        left, right = self._optics.rectify(left, right)
-        rig = self._optics.calibration.rig(left.shape[1], left.shape[0])
+            self._rectifier = Rectifier(
+                read_cameras([self._calibration], lambda: size, Options(rectified=self._rectified))
+            )
+        left, right = self._rectifier.rectify(left, right)
+        rig = self._rectifier.calibration.rig(left.shape[1], left.shape[0])
         return StereoFrame(index=number, time_ns=time_ns, left=left, right=right, rig=rig)
 
 

@@ -1,8 +1,9 @@
-"""Rectification of two camera images to common rows. The maps are computed once."""
+"""Rectification of two camera images to common rows: from known projections, or from the pose between two lenses."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import cv2
@@ -83,24 +84,29 @@ class RawCalibration:
         return from_projections(self.left.p, self.right.p, self.where, self.left.size_px)
 
 
+Cameras = RawCalibration | Calibration
+"""A pair before rectification, or one that is rectified already."""
+
+ImageSize = Callable[[], tuple[int, int]]
+"""Returns (width, height) of the clip's images; called only if a file depends on the size or lacks it."""
+
+
 class Rectifier:
-    """Rectifies the pairs of one calibration; pixels that no camera saw are black."""
+    """Rectifies the pairs of one calibration, or leaves them as they are if that is of rectified images.
 
-    def __init__(self, calibration: RawCalibration) -> None:
-        self._calibration = calibration
-        self._maps = tuple(
-            None if camera.is_rectified else _maps(camera) for camera in (calibration.left, calibration.right)
-        )
+    Pixels that no camera saw are black. ``calibration`` is that of the images that :meth:`rectify` returns.
+    """
 
-    @property
-    def calibration(self) -> Calibration:
-        """Calibration of the images that :meth:`rectify` returns."""
-        return self._calibration.rectified()
+    def __init__(self, cameras: Cameras) -> None:
+        self._raw = None if isinstance(cameras, Calibration) else cameras
+        self.calibration = cameras if isinstance(cameras, Calibration) else cameras.rectified()
+        raw = () if self._raw is None else (self._raw.left, self._raw.right)
+        self._maps = tuple(None if camera.is_rectified else undistortion_maps(camera) for camera in raw)
 
     @property
     def keeps_left(self) -> bool:
         """Whether left images are rectified already, and stay unchanged."""
-        return self._maps[0] is None
+        return self._raw is None or self._maps[0] is None
 
     def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
         """Rectify two images (H, W, 3) uint8; images that are rectified already are returned unchanged.
@@ -117,37 +123,13 @@ class Rectifier:
         return self._remap(left, "left", 0)
 
     def _remap(self, image: Image, side: str, index: int) -> Image:
-        size = (image.shape[1], image.shape[0])
-        if size != self._calibration.left.size_px:
-            raise VfoaError(
-                f"{self._calibration.where}: the calibration is for {self._calibration.left.size_px} pixels, "
-                f"the {side} image has {size}"
-            )
+        if self._raw is None:
+            return image
+        size, expected = (image.shape[1], image.shape[0]), self._raw.left.size_px
+        if size != expected:
+            raise VfoaError(f"{self._raw.where}: the calibration is for {expected} pixels, the {side} image has {size}")
         maps = self._maps[index]
         return image if maps is None else np.asarray(cv2.remap(image, *maps, cv2.INTER_LINEAR), dtype=np.uint8)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Optics:
-    """The rectifier of a pair (None: it is rectified already), and the calibration of the rectified pair."""
-
-    calibration: Calibration
-    rectifier: Rectifier | None
-
-    def rectify(self, left: Image, right: Image) -> tuple[Image, Image]:
-        """Both images (H, W, 3), rectified."""
-        return (left, right) if self.rectifier is None else self.rectifier.rectify(left, right)
-
-    def rectify_left(self, left: Image) -> Image:
-        """The left image, rectified."""
-        return left if self.rectifier is None else self.rectifier.rectify_left(left)
-
-
-def optics(cameras: RawCalibration | Calibration) -> Optics:
-    """The optics of a pair; computes the maps."""
-    if isinstance(cameras, Calibration):
-        return Optics(calibration=cameras, rectifier=None)
-    return Optics(calibration=cameras.rectified(), rectifier=Rectifier(cameras))
 
 
 def check_lens(k: Float, d: Float, model: Model, where: str) -> None:
@@ -178,9 +160,132 @@ def _check_shape(name: str, matrix: Float, shape: tuple[int, int], where: str) -
         raise VfoaError(f"{where}: {name}: found shape {matrix.shape}; expected {shape}, finite")
 
 
-def _maps(camera: RawCamera) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike]:
-    """Position of each rectified pixel in the camera's image: (H, W) float32 columns and rows."""
-    new, d = camera.p[:, :3], camera.d if camera.d.size else np.zeros(4)
+def undistortion_maps(camera: RawCamera) -> tuple[cv2.typing.MatLike, cv2.typing.MatLike]:
+    """Position of each pixel of the rectified camera P in the camera's image: (H, W) float32 columns and rows."""
+    d = camera.d if camera.d.size else np.zeros(4)
+    lens = camera.k, d, camera.r, camera.p[:, :3], camera.size_px, cv2.CV_32FC1
     if camera.model == "equidistant":
-        return cv2.fisheye.initUndistortRectifyMap(camera.k, d, camera.r, new, camera.size_px, cv2.CV_32FC1)
-    return cv2.initUndistortRectifyMap(camera.k, d, camera.r, new, camera.size_px, cv2.CV_32FC1)
+        return cv2.fisheye.initUndistortRectifyMap(*lens)
+    return cv2.initUndistortRectifyMap(*lens)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lens:
+    """``k`` (3, 3) in pixels, ``d`` OpenCV's coefficients of the model (none: no distortion)."""
+
+    k: Float
+    d: Float
+    model: Model = "plumb_bob"
+
+
+def rectify_pose(
+    left: Lens, right: Lens, rotation: Float, translation: Float, size_px: tuple[int, int], where: str
+) -> RawCalibration:
+    """Return the pair with Bouguet's rectification, cropped to common pixels (OpenCV's alpha or balance 0).
+
+    x_right = rotation x_left + translation, in any unit; the fourth column of P2 has the same unit.
+
+    Raises
+    ------
+    VfoaError
+        If the models differ, a matrix is wrong, or the cameras do not stand side by side, left before right.
+    """
+    for side, lens in (("left", left), ("right", right)):
+        check_lens(lens.k, lens.d, lens.model, f"{where}: {side}")
+    check_rotation(rotation, where)
+    if left.model != right.model:
+        raise VfoaError(f"{where}: left is {left.model}, right {right.model}; expected one distortion model")
+    if translation.shape != (3,) or not np.isfinite(translation).all() or not translation.any():
+        raise VfoaError(f"{where}: T: found {translation.tolist()}; expected three finite numbers that are not all 0")
+    try:
+        r1, r2, p1, p2 = _rectification(left, right, rotation, translation, size_px)
+    except cv2.error as error:
+        raise VfoaError(f"{where}: OpenCV finds no rectification for these cameras: {str(error).strip()}") from None
+    if abs(p2[1, 3]) > abs(p2[0, 3]):
+        raise VfoaError(
+            f"{where}: T: {translation.tolist()}: the cameras stand above each other; expected side by side"
+        )
+    first = RawCamera(size_px=size_px, k=left.k, d=left.d, r=r1, p=p1, model=left.model)
+    second = RawCamera(size_px=size_px, k=right.k, d=right.d, r=r2, p=p2, model=right.model)
+    return RawCalibration(left=first, right=second, where=where)
+
+
+def _rectification(
+    left: Lens, right: Lens, rotation: Float, translation: Float, size_px: tuple[int, int]
+) -> tuple[Float, Float, Float, Float]:
+    d_left, d_right = (lens.d if lens.d.size else np.zeros(4) for lens in (left, right))
+    # cv2.fisheye refuses views of larger matrices
+    pose = np.ascontiguousarray(rotation), np.ascontiguousarray(translation).reshape(3, 1)
+    lenses = left.k, d_left, right.k, d_right, size_px
+    flag = cv2.CALIB_ZERO_DISPARITY
+    found = (
+        cv2.fisheye.stereoRectify(*lenses, *pose, flag, newImageSize=size_px, balance=0)[:4]
+        if left.model == "equidistant"
+        else cv2.stereoRectify(*lenses, *pose, flags=flag, alpha=0)[:4]
+    )
+    r1, r2, p1, p2 = (np.asarray(matrix, dtype=np.float64) for matrix in found)
+    return r1, r2, p1, p2
+
+
+def calibrated_size_px(cameras: Cameras) -> tuple[int, int] | None:
+    """The (width, height) that a calibration was made for; None if it is not given."""
+    return cameras.size_px if isinstance(cameras, Calibration) else cameras.left.size_px
+
+
+def scaled_to(cameras: Cameras, size_px: tuple[int, int]) -> Cameras:
+    """Return the calibration of images that were scaled to (width, height); the same object if that is its own size.
+
+    Pixel centres have whole numbers: column c becomes s (c + 0.5) - 0.5.
+
+    Raises
+    ------
+    VfoaError
+        If the images have another aspect ratio: they were cropped, and it is not known where.
+    """
+    own = calibrated_size_px(cameras)
+    if own is None or own == size_px:
+        return cameras
+    scale = size_px[0] / own[0]
+    if abs(own[1] * scale - size_px[1]) > max(1.0, scale):
+        raise VfoaError(
+            f"the calibration is for {own} pixels, the images have {size_px}: another aspect; expected the calibration "
+            "of these images"
+        )
+    if isinstance(cameras, Calibration):
+        return replace(
+            cameras,
+            fx_px=cameras.fx_px * scale,
+            fy_px=cameras.fy_px * scale,
+            cx_px=_moved(cameras.cx_px, scale),
+            cy_px=_moved(cameras.cy_px, scale),
+            cx_right_px=_moved(cameras.cx_right_px, scale),
+            size_px=size_px,
+        )
+    left, right = (_scaled(camera, scale, size_px) for camera in (cameras.left, cameras.right))
+    return replace(cameras, left=left, right=right)
+
+
+def scaling_note(cameras: Cameras, size_px: tuple[int, int]) -> tuple[str, ...]:
+    """A note if :func:`scaled_to` changes a calibration."""
+    own = calibrated_size_px(cameras)
+    if own is None or own == size_px:
+        return ()
+    return (f"the calibration of {own[0]} x {own[1]} pixels is scaled to the images' {size_px[0]} x {size_px[1]}",)
+
+
+def _scaled(camera: RawCamera, scale: float, size_px: tuple[int, int]) -> RawCamera:
+    projection = np.hstack(
+        [_scaled_matrix(camera.p[:, :3], scale), camera.p[:, 3:] * np.array([[scale], [scale], [1]])]
+    )
+    return replace(camera, size_px=size_px, k=_scaled_matrix(camera.k, scale), p=projection)
+
+
+def _scaled_matrix(k: Float, scale: float) -> Float:
+    found = k.copy()
+    found[:2] *= scale
+    found[0, 2], found[1, 2] = _moved(k[0, 2], scale), _moved(k[1, 2], scale)
+    return found
+
+
+def _moved(center_px: float, scale: float) -> float:
+    return float(scale * (center_px + 0.5) - 0.5)

@@ -12,37 +12,19 @@ from pydantic import Field, model_validator
 
 from harness.sources import Recognised, Truth
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files.options import Cameras, Options, Unit
-from harness.sources.calibration_files.read import read_cameras
-from harness.sources.calibration_files.scaling import scaled_to, scaling_note
-from harness.sources.rectification import Optics, optics
-from harness.sources.stereo_videos import VideoPair
-from harness.sources.view_files import ViewFiles
+from harness.sources.calibration_files.read import Options, Unit, read_cameras
+from harness.sources.depth_optics import Intrinsics
+from harness.sources.rectification import Cameras, Rectifier, scaled_to, scaling_note
+from harness.sources.stereo_views import ViewFiles
 from vfoa.errors import VfoaError
-from vfoa.settings import Settings
 from vfoa.types import Image, StereoFrame
 
 
-class CameraNumbers(Settings):
+class CameraNumbers(Intrinsics):
     """A rectified pair in four numbers; by default fy is fx and both views share cx."""
 
-    fx_px: float = Field(gt=0)
-    cx_px: float
-    cy_px: float
     baseline_m: float = Field(gt=0)
-    fy_px: float | None = Field(default=None, gt=0)
     cx_right_px: float | None = None
-
-    def calibration(self) -> Calibration:
-        """Return it as a :class:`Calibration`."""
-        return Calibration(
-            fx_px=self.fx_px,
-            fy_px=self.fx_px if self.fy_px is None else self.fy_px,
-            cx_px=self.cx_px,
-            cy_px=self.cy_px,
-            cx_right_px=self.cx_px if self.cx_right_px is None else self.cx_right_px,
-            baseline_m=self.baseline_m,
-        )
 
 
 class StereoFolderSettings(ViewFiles):
@@ -118,7 +100,7 @@ class StereoFolderClip:
             raise VfoaError(f"{folder}: no such folder; expected the clip's root")
         self._views = settings.views(folder)
         self._cameras = self._read_cameras(folder)
-        self._fitted: Optics | None = None
+        self._rectifier: Rectifier | None = None
 
     @classmethod
     def recognise(cls, path: Path) -> tuple[Recognised, ...]:
@@ -164,21 +146,19 @@ class StereoFolderClip:
         time_ns = self.time_ns(number)
         left, right = self._views.read(number)
         try:
-            optics = self._optics((left.shape[1], left.shape[0]))
-            left, right = optics.rectify(left, right)
-            rig = optics.calibration.rig(left.shape[1], left.shape[0])
+            rectifier = self._rectifier_of((left.shape[1], left.shape[0]))
+            left, right = rectifier.rectify(left, right)
+            rig = rectifier.calibration.rig(left.shape[1], left.shape[0])
         except VfoaError as error:
             raise VfoaError(f"{self._views.where(number)}: {error}") from None
         return StereoFrame(index=number, time_ns=time_ns, left=left, right=right, rig=rig)
 
     def left(self, number: int) -> Image:
         """The rectified left image of a frame; of two videos, only one is decoded."""
-        if not isinstance(self._views, VideoPair):
-            return self.frame(number).left
         self.time_ns(number)
         left = self._views.read_left(number)
         try:
-            return self._optics((left.shape[1], left.shape[0])).rectify_left(left)
+            return self._rectifier_of((left.shape[1], left.shape[0])).rectify_left(left)
         except VfoaError as error:
             raise VfoaError(f"{self._views.where(number)}: {error}") from None
 
@@ -195,16 +175,16 @@ class StereoFolderClip:
         )
         return digest.hexdigest()
 
-    def _optics(self, size_px: tuple[int, int]) -> Optics:
-        """The optics for images of this size, computed when the first one is read: a clip has one size."""
-        if self._fitted is None:
-            self._fitted = optics(scaled_to(self._cameras, size_px))
-        return self._fitted
+    def _rectifier_of(self, size_px: tuple[int, int]) -> Rectifier:
+        """The rectifier of images of this size, computed when the first one is read: a clip has one size."""
+        if self._rectifier is None:
+            self._rectifier = Rectifier(scaled_to(self._cameras, size_px))
+        return self._rectifier
 
     def _read_cameras(self, folder: Path) -> Cameras:
         settings = self._settings
         if settings.camera is not None:
-            return settings.camera.calibration()
+            return settings.camera.pair(str(folder))
         files = (settings.calibration,) if isinstance(settings.calibration, str) else settings.calibration
         paths = [folder / file for file in files or ()]
         return read_cameras(paths, self._size_px, settings.options())

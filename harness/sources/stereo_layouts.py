@@ -14,14 +14,22 @@ import cv2
 import numpy as np
 
 from harness.sources import Recognised
-from harness.sources.calibration_files.find import find_calibrations, find_incomplete
-from harness.sources.calibration_files.options import Options
+from harness.sources.calibration_files.read import Options, find_calibrations
 from harness.sources.media.frame_files import IMAGE_SUFFIXES, find_frames, numbered_views, pair_names
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.video import VIDEO_SUFFIXES, Video
-from harness.sources.stereo_videos import PackedVideo, VideoPair
-from harness.sources.stereo_views import ImagePairs, PackedImages, Packing, Views
-from harness.sources.view_files import TICKS_NS, Layout, StampUnit, ViewFiles, find_sides
+from harness.sources.stereo_views import (
+    TICKS_NS,
+    ImagePairs,
+    PackedImages,
+    PackedVideo,
+    Packing,
+    StampUnit,
+    VideoPair,
+    ViewFiles,
+    Views,
+    find_sides,
+)
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
 from vfoa.validation import parse
@@ -42,35 +50,26 @@ _KITTI_2015 = "*_10.png"
 """The frames with ground truth; ``*_11.png`` are the next ones of the same scenes."""
 _TIMES = "timestamps.txt"
 _DEPTH_WORD = re.compile(r"depth|disp", re.IGNORECASE)
-_HEAD_BYTES = 1 << 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FoundLayout:
-    """One way to read a path as a stereo clip.
+    """One way to read a path as a stereo clip: ``root`` and ``source`` are a manifest's, ``views`` what they give.
 
-    ``root`` and ``source`` (layout, left, right or both) are a manifest's. ``frames`` counts pairs, ``left_only`` and
-    ``right_only`` images without a partner; ``size_px`` (width, height) is of one view, ``rate_hz`` as the video says.
-    ``first_frame`` and ``last_frame`` are numbers.
+    ``size_px`` is the (width, height) of one view.
     """
 
     root: Path
     source: dict[str, str]
-    frames: int
-    first_frame: int
-    last_frame: int
-    left_only: int
-    right_only: int
+    views: Views
     size_px: tuple[int, int]
-    rate_hz: float | None
 
     def __str__(self) -> str:
         names = ", ".join(f"{key} {value!r}" for key, value in self.source.items() if key != "layout")
-        width, height = self.size_px
-        rate = "" if self.rate_hz is None else f", {self.rate_hz:g} Hz"
-        alone = [f"{n} only {side}" for side, n in (("left", self.left_only), ("right", self.right_only)) if n]
-        pairs = f"{self.frames} {'pair' if self.frames == 1 else 'pairs'}"
-        return f"{self.source['layout']}: {pairs} of {width} x {height}{rate} ({', '.join([names, *alone])})"
+        count, (width, height), rate_hz = len(self.views.frames), self.size_px, self.views.rate_hz
+        rate = "" if rate_hz is None else f", {rate_hz:g} Hz"
+        pairs = f"{count} {'pair' if count == 1 else 'pairs'}"
+        return f"{self.source['layout']}: {pairs} of {width} x {height}{rate} ({names})"
 
 
 def find_layouts(path: Path) -> tuple[FoundLayout, ...]:
@@ -88,26 +87,24 @@ def find_layouts(path: Path) -> tuple[FoundLayout, ...]:
     if not path.exists():
         raise VfoaError(f"{path}: no such file or folder")
     if path.is_file():
-        _check_readable(path)
+        if path.suffix.lower() in VIDEO_SUFFIXES:
+            Video(path).read(0)
+        else:
+            read_rgb(path)
         return tuple(_packed(path.parent, path.name, path))
     images, videos = _files_by_folder(path, IMAGE_SUFFIXES), _files_by_folder(path, VIDEO_SUFFIXES)
-    pairs = [*_pairs_of_folders(path, images), *_pairs_in_folders(path, images)]
+    pairs = list(_image_pairs(path, images))
     try:
-        pairs += _video_pairs(path, videos)
+        for left, right in pair_names([file for files in videos.values() for file in files], numbered=False):
+            source = {"layout": "videos", "left": left, "right": right}
+            pairs.append(_found(path, source, VideoPair(path / left, path / right)))
     except VfoaError:
         if not pairs:
             raise
     found = pairs or [each for name, files in images.items() for each in _packed(path, name, path / files[0])]
     lonely = [] if pairs else [file for files in videos.values() for file in files]
     found += [each for file in lonely for each in _packed(path, file, path / file)]
-    return tuple(sorted(found, key=lambda each: (-each.frames, len(each.source.get("left", "")))))
-
-
-def _check_readable(path: Path) -> None:
-    if path.suffix.lower() in VIDEO_SUFFIXES:
-        Video(path).read(0)
-    else:
-        read_rgb(path)
+    return tuple(sorted(found, key=lambda each: (-len(each.views.frames), len(each.source.get("left", "")))))
 
 
 def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str]]:
@@ -128,22 +125,16 @@ def _files_by_folder(root: Path, suffixes: frozenset[str]) -> dict[str, list[str
     return found
 
 
-def _pairs_of_folders(root: Path, images: dict[str, list[str]]) -> Iterator[FoundLayout]:
-    for sides in pair_names(images, numbered=False):
-        yield from _pair_of_images(root, sides.left, sides.right)
-
-
-def _pairs_in_folders(root: Path, images: dict[str, list[str]]) -> Iterator[FoundLayout]:
+def _image_pairs(root: Path, images: dict[str, list[str]]) -> Iterator[FoundLayout]:
+    for left, right in pair_names(images, numbered=False):
+        yield from _pair_of_images(root, left, right)
     for folder, files in images.items():
-        prefix = "" if folder == "." else f"{glob.escape(folder)}/"
-        for sides in pair_names([Path(file).name for file in files], numbered=True):
-            yield from _pair_of_images(root, sides.left, sides.right, prefix)
-        for left, right in numbered_views(Path(file).name for file in files):
-            yield from _pair_of_images(root, left, right, prefix)
+        prefix, names = "" if folder == "." else f"{glob.escape(folder)}/", [Path(file).name for file in files]
+        for left, right in (*pair_names(names, numbered=True), *numbered_views(names)):
+            yield from _pair_of_images(root, prefix + left, prefix + right)
 
 
-def _pair_of_images(root: Path, left: str, right: str, prefix: str = "") -> Iterator[FoundLayout]:
-    left, right = prefix + left, prefix + right
+def _pair_of_images(root: Path, left: str, right: str) -> Iterator[FoundLayout]:
     stamps: StampUnit | None = None
     try:
         try:
@@ -153,26 +144,16 @@ def _pair_of_images(root: Path, left: str, right: str, prefix: str = "") -> Iter
             lefts, rights = find_sides(root, left, right)
         stamps = _stamps((*lefts, *rights))
         views = ImagePairs(lefts, rights, TICKS_NS[stamps] if stamps else None)
-        times = _times_beside(root, left)
     except VfoaError as error:
         if stamps is None:
             return  # names that say a side but share no numbering are no pair
         told = f"--set left={left} --set right={right} --set stamps={stamps} --set tolerance_ms=MS"
         raise VfoaError(f"{root}: {error} ({told})") from None
-    alone = len(lefts.keys() - rights.keys()), len(rights.keys() - lefts.keys())
-    source = {"layout": "images", "left": left, "right": right} | ({"stamps": stamps} if stamps else {}) | times
-    yield _found(root, source, views, alone)
-
-
-def _times_beside(root: Path, left: str) -> dict[str, str]:
-    """The setting of KITTI's ``image_02/timestamps.txt`` beside ``image_02/data``; none if there is no such file."""
-    times = Path(left).parent / _TIMES
-    return {"times": times.as_posix()} if (root / left).is_dir() and (root / times).is_file() else {}
-
-
-def images_below(root: Path) -> list[str]:
-    """Every image in a folder and the folders in it, by its path under the folder, sorted by folder."""
-    return [file for files in _files_by_folder(root, IMAGE_SUFFIXES).values() for file in files]
+    source = {"layout": "images", "left": left, "right": right} | ({"stamps": stamps} if stamps else {})
+    times = Path(left).parent / _TIMES  # KITTI's image_02/timestamps.txt beside image_02/data
+    if (root / left).is_dir() and (root / times).is_file():
+        source["times"] = times.as_posix()
+    yield _found(root, source, views)
 
 
 def read_layout(root: Path, files: ViewFiles) -> FoundLayout:
@@ -193,45 +174,23 @@ def _stamps(frames: Iterable[int]) -> StampUnit | None:
     return units.get(lengths.pop()) if len(lengths) == 1 else None
 
 
-def _video_pairs(root: Path, videos: dict[str, list[str]]) -> Iterator[FoundLayout]:
-    for sides in pair_names([file for files in videos.values() for file in files], numbered=False):
-        views = VideoPair(root / sides.left, root / sides.right)
-        yield _found(root, {"layout": "videos", "left": sides.left, "right": sides.right}, views)
-
-
 def _packed(root: Path, name: str, first: Path) -> Iterator[FoundLayout]:
     """``name`` (a file, or a folder of images) as both views in one picture, the likelier packing first."""
-    packings: tuple[tuple[Packing, Layout, Layout], ...] = (
-        ("side_by_side", "images_side_by_side", "video_side_by_side"),
-        ("top_bottom", "images_top_bottom", "video_top_bottom"),
-    )
+    packings: tuple[Packing, ...] = ("side_by_side", "top_bottom")
     is_video = first.suffix.lower() in VIDEO_SUFFIXES
-    if is_video and _is_spatial(first):
-        raise VfoaError(
-            f"{first}: a spatial video (MV-HEVC), of which only the left view is decoded here; expected both side by "
-            "side: FFmpeg 7.1 or newer converts it: ffmpeg -i IN.mov -filter_complex "
-            "'[0:v:vpos:left][0:v:vpos:right]hstack' OUT.mp4"
-        )
     if not is_video and (_DEPTH_WORD.search((root / name).name) or _is_map(first)):
         return  # one view's depth or disparity: its halves are alike where the floor or a wall is
     found = []
-    for packing, of_images, of_video in packings:
+    for packing in packings:
         try:
             views = PackedVideo(first, packing) if is_video else PackedImages(find_frames(root, name, name), packing)
             likeness = _likeness(*views.read(views.frames[0]))
         except VfoaError:
             continue  # an odd width, or names without a number
         if likeness >= ALIKE:
-            found.append((likeness, _found(root, {"layout": of_video if is_video else of_images, "both": name}, views)))
+            layout = f"{'video' if is_video else 'images'}_{packing}"
+            found.append((likeness, _found(root, {"layout": layout, "both": name}, views)))
     yield from (layout for _, layout in sorted(found, key=lambda each: -each[0]))
-
-
-def _is_spatial(video: Path) -> bool:
-    """Whether a video has the box of the second view's decoder (ISO/IEC 14496-15, ``lhvC``), at one of its ends."""
-    with video.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
-        file.seek(max(video.stat().st_size - _HEAD_BYTES, 0))
-        return b"lhvC" in head or b"lhvC" in file.read()
 
 
 def _is_map(image: Path) -> bool:
@@ -240,19 +199,9 @@ def _is_map(image: Path) -> bool:
     return pixels.ndim == 2 and pixels.dtype != np.uint8
 
 
-def _found(root: Path, source: dict[str, str], views: Views, alone: tuple[int, int] = (0, 0)) -> FoundLayout:
+def _found(root: Path, source: dict[str, str], views: Views) -> FoundLayout:
     left, _ = views.read(views.frames[0])
-    return FoundLayout(
-        root=root,
-        source=source,
-        frames=len(views.frames),
-        first_frame=views.frames[0],
-        last_frame=views.frames[-1],
-        left_only=alone[0],
-        right_only=alone[1],
-        size_px=(left.shape[1], left.shape[0]),
-        rate_hz=views.rate_hz,
-    )
+    return FoundLayout(root=root, source=source, views=views, size_px=(left.shape[1], left.shape[0]))
 
 
 def _likeness(left: Image, right: Image) -> float:
@@ -312,7 +261,9 @@ def _named_files(given: Mapping[str, Any]) -> ViewFiles | None:
 
 
 def _refuse_unpaired(path: Path) -> None:
-    images = images_below(path) if path.is_dir() else [path.name]
+    images = [path.name]
+    if path.is_dir():
+        images = [file for files in _files_by_folder(path, IMAGE_SUFFIXES).values() for file in files]
     if not images:
         return
     shown = ", ".join(images[:_SHOWN]) + (" ..." if len(images) > _SHOWN else "")
@@ -324,47 +275,36 @@ def _refuse_unpaired(path: Path) -> None:
 
 
 def _calibrated(layout: FoundLayout, path: Path, given: Mapping[str, Any]) -> list[Recognised]:
-    options = _options(layout, given)
-    calibrations = [] if any(key in given for key in _CALIBRATIONS) else _calibrations(layout, options)
-    # A file that cannot be used alone is reported only if no other can.
-    incomplete = () if calibrations else find_incomplete(layout.root, lambda: layout.size_px, options)
-    return [
-        Recognised(
-            root=layout.root,
-            source=layout.source | calibration,
-            layout=str(layout),
-            name=path.stem if path.is_file() else path.name,
-            calibration=_named(calibration["calibration"]) if calibration else None,
-            incomplete=incomplete,
-        )
-        for calibration in calibrations or [{}]
-    ]
-
-
-def _options(layout: FoundLayout, given: Mapping[str, Any]) -> Options:
-    """The user's settings of calibrations, which are needed to find those that fit."""
-    cameras = (0, 1) if _KITTI_GRAY.search(layout.source.get("left", "")) else None
+    """The layout with each calibration for images of this size, at most two folders below or one above."""
+    gray = bool(_KITTI_GRAY.search(layout.source.get("left", "")))
     baseline = given.get("baseline_m")
-    return Options(
-        cameras=cameras,
+    options = Options(
+        cameras=(0, 1) if gray else None,
         fisheye=given.get("fisheye") is True,
         rectified=given.get("rectified") is True,
         baseline_m=float(baseline) if isinstance(baseline, int | float) and baseline > 0 else None,
     )
+    calibrations: list[tuple[str, ...]] = []
+    incomplete: list[str] = []
+    if not any(key in given for key in _CALIBRATIONS):
+        calibrations, incomplete = find_calibrations(layout.root, lambda: layout.size_px, options)
+        if not calibrations:  # KITTI's raw recordings: one file for all drives of a day
+            of_the_day = [("../calib_cam_to_cam.txt",)]
+            calibrations, _ = find_calibrations(layout.root, lambda: layout.size_px, options, of_the_day)
 
+    def recognised(files: tuple[str, ...]) -> Recognised:
+        source: dict[str, Any] = {**layout.source}
+        if files:
+            source["calibration"] = files[0] if len(files) == 1 else list(files)
+            source |= {"calibration_cameras": [0, 1]} if gray and files[0].endswith(".txt") else {}
+        return Recognised(
+            root=layout.root,
+            source=source,
+            layout=str(layout),
+            name=path.stem if path.is_file() else path.name,
+            calibration=" and ".join(files) or None,
+            # A file that cannot be used alone is reported only if no other can.
+            incomplete=() if calibrations else tuple(dict.fromkeys(incomplete)),
+        )
 
-def _calibrations(layout: FoundLayout, options: Options) -> list[dict[str, Any]]:
-    """The settings that name each calibration for images of this size, at most two folders below or one above."""
-
-    def size() -> tuple[int, int]:
-        return layout.size_px
-
-    found = find_calibrations(layout.root, size, options)
-    if not found:  # KITTI's raw recordings: one file for all drives of a day
-        found = find_calibrations(layout.root, size, options, [("../calib_cam_to_cam.txt",)])
-    gray = {} if options.cameras is None else {"calibration_cameras": list(options.cameras)}
-    return [each.source | (gray if str(each.source["calibration"]).endswith(".txt") else {}) for each in found]
-
-
-def _named(files: str | list[str]) -> str:
-    return files if isinstance(files, str) else " and ".join(files)
+    return [recognised(files) for files in calibrations or [()]]

@@ -22,8 +22,7 @@ from harness.run.experiment import load_experiment
 from harness.run.fitted_weights import read_fitted
 from harness.run.results import read_results, to_line
 from harness.sources.calibration_files.one_camera import read_one_camera
-from harness.sources.calibration_files.options import Options
-from harness.sources.calibration_files.read import read_cameras
+from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_layouts import read_stamped_list
 from harness.sources.media.images import read_raw, read_rgb
 from harness.sources.media.maps import read_depth, read_depth_file, read_disparity, read_sintel_disparity
@@ -211,7 +210,6 @@ PARSERS: Sequence[Parser] = (
     # Recordings and messages
     Parser("MCAP, ros2", "take.mcap", whole.mcap("ros2"), states.read_recording),
     Parser("MCAP, protobuf", "take.mcap", whole.mcap("protobuf"), states.read_recording),
-    Parser("MCAP, json", "take.mcap", whole.mcap("json"), states.read_recording),
     Parser("MCAP of a depth camera", "take.mcap", whole.depth_bag("mcap"), states.read_recording),
     Parser("MCAP of a video", "take.mcap", whole.video_mcap, states.read_recording),
     Parser("ROS 1 bag", "take.bag", tuple(map(whole.depth_bag, ("bag", "bag bz2", "bag lz4"))), states.read_recording),
@@ -220,13 +218,11 @@ PARSERS: Sequence[Parser] = (
     *(
         Parser(f"message: {name}", "message.bin", write, states.read_message(kind))
         for name, kind, write in (
-            ("depth in RVL", "CompressedImage", whole.compressed("rvl")),
             ("depth in PNG", "CompressedImage", whole.compressed("png")),
             ("inverse depth in PNG", "CompressedImage", whole.compressed("32FC1 png")),
             ("raw depth", "Image", whole.ros_message("Image", height=24, width=32, **whole.RAW_DEPTH)),
             ("camera info", "CameraInfo", whole.ros_message("CameraInfo", height=24, width=32, **whole.CAMERA_INFO)),
         )
     ),
-    Parser("message: RVL", "depth.rvl", whole.rvl, states.read_rvl),
 )
 """All parsers, each under its own name."""

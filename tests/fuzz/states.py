@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import shutil
-import struct
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -30,7 +29,7 @@ from harness.sources.calibration_files.read import read_cameras
 from harness.sources.recordings import messages
 from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.messages import BY_NAME, MessageType
-from harness.sources.recordings.pixels import decode_rvl, read_depth
+from harness.sources.recordings.pixels import read_depth
 from harness.sources.recordings.topics import RecordingSettings
 from harness.stages.cache.identity import Identity, difference
 from harness.stages.cache.stage import StoredOutputs, Tally
@@ -64,9 +63,7 @@ def naming(path: Path, read: Callable[[], Any]) -> Any:
     """What ``read`` returns; its errors name the file of the case, of which they name another part."""
     try:
         return read()
-    except (VfoaError, ValueError) as error:
-        if not isinstance(error, VfoaError) and "rvl" not in path.name:
-            raise
+    except VfoaError as error:
         raise VfoaError(f"{path}: {error}") from None
 
 
@@ -266,9 +263,3 @@ def read_message(kind: str) -> Read:
         return messages.stamp_ns(type_, data, where), read_depth(type_, data, None, where)
 
     return read
-
-
-def read_rvl(path: Path) -> Any:
-    """Depth in RVL behind its width and height; a ValueError is for its caller to name."""
-    data = path.read_bytes().ljust(4, b"\1")
-    return naming(path, lambda: decode_rvl(data[4:], *struct.unpack_from("<HH", data)))

@@ -225,7 +225,7 @@ def depth_bag(kind: depth_recordings.Format) -> Write:
 
     def write(path: Path) -> None:
         (folder := path.parent / "made").mkdir(parents=True, exist_ok=True)
-        made = depth_recordings.write_take(folder, kind, _SHOTS[1:], "rvl")
+        made = depth_recordings.write_take(folder, kind, _SHOTS[1:], "png")
         file = made if made.is_file() else next(each for each in made.iterdir() if each.suffix == path.suffix)
         path.write_bytes(file.read_bytes())
 
@@ -251,10 +251,6 @@ def ros_message(kind: str, **fields: Any) -> Write:
 def compressed(form: depth_recordings.DepthForm) -> Write:
     said, data = depth_recordings.compressed_depth(DEPTH_MM, form)
     return ros_message("CompressedImage", format=said, data=np.frombuffer(data, np.uint8))
-
-
-def rvl(path: Path) -> None:
-    path.write_bytes(struct.pack("<HH", *SMALL) + depth_recordings.encode_rvl(DEPTH_MM))
 
 
 RAW_DEPTH = {"encoding": "16UC1", "is_bigendian": 0, "step": 64, "data": np.frombuffer(DEPTH_MM.tobytes(), np.uint8)}

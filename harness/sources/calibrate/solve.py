@@ -14,7 +14,7 @@ from harness.files.io import atomic_write
 from harness.sources.calibrate.views import Dropped, View
 from harness.sources.calibration_files.documents import numbers, read_document
 from harness.sources.calibration_files.read import read_cameras
-from harness.sources.rectification import Optics, optics
+from harness.sources.rectification import Rectifier
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Image
 
@@ -190,8 +190,8 @@ def format_calibration(calibration: StereoCalibration, square_m: float) -> str:
     return str(storage.releaseAndGetString())
 
 
-def read_back(text: str, size_px: tuple[int, int]) -> Optics:
-    """Parse a file's text before it is written, and return its optics.
+def read_back(text: str, size_px: tuple[int, int]) -> Rectifier:
+    """Parse a file's text before it is written, and return its rectifier.
 
     Raises
     ------
@@ -202,7 +202,7 @@ def read_back(text: str, size_px: tuple[int, int]) -> Optics:
         path = Path(folder) / "stereo.yml"
         atomic_write(path, text)
         try:
-            return optics(read_cameras([path], lambda: size_px))
+            return Rectifier(read_cameras([path], lambda: size_px))
         except VfoaError as error:
             raise VfoaError(f"calibration: {str(error).removeprefix(f'{path}: ')}; no file is written") from None
 
@@ -216,9 +216,9 @@ def preview_png(picture: Image) -> bytes:
 LINES = 16
 
 
-def rectified_preview(optics: Optics, left: Image, right: Image) -> Image:
+def rectified_preview(rectifier: Rectifier, left: Image, right: Image) -> Image:
     """The rectified pair side by side (H, 2 W, 3) RGB, with evenly spaced green rows."""
-    picture = np.hstack(optics.rectify(left, right))
+    picture = np.hstack(rectifier.rectify(left, right))
     for row in np.linspace(0, picture.shape[0] - 1, LINES + 2)[1:-1].astype(int):
         cv2.line(picture, (0, int(row)), (picture.shape[1] - 1, int(row)), (0, 255, 0), 1)
     return picture

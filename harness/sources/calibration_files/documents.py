@@ -1,4 +1,4 @@
-"""YAML and XML as plain values: OpenCV's FileStorage, and ordinary YAML.
+"""Calibrations in YAML and XML: of ROS, EuRoC, Kalibr and OpenCV.
 
 OpenCV's own reader is not used: a damaged file makes it end the whole process.
 """
@@ -12,15 +12,29 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element
 
+import cv2
 import numpy as np
 import yaml
 
 from harness.files.io import read_bytes
 from harness.files.parsing import parse_xml, parse_yaml
+from harness.sources.calibration import from_projections
+from harness.sources.rectification import (
+    MODELS,
+    Cameras,
+    ImageSize,
+    Lens,
+    Model,
+    RawCalibration,
+    RawCamera,
+    rectify_pose,
+)
 from vfoa.errors import VfoaError
 from vfoa.types import Float
 
 SUFFIXES = frozenset({".yml", ".yaml", ".xml"})
+
+Document = Mapping[str, Any]
 
 _OPENCV_HEAD = re.compile(rb"^%YAML:[^\n]*", re.MULTILINE)
 """OpenCV writes "%YAML:1.0", which is not a valid YAML directive."""
@@ -34,7 +48,10 @@ def read_document(path: Path) -> dict[str, Any]:
     VfoaError
         If it cannot be read or parsed, or is no table of names.
     """
-    document = _read_xml(path) if path.suffix.lower() == ".xml" else _read_yaml(path)
+    if path.suffix.lower() == ".xml":
+        return _read_xml(path)
+    data = read_bytes(path).removeprefix(codecs.BOM_UTF8)
+    document = parse_yaml(_OPENCV_HEAD.sub(b"", data, count=1), path, _Loader)
     if not isinstance(document, dict):
         raise VfoaError(f"{path}: holds no names; expected the calibration of OpenCV, ROS or Kalibr")
     return document
@@ -63,24 +80,21 @@ class _Loader(yaml.SafeLoader):
     """Reads YAML and OpenCV's matrices."""
 
 
+_MATRICES = ("opencv-matrix", "opencv-nd-matrix")
+_WRONG_SIZE = "an opencv-matrix whose data are not as many numbers as its size says"
+
+
 def _matrix(loader: _Loader, node: yaml.Node) -> Float:
     if not isinstance(node, yaml.MappingNode):
         raise yaml.constructor.ConstructorError(None, None, "an opencv-matrix that is no table", node.start_mark)
     try:
         return _shaped(loader.construct_mapping(node, deep=True))
     except (KeyError, TypeError, ValueError):
-        raise yaml.constructor.ConstructorError(
-            None, None, "an opencv-matrix whose data are not as many numbers as its size says", node.start_mark
-        ) from None
+        raise yaml.constructor.ConstructorError(None, None, _WRONG_SIZE, node.start_mark) from None
 
 
-for _kind in ("opencv-matrix", "opencv-nd-matrix"):
+for _kind in _MATRICES:
     _Loader.add_constructor(f"tag:yaml.org,2002:{_kind}", _matrix)
-
-
-def _read_yaml(path: Path) -> Any:
-    data = read_bytes(path).removeprefix(codecs.BOM_UTF8)
-    return parse_yaml(_OPENCV_HEAD.sub(b"", data, count=1), path, _Loader)
 
 
 def _read_xml(path: Path) -> dict[str, Any]:
@@ -88,15 +102,14 @@ def _read_xml(path: Path) -> dict[str, Any]:
     try:
         return {child.tag: _value(child) for child in root}
     except (LookupError, TypeError, ValueError):
-        raise VfoaError(f"{path}: an opencv-matrix whose data are not as many numbers as its size says") from None
+        raise VfoaError(f"{path}: {_WRONG_SIZE}") from None
 
 
 def _value(element: Element) -> Any:
     text = (element.text or "").strip()
-    if element.get("type_id") in ("opencv-matrix", "opencv-nd-matrix"):
+    if element.get("type_id") in _MATRICES:
         parts = {child.tag: (child.text or "").split() for child in element}
-        shape = {name: parts[name][0] for name in ("rows", "cols") if name in parts}
-        return _shaped({**parts, **shape})
+        return _shaped({**parts, **{name: parts[name][0] for name in ("rows", "cols") if name in parts}})
     if len(element):
         return [_value(child) for child in element]
     return text.strip('"')
@@ -106,5 +119,260 @@ def _shaped(matrix: Mapping[Any, Any]) -> Float:
     """The numbers of a matrix (rows, cols), or of one with any number of dimensions (sizes)."""
     shape = matrix["sizes"] if "sizes" in matrix else (matrix["rows"], matrix["cols"])
     # YAML does not know OpenCV's .Nan and .Inf
-    numbers = [float(str(value).lower().replace(".nan", "nan").replace(".inf", "inf")) for value in matrix["data"]]
-    return np.array(numbers).reshape([int(size) for size in shape])
+    values = [float(str(value).lower().replace(".nan", "nan").replace(".inf", "inf")) for value in matrix["data"]]
+    return np.array(values).reshape([int(size) for size in shape])
+
+
+# ROS's camera_info (camera_calibration_parsers): one file per camera, with R and P of the rectified pair
+
+_ROS_MATRICES = {"camera_matrix": (3, 3), "rectification_matrix": (3, 3), "projection_matrix": (3, 4)}
+
+
+def is_ros_camera(document: Document) -> bool:
+    """Whether a document is one camera of ROS."""
+    return "camera_matrix" in document and "projection_matrix" in document
+
+
+def ros_camera(document: Document, where: str) -> RawCamera:
+    """Return one camera. P of a pair's right one holds -fx B; without it the two have no baseline.
+
+    Raises
+    ------
+    VfoaError
+        If a name is missing, a matrix has another number of entries, or the distortion model is unknown.
+    """
+    _expect_names(
+        document, (*_ROS_MATRICES, "distortion_coefficients", "image_width", "image_height"), where, "ROS's camera_info"
+    )
+    model = str(document.get("distortion_model", ""))
+    if model not in MODELS:
+        raise VfoaError(f"{where}: distortion model {model!r}; expected one of {', '.join(filter(None, MODELS))}")
+    k, r, p = (
+        numbers(document[name], f"{where}: {name}", shape[0] * shape[1]).reshape(shape)
+        for name, shape in _ROS_MATRICES.items()
+    )
+    width, height = (int(numbers(document[f"image_{name}"], f"{where}: {name}", 1)[0]) for name in ("width", "height"))
+    d = numbers(document["distortion_coefficients"], f"{where}: distortion_coefficients")
+    return RawCamera(size_px=(width, height), k=k, d=d, r=r, p=p, model=MODELS[model])
+
+
+def _expect_names(document: Document, names: tuple[str, ...], where: str, expected: str) -> None:
+    if missing := next((name for name in names if name not in document), None):
+        raise VfoaError(f"{where}: no {missing}; expected {expected}")
+
+
+# EuRoC's sensor.yaml, one file per camera, and Kalibr's camera chain
+
+_KALIBR_CAMERA = re.compile(r"cam\d+")
+_KALIBR_MODELS: dict[str, Model] = {
+    "radtan": "plumb_bob",
+    "radial-tangential": "plumb_bob",
+    "equidistant": "equidistant",
+    "none": "plumb_bob",
+}
+
+
+def is_euroc_sensor(document: Document) -> bool:
+    """Whether a document is one camera of EuRoC."""
+    return "T_BS" in document and "camera_model" in document
+
+
+def euroc_pair(left: Document, right: Document, where: tuple[str, str]) -> RawCalibration:
+    """Return the two cameras of a recording; ``where`` are their files, ``T_BS`` is body_from_camera, metres.
+
+    Raises
+    ------
+    VfoaError
+        If a key is missing or wrong, the sizes differ, or a camera is no pinhole with a known distortion.
+    """
+    pairs = tuple(zip((left, right), where, strict=True))
+    for document, place in pairs:
+        _expect_names(document, ("T_BS",), place, "EuRoC's sensor.yaml")
+    lenses = [_pinhole(document, "distortion_coefficients", place, "EuRoC's sensor.yaml") for document, place in pairs]
+    body_from_left, body_from_right = (
+        numbers(document["T_BS"], f"{place}: T_BS", 16).reshape(4, 4) for document, place in pairs
+    )
+    return _posed(lenses, np.linalg.inv(body_from_right) @ body_from_left, " and ".join(where))
+
+
+def is_kalibr_chain(document: Document) -> bool:
+    """Whether a document holds cameras of Kalibr."""
+    return any(_KALIBR_CAMERA.fullmatch(str(name)) and isinstance(value, Mapping) for name, value in document.items())
+
+
+def kalibr_pair(document: Document, cameras: tuple[int, int], where: str) -> RawCalibration:
+    """Return two cameras of the chain, left and right, by their numbers.
+
+    ``T_cn_cnm1`` transforms points of the preceding camera into this camera's frame, metres.
+
+    Raises
+    ------
+    VfoaError
+        If a camera or a key is missing, or a camera's model is not pinhole with radtan, equidistant or none.
+    """
+    chain = {name: value for name, value in document.items() if _KALIBR_CAMERA.fullmatch(str(name))}
+
+    def camera(number: int) -> Document:
+        if not isinstance(found := chain.get(f"cam{number}"), Mapping):
+            raise VfoaError(f"{where}: no cam{number}; expected one of {', '.join(sorted(chain))}")
+        return found
+
+    program = "Kalibr's camera chain"
+    lenses = [_pinhole(camera(number), "distortion_coeffs", f"{where}: cam{number}", program) for number in cameras]
+    first, last = sorted(cameras)
+    last_from_first: Float = np.eye(4)
+    for number in range(first + 1, last + 1):
+        _expect_names(camera(number), ("T_cn_cnm1",), f"{where}: cam{number}", program)
+        step = numbers(camera(number)["T_cn_cnm1"], f"{where}: cam{number}: T_cn_cnm1", 16)
+        last_from_first = step.reshape(4, 4) @ last_from_first
+    right_from_left = last_from_first if cameras[0] == first else np.linalg.inv(last_from_first)
+    return _posed(lenses, np.asarray(right_from_left, dtype=np.float64), where)
+
+
+def _pinhole(camera: Document, coefficients: str, where: str, program: str) -> tuple[Lens, tuple[int, int]]:
+    """A camera's lens and its (width, height); ``coefficients`` is the name of those of the distortion."""
+    _expect_names(camera, ("camera_model", "distortion_model"), where, program)
+    model, distortion = str(camera["camera_model"]), str(camera["distortion_model"])
+    if model != "pinhole" or distortion not in _KALIBR_MODELS:
+        raise VfoaError(
+            f"{where}: model {model}-{distortion}; expected pinhole with one of {', '.join(_KALIBR_MODELS)}"
+        )
+    _expect_names(camera, ("intrinsics", "resolution"), where, program)
+    d = np.zeros(0)
+    if distortion != "none":
+        _expect_names(camera, (coefficients,), where, program)
+        d = numbers(camera[coefficients], f"{where}: {coefficients}", 4)
+    fx, fy, cx, cy = numbers(camera["intrinsics"], f"{where}: intrinsics", 4)
+    width, height = numbers(camera["resolution"], f"{where}: resolution", 2)
+    k: Float = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    return Lens(k=k, d=d, model=_KALIBR_MODELS[distortion]), (int(width), int(height))
+
+
+def _posed(lenses: list[tuple[Lens, tuple[int, int]]], right_from_left: Float, where: str) -> RawCalibration:
+    (left, size_px), (right, right_size_px) = lenses
+    if size_px != right_size_px:
+        raise VfoaError(f"{where}: left is {size_px} pixels, right {right_size_px}; expected the same")
+    return rectify_pose(left, right, right_from_left[:3, :3], right_from_left[:3, 3], size_px, where)
+
+
+# OpenCV: matrices of stereoCalibrate and stereoRectify, under their usual names
+
+_OF_A_CAMERA = {
+    "K": ("k", "m", "mtx", "cm", "cameramatrix", "intrinsic", "intrinsics", "intrinsicmatrix"),
+    "D": ("d", "dist", "distcoef", "distcoeff", "distcoeffs", "distortion", "distortioncoefficients"),
+    "R": ("r", "rect", "rectification", "rectificationmatrix"),
+    "P": ("p", "proj", "projmat", "projection", "projectionmatrix"),
+}
+_OF_THE_PAIR = {
+    "R": ("r", "rot", "rotation", "rotationmatrix"),
+    "T": ("t", "trans", "translation", "translationvector"),
+}
+_SIDES = {"1": ("1", "l", "left"), "2": ("2", "r", "right")}
+_SHAPES = {"K": (3, 3), "R": (3, 3), "P": (3, 4)}
+_LENSES = ("K1", "D1", "K2", "D2")
+_RECTIFICATION = ("R1", "R2", "P1", "P2")
+
+
+def _spellings() -> dict[str, str]:
+    """Lower-case names without underscores, and the role of each: ``cameramatrixleft`` is K1."""
+    found = {name: role for role, names in _OF_THE_PAIR.items() for name in names}
+    for role, names in _OF_A_CAMERA.items():
+        for number, sides in _SIDES.items():
+            for name in names:
+                found |= {f"{name}{side}": f"{role}{number}" for side in sides}
+                found |= {f"{side}{name}": f"{role}{number}" for side in sides[2:]}
+    return found
+
+
+_ROLES = _spellings()
+
+
+def opencv_pair(
+    document: Document, size: ImageSize, where: str, *, rectified: bool = False, fisheye: bool = False
+) -> Cameras:
+    """Return the pair: rectified by the file's R1 R2 P1 P2 if it has them, else by its R and T.
+
+    P1 and P2 without distortion, rotation or translation describe images that are rectified already.
+
+    Raises
+    ------
+    VfoaError
+        If a matrix is missing, occurs under two names, or has a wrong shape.
+    """
+    found = _opencv_matrices(document, where)
+    size_px = _opencv_size(document, where)
+    unrectified = [
+        name for name in ("R", "T", "D1", "D2", "R1", "R2") if name in found and not _is_trivial(found[name])
+    ]
+    if found.keys() >= {"P1", "P2"} and (rectified or not unrectified):
+        left, right = (_of_shape(found, f"P{number}", where) for number in "12")
+        return from_projections(left, right, f"{where}: P1 and P2", size_px=size_px)
+    model: Model = "equidistant" if fisheye else "plumb_bob"
+    if found.keys() >= {*_LENSES, *_RECTIFICATION}:
+        first, second = (
+            RawCamera(
+                size_px=size_px or size(),
+                k=_of_shape(found, f"K{number}", where),
+                d=found[f"D{number}"].ravel(),
+                r=_of_shape(found, f"R{number}", where),
+                p=_of_shape(found, f"P{number}", where),
+                model=model,
+            )
+            for number in "12"
+        )
+        return RawCalibration(left=first, right=second, where=where)
+    if found.keys() >= {*_LENSES, "R", "T"}:
+        first_lens, second_lens = (
+            Lens(k=_of_shape(found, f"K{number}", where), d=found[f"D{number}"].ravel(), model=model) for number in "12"
+        )
+        rotation = found["R"]
+        if rotation.size == 3:  # OpenCV's rotation vector
+            rotation = np.asarray(cv2.Rodrigues(rotation.reshape(3))[0], dtype=np.float64)
+        rotation, translation = _of_shape({"R": rotation}, "R", where), numbers(found["T"], f"{where}: T", 3)
+        return rectify_pose(first_lens, second_lens, rotation, translation, size_px or size(), where)
+    there, expected = ", ".join(sorted(found)) or "none of them", "expected K1 D1 K2 D2 with R T or R1 R2 P1 P2"
+    if found.keys() >= {"P1", "P2"}:
+        raise VfoaError(
+            f"{where}: holds {' and '.join(unrectified)} of an unrectified pair but not all that rectifies it: found "
+            f"{there}; {expected}, or rectified = true in [source] if the images are rectified"
+        )
+    raise VfoaError(f"{where}: found {there}; {expected}, or P1 P2 of rectified images")
+
+
+def _opencv_matrices(document: Document, where: str) -> dict[str, Float]:
+    names: dict[str, str] = {}
+    for name in document:
+        role = _ROLES.get(str(name).lower().replace("_", ""))
+        if role in names:
+            raise VfoaError(f"{where}: {names[role]} and {name} both are {role}; expected one of them")
+        if role is not None:
+            names[role] = name
+    return {
+        role: np.asarray(value, np.float64)
+        if isinstance(value := document[name], np.ndarray)
+        else numbers(value, f"{where}: {name}")
+        for role, name in names.items()
+    }
+
+
+def _of_shape(found: Mapping[str, Float], name: str, where: str) -> Float:
+    """A matrix (rows, columns), which a file may also hold as a list."""
+    matrix, shape = found[name], _SHAPES[name[0]]
+    if matrix.shape not in (shape, (shape[0] * shape[1],)):
+        raise VfoaError(f"{where}: {name}: found shape {matrix.shape}; expected {shape}")
+    return matrix.reshape(shape)
+
+
+def _opencv_size(document: Document, where: str) -> tuple[int, int] | None:
+    plain = {str(name).lower().replace("_", ""): value for name, value in document.items()}
+    pairs = [("imagewidth", "imageheight"), ("width", "height")]
+    values = next((([plain[w], plain[h]]) for w, h in pairs if w in plain and h in plain), None)
+    values = values or next((plain[name] for name in ("imagesize", "imgsize", "size") if name in plain), None)
+    if values is None:
+        return None
+    width, height = numbers(values, f"{where}: image size", 2)
+    return (int(width), int(height)) if width > 0 and height > 0 else None
+
+
+def _is_trivial(matrix: Float) -> bool:
+    return not matrix.any() or (matrix.size == 9 and np.array_equal(matrix.reshape(3, 3), np.eye(3)))

@@ -1,20 +1,46 @@
-"""Read a calibration of any supported program."""
+"""Read a calibration of any supported program, and find those beside a clip's images."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from harness.files.io import read_text
 from harness.sources.calibration import Calibration
-from harness.sources.calibration_files import camodocal, euroc, kalibr, kitti, matrix, middlebury, opencv, ros, zed
-from harness.sources.calibration_files.documents import SUFFIXES, read_document
-from harness.sources.calibration_files.options import METRES, Cameras, ImageSize, Options
-from harness.sources.rectification import RawCalibration, RawCamera
+from harness.sources.calibration_files import documents, texts
+from harness.sources.calibration_files.documents import SUFFIXES
+from harness.sources.calibration_files.texts import IncompleteCalibrationError
+from harness.sources.media.frame_files import pair_names
+from harness.sources.rectification import Cameras, ImageSize, RawCalibration, scaled_to
 from vfoa.errors import VfoaError
+
+Unit = Literal["m", "cm", "mm"]
+METRES: dict[Unit, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001}
+
+LARGEST_BYTES = 1_000_000
+"""A longer text is no calibration."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """Properties of a calibration that its file does not contain.
+
+    ``cameras``: the left and the right one of the file's cameras; by default (2, 3) for KITTI, (0, 1) for Kalibr.
+    ``unit``: of the translation. ``fisheye``: OpenCV's matrices are of ``cv2.fisheye``. ``rectified``: the images are
+    rectified already, although the file also says how to rectify. ``baseline_m``: the distance of the two cameras,
+    which replaces the file's or completes a file without one.
+    """
+
+    cameras: tuple[int, int] | None = None
+    unit: Unit = "m"
+    fisheye: bool = False
+    rectified: bool = False
+    baseline_m: float | None = None
+
 
 NO_OPTIONS = Options()
 
@@ -41,88 +67,100 @@ def read_cameras(paths: Sequence[Path], size: ImageSize, options: Options = NO_O
     VfoaError
         If a file cannot be read, is of no known kind, lacks something, or describes no pair with a positive baseline.
     """
-    cameras = _read(paths, size, options)
-    if options.rectified and not isinstance(cameras, Calibration):
-        cameras = cameras.rectified()
-    cameras = _in_metres(cameras, METRES[options.unit])
-    return cameras if options.baseline_m is None else _with_baseline(cameras, options.baseline_m)
-
-
-def _read(paths: Sequence[Path], size: ImageSize, options: Options) -> Cameras:
-    path = paths[0]
-    if any(each.suffix.lower() in SUFFIXES for each in paths):
-        return _read_documents(paths, size, options)
-    if len(paths) > 1:
+    if any(path.suffix.lower() in SUFFIXES for path in paths):
+        cameras = _read_documents(paths, size, options)
+    elif len(paths) > 1:
         raise VfoaError(f"{paths[1]}: a second calibration file; expected one, or two in YAML or XML")
+    else:
+        cameras = _read_text(paths[0], size, options)
+    if isinstance(cameras, RawCalibration) and not options.rectified:
+        scale = METRES[options.unit]
+        if options.baseline_m is not None:
+            scale = options.baseline_m / cameras.rectified().baseline_m
+        left, right = (replace(each, p=each.p * np.array([1, 1, 1, scale])) for each in (cameras.left, cameras.right))
+        return replace(cameras, left=left, right=right)
+    rectified = cameras if isinstance(cameras, Calibration) else cameras.rectified()
+    return replace(rectified, baseline_m=options.baseline_m or rectified.baseline_m * METRES[options.unit])
+
+
+def _read_text(path: Path, size: ImageSize, options: Options) -> Cameras:
     if path.suffix.lower() == ".conf":
         _refuse_unused(options, path, "the ZED's")
-        return zed.read(path, size)
-    return _read_text(path, options)
-
-
-def _read_text(path: Path, options: Options) -> Calibration:
-    """Read the text of KITTI, of Middlebury, or a bare matrix."""
+        return texts.read_zed(path, size)
     text = read_text(path)
-    if middlebury.is_middlebury(text):
+    if texts.is_middlebury(text):
         _refuse_unused(options, path, "Middlebury's")
-        return middlebury.read(path, text)
-    if matrix.is_matrix(text):
+        return texts.read_middlebury(path, text)
+    if texts.is_matrix(text):
         _refuse_unused(options, path, "a matrix's")
-        return matrix.read(path, text, options.baseline_m)
-    _refuse_unused(options, path, "KITTI's", cameras=True)
-    return kitti.read(path, text, options.cameras or (2, 3))
+        return texts.read_matrix(path, text, options.baseline_m)
+    _refuse_unused(options, path, "KITTI's")
+    return texts.read_kitti(path, text, options.cameras or (2, 3))
 
 
 def _read_documents(paths: Sequence[Path], size: ImageSize, options: Options) -> Cameras:
-    documents = [read_document(path) for path in paths]
+    found = [documents.read_document(path) for path in paths]
     where = " and ".join(map(str, paths))
-    if all(ros.is_camera_info(document) for document in documents):
-        if len(documents) != 2:
-            raise VfoaError(f'{where}: one camera of ROS; expected the pair: calibration = ["left.yaml", "right.yaml"]')
-        _refuse_unused(options, where, "ROS's")
-        left, right = (ros.camera(document, str(path)) for document, path in zip(documents, paths, strict=True))
-        return RawCalibration(left=left, right=right, where=where)
-    if all(euroc.is_sensor(document) for document in documents):
-        if len(documents) != 2:
+    for program, is_camera in (("ROS", documents.is_ros_camera), ("EuRoC", documents.is_euroc_sensor)):
+        if not all(map(is_camera, found)):
+            continue
+        if len(found) != 2:
             raise VfoaError(
-                f"{where}: one camera of EuRoC; expected the pair: "
-                'calibration = ["cam0/sensor.yaml", "cam1/sensor.yaml"]'
+                f'{where}: one camera of {program}; expected the pair: calibration = ["left.yaml", "right.yaml"]'
             )
-        _refuse_unused(options, where, "EuRoC's")
-        return euroc.pair(documents[0], documents[1], (str(paths[0]), str(paths[1])))
-    for document, path in zip(documents, paths, strict=True):
-        if camodocal.is_camodocal(document):
-            camodocal.refuse(document, str(path))
-    merged = {name: value for document in documents for name, value in document.items()}
-    if kalibr.is_camchain(merged):
-        _refuse_unused(options, where, "Kalibr's", cameras=True)
-        return kalibr.pair(merged, options.cameras or (0, 1), where)
-    _refuse_unused(options, where, "OpenCV's", fisheye=True)
-    return opencv.pair(merged, size, options, where)
+        _refuse_unused(options, where, f"{program}'s")
+        if program == "EuRoC":
+            return documents.euroc_pair(found[0], found[1], (str(paths[0]), str(paths[1])))
+        left, right = (documents.ros_camera(camera, str(path)) for camera, path in zip(found, paths, strict=True))
+        return RawCalibration(left=left, right=right, where=where)
+    merged = {name: value for document in found for name, value in document.items()}
+    if documents.is_kalibr_chain(merged):
+        _refuse_unused(options, where, "Kalibr's")
+        return documents.kalibr_pair(merged, options.cameras or (0, 1), where)
+    _refuse_unused(options, where, "OpenCV's")
+    return documents.opencv_pair(merged, size, where, rectified=options.rectified, fisheye=options.fisheye)
 
 
-def _refuse_unused(
-    options: Options, where: Path | str, whose: str, *, cameras: bool = False, fisheye: bool = False
-) -> None:
+def _refuse_unused(options: Options, where: Path | str, whose: str) -> None:
     """Reject settings that have no meaning for the kind of the file."""
-    if options.cameras is not None and not cameras:
+    if options.cameras is not None and whose not in ("KITTI's", "Kalibr's"):
         raise VfoaError(f"{where}: calibration_cameras: found {options.cameras}; expected none for {whose} calibration")
-    if options.fisheye and not fisheye:
+    if options.fisheye and whose != "OpenCV's":
         raise VfoaError(f"{where}: fisheye: found true; expected it for OpenCV's calibration only, this is {whose}")
 
 
-def _in_metres(cameras: Cameras, scale: float) -> Cameras:
-    if isinstance(cameras, Calibration):
-        return replace(cameras, baseline_m=cameras.baseline_m * scale)
-    left, right = (_scaled(camera, scale) for camera in (cameras.left, cameras.right))
-    return replace(cameras, left=left, right=right)
+def find_calibrations(
+    root: Path, size: ImageSize, options: Options = NO_OPTIONS, candidates: Iterable[tuple[str, ...]] | None = None
+) -> tuple[list[tuple[str, ...]], list[str]]:
+    """Return every file, or pair of files, that calibrates images of this (width, height), scaled if necessary.
+
+    Paths are relative to ``root``. The second list has a note for every calibration that cannot be used alone.
+    ``options.cameras`` applies to KITTI's files. ``candidates`` are by default all files in the folder and in two
+    levels of folders below it.
+    """
+    found, incomplete = [], []
+    for names in candidates or _candidates(root):
+        # camera numbers of KITTI mean nothing for another file
+        its_options = options if names[0].endswith(".txt") else replace(options, cameras=None)
+        try:
+            scaled_to(read_cameras([root / name for name in names], size, its_options), size())
+            found.append(names)
+        except IncompleteCalibrationError as error:
+            incomplete.append(str(error))
+        except VfoaError:
+            continue
+    return found, incomplete
 
 
-def _scaled(camera: RawCamera, scale: float) -> RawCamera:
-    return replace(camera, p=camera.p * np.array([1, 1, 1, scale]))
-
-
-def _with_baseline(cameras: Cameras, baseline_m: float) -> Cameras:
-    if isinstance(cameras, Calibration):
-        return replace(cameras, baseline_m=baseline_m)
-    return _in_metres(cameras, baseline_m / cameras.rectified().baseline_m)
+def _candidates(root: Path) -> Iterator[tuple[str, ...]]:
+    files = [path for pattern in ("*", "*/*", "*/*/*") for path in sorted(root.glob(pattern))]
+    names = [
+        path.relative_to(root).as_posix()
+        for path in files
+        if path.suffix.lower() in SUFFIXES | {".conf", ".txt"} and path.is_file()
+        if path.stat().st_size <= LARGEST_BYTES
+    ]
+    yield from ((name,) for name in names)
+    in_documents = [name for name in names if Path(name).suffix.lower() in SUFFIXES]
+    yield from pair_names(in_documents, numbered=False)
+    yield from ((name, other) for name in in_documents if (other := name.replace("intrinsic", "extrinsic")) != name)

@@ -1,4 +1,4 @@
-"""Names of files: the digits in them are the frame's number, words in them the side, left or right."""
+"""Files of frames by their names: the digits are the number or the time, words the side. Times are joined to frames."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import glob
 import os
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
+
+import numpy as np
 
 from vfoa.errors import VfoaError
 
@@ -182,37 +183,36 @@ _SUFFIX = re.compile(r"(?<=[a-z0-9])[LR](?![A-Za-z])")
 _CAMERA = re.compile(
     r"(?<![A-Za-z])(?:camera|cam|image|img|im|i|infra|view|sensor|video)[_-]?(\d{1,2})(?!\d)", re.IGNORECASE
 )
+_WAYS = (("word", _WORD, 0), ("letter", _LETTER, 0), ("letter", _SUFFIX, 0), ("camera", _CAMERA, 1))
 _NUMBERED_VIEW = re.compile(r"(im|view)(\d+)(\.[^.]+)")
 
 _NUMBERED_VIEWS = (("im", (0, 1), 1), ("im", (2, 6), 8), ("view", (1, 5), 6))
 """Middlebury's pairs: the word, the numbers of left and right, and the greatest number beside them."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sides:
-    """Globs of two sides, and the names that each of them matches."""
+def pair_names(names: Iterable[str], *, numbered: bool) -> tuple[tuple[str, str], ...]:
+    """Return every way to find two sides in names (of files, or paths of folders), most pairs first: (left, right).
 
-    left: str
-    right: str
-    left_names: tuple[str, ...]
-    right_names: tuple[str, ...]
-
-
-def pair_names(names: Iterable[str], *, numbered: bool) -> tuple[Sides, ...]:
-    """Return every way to find two sides in names (of files, or paths of folders), most pairs first.
-
-    ``numbered``: runs of digits beside the side may differ within a side (frame numbers) and are ``*`` in the globs.
-    Cameras are paired as (0, 1), (2, 3), or as (1, 2) if there is no 0.
+    ``numbered``: runs of digits beside the side may differ within a side (frame numbers), and the two are globs with
+    ``*`` for them. Cameras are paired as (0, 1), (2, 3), or as (1, 2) if there is no 0.
     """
     ways: defaultdict[tuple[str, str, str], defaultdict[str, set[str]]] = defaultdict(lambda: defaultdict(set))
     for name in sorted(names):
-        for start, end, way in _sides_in(name):
-            before, after = (_globbed(part, numbered) for part in (name[:start], name[end:]))
-            if way == "camera" and numbered and "*" not in before + after:
-                continue  # image_1, image_2 ...: a sequence, not a pair of cameras
-            ways[way, before, after][name[start:end]].add(name)
-    found = [pair for key, sides in ways.items() for pair in _pairs(key, sides)]
-    return tuple(sorted(found, key=lambda pair: -min(len(pair.left_names), len(pair.right_names))))
+        for way, pattern, group in _WAYS:
+            for match in pattern.finditer(name):
+                before, after = name[: match.start(group)], name[match.end(group) :]
+                if numbered:
+                    before, after = (_DIGITS.sub("*", glob.escape(part)) for part in (before, after))
+                if way == "camera" and numbered and "*" not in before + after:
+                    continue  # image_1, image_2 ...: a sequence, not a pair of cameras
+                ways[way, before, after][match[group]].add(name)
+    found = [
+        (min(len(sides[side]), len(sides[other])), f"{before}{side}{after}", f"{before}{other}{after}")
+        for (way, before, after), sides in ways.items()
+        for side in sorted(sides)
+        if (other := _opposite(way, side, sides)) in sides
+    ]
+    return tuple((left, right) for _, left, right in sorted(found, key=lambda each: -each[0]))
 
 
 def numbered_views(names: Iterable[str]) -> tuple[tuple[str, str], ...]:
@@ -232,35 +232,37 @@ def numbered_views(names: Iterable[str]) -> tuple[tuple[str, str], ...]:
     )
 
 
-def _sides_in(name: str) -> Iterable[tuple[int, int, str]]:
-    ways = (("word", _WORD, 0), ("letter", _LETTER, 0), ("letter", _SUFFIX, 0), ("camera", _CAMERA, 1))
-    for way, pattern, group in ways:
-        for match in pattern.finditer(name):
-            yield match.start(group), match.end(group), way
-
-
-def _pairs(key: tuple[str, str, str], sides: dict[str, set[str]]) -> Iterable[Sides]:
-    way, before, after = key
-    for side in sorted(sides):
-        other = _opposite(way, side, sides)
-        if other in sides:
-            yield Sides(
-                left=f"{before}{side}{after}",
-                right=f"{before}{other}{after}",
-                left_names=tuple(sorted(sides[side])),
-                right_names=tuple(sorted(sides[other])),
-            )
-
-
-def _opposite(way: str, side: str, sides: dict[str, set[str]]) -> str | None:
-    """The right side's word for a left side's, None for a right side."""
+def _opposite(way: str, side: str, sides: Mapping[str, set[str]]) -> str:
+    """The right side's word for a left side's, none for a right side."""
     if way == "camera":
         number = int(side)
         is_left = number % 2 == 0 or f"{number - 1:0{len(side)}d}" not in sides
-        return f"{number + 1:0{len(side)}d}" if is_left else None
+        return f"{number + 1:0{len(side)}d}" if is_left else ""
     words = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
-    return words.get(side)
+    return words.get(side, "")
 
 
-def _globbed(part: str, numbered: bool) -> str:
-    return _DIGITS.sub("*", glob.escape(part)) if numbered else part
+def join_times(left: Sequence[int], right: Sequence[int], tolerance: int) -> list[tuple[int, int]]:
+    """Pair the places of two ascending sequences of times, each used once, at most ``tolerance`` apart.
+
+    A time stays without a pair if its neighbour fits the other side better.
+    """
+    pairs: list[tuple[int, int]] = []
+    i = j = 0
+    while i < len(left) and j < len(right):
+        apart = abs(left[i] - right[j])
+        if j + 1 < len(right) and abs(left[i] - right[j + 1]) < apart:
+            j += 1
+        elif i + 1 < len(left) and abs(left[i + 1] - right[j]) < apart:
+            i += 1
+        else:
+            if apart <= tolerance:
+                pairs.append((i, j))
+            i, j = i + 1, j + 1
+    return pairs
+
+
+def nearest_apart(left: Sequence[int], right: Sequence[int]) -> float:
+    """How far the first times are from the nearest one of the other side: the median."""
+    others = np.array(right, dtype=np.int64)
+    return float(np.median([np.abs(others - time).min() for time in left[:100]]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import struct
 import zlib
-from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,114 +17,12 @@ from harness.files.io import check_readable, read_bytes, unreadable
 from vfoa.errors import VfoaError
 from vfoa.types import Image
 
-_ORIENTATION = 0x0112
-_UPRIGHT = 1
-_HEADS = {b"II*\0": "<", b"MM\0*": ">"}
-
-
-def without_rotation(data: bytes) -> bytes:
-    """Return the bytes of an image file; a TIFF is changed to say that it is upright."""
-    place = _place(data)
-    if place is None:
-        return data
-    at, order = place
-    return data[:at] + struct.pack(f"{order}H", _UPRIGHT) + data[at + 2 :]
-
-
-def _place(data: bytes) -> tuple[int, str] | None:
-    """The offset of the orientation of a TIFF's first image, and the byte order; None if there is none."""
-    order = _HEADS.get(data[:4])
-    if order is None or len(data) < 8:
-        return None
-    (table,) = struct.unpack_from(f"{order}I", data, 4)
-    if table + 2 > len(data):
-        return None
-    (count,) = struct.unpack_from(f"{order}H", data, table)
-    for entry in range(table + 2, min(table + 2 + 12 * count, len(data) - 11), 12):
-        tag, kind = struct.unpack_from(f"{order}HH", data, entry)
-        if tag == _ORIENTATION and kind == 3:
-            return entry + 8, order
-    return None
-
-
-_ZEROS = bytes(32)
-"""No encoder writes so many zeros in a row, except one whose shortest code means a block without detail."""
-_SCAN, _TABLE = 0xDA, 0xC4
-_PROGRESSIVE = 0xC2
 _CORNER_PX = 4
-_WITHOUT_LENGTH = {0x01, *range(0xD0, 0xDA)}
-
-
-def zeros_at(data: bytes) -> int | None:
-    """Return where a run of zeros begins in the compressed data of a JPEG; None if there is none, or it may be valid.
-
-    It may be valid in progressive files, and if every table's shortest code is that of a flat block.
-    """
-    if data.find(_ZEROS) < 0:
-        return None
-    flat_codes: list[bool] = []
-    for marker, at, end in _segments(data):
-        if marker == _TABLE:
-            flat_codes += _codes_of_flat_blocks(data[at:end])
-        if marker == _SCAN:
-            found = -1 if all(flat_codes) else data.find(_ZEROS, end, data.rfind(b"\xff\xd9"))
-            return None if found < 0 else found
-    return None
-
-
-def ends_early(data: bytes, image: Image) -> bool:
-    """Whether the data of a JPEG end before its image (H, W, ...) does, although an end mark follows them.
-
-    libjpeg repeats the last colour then, and warns on the terminal alone. FFmpeg refuses such data. It decodes only
-    progressive files, and those whose last pixels are of one colour: decoding twice takes a third longer.
-    """
-    corner = image[-_CORNER_PX:, -_CORNER_PX:]
-    if (corner != corner[-1, -1]).any() and all(marker != _PROGRESSIVE for marker, *_ in _segments(data)):
-        return False
-    return not _decodes(data, err_detect="explode") and _decodes(data)
-
-
-def _decodes(data: bytes, **options: str) -> bool:
-    import av  # takes as long to import as a hundred files to check, of which most commands have none
-
-    decoder = av.CodecContext.create("mjpeg", "r")
-    decoder.options = options
-    try:
-        return bool(decoder.decode(av.Packet(data)) + decoder.decode(None))
-    except av.FFmpegError:
-        return False
-
-
-def _segments(data: bytes) -> Iterator[tuple[int, int, int]]:
-    """Marker, begin and end of the content of each segment, up to the first scan."""
-    at = 2
-    while at + 4 <= len(data) and data[at] == 0xFF:
-        marker = data[at + 1]
-        if marker in _WITHOUT_LENGTH or marker == 0xFF:
-            at += 1 if marker == 0xFF else 2
-            continue
-        length = int.from_bytes(data[at + 2 : at + 4], "big")
-        yield marker, at + 4, at + 2 + length
-        if marker == _SCAN:
-            return
-        at += 2 + length
-
-
-def _codes_of_flat_blocks(tables: bytes) -> list[bool]:
-    """For each AC table: whether its code of zeros means "no detail in the rest of the block"."""
-    found, at = [], 0
-    while at + 17 <= len(tables):
-        kind, symbols = tables[at] >> 4, sum(tables[at + 1 : at + 17])
-        if kind == 1:
-            found.append(tables[at + 17 : at + 18] == b"\0")
-        at += 17 + symbols
-    return found
-
-
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_HEAD = struct.Struct(">16sII")  # up to the size, the first fields of the chunk IHDR
 _JPEG = b"\xff\xd8"
 _JPEG_END = b"\xff\xd9"
+_PROGRESSIVE = b"\xff\xc2"
 _POINTER = b"version https://git-lfs.github.com/spec/"
 
 MOST_PIXELS = 2**26
@@ -188,12 +85,12 @@ def decode(data: bytes, where: str, flags: int) -> NDArray[Any]:
     if problem := _damage(data):
         raise VfoaError(f"{where}: {problem}")
     try:
-        image = cv2.imdecode(np.frombuffer(without_rotation(data), np.uint8), flags)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
     except cv2.error as error:
         raise VfoaError(f"{where}: not a readable image: {error.err}") from None
     if image is None:
         raise VfoaError(f"{where}: not a readable image ({len(data)} bytes); expected PNG, JPEG or another of OpenCV's")
-    if data.startswith(_JPEG) and ends_early(data, image):
+    if data.startswith(_JPEG) and _ends_early(data, image):
         raise VfoaError(f"{where}: damaged JPEG: its data end before the image does; expected a whole copy")
     return image
 
@@ -204,17 +101,38 @@ def _damage(data: bytes) -> str | None:
         return "the file is empty; expected an image"
     if data.startswith(_POINTER):
         return "a pointer of Git LFS, not the image; expected its content: git lfs pull fetches it"
-    if data.startswith(_PNG):
-        return _png_damage(data)
+    if data.startswith(_PNG) and (problem := _png_damage(data)):
+        return problem
     if (size := _size_px(data)) is not None and not 0 < size[0] * size[1] <= MOST_PIXELS:
         return too_many_pixels(*size)
     # Some cameras append a few bytes of their own to a JPEG, or send the buffer's rest; inside compressed data the end
     # mark cannot occur.
     if data.startswith(_JPEG) and _JPEG_END not in data.rstrip(b"\0")[-1024:]:
         return f"truncated JPEG: no end mark in {len(data)} bytes"
-    if data.startswith(_JPEG) and (place := zeros_at(data)) is not None:
-        return f"damaged JPEG: zeros in its compressed data from byte {place} of {len(data)} on"
     return None
+
+
+def _ends_early(data: bytes, image: NDArray[Any]) -> bool:
+    """Whether the data of a JPEG end before its image (H, W, ...) does, although an end mark follows them.
+
+    libjpeg repeats the last colour then, and warns on the terminal alone. FFmpeg refuses such data. It decodes only
+    progressive files, and those whose last pixels are of one colour: decoding twice takes a third longer.
+    """
+    corner = image[-_CORNER_PX:, -_CORNER_PX:]
+    if (corner != corner[-1, -1]).any() and _PROGRESSIVE not in data:
+        return False
+    return not _decodes(data, err_detect="explode") and _decodes(data)
+
+
+def _decodes(data: bytes, **options: str) -> bool:
+    import av  # takes as long to import as a hundred files to check, of which most commands have none
+
+    decoder = av.CodecContext.create("mjpeg", "r")
+    decoder.options = options
+    try:
+        return bool(decoder.decode(av.Packet(data)) + decoder.decode(None))
+    except av.FFmpegError:
+        return False
 
 
 def too_many_pixels(width_px: int, height_px: int) -> str:
@@ -223,7 +141,10 @@ def too_many_pixels(width_px: int, height_px: int) -> str:
 
 
 def _size_px(data: bytes) -> tuple[int, int] | None:
-    """(width, height) in the head of a JPEG, TIFF, BMP or WebP; None for others, and if the head cannot be read."""
+    """(width, height) in the head of a PNG, JPEG, TIFF, BMP or WebP; None for others, and if it cannot be read."""
+    if data.startswith(_PNG):
+        width, height = struct.unpack_from(">II", data, 16)
+        return width, height
     if data.startswith(b"RIFF"):  # of WebP, Pillow would allocate the image
         head = int.from_bytes(data[20:30].ljust(10, b"\0"), "little")
         shift, bits, less = {b"VP8X": (32, 24, 1), b"VP8L": (8, 14, 1)}.get(data[12:16], (48, 16, 0))
@@ -256,10 +177,6 @@ def _png_damage(data: bytes) -> str | None:
             break
         if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != struct.unpack_from(">I", data, end - 4)[0]:
             return f"damaged PNG: wrong checksum of chunk {kind.decode('latin-1')!r} at byte {at}"
-        if kind == b"IHDR" and length >= 8:
-            width, height = struct.unpack_from(">II", data, at + 8)
-            if not 0 < width * height <= MOST_PIXELS:
-                return too_many_pixels(width, height)
         if kind == b"IEND":
             return None
         at = end

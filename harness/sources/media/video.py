@@ -68,9 +68,10 @@ class Video:
             return ()
         return (f"{self.path.name}: the container says {claimed} frames, {found} can be read",)
 
-    def time_ns(self, place: int) -> int:
-        """Time since the first frame, nanoseconds."""
-        return self.index.stamps_ns[place] - self.index.stamps_ns[0]
+    @property
+    def times_ns(self) -> tuple[int, ...]:
+        """Time of each frame since the first one, nanoseconds."""
+        return tuple(stamp - self.index.stamps_ns[0] for stamp in self.index.stamps_ns)
 
     def read(self, place: int) -> Image:
         """Return the frame (H, W, 3) uint8 RGB at this position.

@@ -4,81 +4,87 @@ from __future__ import annotations
 
 import bisect
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from harness.sources.calibration_files.options import ImageSize, Options
-from harness.sources.calibration_files.read import read_cameras
+from harness.sources.calibration_files.read import Options, read_cameras
 from harness.sources.depth_optics import Transform
 from harness.sources.recordings.containers import Messages
 from harness.sources.recordings.messages import MessageType, camera, fields_of, reading
-from harness.sources.recordings.topics import Place, Topic
-from harness.sources.rectification import Optics, RawCalibration, RawCamera, optics
+from harness.sources.recordings.topics import RecordingSettings, Streams, Topic, are_rectified, find_camera
+from harness.sources.rectification import ImageSize, RawCalibration, RawCamera, Rectifier
 from vfoa.errors import VfoaError
 
 
-class Cameras(Protocol):
-    """Gives the optics of every pair."""
+class PairCameras:
+    """The rectifier of each pair: of a file or numbers for all times, or of the calibrations recorded at its time.
 
-    def at(self, left_ns: int, right_ns: int) -> Optics:
-        """Return the optics at the time of the two images."""
-        ...
+    Parameters
+    ----------
+    topics, streams, container, where
+        All topics of the recording, those of its frames, its messages, and its name for error messages.
+    settings, folder
+        The settings, and the folder of their ``calibration``.
+    size
+        Gives (width, height) of the images.
 
+    Raises
+    ------
+    VfoaError
+        If there is no calibration, or it cannot be read.
+    """
 
-class ConstantCameras:
-    """One calibration for the whole recording."""
+    def __init__(
+        self,
+        topics: Collection[Topic],
+        streams: Streams,
+        container: Messages,
+        settings: RecordingSettings,
+        folder: Path,
+        size: ImageSize,
+        where: str,
+    ) -> None:
+        assert streams.right is not None
+        pair = streams.left, streams.right
+        self._container, self._where = container, where
+        self._rectified = are_rectified(pair) if settings.rectified is None else settings.rectified
+        self._topics: tuple[Topic, ...] = ()
+        self._latest: tuple[bytes, Rectifier] | None = None
+        if settings.camera is not None:
+            self._latest = b"", Rectifier(settings.camera.pair(where))
+        elif settings.calibration is not None:
+            path = folder / settings.calibration
+            self._latest = b"", Rectifier(read_cameras([path], size, Options(rectified=self._rectified)))
+        else:
+            infos = settings.left_info, settings.right_info
+            self._topics = tuple(find_camera(topics, *each, where) for each in zip(pair, infos, strict=True))
 
-    def __init__(self, optics: Optics) -> None:
-        self._optics = optics
-
-    def at(self, left_ns: int, right_ns: int) -> Optics:
-        """The same at all times."""
-        return self._optics
-
-
-def file_cameras(path: Path, size: ImageSize, rectified: bool) -> ConstantCameras:
-    """Read the calibration from any file that a stereo folder may have."""
-    return ConstantCameras(optics(read_cameras([path], size, Options(rectified=rectified))))
-
-
-class RecordedCameras:
-    """The cameras' calibrations at the time of each image."""
-
-    def __init__(self, container: Messages, topics: tuple[Topic, Topic], rectified: bool, where: str) -> None:
-        self._container, self._topics, self._rectified, self._where = container, topics, rectified, where
-        self._latest: tuple[bytes, Optics] | None = None
-
-    def at(self, left_ns: int, right_ns: int) -> Optics:
-        """Maps are computed only if the calibration has changed since the last call."""
-        left, right = (
-            camera_at(topic, stamp_ns, self._container, self._where)
-            for topic, stamp_ns in zip(self._topics, (left_ns, right_ns), strict=True)
-        )
-        key = left.key + right.key
-        if self._latest is None or self._latest[0] != key:
-            where = f"{self._topics[0].name} and {self._topics[1].name}"
-            self._latest = key, self._optics(RawCalibration(left=left, right=right, where=where))
+    def at(self, left_ns: int, right_ns: int) -> Rectifier:
+        """Return the rectifier at the time of the two images; maps are computed only if the calibration has changed."""
+        if self._topics:
+            left, right = (
+                camera_at(topic, stamp_ns, self._container, self._where)
+                for topic, stamp_ns in zip(self._topics, (left_ns, right_ns), strict=True)
+            )
+            if self._latest is None or self._latest[0] != left.key + right.key:
+                where = f"{self._where}: {' and '.join(topic.name for topic in self._topics)}"
+                raw = RawCalibration(left=left, right=right, where=where)
+                self._latest = left.key + right.key, Rectifier(raw.rectified() if self._rectified else raw)
+        assert self._latest is not None
         return self._latest[1]
-
-    def _optics(self, raw: RawCalibration) -> Optics:
-        return optics(raw.rectified() if self._rectified else raw)
 
 
 def camera_at(topic: Topic, stamp_ns: int, container: Messages, where: str) -> RawCamera:
     """A camera's last calibration before a time, or its first one if all came later."""
-    after = bisect.bisect_right(topic.places, stamp_ns, key=_stamp)
+    after = bisect.bisect_right(topic.places, stamp_ns, key=lambda place: place.stamp_ns)
     if not topic.places:
         raise VfoaError(f"{where}: {topic.name}: none of its calibrations can be read")
     place = topic.places[max(after - 1, 0)]
     return camera(topic.type, container.read(topic, place), f"{where}: {topic.name}")
-
-
-def _stamp(place: Place) -> int:
-    return place.stamp_ns
 
 
 _MOST_MESSAGES = 200
@@ -117,32 +123,20 @@ def find_extrinsics(topics: Iterable[Topic], container: Messages, where: str) ->
 
 def _edges(kind: MessageType, data: bytes, where: str) -> Edges:
     with reading(kind, where):
-        field = fields_of(kind, data, where)
-        if kind.name == "tf2_msgs/msg/TFMessage":
-            found = [
-                (_ns(each.header.frame_id), _ns(each.child_frame_id), each.transform) for each in field("transforms")
-            ]
-        elif kind.name.endswith("FrameTransforms"):
-            each_of = field("transforms")
-            found = [(_ns(_get(e, "parent_frame_id")), _ns(_get(e, "child_frame_id")), e) for e in each_of]
-        else:
-            whole = {name: field(name) for name in ("translation", "rotation")}
-            found = [(_ns(field("parent_frame_id")), _ns(field("child_frame_id")), whole)]
-        return {(parent, child): _transform(moved) for parent, child, moved in found}
+        return {
+            (_frame(each.header.frame_id), _frame(each.child_frame_id)): _transform(each.transform)
+            for each in fields_of(kind, data, where)("transforms")
+        }
 
 
 def _transform(moved: Any) -> Transform:
-    quaternion = [float(_get(_get(moved, "rotation"), axis)) for axis in "xyzw"]
-    translation = [float(_get(_get(moved, "translation"), axis)) for axis in "xyz"]
+    quaternion = [float(getattr(moved.rotation, axis)) for axis in "xyzw"]
+    translation = [float(getattr(moved.translation, axis)) for axis in "xyz"]
     return Transform(rotation=Rotation.from_quat(quaternion).as_matrix(), translation_m=np.array(translation))
 
 
-def _get(value: Any, name: str) -> Any:
-    return value[name] if isinstance(value, dict) else getattr(value, name)
-
-
-def _ns(frame: Any) -> str:
-    return str(frame).removeprefix("/")  # tf's old names began with a slash
+def _frame(name: Any) -> str:
+    return str(name).removeprefix("/")  # tf's old names began with a slash
 
 
 def _chain(edges: Edges, target: str, source: str) -> Transform | None:

@@ -13,10 +13,10 @@ import numpy as np
 from harness.files.digests import digest_files
 from harness.sources import Recognised, Truth
 from harness.sources.recordings.bags import BagContainer, is_bag
-from harness.sources.recordings.cameras import Cameras, ConstantCameras, RecordedCameras, file_cameras
-from harness.sources.recordings.containers import Container, Index, window_of
+from harness.sources.recordings.cameras import PairCameras
+from harness.sources.recordings.containers import Container, window_of
 from harness.sources.recordings.depth_camera import DepthCamera
-from harness.sources.recordings.joining import FramePlaces, join_streams, lost_by_cuts, lost_by_metadata
+from harness.sources.recordings.joining import FramePlaces, join_streams
 from harness.sources.recordings.mcap_container import McapContainer, files_in
 from harness.sources.recordings.mcap_files import is_mcap
 from harness.sources.recordings.pixels import read_depth, read_image
@@ -24,13 +24,10 @@ from harness.sources.recordings.topics import (
     Place,
     RecordingSettings,
     Topic,
-    are_rectified,
-    find_camera,
     find_streams,
     unused_depth,
 )
 from harness.sources.recordings.video import VideoDecoder
-from harness.sources.rectification import optics
 from vfoa.errors import VfoaError
 from vfoa.types import Image, Map, StereoFrame
 
@@ -70,21 +67,21 @@ class RecordingClip:
         if window is not None and not any(topic.is_image and topic.places for topic in topics):
             raise VfoaError(f"{self._where}: source.start_s, source.end_s: no images in that part of the recording")
         self._streams = find_streams(topics, settings, self._where)
-        self._depth_camera = self._find_depth_camera(index)
+        calibrated = topics, self._streams, self._container, settings
+        self._depth_camera = DepthCamera(*calibrated, self._where) if self._streams.right is None else None
         self._videos = {
             topic.name: VideoDecoder(topic, self._container.read, self._where)
             for topic in self._streams.topics
             if topic.type.kind == "video"
         }
         self._frames, paired = join_streams(self._streams, settings, self._where)
-        self._cameras = self._find_cameras(index)
+        self._cameras = None
+        if self._streams.right is not None:
+            self._cameras = PairCameras(*calibrated, self._folder, self._size_px, self._where)
         self._lost = (
-            *lost_by_metadata(index, self._streams),
-            *lost_by_cuts(index, self.rate_hz),
             *paired,
             *unused_depth(topics, self._streams),
             *(() if self._depth_camera is None else self._depth_camera.notes),
-            *(note for video in self._videos.values() for note in video.notes),
         )
 
     @property
@@ -148,7 +145,7 @@ class RecordingClip:
         depth = None
         if streams.depth is not None:
             depth = self._depth(streams.depth, places.depth, left.shape[:2])
-            if found.rectifier is not None and not found.rectifier.keeps_left:
+            if not found.keeps_left:
                 raise VfoaError(
                     f"{streams.depth.name} belongs to {streams.left.name} before rectification, which rotates it; "
                     "expected rectified images with depth"
@@ -183,29 +180,6 @@ class RecordingClip:
 
     def _of_topic(self, topic: Topic, place: Place) -> str:
         return f"{self._container.files[min(place.file, len(self._container.files) - 1)]}: {topic.name}"
-
-    # Calibration
-
-    def _find_depth_camera(self, index: Index) -> DepthCamera | None:
-        if self._streams.right is not None:
-            return None
-        return DepthCamera(index.topics.values(), self._streams, self._container, self._settings, self._where)
-
-    def _find_cameras(self, index: Index) -> Cameras | None:
-        settings, left, right = self._settings, self._streams.left, self._streams.right
-        if right is None:
-            return None
-        rectified = are_rectified((left, right)) if settings.rectified is None else settings.rectified
-        if settings.camera is not None:
-            return ConstantCameras(optics(settings.camera.pair(self._where)))
-        if settings.calibration is not None:
-            return file_cameras(self._folder / settings.calibration, self._size_px, rectified)
-        topics = index.topics.values()
-        cameras = (
-            find_camera(topics, left, settings.left_info, self._where),
-            find_camera(topics, right, settings.right_info, self._where),
-        )
-        return RecordedCameras(self._container, cameras, rectified, self._where)
 
     def _size_px(self) -> tuple[int, int]:
         height, width = self._image(self._streams.left, self._frames[0].left).shape[:2]

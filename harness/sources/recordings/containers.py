@@ -92,17 +92,10 @@ def window_of(span_ns: tuple[int, int] | None, start_s: float | None, end_s: flo
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Index:
-    """All topics by name, and a note for each loss.
-
-    ``cut_spans_ns`` has, for each truncated file, the log times of the chunk in which it ends (None: in no chunk).
-    ``recorded`` are the numbers of recorded messages by topic, if metadata beside the files give them and the files do
-    not.
-    """
+    """All topics by name, and a note for each loss."""
 
     topics: dict[str, Topic]
     losses: tuple[str, ...] = ()
-    cut_spans_ns: tuple[tuple[int, int] | None, ...] = ()
-    recorded: dict[str, int] | None = None
 
 
 class TopicIndex:

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
-from pathlib import Path, PurePosixPath
-from typing import Any
+from pathlib import Path
 
 from mcap.records import Channel, ChunkIndex, Schema
 
-from harness.files.io import read_bytes
-from harness.files.parsing import parse_yaml
 from harness.sources.recordings.containers import Index, TopicIndex, Window
 from harness.sources.recordings.mcap_files import (
     Walk,
@@ -22,7 +18,6 @@ from harness.sources.recordings.mcap_files import (
 )
 from harness.sources.recordings.messages import MessageType, ros_name
 from harness.sources.recordings.topics import Place, Topic
-from vfoa.errors import VfoaError
 
 
 def message_type(channel: Channel, schema: Schema | None) -> MessageType:
@@ -57,25 +52,6 @@ def chunks_in(path: Path, window: Window, once: set[int]) -> list[int] | None:
     return sorted(wanted)
 
 
-def recorded_counts(files: tuple[Path, ...]) -> dict[str, int] | None:
-    """Messages by topic that were written into these files together.
-
-    None without a ``metadata.yaml`` beside them, or if it is not of exactly these files: its counts are of all.
-    """
-    path = files[0].with_name("metadata.yaml")
-    try:
-        noted = parse_yaml(read_bytes(path), path)["rosbag2_bagfile_information"]
-        names = {PurePosixPath(name).name for name in noted["relative_file_paths"]}
-        counts = dict(_count(each) for each in noted["topics_with_message_count"])
-    except (VfoaError, KeyError, TypeError, ValueError, AttributeError):
-        return None
-    return counts if names == {file.name for file in files} else None
-
-
-def _count(entry: Any) -> tuple[str, int]:
-    return str(entry["topic_metadata"]["name"]), int(entry["message_count"])
-
-
 class McapContainer:
     """The files of one MCAP recording (see :class:`harness.sources.recordings.containers.Container`).
 
@@ -94,14 +70,11 @@ class McapContainer:
         """Read all files once, one chunk at a time. If the files have indexes, only a window's chunks are read."""
         topics = TopicIndex(self.files, window, by_log_time=by_log_time)
         walks = [_index_file(number, path, topics, window) for number, path in enumerate(self.files)]
-        is_counted = window is not None or all(walk.message_counts is not None for walk in walks)
         return Index(
             topics=topics.sorted(),
             losses=tuple(
                 f"{path.name}: {loss}" for path, walk in zip(self.files, walks, strict=True) for loss in walk.losses
             ),
-            cut_spans_ns=tuple(walk.cut_span_ns for walk in walks if walk.is_cut),
-            recorded=None if is_counted else recorded_counts(self.files),
         )
 
     def read(self, topic: Topic, place: Place) -> bytes:
@@ -117,16 +90,12 @@ def files_in(folder: Path) -> tuple[Path, ...]:
 def _index_file(number: int, path: Path, topics: TopicIndex, window: Window | None) -> Walk:
     """Add the messages of one file to the topics; the returned walk says what was lost."""
     walk = Walk()
-    read: Counter[int] = Counter()
     for offset, place, message in walk_messages(path, walk, None if window is None else _chunks(path, window)):
         channel = walk.channels.get(message.channel_id)
         if channel is None:  # the channel was in a chunk that is lost
             continue
-        read[channel.id] += 1
         topic = topics.meet(channel.topic, message_type(channel, walk.schemas.get(channel.schema_id)))
         topics.add(topic, message.log_time, message.data, (number, offset, place))
-    if window is None:
-        walk.losses = [f"{loss}{_counted(walk, read)}" for loss in walk.losses]
     return walk
 
 
@@ -139,14 +108,6 @@ def _chunks(path: Path, window: Window) -> list[int] | None:
         return None
     once = {number for number, each in types.items() if each.kind in ("calibration", "transforms", "extrinsics")}
     return chunks_in(path, window, once)
-
-
-def _counted(walk: Walk, read: Counter[int]) -> str:
-    """The number of lost messages, if the file's own statistics are still there."""
-    if walk.message_counts is None:
-        return ""
-    total, kept = sum(walk.message_counts.values()), sum(read.values())
-    return f"; {total - kept} of {total} messages of the file are lost in total"
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -22,15 +22,16 @@ from vfoa.errors import VfoaError
 
 MAGIC = b"\x89MCAP0\r\n"
 HEAD = struct.Struct("<BQ")  # opcode and length of every record
-PARSED = {
-    Opcode.SCHEMA,
-    Opcode.CHANNEL,
-    Opcode.MESSAGE,
-    Opcode.CHUNK,
-    Opcode.DATA_END,
-    Opcode.CHUNK_INDEX,
-    Opcode.STATISTICS,
+_RECORDS: dict[int, Any] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.MESSAGE: Message,
+    Opcode.CHUNK: Chunk,
+    Opcode.DATA_END: DataEnd,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.STATISTICS: Statistics,
 }
+PARSED = _RECORDS.keys()
 _SPAN = struct.Struct("<QQ")  # first and last log time, the first fields of a chunk
 
 
@@ -45,25 +46,10 @@ def is_mcap(path: Path) -> bool:
         return False
 
 
-def parse_record(opcode: int, length: int, data: bytes) -> McapRecord:
+def parse_record(opcode: int, data: bytes) -> McapRecord:
     """Parse a record of one of the :data:`PARSED` kinds; any exception means damage."""
     stream = ReadDataStream(BytesIO(data))
-    match opcode:
-        case Opcode.SCHEMA:
-            return Schema.read(stream)
-        case Opcode.CHANNEL:
-            return Channel.read(stream)
-        case Opcode.MESSAGE:
-            return Message.read(stream, length)
-        case Opcode.CHUNK:
-            return Chunk.read(stream)
-        case Opcode.DATA_END:
-            return DataEnd.read(stream)
-        case Opcode.CHUNK_INDEX:
-            return ChunkIndex.read(stream)
-        case Opcode.STATISTICS:
-            return Statistics.read(stream)
-    raise ValueError(f"unexpected opcode {opcode}")
+    return Message.read(stream, len(data)) if opcode == Opcode.MESSAGE else _RECORDS[opcode].read(stream)
 
 
 def parts_of(record: McapRecord) -> list[McapRecord]:
@@ -98,17 +84,12 @@ _BLOCK_BYTES = 1 << 20
 class Walk:
     """Findings of one pass through a file, beside its messages.
 
-    ``losses`` describe unreadable parts; ``message_counts`` by channel id are the recorded messages according to the
-    file's own statistics (None: the file has none). ``is_cut``: the file ends too early; ``cut_span_ns`` are the first
-    and last log time of its last chunk, if it was cut inside one.
+    ``losses`` describe unreadable parts.
     """
 
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
     losses: list[str] = field(default_factory=list)
-    message_counts: dict[int, int] | None = None
-    is_cut: bool = False
-    cut_span_ns: tuple[int, int] | None = None
 
 
 def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) -> Iterator[tuple[int, int, Message]]:
@@ -127,7 +108,6 @@ def walk_messages(path: Path, walk: Walk, offsets: Sequence[int] | None = None) 
     is_chunked = True
     for offset, record in _records(path, walk) if offsets is None else _records_at(path, offsets, walk):
         if isinstance(record, Statistics):
-            walk.message_counts = dict(record.channel_message_counts)
             continue
         if isinstance(record, DataEnd):
             if not is_chunked and record.data_section_crc not in (0, _checksum(path, offset)):
@@ -171,7 +151,7 @@ def _messages_at(path: Path, offset: int, _version: tuple[int, int]) -> tuple[Me
     with path.open("rb") as file:
         file.seek(offset)
         opcode, length = HEAD.unpack(file.read(HEAD.size))
-        parts = parts_of(parse_record(opcode, length, file.read(length)))
+        parts = parts_of(parse_record(opcode, file.read(length)))
     return tuple(part for part in parts if isinstance(part, Message))
 
 
@@ -217,23 +197,20 @@ def _records(path: Path, walk: Walk, *, from_summary: bool = False) -> Iterator[
                 return
             if file.tell() + length > size:
                 walk.losses.append(f"cut at byte {size}: the record at byte {offset} and everything after it are lost")
-                walk.is_cut, walk.cut_span_ns = True, chunk_span_ns(opcode, file)
                 return
             if opcode == 0:  # no such record: zeros of the file system
                 walk.losses.append(f"damaged at byte {offset}: everything after it is lost")
-                walk.is_cut = True
                 return
             if opcode not in PARSED:
                 file.seek(length, 1)
                 continue
             try:
-                record = parse_record(opcode, length, file.read(length))
+                record = parse_record(opcode, file.read(length))
             except Exception as error:  # errors of struct, text decoding or the library: all mean damage
                 walk.losses.append(f"the record at byte {offset} is damaged ({first_line(error)})")
                 continue
             yield offset, record
         walk.losses.append(f"cut at byte {size}: everything after it is lost")
-        walk.is_cut = True
 
 
 def _records_at(path: Path, offsets: Sequence[int], walk: Walk) -> Iterator[tuple[int, McapRecord]]:
@@ -242,7 +219,7 @@ def _records_at(path: Path, offsets: Sequence[int], walk: Walk) -> Iterator[tupl
             file.seek(offset)
             try:
                 opcode, length = HEAD.unpack(file.read(HEAD.size))
-                record = parse_record(opcode, length, file.read(length))
+                record = parse_record(opcode, file.read(length))
             except Exception as error:  # as above; also an index that leads nowhere
                 walk.losses.append(f"the chunk at byte {offset} is damaged ({first_line(error)})")
                 continue

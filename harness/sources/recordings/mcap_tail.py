@@ -14,24 +14,20 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 
 from harness.files.io import unreadable
-from harness.sources.calibration_files.options import Options
-from harness.sources.calibration_files.read import read_cameras
 from harness.sources.live import Arrival
+from harness.sources.recordings.cameras import PairCameras
 from harness.sources.recordings.depth_camera import DepthCamera
 from harness.sources.recordings.mcap_container import message_type
 from harness.sources.recordings.mcap_files import HEAD, MAGIC, PARSED, parse_record, parts_of
-from harness.sources.recordings.messages import IMAGES, MessageType, camera, sight, stamp_ns
+from harness.sources.recordings.messages import IMAGES, MessageType, sight, stamp_ns
 from harness.sources.recordings.pixels import read_depth, read_image
 from harness.sources.recordings.topics import (
     Place,
     RecordingSettings,
     Streams,
     Topic,
-    are_rectified,
-    find_camera,
     find_streams,
 )
-from harness.sources.rectification import Optics, RawCalibration, RawCamera, optics
 from vfoa.errors import VfoaError
 from vfoa.types import StereoFrame
 
@@ -95,7 +91,7 @@ def _start(path: Path, found: bytes) -> tuple[int | None, bytes]:
 def _told(opcode: int, data: bytes) -> Iterator[Schema | Channel | Message]:
     """Yield the contents of a record; nothing if it is damaged."""
     with suppress(Exception):  # errors of struct, text decoding or decompression: all mean damage
-        for part in parts_of(parse_record(opcode, len(data), data)):
+        for part in parts_of(parse_record(opcode, data)):
             if isinstance(part, Schema | Channel | Message):
                 yield part
 
@@ -152,10 +148,9 @@ class McapTail:
         self._pair: tuple[Topic, Topic] | None = None
         self._is_depth = False
         self._depth_camera: DepthCamera | None = None
-        self._calibrations: dict[str, RawCamera] = {}
         self._heard = _Heard()
         self._waiting: tuple[deque[_Taken], deque[_Taken]] = (deque(maxlen=_WAITING), deque(maxlen=_WAITING))
-        self._optics: tuple[bytes, Optics] | None = None
+        self._cameras: PairCameras | None = None
 
     def arrivals(self, stopped: Event) -> Iterator[Arrival]:
         """As in :class:`harness.sources.live.LiveSource`; numbers count the pairs that arrive from now on, from 1."""
@@ -211,7 +206,6 @@ class McapTail:
     def _hear(self, topic: Topic, message: Message) -> tuple[_Taken, _Taken] | None:
         where = f"{self._path}: {topic.name}"
         if topic.type.kind == "calibration":
-            self._calibrations[topic.name] = camera(topic.type, message.data, where)
             self._heard.keep_last(topic, message.data)
         elif topic.type.kind in ("transforms", "extrinsics"):
             self._heard.keep(topic, message.data)
@@ -249,14 +243,12 @@ class McapTail:
         return (last, nearest) if side == 0 else (nearest, last)
 
     def _arrival(self, number: int, left: _Taken, right: _Taken) -> Arrival:
-        calibrations = dict(self._calibrations)
-
         def read() -> StereoFrame:
-            return self._frame(number, left, right, calibrations)
+            return self._frame(number, left, right)
 
         return Arrival(number=number, time_ns=left.stamp_ns, arrived_s=time.monotonic(), read=read)
 
-    def _frame(self, number: int, left: _Taken, right: _Taken, calibrations: dict[str, RawCamera]) -> StereoFrame:
+    def _frame(self, number: int, left: _Taken, right: _Taken) -> StereoFrame:
         where = f"{self._path}: frame {number}"
         if self._is_depth:
             return self._depth_frame(number, left, right, where)
@@ -264,39 +256,26 @@ class McapTail:
         if images[0].shape != images[1].shape:
             sizes = " and ".join(f"{image.shape[1]} x {image.shape[0]}" for image in images)
             raise VfoaError(f"{where}: left and right are {sizes} pixels; expected the same")
-        found = self._optics_of(calibrations, (images[0].shape[1], images[0].shape[0]))
+        if self._cameras is None:
+            size = (images[0].shape[1], images[0].shape[0])
+            self._cameras = PairCameras(*self._calibrated(), self._path.parent, lambda: size, str(self._path))
+        found = self._cameras.at(left.stamp_ns, right.stamp_ns)
         first, second = found.rectify(*images)
         rig = found.calibration.rig(first.shape[1], first.shape[0])
         return StereoFrame(index=number, time_ns=left.stamp_ns, left=first, right=second, rig=rig)
 
-    def _depth_frame(self, number: int, colour: _Taken, depth: _Taken, where: str) -> StereoFrame:
+    def _calibrated(self) -> tuple[list[Topic], Streams, _Heard, RecordingSettings]:
+        """The topics that have arrived, those of the frames, the messages that calibrate them, and the settings."""
         assert self._pair is not None
+        left, other = self._pair
+        streams = Streams(left=left, right=None if self._is_depth else other, depth=other if self._is_depth else None)
+        topics = [topic for topic in self._topics.values() if topic.sight is not None or topic.places]
+        return topics, streams, self._heard, self._settings
+
+    def _depth_frame(self, number: int, colour: _Taken, depth: _Taken, where: str) -> StereoFrame:
         if self._depth_camera is None:
-            streams = Streams(left=self._pair[0], right=None, depth=self._pair[1])
-            topics = [topic for topic in self._topics.values() if topic.sight is not None or topic.places]
-            self._depth_camera = DepthCamera(topics, streams, self._heard, self._settings, str(self._path))
+            self._depth_camera = DepthCamera(*self._calibrated(), str(self._path))
         image = read_image(colour.type, colour.data, where)
         depth_m = read_depth(depth.type, depth.data, self._settings.depth_scale, where)
         left, measured, rig = self._depth_camera.view(image, depth_m, colour.stamp_ns)
         return StereoFrame(index=number, time_ns=colour.stamp_ns, left=left, depth_m=measured, rig=rig)
-
-    def _optics_of(self, calibrations: dict[str, RawCamera], size: tuple[int, int]) -> Optics:
-        """The optics from the calibrations that arrived with a pair; maps are computed only when these change."""
-        assert self._pair is not None
-        settings = self._settings
-        rectified = are_rectified(self._pair) if settings.rectified is None else settings.rectified
-        if settings.calibration is not None:
-            if self._optics is None:
-                path = self._path.parent / settings.calibration
-                self._optics = b"", optics(read_cameras([path], lambda: size, Options(rectified=rectified)))
-            return self._optics[1]
-        topics = [self._topics[name] for name in calibrations]
-        named = (settings.left_info, settings.right_info)
-        left, right = (
-            calibrations[find_camera(topics, image, name, str(self._path)).name]
-            for image, name in zip(self._pair, named, strict=True)
-        )
-        if self._optics is None or self._optics[0] != left.key + right.key:
-            raw = RawCalibration(left=left, right=right, where=str(self._path))
-            self._optics = left.key + right.key, optics(raw.rectified() if rectified else raw)
-        return self._optics[1]

@@ -1,9 +1,7 @@
-"""Messages of cameras in ROS 1, ROS 2 and Foxglove's protobuf and JSON: types, decoding, contents."""
+"""Messages of cameras in ROS 1, ROS 2 and Foxglove's protobuf: types, decoding, contents."""
 
 from __future__ import annotations
 
-import base64
-import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,14 +29,15 @@ _ROS: dict[str, Kind] = {
     "foxglove_msgs/msg/CameraCalibration": "calibration",
     "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": "video",
     "tf2_msgs/msg/TFMessage": "transforms",
-    "foxglove_msgs/msg/FrameTransform": "transforms",
-    "foxglove_msgs/msg/FrameTransforms": "transforms",
     "realsense2_camera_msgs/msg/Extrinsics": "extrinsics",
 }
-_FOXGLOVE: dict[str, Kind] = {
-    f"foxglove.{name.rpartition('/')[2]}": kind for name, kind in _ROS.items() if name.startswith("foxglove_msgs/")
+_KINDS: dict[str, dict[str, Kind]] = {
+    "cdr": _ROS,
+    "ros1": _ROS,
+    "protobuf": {
+        f"foxglove.{name.rpartition('/')[2]}": kind for name, kind in _ROS.items() if name.startswith("foxglove_msgs/")
+    },
 }
-_FAMILIES: dict[str, dict[str, Kind]] = {"cdr": _ROS, "ros1": _ROS, "protobuf": _FOXGLOVE, "json": _FOXGLOVE}
 
 BY_NAME = "by name"
 """Schema encoding of a ROS 2 message without a definition in the recording: the standard definition is used."""
@@ -63,7 +62,7 @@ class MessageType:
         """The camera data that it carries; None: other data, or a schema in a language that is not supported."""
         if self.schema_encoding not in _SCHEMAS.get(self.message_encoding, (self.schema_encoding,)):
             return None
-        return _FAMILIES.get(self.message_encoding, {}).get(self.name)
+        return _KINDS.get(self.message_encoding, {}).get(self.name)
 
     @property
     def is_ros(self) -> bool:
@@ -84,20 +83,18 @@ _PLAIN_CDR = (b"\0\0", b"\0\1")
 def fields_of(kind: MessageType, data: bytes, where: str) -> Callable[[str], Any]:
     """Decode a message; the returned function gives its fields by name, in the spelling of ROS 2.
 
-    ROS 1 and Foxglove write the matrices of a calibration in capitals; bytes in JSON are base64.
+    ROS 1 and Foxglove write the matrices of a calibration in capitals.
     """
-    message = _decode(kind, data)
-    if kind.message_encoding == "json" and not isinstance(message, dict):
-        raise TypeError(f"expected an object, found {type(message).__name__}")
+    # rosbags supports only XCDR1; it would misread the other encapsulations, whose alignment differs
+    if kind.message_encoding == "cdr" and data[:2] not in _PLAIN_CDR:
+        raise ValueError(f"encapsulation {data[:2].hex()}; expected 0000 or 0001 (plain CDR)")
+    message = _decoder(kind)(data)
 
     def field(name: str) -> Any:
         for spelling in (name, name.upper()):
-            if kind.message_encoding == "json" and spelling in message:
-                value = message[spelling]
-                return base64.b64decode(value, validate=True) if name == "data" else value
-            if kind.message_encoding != "json" and hasattr(message, spelling):
+            if hasattr(message, spelling):
                 return getattr(message, spelling)
-        raise VfoaError(f"{where}: a {kind.name} without {name!r}; found {', '.join(_names(message))}")
+        raise VfoaError(f"{where}: a {kind.name} without {name!r}")
 
     return field
 
@@ -120,23 +117,8 @@ def reading(kind: MessageType, where: str) -> Iterator[None]:
         raise VfoaError(f"{where}: not a {kind.name} in {kind.message_encoding}: {text}") from None
 
 
-def _names(message: Any) -> list[str]:
-    if isinstance(message, dict):
-        return list(message)
-    return [name for name in dir(message) if not name.startswith("_")]
-
-
-def _decode(kind: MessageType, data: bytes) -> Any:
-    # rosbags supports only XCDR1; it would misread the other encapsulations, whose alignment differs
-    if kind.message_encoding == "cdr" and data[:2] not in _PLAIN_CDR:
-        raise ValueError(f"encapsulation {data[:2].hex()}; expected 0000 or 0001 (plain CDR)")
-    return _decoder(kind)(data)
-
-
 @lru_cache(maxsize=64)
 def _decoder(kind: MessageType) -> Callable[[bytes], Any]:
-    if kind.message_encoding == "json":
-        return json.loads
     if kind.is_ros:
         return _ros_decoder(kind)
     schema = Schema(id=1, name=kind.name, encoding=kind.schema_encoding, data=kind.schema)
@@ -301,13 +283,8 @@ def _is_flat(kind: MessageType) -> bool:
 
 
 def _frame_id(kind: MessageType, field: Callable[[str], Any]) -> str:
-    """The name of the coordinate frame; empty for a message in JSON without one."""
-    if not _is_flat(kind):
-        return str(field("header").frame_id)
-    try:
-        return str(field("frame_id"))
-    except VfoaError:
-        return ""
+    """The name of the coordinate frame."""
+    return str(field("frame_id") if _is_flat(kind) else field("header").frame_id)
 
 
 def _form(kind: MessageType) -> str:
@@ -316,13 +293,7 @@ def _form(kind: MessageType) -> str:
 
 
 def _stamp_ns(kind: MessageType, field: Callable[[str], Any]) -> int:
-    """The stamp in nanoseconds; 0 if it was not set, or is missing in JSON."""
-    if kind.message_encoding == "json":
-        try:
-            time = field("timestamp")
-        except VfoaError:
-            return 0
-        return int(time.get("sec", 0)) * 10**9 + int(time.get("nsec", 0))
+    """The stamp in nanoseconds; 0 if it was not set."""
     stamp = field("timestamp") if _is_flat(kind) else field("header").stamp
     if kind.is_ros:
         return int(stamp.sec) * 10**9 + int(stamp.nanosec)

@@ -9,60 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.sources.media.images import MOST_PIXELS, decode, decode_rgb
+from harness.sources.media.images import decode, decode_rgb
 from harness.sources.media.maps import default_counts_per_m, depth_map
 from harness.sources.recordings.messages import CompressedPicture, MessageType, RawPicture, Sight, picture
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import Image, Map
-
-_LONGEST = 11
-"""Most nibbles of a number of 32 bits."""
-
-
-def decode_rvl(data: bytes, width_px: int, height_px: int) -> NDArray[np.uint16]:
-    """Decode the image (H, W) in a stream of RVL.
-
-    Raises
-    ------
-    ValueError
-        If the stream is too short for the size, or its runs are longer than the image.
-    """
-    numbers = _numbers(data)
-    pixels = width_px * height_px
-    places, differences = [np.zeros(0, np.intp)], [np.zeros(0, np.int64)]
-    at = pixel = 0
-    while pixel < pixels:
-        if at + 2 > len(numbers):
-            raise ValueError(f"the stream ends at pixel {pixel} of {pixels}")
-        zeros, count = int(numbers[at]), int(numbers[at + 1])
-        at, pixel = at + 2, pixel + zeros
-        if pixel + count > pixels or at + count > len(numbers):
-            raise ValueError(f"a run of {zeros} zeros and {count} others ends outside of {width_px} x {height_px}")
-        places.append(np.arange(pixel, pixel + count))
-        differences.append(numbers[at : at + count])
-        at, pixel = at + count, pixel + count
-        if zeros == count == 0:
-            raise ValueError(f"an empty run at pixel {pixel} of {pixels}")
-    coded = np.concatenate(differences)
-    image = np.zeros(pixels, np.uint16)
-    image[np.concatenate(places)] = np.cumsum((coded >> 1) ^ -(coded & 1)).astype(np.uint16)
-    return image.reshape(height_px, width_px)
-
-
-def _numbers(data: bytes) -> NDArray[np.int64]:
-    """All numbers of the stream; incomplete nibbles at its end are ignored."""
-    words = np.frombuffer(data, "<u4", len(data) // 4)
-    nibbles = (words[:, None] >> np.arange(28, -4, -4, dtype=np.uint32) & 15).astype(np.int64).ravel()
-    ends = np.flatnonzero(nibbles < 8)
-    if ends.size == 0:
-        return np.zeros(0, np.int64)
-    starts = np.concatenate([[0], ends[:-1] + 1])
-    if (ends - starts).max() >= _LONGEST:
-        raise ValueError("a number of more than 32 bits")
-    used = nibbles[: ends[-1] + 1]
-    position = np.arange(len(used)) - np.repeat(starts, ends - starts + 1)
-    return np.add.reduceat((used & 7) << 3 * position, starts)
-
 
 # encoding -> bytes of one sample, samples of one pixel, OpenCV's conversion (None: RGB already)
 _ENCODINGS: dict[str, tuple[int, int, int | None]] = {
@@ -129,7 +80,6 @@ def rgb(raw: RawPicture, where: str) -> Image:
 
 _DEPTH = {"16UC1": "u2", "mono16": "u2", "32FC1": "f4"}
 _HEADER = struct.Struct("<iff")  # format, A, B: compressed_depth_image_transport, compression_common.h
-_SIZE = struct.Struct("<II")  # columns and rows before a stream of RVL
 _NO_DEPTH = ("infra", "/ir", "confidence", "amplitude", "thermal", "disparity")
 
 
@@ -186,25 +136,15 @@ def _compressed_depth(content: CompressedPicture, where: str) -> NDArray[Any]:
         raise VfoaError(f"{where}: compressedDepth of {len(content.data)} bytes; expected a header of {_HEADER.size}")
     _, a, b = _HEADER.unpack_from(content.data)
     body = content.data[_HEADER.size :]
-    counts = _rvl(body, where) if "rvl" in transport.lower() else _png(body, where)
+    if "rvl" in transport.lower():
+        raise VfoaError(f"{where}: compressedDepth in RVL; expected PNG (format: png in the driver's compressedDepth)")
+    counts = _png(body, where)
     if encoding != "32FC1":
         return counts
     with np.errstate(
         divide="ignore", over="ignore", invalid="ignore"
     ):  # quantised inverse depth: z = A / (v - B), 0 is unknown
         return np.where(counts > 0, np.float32(a) / (counts.astype(np.float32) - np.float32(b)), np.float32(0))
-
-
-def _rvl(body: bytes, where: str) -> NDArray[np.uint16]:
-    if len(body) < _SIZE.size:
-        raise VfoaError(f"{where}: compressedDepth rvl without a size; expected columns and rows before the stream")
-    columns, rows = _SIZE.unpack_from(body)
-    if not 0 < columns * rows <= MOST_PIXELS:
-        raise VfoaError(f"{where}: compressedDepth rvl of {columns} x {rows} pixels in {len(body)} bytes")
-    try:
-        return decode_rvl(body[_SIZE.size :], columns, rows)
-    except ValueError as error:
-        raise VfoaError(f"{where}: compressedDepth rvl: {error}") from None
 
 
 def _png(body: bytes, where: str) -> NDArray[Any]:

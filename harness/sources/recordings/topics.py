@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, Self
@@ -81,25 +82,22 @@ def find_pair(topics: Iterable[Topic], left: str | None, right: str | None, wher
         raise VfoaError(f"{where}: no image topics; found {listed(everything)}")
     if left is not None and right is not None:
         return named(images, left, "left", where), named(images, right, "right", where)
-    pairs = [
-        (one, other)
-        for one in images
-        for other in images
-        if "left" in one.name and one.name.replace("left", "right") == other.name
-        if left in (None, one.name) and right in (None, other.name)
-    ] or _numbered_pairs(images, left, right)
+    by_name = {topic.name: topic for topic in images}
+    sides = [(name, name.replace("left", "right")) for name in by_name if "left" in name]
+    for ways in (sides, pair_names(by_name, numbered=False)):
+        pairs = [
+            (by_name[one], by_name[other])
+            for one, other in ways
+            if other in by_name and left in (None, one) and right in (None, other)
+        ]
+        if pairs:
+            break
     if len(pairs) != 1:
         raise VfoaError(
             f"{where}: {len(pairs)} pairs of image topics named left and right; say left = and right = in [source] "
             f"(--set left=/TOPIC --set right=/TOPIC): found {listed(images)}"
         )
     return pairs[0]
-
-
-def _numbered_pairs(images: list[Topic], left: str | None, right: str | None) -> list[tuple[Topic, Topic]]:
-    by_name = {topic.name: topic for topic in images}
-    found = [(sides.left_names[0], sides.right_names[0]) for sides in pair_names(by_name, numbered=False)]
-    return [(by_name[one], by_name[other]) for one, other in found if left in (None, one) and right in (None, other)]
 
 
 def find_camera(topics: Iterable[Topic], image: Topic, named_topic: str | None, where: str) -> Topic:
@@ -116,8 +114,7 @@ def find_camera(topics: Iterable[Topic], image: Topic, named_topic: str | None, 
     namespace = image.name
     while "/" in namespace.strip("/"):
         namespace = namespace.rpartition("/")[0]
-        places = (namespace, f"{namespace}/info")  # RealSense's SDK writes them to the second
-        beside = [camera for camera in cameras if camera.name.rpartition("/")[0] in places]
+        beside = [camera for camera in cameras if camera.name.rpartition("/")[0] == namespace]
         if len(beside) == 1:
             return beside[0]
     given = "or a calibration: --calibration FILE, or --fx --cx --cy --baseline ([source.camera])"
@@ -209,7 +206,7 @@ _ALIGNED = ("aligned_depth_to", "depth_to_rgb", "depth_to_color", "depth_registe
 _REALSENSE_SDK = "/device_"
 _COLOUR = ("color", "colour", "rgb")
 _NO_COLOUR = ("infra", "/ir", "confidence", "thermal", "disparity", "rgb_to_depth", "mask")
-_TRANSPORTS = ("/compressedDepth", "/compressed", "/ffmpeg", "/theora", "/h264", "/h265", "/video")
+_TRANSPORT = re.compile("/(compressedDepth|compressed|ffmpeg|theora|h264|h265|video)$")
 
 
 def depth_topics(topics: Iterable[Topic]) -> list[Topic]:
@@ -283,14 +280,8 @@ def _of_streams(topics: list[Topic]) -> list[Topic]:
     """One topic per stream: the one with the most messages; of equal ones, the raw one."""
     streams: dict[str, list[Topic]] = {}
     for topic in topics:
-        streams.setdefault(_stream(topic.name), []).append(topic)
+        streams.setdefault(_TRANSPORT.sub("", topic.name), []).append(topic)
     return [max(each, key=lambda topic: (len(topic.places), topic.type.kind == "raw")) for each in streams.values()]
-
-
-def _stream(name: str) -> str:
-    for transport in _TRANSPORTS:
-        name = name.removesuffix(transport)
-    return name
 
 
 def _nearest(pairs: list[tuple[Topic, Topic]]) -> list[tuple[Topic, Topic]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import bisect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from threading import Lock
 from typing import Any, Literal
 
@@ -54,67 +54,15 @@ def begins_video(kind: MessageType, data: bytes, where: str) -> bool:
     packet = picture(kind, data, where)
     if not isinstance(packet, CompressedPicture):
         raise VfoaError(f"{where}: expected packets of a video")
-    codec = codec_of(packet.form, where)
-    return _BEGINS[codec](packet.data) if packet.is_key is None else packet.is_key
+    decoder = _decoder(packet.form, where)
+    if packet.is_key is not None or not packet.data:
+        return bool(packet.is_key)
+    return any(each.is_keyframe for each in [*decoder.parse(packet.data), *decoder.parse(b"")])
 
 
-def _h264_begins(data: bytes) -> bool:
-    """An IDR slice (type 5) or the parameters before it (7); ITU-T H.264, table 7-1."""
-    return any(header & 31 in (5, 7) for header in _nal_headers(data))
-
-
-def _hevc_begins(data: bytes) -> bool:
-    """A random access picture (16 to 21) or the parameters before it (32, 33); ITU-T H.265, table 7-1."""
-    return any(header >> 1 & 63 in (16, 17, 18, 19, 20, 21, 32, 33) for header in _nal_headers(data))
-
-
-def _nal_headers(data: bytes) -> Iterator[int]:
-    """The first byte of each unit of a byte stream (annex B)."""
-    at = data.find(b"\0\0\1")
-    while 0 <= at < len(data) - 3:
-        yield data[at + 3]
-        at = data.find(b"\0\0\1", at + 3)
-
-
-def _vp9_begins(data: bytes) -> bool:
-    """The frame type in the uncompressed header; VP9 bitstream specification 6.2."""
-    if not data or data[0] >> 6 != 2:
-        return False
-    profile = (data[0] >> 5 & 1) | (data[0] >> 4 & 1) << 1
-    shift = 2 if profile == 3 else 3  # profile 3 has a reserved bit before show_existing_frame
-    return data[0] >> shift & 1 == 0 and data[0] >> (shift - 1) & 1 == 0
-
-
-def _av1_begins(data: bytes) -> bool:
-    """A sequence header among the units of the packet; AV1 specification 5.3."""
-    at = 0
-    while at < len(data):
-        header = data[at]
-        if header >> 3 & 15 == 1:
-            return True
-        if not header >> 1 & 1:  # without a size: the last unit
-            return False
-        at += 2 if header >> 2 & 1 else 1
-        size, at = _leb128(data, at)
-        at += size
-    return False
-
-
-def _leb128(data: bytes, at: int) -> tuple[int, int]:
-    value = 0
-    for place, byte in enumerate(data[at : at + 8]):
-        value |= (byte & 127) << 7 * place
-        if not byte & 128:
-            return value, at + place + 1
-    return value, len(data)
-
-
-_BEGINS: dict[Codec, Callable[[bytes], bool]] = {
-    "h264": _h264_begins,
-    "hevc": _hevc_begins,
-    "vp9": _vp9_begins,
-    "av1": _av1_begins,
-}
+def _decoder(form: str, where: str) -> Any:
+    codec = codec_of(form, where)
+    return av.CodecContext.create("libdav1d" if codec == "av1" else codec, "r")  # FFmpeg's av1 needs a graphics card
 
 
 _WAITING = 16
@@ -162,28 +110,6 @@ class VideoDecoder:
         self._number, self._keys, self._lock = state["number"], state["keys"], Lock()
         self._reset()
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """A note if packets may be missing: all codecs but H.265 silently decode on without them.
-
-        A step of more than 1.5 times the median may be a lost packet, or an image that the camera dropped before it was
-        coded, which does no harm: the stream alone cannot tell.
-        """
-        order = sorted((place.stamp_ns, number) for number, (place, _) in enumerate(self._topic.packets))
-        steps = np.diff([stamp for stamp, _ in order])
-        if steps.size == 0:
-            return ()
-        late = [order[at + 1][1] for at in np.flatnonzero(steps > 1.5 * np.median(steps))]
-        gaps = [number for number in late if not self._topic.packets[number][1]]
-        if not gaps:
-            return ()
-        doubtful = {each for number in gaps for each in range(number, self._next_key(number))}
-        count = "1 gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
-        return (
-            f"{self._topic.name}: {count} in time before packets that need the ones before them; if packets were lost "
-            f"there, the {len(doubtful)} images up to the next key frames are damaged",
-        )
-
     def image(self, place: Place) -> Image:
         """Return the frame (H, W, 3) uint8 RGB of the packet at this place.
 
@@ -225,11 +151,6 @@ class VideoDecoder:
             self._reset()
             self._fed = key - 1
 
-    def _next_key(self, number: int) -> int:
-        """The first packet after this one at which a decoder can begin; the end if there is none."""
-        at = bisect.bisect_right(self._keys, number)
-        return self._keys[at] if at < len(self._keys) else len(self._topic.packets)
-
     def _is_lost(self, number: int) -> bool:
         """Whether the decoder is past this packet and will not return its frame any more."""
         return (
@@ -260,9 +181,7 @@ class VideoDecoder:
             self._reset()
             raise VfoaError(f"{self._where}: packet {number + 1} is empty")
         if self._codec is None:
-            codec = codec_of(content.form, self._where)
-            # FFmpeg's own av1 needs a graphics card
-            self._codec = av.CodecContext.create("libdav1d" if codec == "av1" else codec, "r")
+            self._codec = _decoder(content.form, self._where)
             self._codec.thread_count = 1  # threads would each hold a frame back
             self._codec.options = {"max_pixels": str(MOST_PIXELS)}  # a packet of 100 kB can claim gigabytes
         packet = av.Packet(content.data)

@@ -14,7 +14,7 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from tests.calibrations import write_opencv, write_yaml
-from tests.disk import HEIGHT, WIDTH, write_image, write_text, write_video
+from tests.disk import HEIGHT, WIDTH, write_image, write_text
 from tests.harness.clips.adding import NUMBERS, images, refused, vfoa, views
 from tests.recordings import recorder
 from vfoa.errors import VfoaError
@@ -166,12 +166,6 @@ def test_a_pointer_of_git_lfs_says_so(tmp_path: Path) -> None:
     assert "a pointer of Git LFS" in refused(tmp_path / "data", *NUMBERS)
 
 
-def test_a_spatial_video_says_how_to_convert_it(tmp_path: Path) -> None:
-    video = write_video(tmp_path / "a.mp4", [views(n)[0] for n in range(3)], "mp4v")
-    video.write_bytes(video.read_bytes() + b"\0\0\0\x10freelhvC" + bytes(4))
-    assert "spatial video (MV-HEVC)" in refused(video)
-
-
 def test_depth_maps_alone_are_no_pair_side_by_side(tmp_path: Path) -> None:
     ramp = np.tile(np.linspace(500, 5000, 2 * HEIGHT).astype(np.uint16)[:, None], (1, 2 * WIDTH))
     ramp[::7] += 900
@@ -225,24 +219,6 @@ def test_a_baseline_stands_in_place_of_the_file_s(tmp_path: Path) -> None:
     assert vfoa("check", "mine")[0]["baseline_m"] == pytest.approx(0.2)
 
 
-@pytest.mark.parametrize(
-    "document",
-    [
-        {"model_type": "MEI", "camera_name": "left", "image_width": WIDTH, "image_height": HEIGHT},
-        {"transform": {"q_x": 0, "q_y": 0, "q_z": 0, "q_w": 1, "t_x": 0.1, "t_y": 0, "t_z": 0}},
-    ],
-)
-def test_camodocal_is_named(tmp_path: Path, document: dict[str, object]) -> None:
-    images(tmp_path / "data", "left/{}.png", "right/{}.png")
-    write_yaml(tmp_path / "data" / "camera.yaml", document)
-    for said in (
-        refused(tmp_path / "data"),
-        refused(tmp_path / "data", "--calibration", tmp_path / "data/camera.yaml"),
-    ):
-        assert "camera.yaml: a camodocal calibration" in said
-        assert "Kalibr" in said
-
-
 @pytest.mark.parametrize(("name", "program"), [("a.svo", "ZED"), ("a.heic", "ImageMagick"), ("a.zip", "unpack")])
 def test_what_cannot_be_read_names_what_converts_it(tmp_path: Path, name: str, program: str) -> None:
     assert program in refused(write_text(tmp_path / name, "x"))
@@ -256,7 +232,7 @@ def test_what_cannot_be_read_names_what_converts_it(tmp_path: Path, name: str, p
         ("1 2 3 4 5 6 7 8 9\n0.1\n", "expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1]"),
         (K_LINE + "0.12\n3\n", "found 11 values"),
         (K_LINE + "-0.12\n", "the baseline is -0.12"),
-        ("P2: 1 2 3\n", "found 3 numbers; expected 12"),
+        ("P2: 1 2 3\n", "found '1 2 3'; expected 12"),
         ("hello\n", "no line P2: or P_rect_02:"),
     ],
 )
@@ -297,7 +273,7 @@ def test_an_offset_between_the_cameras_names_the_tolerance(tmp_path: Path) -> No
         if number != 3:  # the right camera lost one
             write_image(tmp_path / "data" / "cam1" / f"{stamp + 3_000_000}.png", right)
     said = refused(tmp_path / "data", *NUMBERS)
-    assert "the nearest stamps are 3 ms apart (median): tolerance_ms = in [source] allows it" in said
+    assert "the nearest stamps are 3 ms apart (median): set tolerance_ms in [source]" in said
     told = said.partition("(--set ")[2].removesuffix(")").replace("MS", "5").split(" --set ")
     added = vfoa(
         "add", tmp_path / "data", *NUMBERS, *(word for each in told for word in ("--set", each)), "--name", "a"

@@ -268,7 +268,7 @@ class Twins(Good):
         (Mirrored, "the left image is not contiguous"),
         (Drifting, "when a frame was read again"),
         (Timeless, "do not ascend"),
-        (AnotherClock, "time_ns: found 2 for frame 2; expected 200000000, as the frame has it"),
+        (AnotherClock, "time_ns: found [2, "),
         (Endless, "frame 1, which is not in frames: expected a VfoaError"),
         (Nameless, "expected one line that names the clip and 'frame 1'"),
         (Digestless, "expected a hexadecimal sha256"),

@@ -6,9 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from harness.sources.calibration_files.pose import Lens, rectify_pose
-from harness.sources.calibration_files.scaling import scaled_to, scaling_note
-from harness.sources.rectification import RawCalibration
+from harness.sources.rectification import Lens, RawCalibration, rectify_pose, scaled_to, scaling_note
 from tests.calibrations import RIG, SIZE
 from vfoa.errors import VfoaError
 

@@ -218,10 +218,3 @@ def test_depth_in_another_unit_is_said(tmp_path: Path, monkeypatch: pytest.Monke
     done = CliRunner().invoke(app, ["add", str(path), "--name", "mine", *OPTIONS, "--set", "depth_scale=500"])
     assert done.exit_code == 0, done.output
     np.testing.assert_allclose(load_manifest("mine").open_images().frame(3).depth_m, 2 * metres(3), rtol=1e-6)
-
-
-def test_an_azure_kinect_recording_names_what_converts_it(tmp_path: Path) -> None:
-    path = tmp_path / "take.mkv"
-    path.write_bytes(b"\x1a\x45\xdf\xa3" + b"matroska" + bytes(500) + b"V_MS/VFW/FOURCC" + b"b16g" + b"K4A_DEPTH_MODE")
-    with pytest.raises(VfoaError, match=r"^[^\n]*take\.mkv[^\n]*azure_kinect_mkv_reader[^\n]*$"):
-        add_clip(path)

@@ -8,20 +8,18 @@ from pathlib import Path
 import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import pytest
-import yaml
 import zstandard
-from mcap.records import Chunk, Message
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Chunk
 from mcap.writer import CompressionType
 
 from harness.sources.recordings.mcap_files import parts_of
-from tests.disk import HEIGHT, WIDTH, picture, write_bytes
+from tests.disk import HEIGHT, WIDTH, picture
 from tests.harness.sources.numbered_recording import open_clip, pairs, stamp
 from tests.recordings import Family, write_pairs
 from vfoa.errors import VfoaError
 
 
-@pytest.mark.parametrize("family", ["ros2", "protobuf", "json"])
+@pytest.mark.parametrize("family", ["ros2", "protobuf"])
 def test_a_cut_file_gives_the_frames_before_the_cut_and_says_so(tmp_path: Path, family: Family) -> None:
     whole = write_pairs(tmp_path / "a.mcap", pairs(range(1, 31)), family, chunk_size=4 * WIDTH * HEIGHT)
     cut = tmp_path / "cut.mcap"
@@ -32,51 +30,6 @@ def test_a_cut_file_gives_the_frames_before_the_cut_and_says_so(tmp_path: Path, 
         assert np.array_equal(clip.frame(n).left, picture(n))
     assert f"cut at byte {cut.stat().st_size}" in clip.notes[0]
     assert "lost" in clip.notes[0]
-    assert f"({stamp(len(clip.frames) + 1) / 1e9:.3f} to" in clip.notes[1]
-
-
-def rosbag2_metadata(folder: Path, files: list[str], counts: dict[str, int]) -> None:
-    """The file that ``ros2 bag record`` writes beside its recordings, as version 5 of it is laid out."""
-    topics = [
-        {"topic_metadata": {"name": name, "type": "sensor_msgs/msg/Image", "serialization_format": "cdr"}}
-        | {"message_count": count}
-        for name, count in counts.items()
-    ]
-    noted = {"version": 5, "storage_identifier": "mcap", "relative_file_paths": files}
-    noted |= {"message_count": sum(counts.values()), "topics_with_message_count": topics}
-    (folder / "metadata.yaml").write_text(yaml.safe_dump({"rosbag2_bagfile_information": noted}))
-
-
-def cut_at_60_percent(folder: Path, family: Family = "ros2", **options: object) -> Path:
-    whole = write_pairs(folder / "a.mcap", pairs(range(1, 31)), family, **{"chunk_size": 4 * WIDTH * HEIGHT, **options})
-    return write_bytes(folder / "cut.mcap", whole.read_bytes()[: int(whole.stat().st_size * 0.6)])
-
-
-def test_a_cut_file_says_how_many_frames_are_lost_where_it_was_noted_beside_it(tmp_path: Path) -> None:
-    cut = cut_at_60_percent(tmp_path)
-    topics = {f"/stereo/{side}/image_raw": 30 for side in ("left", "right")}
-    rosbag2_metadata(tmp_path, ["cut.mcap"], {**topics, "/stereo/left/camera_info": 30})
-    clip = open_clip(cut)
-    lost = 30 - len(clip.frames)
-    assert 12 <= lost <= 15
-    expected = {f"{topic}: {lost} of 30 images are lost (by metadata.yaml)" for topic in topics}
-    assert expected <= set(clip.notes)
-    assert not any("does not say" in note for note in clip.notes)
-
-
-@pytest.mark.parametrize("content", ["", "a: [", "rosbag2_bagfile_information: 3", "\0"])
-def test_notes_of_another_recording_or_none_are_not_believed(tmp_path: Path, content: str) -> None:
-    cut = cut_at_60_percent(tmp_path)
-    rosbag2_metadata(tmp_path, ["cut.mcap", "cut_1.mcap"], {"/stereo/left/image_raw": 90})
-    assert any("how many followed is unknown" in note for note in open_clip(cut).notes)
-    (tmp_path / "metadata.yaml").write_text(content)
-    assert any("how many followed is unknown" in note for note in open_clip(cut).notes)
-
-
-def test_a_cut_outside_chunks_cannot_tell_either(tmp_path: Path) -> None:
-    clip = open_clip(cut_at_60_percent(tmp_path, "json", use_chunking=False))
-    assert 16 <= len(clip.frames) <= 18
-    assert clip.notes[1] == "how many frames were lost is unknown (file truncated)"
 
 
 def test_what_a_lost_first_chunk_declared_is_found_in_the_summary(tmp_path: Path) -> None:
@@ -112,13 +65,6 @@ def test_a_flipped_bit_is_found_by_checksum_and_costs_its_chunk_alone(tmp_path: 
     data = bytearray(path.read_bytes())
     place = data.index(picture(4).tobytes()) + 1000
     data[place] ^= 1
-    with path.open("rb") as file:
-        chunks = [each for each in StreamReader(file, emit_chunks=True).records if isinstance(each, Chunk)]
-    (lost,) = (
-        sum(isinstance(record, Message) for record in breakup_chunk(chunk))
-        for chunk in chunks
-        if picture(4).tobytes() in chunk.data
-    )
     path.write_bytes(data)
     clip = open_clip(path)
     assert 7 <= len(clip.frames) <= 9
@@ -126,7 +72,6 @@ def test_a_flipped_bit_is_found_by_checksum_and_costs_its_chunk_alone(tmp_path: 
     assert stamp(4) not in kept
     assert {stamp(1), stamp(10)} < kept
     assert "damaged (crc validation failed" in clip.notes[0]
-    assert f"; {lost} of 40 messages of the file are lost in total" in clip.notes[0]
 
 
 def test_a_damaged_compressed_chunk_is_told(tmp_path: Path) -> None:
@@ -162,10 +107,10 @@ def test_a_chunk_is_not_unpacked_beyond_what_it_claims_and_a_recording_can_have(
 def test_a_flipped_bit_outside_chunks_is_found_by_the_checksum_of_all(
     tmp_path: Path, has_checksum: bool, said: int
 ) -> None:
-    path = write_pairs(tmp_path / "a.mcap", pairs(), "json", use_chunking=False, enable_data_crcs=has_checksum)
+    path = write_pairs(tmp_path / "a.mcap", pairs(), "protobuf", use_chunking=False, enable_data_crcs=has_checksum)
     assert open_clip(path).notes == ()
     data = bytearray(path.read_bytes())
-    data[data.index(b'"data": "') + 1000] ^= 1
+    data[data.index(picture(3).tobytes()) + 1000] ^= 1
     path.write_bytes(data)
     notes = open_clip(path).notes
     assert len(notes) == said
@@ -174,7 +119,7 @@ def test_a_flipped_bit_outside_chunks_is_found_by_the_checksum_of_all(
 
 @pytest.mark.parametrize("has_checksum", [True, False])
 def test_a_compression_that_nobody_reads_is_named(tmp_path: Path, has_checksum: bool) -> None:
-    path = write_pairs(tmp_path / "a.mcap", pairs(), "json", enable_crcs=has_checksum)
+    path = write_pairs(tmp_path / "a.mcap", pairs(), "protobuf", enable_crcs=has_checksum)
     path.write_bytes(path.read_bytes().replace(b"zstd", b"zst2"))
     with pytest.raises(VfoaError, match=r"a\.mcap: no message can be read: .*compression 'zst2'; expected lz4, zstd"):
         open_clip(path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from typing import Any
 
@@ -83,67 +82,3 @@ def test_another_encapsulation_is_refused_rather_than_misread(kind: str) -> None
     data = bytes.fromhex(kind) + camera_info("<")[2:]
     with pytest.raises(VfoaError, match=rf"x: not a .*CameraInfo in cdr: encapsulation {kind}; expected 0000 or 0001"):
         camera(CAMERA_TYPE, data, "x")
-
-
-GOOD_IMAGE = {
-    "timestamp": {"sec": 1, "nsec": 2},
-    "width": 1,
-    "height": 1,
-    "encoding": "mono8",
-    "step": 1,
-    "data": "AA==",
-}
-GOOD_CAMERA = {
-    "width": 4,
-    "height": 4,
-    "distortion_model": "plumb_bob",
-    "K": [1] * 9,
-    "D": [],
-    "R": [1] * 9,
-    "P": [1] * 12,
-}
-
-
-def in_json(name: str) -> MessageType:
-    return MessageType(message_encoding="json", schema_encoding="jsonschema", name=f"foxglove.{name}", schema=b"{}")
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"timestamp": "2023-11-14T22:13:20Z"},
-        {"timestamp": None},
-        {"timestamp": {"sec": "soon"}},
-        {"width": None},
-        {"step": "wide"},
-        {"data": 5},
-        {"data": "A"},
-        {"data": "ü"},
-        {"data": "AA=*="},
-    ],
-)
-def test_a_field_of_another_kind_is_one_line(change: dict[str, Any]) -> None:
-    kind, data = in_json("RawImage"), json.dumps(GOOD_IMAGE | change).encode()
-    with pytest.raises(VfoaError, match=r"^x: not a foxglove\.RawImage in json: [^\n]+$"):
-        stamp_ns(kind, data, "x"), picture(kind, data, "x")
-
-
-@pytest.mark.parametrize("content", [[], "text", 5, None])
-def test_json_that_is_no_table_is_one_line(content: object) -> None:
-    data = json.dumps(content).encode()
-    with pytest.raises(VfoaError, match=r"^x: not a foxglove\.RawImage in json: "):
-        stamp_ns(in_json("RawImage"), data, "x")
-
-
-@pytest.mark.parametrize(
-    "change", [{"K": "abc"}, {"K": [[1, 2], [3]]}, {"width": None}, {"P": ["a"] * 12}, {"K": None}]
-)
-def test_a_calibration_of_other_kinds_is_one_line(change: dict[str, Any]) -> None:
-    with pytest.raises(VfoaError, match=r"^x: "):
-        camera(in_json("CameraCalibration"), json.dumps(GOOD_CAMERA | change).encode(), "x")
-
-
-@pytest.mark.parametrize("name", ["equidistant", "fisheye", "kannala_brandt"])
-def test_fisheye_lenses_have_three_names(name: str) -> None:
-    found = camera(in_json("CameraCalibration"), json.dumps(GOOD_CAMERA | {"distortion_model": name}).encode(), "x")
-    assert found.model == "equidistant"

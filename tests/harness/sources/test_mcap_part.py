@@ -28,7 +28,7 @@ INDEXES = {
 
 @pytest.mark.parametrize("options", INDEXES.values(), ids=INDEXES)
 def test_a_part_is_cut_out_by_time(tmp_path: Path, options: dict[str, object]) -> None:
-    path = write_pairs(tmp_path / "a.mcap", pairs(range(1, 31)), "json", **options)
+    path = write_pairs(tmp_path / "a.mcap", pairs(range(1, 31)), "protobuf", **options)
     clip = open_clip(path, start_s=0.4, end_s=0.8)  # 40 ms a frame: from 11 to before 21
     assert [clip.frame(n).time_ns for n in clip.frames] == [stamp(n) for n in range(11, 21)]
     assert list(clip.frames) == list(range(1, 11))
@@ -61,7 +61,7 @@ def test_a_calibration_that_was_sent_once_holds_for_a_later_part(tmp_path: Path,
     path = tmp_path / "a.mcap"
     later = rectified_camera(WIDTH, HEIGHT, fx=200.0, cx=31.5, cy=23.5)
     later_right = rectified_camera(WIDTH, HEIGHT, fx=200.0, cx=31.5, cy=23.5, baseline_m=0.12)
-    with recorder(path, "json", **options) as record:
+    with recorder(path, "protobuf", **options) as record:
         for n in range(1, 31):
             for side, first, second in (("left", LEFT, later), ("right", RIGHT, later_right)):
                 if n in (1, 10, 28):

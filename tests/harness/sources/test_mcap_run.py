@@ -71,7 +71,7 @@ def _pairs(
 
 
 @pytest.mark.parametrize("pixels", ["raw", "png"])
-@pytest.mark.parametrize("family", ["ros2", "protobuf", "json"])
+@pytest.mark.parametrize("family", ["ros2", "protobuf"])
 def test_a_recording_of_real_frames_is_those_frames(
     sintel: SintelClip, tmp_path: Path, family: Family, pixels: Pixels
 ) -> None:

@@ -68,7 +68,7 @@ def _assert_same_frames(clip: StereoFolderClip, frames: tuple[int, ...], numbers
 def test_sides_in_names_are_found_and_read(tmp_path: Path, left: str, right: str, source: tuple[str, str]) -> None:
     (found,) = find_layouts(_write_pairs(tmp_path, left, right))
     assert found.source == {"layout": "images", "left": source[0], "right": source[1]}
-    assert (found.frames, found.first_frame, found.last_frame, found.size_px) == (3, 2, 10, (WIDTH, HEIGHT))
+    assert (found.views.frames, found.size_px) == ((2, 9, 10), (WIDTH, HEIGHT))
     _assert_same_frames(_open(found), FRAMES)
 
 
@@ -76,7 +76,7 @@ def test_sides_in_names_are_found_and_read(tmp_path: Path, left: str, right: str
 def test_stamps_in_names_are_times(tmp_path: Path, unit: str, second: int) -> None:
     frames = tuple(1_700_000_000 * second + number * second // 20 for number in (0, 1, 2, 4))
     (found,) = find_layouts(_write_pairs(tmp_path, "left/{}.png", "right/{}.png", frames))
-    assert (found.source["stamps"], found.rate_hz, found.first_frame) == (unit, 20.0, frames[0])
+    assert (found.source["stamps"], found.views.rate_hz, found.views.frames[0]) == (unit, 20.0, frames[0])
     clip = _open(found)
     assert clip.rate_hz == 20.0
     assert [clip.time_ns(frame) - clip.time_ns(frames[0]) for frame in frames] == [0, 50_000_000, 10**8, 2 * 10**8]
@@ -88,15 +88,21 @@ def test_images_without_a_partner_are_counted(tmp_path: Path) -> None:
     for name in ("l_1.png", "r_2.png", "r_3.png"):
         (tmp_path / name).unlink()
     (found,) = find_layouts(tmp_path)
-    assert (found.frames, found.left_only, found.right_only) == (1, 2, 1)
+    assert len(found.views.frames) == 1
     assert "1 pair of 128 x 96" in str(found)
-    assert "2 only left, 1 only right" in str(found)
+    assert [note.split(",")[0] for note in found.views.notes] == [
+        "2 left images have no right one",
+        "1 right image has no left one",
+    ]
 
 
 def test_several_pairs_of_cameras_are_all_named(tmp_path: Path) -> None:
     _write_pairs(tmp_path, "image_0/{}.png", "image_1/{}.png")
     _write_pairs(tmp_path, "image_2/{}.png", "image_3/{}.png", (1, 2, 3, 4))
-    assert [(each.source["left"], each.frames) for each in find_layouts(tmp_path)] == [("image_2", 4), ("image_0", 3)]
+    assert [(each.source["left"], len(each.views.frames)) for each in find_layouts(tmp_path)] == [
+        ("image_2", 4),
+        ("image_0", 3),
+    ]
 
 
 PACKED = [("side_by_side", np.hstack), ("top_bottom", np.vstack)]
@@ -108,7 +114,7 @@ def test_images_that_hold_both_views(tmp_path: Path, packing: str, stack: Any) -
         write_image(tmp_path / "both" / f"{number}.png", stack(_pair(number)))
     (found,) = find_layouts(tmp_path)
     assert found.source == {"layout": f"images_{packing}", "both": "both"}
-    assert (found.frames, found.size_px) == (3, (WIDTH, HEIGHT))
+    assert (len(found.views.frames), found.size_px) == (3, (WIDTH, HEIGHT))
     _assert_same_frames(_open(found), FRAMES)
 
 
@@ -118,7 +124,7 @@ def test_a_video_that_holds_both_views(tmp_path: Path, packing: str, stack: Any)
     for where in (tmp_path, path):
         (found,) = find_layouts(where)
         assert found.source == {"layout": f"video_{packing}", "both": "talk.mkv"}
-        assert (found.frames, found.size_px, found.rate_hz) == (3, (WIDTH, HEIGHT), 10.0)
+        assert (len(found.views.frames), found.size_px, found.views.rate_hz) == (3, (WIDTH, HEIGHT), 10.0)
     clip = _open(found)
     assert (clip.rate_hz, clip.frame(2).time_ns) == (10.0, 200_000_000)
     assert _open(found, rate_hz=5.0).frame(2).time_ns == 400_000_000

@@ -126,14 +126,3 @@ def test_a_damaged_packet_costs_its_frames_and_no_others(tmp_path: Path, damage:
         clip.frame(13)
     assert_is(clip.frame(9).left, 8)
     assert_is(clip.frame(22).left, 21)
-
-
-@pytest.mark.parametrize("name", ["h264", "vp9"])
-def test_a_lost_packet_is_told_with_what_it_may_cost(tmp_path: Path, name: str) -> None:
-    """Packets 11 to 20 hang together: without the 13th, those from the 14th on are not what was coded."""
-    packets = coded(name)
-    assert [is_key for _, _, is_key in packets].index(True, 1) == 10
-    clip = open_clip(write_sdk(tmp_path / "a.mcap", name, packets[:12] + packets[13:]))
-    assert any("1 gap in time" in note and "the 7 images" in note for note in clip.notes)
-    assert_is(clip.frame(12).left, 11)
-    assert_is(clip.frame(20).left, 20)

@@ -339,7 +339,7 @@ def test_of_several_cameras_one_is_followed_by_its_topics(tmp_path: Path) -> Non
 
 def test_a_recording_without_a_pair_says_what_it_has(tmp_path: Path) -> None:
     path = tmp_path / "mono.mcap"
-    with recorder(path, "json") as record:
+    with recorder(path, "protobuf") as record:
         record.picture("/camera/image", 1, picture(1))
     with pytest.raises(VfoaError, match=r"0 pairs of image topics.*/camera/image"):
         list(McapTail(path, RecordingSettings()).arrivals(Event()))

@@ -16,7 +16,7 @@ from harness.sources.calibration_files.read import read_cameras
 from harness.sources.media.images import read_rgb
 from harness.sources.rectification import RawCalibration
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
-from harness.sources.view_files import ViewFiles
+from harness.sources.stereo_views import ViewFiles
 from tests.calibrations import rectified_rows_px, write_opencv
 from tests.command import vfoa
 from tests.disk import write_bytes, write_image, write_text

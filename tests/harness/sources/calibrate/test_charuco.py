@@ -15,7 +15,7 @@ from harness.sources.calibrate.solve import solve
 from harness.sources.calibrate.views import MAX_EDGE_PX, CharucoBoard, Pictures, Seen, edge_width_px, find_views
 from harness.sources.calibration_files.read import read_cameras
 from harness.sources.rectification import RawCalibration
-from harness.sources.view_files import ViewFiles
+from harness.sources.stereo_views import ViewFiles
 from tests.calibrations import rectified_rows_px
 from tests.disk import write_image, write_text
 from vfoa.errors import VfoaError

@@ -3,23 +3,17 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.sources.recordings.joining import join
-from harness.sources.recordings.topics import Place
+from harness.sources.media.frame_files import join_times
 
 STAMPS = st.lists(st.integers(0, 1000), max_size=30).map(sorted)
 
 
-def places(stamps: list[int]) -> list[Place]:
-    return [Place(stamp, 0, at, 0) for at, stamp in enumerate(stamps)]
-
-
 @given(left=STAMPS, right=STAMPS, tolerance=st.integers(0, 100))
 def test_pairs_are_close_in_order_and_use_nothing_twice(left: list[int], right: list[int], tolerance: int) -> None:
-    pairs = join(places(left), places(right), tolerance)
-    assert all(abs(one.stamp_ns - other.stamp_ns) <= tolerance for one, other in pairs)
-    for side in zip(*pairs, strict=True):
-        offsets = [place.offset for place in side]
-        assert offsets == sorted(set(offsets))
+    pairs = join_times(left, right, tolerance)
+    assert all(abs(left[one] - right[other]) <= tolerance for one, other in pairs)
+    for places in zip(*pairs, strict=True):
+        assert list(places) == sorted(set(places))
 
 
 @given(
@@ -30,5 +24,5 @@ def test_pairs_are_close_in_order_and_use_nothing_twice(left: list[int], right: 
 def test_every_frame_that_both_sides_have_is_found(numbers: set[int], dropped: set[int], jitter: list[int]) -> None:
     left = [10 * n for n in sorted(numbers)]
     kept = sorted(numbers - dropped)
-    pairs = join(places(left), places([10 * n + jitter[n] for n in kept]), 4)
-    assert [one.stamp_ns for one, _ in pairs] == [10 * n for n in kept]
+    pairs = join_times(left, [10 * n + jitter[n] for n in kept], 4)
+    assert [left[one] for one, _ in pairs] == [10 * n for n in kept]

@@ -1,0 +1,242 @@
+"""Calibrations in other texts: of KITTI, Middlebury and the ZED, and a bare camera matrix."""
+
+from __future__ import annotations
+
+import configparser
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from harness.files.io import read_bytes
+from harness.sources.calibration import Calibration, from_projections
+from harness.sources.rectification import ImageSize, Lens, Model, RawCalibration, rectify_pose
+from vfoa.errors import VfoaError
+from vfoa.types import Float
+
+
+class IncompleteCalibrationError(VfoaError):
+    """The file is of a known kind and cannot be used alone; the message says what is missing and how to give it.
+
+    A search for calibrations ignores files of other kinds; it reports these.
+    """
+
+
+def floats(text: str) -> list[float] | None:
+    """The numbers of a text, with or without brackets, commas and semicolons; None if it holds anything else."""
+    try:
+        return [float(word) for word in re.sub(r"[\[\],;]", " ", text).split()]
+    except ValueError:
+        return None
+
+
+# KITTI: "P2: 12 numbers" (object and odometry sets) or "P_rect_02:" (raw recordings)
+
+
+def read_kitti(path: Path, text: str, cameras: tuple[int, int]) -> Calibration:
+    """Return the rectified pair of two cameras in a file's text: (2, 3) is the colour pair, (0, 1) the gray one.
+
+    Raises
+    ------
+    VfoaError
+        If a line is missing or has a wrong form, or the two are no rectified pair.
+    """
+    parts = [(number, *line.partition(":")) for number, line in enumerate(text.splitlines(), start=1)]
+    lines = {key.strip(): (number, rest) for number, key, colon, rest in parts if colon}
+
+    def values(key: str, count: int) -> Float:
+        number, rest = lines[key]
+        found = floats(rest)
+        if found is None or len(found) != count:
+            raise VfoaError(f"{path}:{number}: found {rest.strip()[:60]!r}; expected {count} numbers")
+        return np.array(found)
+
+    matrices = []
+    for camera in cameras:
+        key = next((key for key in (f"P{camera}", f"P_rect_{camera:02d}") if key in lines), None)
+        if key is None:
+            raise VfoaError(
+                f"{path}: no line P{camera}: or P_rect_{camera:02d}:; expected the calibration of KITTI (those lines), "
+                "Middlebury (cam0=[...]) or a camera matrix of 3 x 3 numbers"
+            )
+        matrices.append(values(key, 12).reshape(3, 4))
+    size_key = f"S_rect_{cameras[0]:02d}"
+    size = values(size_key, 2).tolist() if size_key in lines else None
+    size_px = None if size is None else (int(size[0]), int(size[1]))
+    left, right = matrices
+    return from_projections(left, right, f"{path}: P{cameras[0]} and P{cameras[1]}", size_px=size_px)
+
+
+# Middlebury 2014 and 2021, and ETH3D's two-view set
+
+_LINE = re.compile(r"^[ \t]*(\w+)[ \t]*=[ \t]*(.*?)[ \t]*$", re.MULTILINE)
+
+
+def is_middlebury(text: str) -> bool:
+    """Whether a text holds a camera in Middlebury's format."""
+    return any(match[1] == "cam0" for match in _LINE.finditer(text))
+
+
+def read_middlebury(path: Path, text: str) -> Calibration:
+    """Return the rectified pair; the principal points' columns may differ (``doffs``), the baseline is in mm.
+
+    Lines such as ``cam0=[3997.684 0 1176.728; 0 3997.684 1011.728; 0 0 1]``, ``cam1=...``, ``baseline=193.001``,
+    ``width=2964``, ``height=1988``.
+
+    Raises
+    ------
+    VfoaError
+        If a key is missing, a value is no number or matrix, or the two cameras are no rectified pair.
+    """
+    texts = {match[1]: match[2] for match in _LINE.finditer(text)}
+
+    def values(name: str, count: int, expected: str) -> Float:
+        if name not in texts:
+            raise VfoaError(
+                f"{path}: no {name}; expected Middlebury's calib.txt: cam0, cam1, baseline (mm), width, height"
+            )
+        found = floats(texts[name]) or []
+        if len(found) != count or not np.isfinite(found).all() or (count == 1 and found[0] <= 0):
+            raise VfoaError(f"{path}: {name}: found {texts[name][:60]!r}; expected {expected}")
+        return np.array(found)
+
+    k_left, k_right = (values(name, 9, "a matrix of 3 x 3 numbers").reshape(3, 3) for name in ("cam0", "cam1"))
+    baseline_mm, width, height = (
+        float(values(name, 1, "a positive number")[0]) for name in ("baseline", "width", "height")
+    )
+    left, right = (np.hstack([k, np.zeros((3, 1))]) for k in (k_left, k_right))
+    right[0, 3] = -right[0, 0] * (baseline_mm / 1000)
+    return from_projections(left, right, f"{path}: cam0 and cam1", size_px=(round(width), round(height)))
+
+
+# A bare camera matrix (K.txt): nine numbers, and the baseline in metres on a line of its own
+
+_COMMENT = re.compile(r"#.*")
+_BASELINE = re.compile(r"baseline(?:_m)?\s*[:=]?\s*", re.IGNORECASE)
+
+
+def is_matrix(text: str) -> bool:
+    """Whether a text begins with a line of three or nine numbers."""
+    return len(floats(next(iter(_bare_lines(text)), "")) or []) in (3, 9)
+
+
+def read_matrix(path: Path, text: str, baseline_m: float | None) -> Calibration:
+    """Return the rectified pair of two cameras that share this matrix.
+
+    The matrix is on one line (``700 0 639.5 0 700 359.5 0 0 1``) or on three, the baseline alone (``0.12``) or with a
+    name (``baseline: 0.12``). ``baseline_m`` is used for a file that does not hold one.
+
+    Raises
+    ------
+    VfoaError
+        If there are not nine numbers, and at most one after them, they are no camera matrix, or no baseline is known
+        (:class:`IncompleteCalibrationError`).
+    """
+    found = [number for line in _bare_lines(text) for number in floats(_BASELINE.sub("", line)) or [math.nan]]
+    if len(found) not in (9, 10) or not np.isfinite(found).all():
+        raise VfoaError(f"{path}: found {len(found)} values; expected a camera matrix of 3 x 3 numbers and a baseline")
+    k = np.array(found[:9]).reshape(3, 3)
+    if not (k[0, 0] > 0 and k[1, 1] > 0 and np.array_equal(k[2], [0, 0, 1]) and k[1, 0] == 0):
+        raise VfoaError(f"{path}: found {k.tolist()}; expected a camera matrix [fx 0 cx; 0 fy cy; 0 0 1]")
+    baseline = found[9] if len(found) == 10 else baseline_m
+    if baseline is None:
+        raise IncompleteCalibrationError(
+            f"{path}: a camera matrix without a baseline; expected a line with the distance of the two cameras in "
+            "metres, or --baseline METRES (baseline_m in [source])"
+        )
+    if not baseline > 0:
+        raise VfoaError(f"{path}: the baseline is {baseline:g}; expected a positive number of metres")
+    fx, fy, cx, cy = (float(k[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return Calibration(fx_px=fx, fy_px=fy, cx_px=cx, cy_px=cy, cx_right_px=cx, baseline_m=float(baseline))
+
+
+def _bare_lines(text: str) -> list[str]:
+    return [line for each in text.splitlines() if (line := _COMMENT.sub("", each).strip())]
+
+
+# The ZED's own calibration (SN12345678.conf): intrinsics for each resolution, lengths in millimetres
+
+_ZED_SIZES = {
+    (3840, 2160): "4K",
+    (3200, 1800): "QHDPLUS",
+    (2208, 1242): "2K",
+    (1920, 1200): "FHD1200",
+    (1920, 1080): "FHD",
+    (1280, 720): "HD",
+    (960, 600): "SVGA",
+    (672, 376): "VGA",
+}
+
+Section = Mapping[str, str]
+
+
+def read_zed(path: Path, size: ImageSize) -> RawCalibration:
+    """Return the pair for the images' resolution.
+
+    ``[STEREO]`` holds the pose x_right = R x_left + T: T = (-Baseline, TY, TZ), R the rotation vector (RX, CV, RZ), as
+    Stereolabs' calibration program (zedx-one-capture) writes the result of OpenCV's stereoCalibrate.
+
+    Raises
+    ------
+    VfoaError
+        If the file is no such file, or has nothing for this resolution.
+    """
+    sections, size_px = _sections(path), size()
+    if size_px not in _ZED_SIZES:
+        known = ", ".join(f"{width} x {height}" for width, height in _ZED_SIZES)
+        raise VfoaError(
+            f"{path}: the images have {size_px[0]} x {size_px[1]} pixels; expected one of the ZED's: {known}"
+        )
+    name = _ZED_SIZES[size_px]
+    left, right = (_lens(sections, side, name, path) for side in ("LEFT", "RIGHT"))
+    stereo = _section(sections, "STEREO", path)
+    rotation, _ = cv2.Rodrigues(np.array([_number(stereo, f"{key}_{name}", path) for key in ("RX", "CV", "RZ")]))
+    ty, tz = (_number(stereo, f"{key}_{name}" if f"{key}_{name}" in stereo else key, path, 0.0) for key in ("TY", "TZ"))
+    translation = np.array([-_number(stereo, "BASELINE", path), ty, tz]) / 1000
+    return rectify_pose(left, right, np.asarray(rotation, dtype=np.float64), translation, size_px, str(path))
+
+
+def _sections(path: Path) -> dict[str, Section]:
+    parser = configparser.ConfigParser(inline_comment_prefixes=(";", "#"), interpolation=None, strict=False)
+    try:
+        parser.read_string(read_bytes(path).decode("utf-8-sig"))
+    except (UnicodeDecodeError, configparser.Error):
+        raise VfoaError(f"{path}: cannot be parsed; expected the ZED's calibration with [LEFT_CAM_HD] ...") from None
+    return {name.upper(): {key.upper(): value for key, value in parser[name].items()} for name in parser.sections()}
+
+
+def _section(sections: Mapping[str, Section], name: str, path: Path) -> Section:
+    if name not in sections:
+        raise VfoaError(f"{path}: no section [{name}]; found {', '.join(sections) or 'none'}")
+    return sections[name]
+
+
+def _lens(sections: Mapping[str, Section], side: str, name: str, path: Path) -> Lens:
+    camera = _section(sections, f"{side}_CAM_{name}", path)
+    fx, fy, cx, cy = (_number(camera, key, path) for key in ("FX", "FY", "CX", "CY"))
+    k: Float = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    distortion = sections.get(f"{side}_DISTO", camera)  # the ZED X writes one for all resolutions
+    model, keys = _model(distortion)
+    optional = {} if model == "equidistant" else {"P1": 0.0, "P2": 0.0, "K3": 0.0}  # the first ZED had K1 and K2
+    return Lens(k=k, d=np.array([_number(distortion, key, path, optional.get(key)) for key in keys]), model=model)
+
+
+def _model(distortion: Section) -> tuple[Model, list[str]]:
+    """The lens model and its coefficients: fisheye if there are four radial coefficients and no tangential ones."""
+    if "K4" in distortion and "P1" not in distortion and "P2" not in distortion:
+        return "equidistant", ["K1", "K2", "K3", "K4"]
+    return "plumb_bob", ["K1", "K2", "P1", "P2", "K3"] + (["K4", "K5", "K6"] if "K4" in distortion else [])
+
+
+def _number(section: Section, key: str, path: Path, default: float | None = None) -> float:
+    if key not in section:
+        if default is not None:
+            return default
+        raise VfoaError(f"{path}: no {key}; expected the ZED's calibration")
+    try:
+        return float(section[key])
+    except ValueError:
+        raise VfoaError(f"{path}: {key}: found {section[key]!r}; expected a number") from None
