@@ -38,16 +38,15 @@ ROOMS = (
 
 # package -> the files (or folders) that may import it
 DOORS = {
-    "rerun": ("harness/record/", "harness/bench/naive.py", "harness/api.py"),
+    "rerun": ("harness/record/", "harness/api.py"),
     "rerun_cli": ("harness/record/",),
-    "mcap": ("harness/sources/recordings/", "harness/bench/mcap_memory.py"),
+    "mcap": ("harness/sources/recordings/",),
     "OpenEXR": ("harness/sources/media/maps.py",),
-    "rosbags": ("harness/sources/recordings/", "harness/bench/depth_memory.py"),
+    "rosbags": ("harness/sources/recordings/",),
     "av": (
         "harness/sources/recordings/video.py",
         "harness/sources/media/images.py",
         "harness/record/images.py",
-        "harness/bench/depth_memory.py",
     ),
     "mcap_protobuf": ("harness/sources/recordings/messages.py",),
     "onnxruntime": ("vfoa/onnx.py",),

@@ -19,8 +19,7 @@ from pathlib import Path
 from rich.console import Console
 
 from harness.bench.generated_clip import write_clip, write_labels
-from harness.bench.mcap_memory import peak_mib
-from harness.bench.resuming import measure_resume, resume_table
+from harness.bench.resuming import measure_resume, peak_mib, resume_table
 from harness.processes import spawning
 from harness.report.formats import Table, to_markdown
 from harness.report.sinks import composed_sinks

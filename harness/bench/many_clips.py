@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import csv
 import math
+import resource
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
@@ -19,14 +20,13 @@ from pathlib import Path
 
 from rich.console import Console
 
-from harness.bench.parallel import used_cpu_seconds
 from harness.files.folders import find
 from harness.files.io import atomic_write, read_text
 from harness.report.formats import UNKNOWN, Table, to_markdown
 from harness.report.sinks import composed_sinks
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
-from harness.run.executors.cluster import local_cluster
+from harness.run.executors.cluster import cpu_seconds, local_cluster
 from harness.run.experiment import Experiment, load_experiment
 from harness.run.runner import prepare, run_plan
 from vfoa.errors import VfoaError
@@ -99,6 +99,12 @@ def measure_model(clips: int, folder: Path) -> RunModel:
         work_s={part: share * (one[1] - serial_s) for part, share in shares.items()},
         measured={1: one, 2: two},
     )
+
+
+def used_cpu_seconds(scheduler: str | None) -> float:
+    """CPU seconds of this process, of its children that have ended, and of a cluster's workers."""
+    uses = (resource.getrusage(whose) for whose in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return sum(use.ru_utime + use.ru_stime for use in uses) + (cpu_seconds(scheduler) if scheduler else 0.0)
 
 
 def _model_run(experiment: Experiment, out: Path, workers: int) -> tuple[float, tuple[float, float], RunDirectory]:

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
-from harness.bench.parallel import CONES_CM, PLENTY, with_cones
 from harness.report.formats import Table
 from harness.report.sinks import ThumbnailSinks, recordings
 from harness.report.write import rescore
@@ -26,6 +25,11 @@ from harness.run.plan import Plan, prepare
 from harness.run.runner import run_plan
 from harness.stages.cache.stage import ClipCache, open_cache
 from harness.stages.cache.store import Store
+from harness.stages.configuration import Configuration
+from vfoa.attention import AttentionSettings
+
+CONES_CM = ((10.0,), (10.0, 25.0), (5.0,), (20.0,))
+_PLENTY = 10**12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,7 +48,7 @@ def measure_overhead(experiment: Experiment, limit: int, rounds: int = 3) -> Ove
     The fastest of the rounds counts.
     """
     first = experiment.configurations[0]
-    configurations = tuple(with_cones(first, cones) for cones in CONES_CM)
+    configurations = tuple(_with_cones(first, cones) for cones in CONES_CM)
     four = replace(experiment, clips=experiment.clips[:1], configurations=configurations)
     plan = prepare(four, limit=limit)
     (clip,) = plan.clips
@@ -52,7 +56,7 @@ def measure_overhead(experiment: Experiment, limit: int, rounds: int = 3) -> Ove
     recorded = recordings(configurations, "light")
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
-        store = Store(root / "cache", PLENTY)
+        store = Store(root / "cache", _PLENTY)
         cache = open_cache(store, clip.manifest.name, clip.manifest.open_images(), configurations)
         steps: dict[str, tuple[SinkFactory, ...]] = {
             "reading, cached stages, attention": (),
@@ -110,3 +114,9 @@ def overhead_table(found: Overhead) -> Table:
         words=1,
         notes=("Overhead: all but the first row. What configurations share (images, masks) is divided by them.",),
     )
+
+
+def _with_cones(configuration: Configuration, cones_cm: tuple[float, ...]) -> Configuration:
+    """The configuration with other cones, and a name that says so."""
+    attend = configuration.attend.model_copy(update={"attention": AttentionSettings(cones_cm=cones_cm)})
+    return replace(configuration, name=f"cones-{'-'.join(f'{cone:g}' for cone in cones_cm)}", attend=attend)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -11,7 +12,6 @@ from pathlib import Path
 from typing import Any, Self
 
 from harness.bench.generated_clip import write_clip
-from harness.bench.mcap_memory import peak_mib
 from harness.files.digests import SETTLED_NS
 from harness.processes import spawning
 from harness.report.formats import Table
@@ -149,3 +149,12 @@ def resume_table(rows: Sequence[Resumed]) -> Table:
         words=0,
         notes=("CPU seconds since the start of the process that continues, the imports included.",),
     )
+
+
+def peak_mib() -> float:
+    """Peak resident memory of this process, in MiB."""
+    status = Path("/proc/self/status")
+    if status.is_file():  # ru_maxrss would also include the peak of the parent process
+        line = next(line for line in status.read_text().splitlines() if line.startswith("VmHWM:"))
+        return int(line.split()[1]) / 1024
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20

@@ -83,13 +83,6 @@ def _gpu(bench: Bench) -> list[Table]:
     return [gpu_table(bench.manifest.name, measure_gpu(bench.manifest, bench.experiment, bench.frames))]
 
 
-def _naive(bench: Bench) -> list[Table]:
-    from harness.bench.baselines import compare_with_naive
-    from harness.bench.tables import comparison_table
-
-    return [comparison_table(compare_with_naive(bench.manifest, bench.experiment.configurations[0], bench.frames))]
-
-
 def _attention(bench: Bench) -> list[Table]:
     from harness.bench.attention import methods_table, time_attention, time_methods
     from harness.bench.tables import attention_table
@@ -97,13 +90,6 @@ def _attention(bench: Bench) -> list[Table]:
     sizes = [((10.0,), 1), ((10.0, 25.0), 3)]
     timings = [time_attention(cones_cm=cones, boxes=20, subjects=people) for cones, people in sizes]
     return [attention_table(timings), methods_table(time_methods())]
-
-
-def _scoring(bench: Bench) -> list[Table]:
-    from harness.bench.scoring import time_scoring
-    from harness.bench.tables import scoring_table
-
-    return [scoring_table([time_scoring(subjects=1), time_scoring(subjects=3)])]
 
 
 def _gaze_filter(bench: Bench) -> list[Table]:
@@ -119,20 +105,10 @@ def _posterior(bench: Bench) -> list[Table]:
 
 
 def _memory(bench: Bench) -> list[Table]:
-    from harness.bench.run_memory import measure_four, measure_memory
+    from harness.bench.memory import measure_memory
     from harness.bench.tables import memory_table
 
-    lengths = (1500, max(3000, bench.limit))
-    return [
-        memory_table("a generated recording", [measure_memory(frames) for frames in (200, 2000)]),
-        memory_table("a generated clip under four configurations", [measure_four(frames) for frames in lengths]),
-    ]
-
-
-def _depth_memory(bench: Bench) -> list[Table]:
-    from harness.bench.depth_memory import FORMS, depth_memory_table, measure_depth_memory
-
-    return [depth_memory_table([measure_depth_memory(form) for form in FORMS])]
+    return [memory_table([measure_memory(frames) for frames in (1500, max(3000, bench.limit))])]
 
 
 def _recording(bench: Bench) -> list[Table]:
@@ -149,37 +125,16 @@ def _overhead(bench: Bench) -> list[Table]:
     return [overhead_table(measure_overhead(bench.experiment, len(bench.frames)))]
 
 
-def _parallel(bench: Bench) -> list[Table]:
-    from harness.bench.parallel import by_matcher, measure_parallel, parallel_table
-
-    frames, clip = len(bench.frames), bench.manifest.name
-    return [
-        parallel_table(clip, matcher, frames, measure_parallel(bench.experiment, configuration, frames))
-        for matcher, configuration in by_matcher(bench.experiment).items()
-    ]
-
-
-def _report(bench: Bench) -> list[Table]:
-    from harness.bench.report_page import SIZES, page_table, time_page
-
-    return [page_table([time_page(size) for size in SIZES])]
-
-
 SECTIONS: dict[str, Callable[[Bench], list[Table]]] = {
     "stages": _stages,
     "stereo": _stereo,
     "realtime": _realtime,
     "segmenter": _segmenter,
     "gpu": _gpu,
-    "naive": _naive,
     "attention": _attention,
-    "scoring": _scoring,
-    "report": _report,
     "gaze_filter": _gaze_filter,
     "posterior": _posterior,
     "memory": _memory,
-    "depth_memory": _depth_memory,
     "recording": _recording,
-    "parallel": _parallel,
     "overhead": _overhead,
 }

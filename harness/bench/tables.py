@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from harness.bench.attention import AttentionTiming
-from harness.bench.baselines import Comparison
+from harness.bench.memory import Peak
 from harness.bench.realtime import BASELINE, Speed
-from harness.bench.run_memory import Peak
-from harness.bench.scoring import ScoringTiming
 from harness.bench.stages import STAGES, StageCosts
 from harness.bench.stereo import OFF_PX, StereoQuality
 from harness.report.formats import UNKNOWN, Table
@@ -77,27 +75,6 @@ def attention_table(rows: Sequence[AttentionTiming]) -> Table:
     )
 
 
-def scoring_table(rows: Sequence[ScoringTiming]) -> Table:
-    """Scoring after a label was edited, compared with only reading the results."""
-    return Table(
-        title="Scoring a run after an edited label, seconds",
-        columns=("frames", "configurations", "subjects", "tables and page", "reading alone", "times reading"),
-        rows=tuple(
-            (
-                str(row.frames),
-                str(row.configurations),
-                str(row.subjects),
-                f"{row.score_s:.2f}",
-                f"{row.read_s:.2f}",
-                f"{row.score_s / row.read_s:.1f}",
-            )
-            for row in rows
-        ),
-        words=0,
-        notes=("Six things a frame, every stage measured against a truth; no images, no models.",),
-    )
-
-
 def speed_table(clip: str, threads: int, rows: Sequence[Speed], notes: Sequence[str] = ()) -> Table:
     """Matching alone, and the pipeline."""
     baseline = next(row for row in rows if row.what == BASELINE)
@@ -134,34 +111,11 @@ def _quality(found: StereoQuality | None) -> tuple[str, str, str]:
     return f"{found.known_share:.1%}", f"{found.median_error_px:.3f}", f"{found.off_share:.1%}"
 
 
-def comparison_table(rows: Sequence[Comparison]) -> Table:
-    """Our version compared with a naive first version."""
-    return Table(
-        title="Against naive ways, milliseconds a frame with one thread",
-        columns=("what", "ours", "naive", "kB a frame", "naive kB"),
-        rows=tuple(
-            (
-                row.what,
-                f"{row.ours_ms:.1f}",
-                f"{row.naive_ms:.1f}",
-                _kilobytes(row.ours_bytes),
-                _kilobytes(row.naive_bytes),
-            )
-            for row in rows
-        ),
-        words=1,
-        notes=(
-            "Naive: every pixel of the frame into space and then one mask after the other, without outliers' removal "
-            "and boxes; images as they are, a call to Rerun for every entity, lists.",
-        ),
-    )
-
-
-def memory_table(what: str, rows: Sequence[Peak]) -> Table:
+def memory_table(rows: Sequence[Peak]) -> Table:
     """Peak memory by the length of a run."""
     first = rows[0]
     return Table(
-        title=f"Peak memory of a run on {what}, MiB",
+        title="Peak memory of a run on a generated clip under four configurations, MiB",
         columns=("frames", "peak", "times the first"),
         rows=tuple((str(row.frames), f"{row.peak_mib:.0f}", f"{row.peak_mib / first.peak_mib:.2f}") for row in rows),
         words=0,

@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from harness.bench.attention import SIZES, time_methods
-from harness.bench.baselines import compare_with_naive
 from harness.bench.gpu import measure_gpu
-from harness.bench.naive import naive_clouds
 from harness.bench.realtime import ROWS, measure_speed, rows_at_hand
 from harness.bench.sections import SECTIONS
 from harness.bench.segmenter import ROWS as SEGMENTER_ROWS
@@ -20,24 +18,10 @@ from harness.cli import main
 from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
 from tests import graphs
-from tests.scenes import make_box, make_rig, rendered_boxes
-from vfoa.reconstruction import ReconstructionSettings, place_targets
 from vfoa.segmentation.yolo_seg import YoloSeg
 
 CLIP = "studio_table"
 FRAMES = (1, 2, 3)
-
-
-def test_naive_clouds_are_those_of_the_reconstruction_before_it_cleans_them() -> None:
-    rig = make_rig(cx_right_offset_px=3)
-    seen = rendered_boxes(rig, [make_box((-0.3, 0.1, 2.0), 0.2), make_box((0.5, -0.1, 2.5), 0.15)])
-    whole = ReconstructionSettings(erode_px=0, max_points=10**6, gate_mads=1e6, outlier_ratio=1e6)
-    given = (seen.disparity, seen.instances, seen.rig)
-    ours = {target.instance.id: target.points_left for target in place_targets(*given, whole)}
-    naive = naive_clouds(*given)
-    assert naive.keys() == ours.keys() == {1, 2}
-    for number, points in ours.items():
-        np.testing.assert_allclose(naive[number], points, atol=1e-4)
 
 
 def test_speed_is_measured_of_every_row_on_the_same_frames() -> None:
@@ -97,16 +81,6 @@ def test_a_provider_that_is_not_there_is_one_line(
         main()
     assert exit_.value.code
     assert "onnxruntime-gpu" in capsys.readouterr().err
-
-
-def test_ours_and_the_naive_way_see_the_same_frames() -> None:
-    configuration = load_experiment("demo", clips=(CLIP,)).configurations[0]
-    clouds, recording = compare_with_naive(load_manifest(CLIP), configuration, FRAMES)
-    assert min(clouds.ours_ms, clouds.naive_ms, recording.ours_ms, recording.naive_ms) > 0
-    # raw images alone are larger than all that a light recording holds
-    assert recording.ours_bytes is not None
-    assert recording.naive_bytes is not None
-    assert recording.naive_bytes > max(recording.ours_bytes, 2 * 3 * 320 * 240)
 
 
 def test_networks_are_timed_on_the_cpu_and_say_that_there_is_no_cuda(

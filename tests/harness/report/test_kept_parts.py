@@ -14,13 +14,13 @@ from pathlib import Path
 
 import pytest
 
-from harness.bench import scoring
 from harness.report import record_logs
 from harness.report.write import rescore
 from harness.run import results
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord
 from harness.run.results import Block
+from tests import large_run
 
 FRAMES, BLOCK, CONFIGURATIONS = 90, 30, 2
 
@@ -31,7 +31,7 @@ Read = list[tuple[str, int]]
 def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
     """A run of two configurations, one of them with probabilities, in three blocks each; scored once."""
     monkeypatch.setattr(results, "BLOCK_FRAMES", BLOCK)
-    directory = scoring._write_run(tmp_path, FRAMES, CONFIGURATIONS, 2)
+    directory = large_run.write_run(tmp_path, FRAMES, CONFIGURATIONS, 2)
     manifest = directory.read_manifest()
     manifest["configurations"]["configuration-1"] = {"attention": {"method": "bayes"}}
     directory.write_manifest(manifest)
@@ -46,7 +46,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> RunDirectory:
                 subject["fit"] = {"tail": 0.01 * (place % 90), "claimed_error_rad": 0.1, "implied_error_rad": 0.3}
         lines[place] = json.dumps(record)
     directory.results.write_text("\n".join(lines) + "\n")
-    scoring._write_labels(tmp_path, FRAMES, 2, 0)
+    large_run.write_labels(tmp_path, FRAMES, 2, 0)
     rescore(directory)
     return directory
 
@@ -147,7 +147,7 @@ def test_any_edits_are_scored_as_from_nothing(run: RunDirectory, read: Read, set
         parts = sorted(run.score_cache.glob("*.part"))
         match edit:
             case "label" | "label back":
-                scoring._write_labels(run.path.parent, FRAMES, 2, rng.randrange(1, 5) if edit == "label" else 0)
+                large_run.write_labels(run.path.parent, FRAMES, 2, rng.randrange(1, 5) if edit == "label" else 0)
             case "result":
                 lines = whole.splitlines(keepends=True)
                 place = rng.randrange(len(lines))
@@ -174,7 +174,7 @@ def test_a_damaged_part_is_made_anew(run: RunDirectory, read: Read) -> None:
 
 def test_parts_of_older_labels_are_removed(run: RunDirectory) -> None:
     for target in ("ball", "mug", "book"):
-        scoring._write_labels(run.path.parent, FRAMES, 2, len(target))
+        large_run.write_labels(run.path.parent, FRAMES, 2, len(target))
         rescore(run)
     assert len(list(run.score_cache.glob("*.part"))) == CONFIGURATIONS * FRAMES // BLOCK
 

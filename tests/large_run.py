@@ -1,20 +1,15 @@
-"""Time of ``vfoa score`` on a large run after a label was edited: tables and page, no images, no models."""
+"""A finished run of any length, seeded, with measures of its stages; and labels for it."""
 
 from __future__ import annotations
 
-import tempfile
-import time
-from collections import deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.records import AttentionRecord, BoxRecord, FrameRecord, SubjectRecord, TargetRecord
-from harness.run.results import read_results, to_line
+from harness.run.results import to_line
 from harness.stages.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from vfoa.types import Float
 
@@ -24,39 +19,7 @@ _AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _CLIP = "large"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScoringTiming:
-    """Seconds to score a run and write its tables and page, and to read its results alone (the best of several)."""
-
-    frames: int
-    configurations: int
-    subjects: int
-    score_s: float
-    read_s: float
-
-
-def time_scoring(*, frames: int = 1000, configurations: int = 12, subjects: int = 3, rounds: int = 2) -> ScoringTiming:
-    """Write a seeded run with measures of its stages, and score it after each edit of a label."""
-    with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder)
-        directory = _write_run(root, frames, configurations, subjects)
-        scored, read = [], []
-        for edit in range(rounds):
-            _write_labels(root, frames, subjects, edit)
-            scored.append(_seconds(lambda: rescore(directory)))
-            read.append(_seconds(lambda: deque(read_results(directory.results), maxlen=0)))
-    return ScoringTiming(
-        frames=frames, configurations=configurations, subjects=subjects, score_s=min(scored), read_s=min(read)
-    )
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    started = time.perf_counter()
-    work()
-    return time.perf_counter() - started
-
-
-def _write_run(root: Path, frames: int, configurations: int, subjects: int) -> RunDirectory:
+def write_run(root: Path, frames: int, configurations: int, subjects: int) -> RunDirectory:
     names = [f"configuration-{number}" for number in range(configurations)]
     directory = RunDirectory(root / "run")
     clip = {
@@ -92,7 +55,7 @@ def _write_clip(root: Path, subjects: int) -> Path:
     return path
 
 
-def _write_labels(root: Path, frames: int, subjects: int, edit: int) -> None:
+def write_labels(root: Path, frames: int, subjects: int, edit: int) -> None:
     """Fixations of 20 frames, one target after the other; ``edit`` changes all of them."""
     rows = [
         f"{first},{min(first + 19, frames)},{name},{_THINGS[(first // 20 + k + edit) % len(_THINGS)]},"
@@ -116,20 +79,20 @@ def _records(configuration: str, frames: int, subjects: int, rng: np.random.Gene
             configuration=configuration,
             frame=frame,
             time_ns=frame * 40_000_000,
-            targets=tuple(synthetic_target(number, name) for number, name in enumerate(_THINGS, start=1)),
-            subjects=tuple(synthetic_subject(_PEOPLE[k], k, numbers[k]) for k in range(subjects)),
+            targets=tuple(_target(number, name) for number, name in enumerate(_THINGS, start=1)),
+            subjects=tuple(_subject(_PEOPLE[k], k, numbers[k]) for k in range(subjects)),
             measures=_measures(rng.uniform(0, 1, 4), subjects),
         )
 
 
-def synthetic_target(number: int, name: str) -> TargetRecord:
+def _target(number: int, name: str) -> TargetRecord:
     """A target with a box."""
     box = BoxRecord(center_m=(0.1 * number, 0.2, 1.5), half_size_m=(0.04, 0.06, 0.05), axes=_AXES)
     box_px = (60.0 * number, 200.0, 60.0 * number + 40, 260.0)
     return TargetRecord(instance_id=number, name=name, label=name, score=0.9, box_px=box_px, points=800, box=box)
 
 
-def synthetic_subject(name: str, place: int, numbers: Float) -> SubjectRecord:
+def _subject(name: str, place: int, numbers: Float) -> SubjectRecord:
     """A subject with gaze and head parts (targets, 2), who looks at the target with the most."""
     parts = [(0.6 * float(gaze), 0.4 * float(head)) for gaze, head in numbers]
     attention = tuple(
