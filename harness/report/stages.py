@@ -6,8 +6,8 @@ import csv
 import io
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -34,18 +34,8 @@ _NOTES = (
 )
 
 
-_Rows = tuple[tuple[str, ...], ...]
-_by_configuration: WeakKeyDictionary[MeasureLog, _Rows] = WeakKeyDictionary()
-_by_object: WeakKeyDictionary[MeasureLog, _Rows] = WeakKeyDictionary()
-"""Finished rows of measures: tables and page show the same ones, and a long run has a million values."""
-
-
 def stage_measures_table(scores: Scores) -> Table:
     """One row per clip and configuration, and one over all clips; no rows without ground truth."""
-    if scores.measures not in _by_configuration:
-        pooled = scores.measures.pooled()
-        rows = tuple((clip or ALL, name, *_cells(frames)) for (clip, name), frames in pooled.items())
-        _by_configuration[scores.measures] = rows
     return Table(
         title="Stages against the truth",
         columns=(
@@ -53,7 +43,7 @@ def stage_measures_table(scores: Scores) -> Table:
             *("Head box IoU", "Eyes cm", "Eyes 95 %", "Head deg", "Head 95 %", "Gaze deg", "Gaze 95 %"),
         ),
         words=2,
-        rows=_by_configuration[scores.measures],
+        rows=_configuration_rows(scores.measures),
         notes=_NOTES,
     )
 
@@ -90,17 +80,26 @@ def terminal_measures(scores: Scores) -> Table:
 
 def object_measures_table(scores: Scores) -> Table:
     """One row per clip, object and configuration: the quality of its mask and its box."""
-    if scores.measures not in _by_object:
-        found = scores.measures.by_thing()
-        rows = tuple((*key, str(len(measures)), *_object_cells(measures)) for key, measures in found.items())
-        _by_object[scores.measures] = rows
     return Table(
         title="Objects against the ground truth",
         columns=("Clip", "Object", "Configuration", "Frames", "Mask IoU", "Box IoU", "Centre cm"),
         words=3,
-        rows=_by_object[scores.measures],
+        rows=_object_rows(scores.measures),
         notes=_NOTES[1:2],
     )
+
+
+_Rows = tuple[tuple[str, ...], ...]
+
+
+@lru_cache(maxsize=1)  # tables and page show the same rows, and a long run has a million values
+def _configuration_rows(measures: MeasureLog) -> _Rows:
+    return tuple((clip or ALL, name, *_cells(frames)) for (clip, name), frames in measures.pooled().items())
+
+
+@lru_cache(maxsize=1)
+def _object_rows(measures: MeasureLog) -> _Rows:
+    return tuple((*key, str(len(found)), *_object_cells(found)) for key, found in measures.by_thing().items())
 
 
 def _cells(frames: Sequence[FrameMeasures]) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -57,26 +57,17 @@ def folds_of(run: LabelledRun, first_s: float | None) -> list[Fold]:
     """
     people = run.people
     clips = list(dict.fromkeys(person.sequence.group for person in people))
+    inside = {clip: [person for person in people if person.sequence.group == clip] for clip in clips}
+    outside = {clip: [person for person in people if person.sequence.group != clip] for clip in clips}
     if first_s is not None:
-        folds = []
-        for clip in clips:
-            train = [person.first(first_s) for person in people if person.sequence.group == clip]
-            rest = [person for person in people if person.sequence.group != clip]
-            if len(clips) == 1:
-                rest = [
-                    person.only(set(person.labelled) - set(part.labelled))
-                    for person, part in zip(people, train, strict=True)
-                ]
-            folds.append(Fold(train, rest))
-        return folds
+        firsts = {clip: [person.first(first_s) for person in inside[clip]] for clip in clips}
+        if len(clips) > 1:
+            return [Fold(firsts[clip], outside[clip]) for clip in clips]
+        (first,) = firsts.values()
+        rest = [each.only(set(each.labelled) - set(part.labelled)) for each, part in zip(people, first, strict=True)]
+        return [Fold(first, rest)]
     if len(clips) > 1:
-        return [
-            Fold(
-                [person for person in people if person.sequence.group != clip],
-                [person for person in people if person.sequence.group == clip],
-            )
-            for clip in clips
-        ]
+        return [Fold(outside[clip], inside[clip]) for clip in clips]
     times = [person.sequence.times_s[k] for person in people for k in person.labelled]
     begin, end = min(times), max(times)
     count = min(int((end - begin) / BLOCK_S), _MOST_BLOCKS)
@@ -88,11 +79,11 @@ def folds_of(run: LabelledRun, first_s: float | None) -> list[Fold]:
     edges = np.linspace(begin, end + 1e-6, count + 1)
     folds = []
     for low, high in itertools.pairwise(edges):
-        inside = [[k for k in each.labelled if low <= each.sequence.times_s[k] < high] for each in people]
+        block = [[k for k in each.labelled if low <= each.sequence.times_s[k] < high] for each in people]
         folds.append(
             Fold(
-                [each.only(set(each.labelled) - set(ks)) for each, ks in zip(people, inside, strict=True)],
-                [each.only(ks) for each, ks in zip(people, inside, strict=True)],
+                [each.only(set(each.labelled) - set(ks)) for each, ks in zip(people, block, strict=True)],
+                [each.only(ks) for each, ks in zip(people, block, strict=True)],
             )
         )
     return folds
@@ -263,65 +254,51 @@ def with_left_out_weights(experiment: Experiment, run: Callable[[Experiment], Ru
     VfoaError
         If fewer than two clips have labels.
     """
-    wanted = {each.name: each for each in experiment.configurations if _is_left_out(each)}
+    wanted = {
+        each.name: attention
+        for each in experiment.configurations
+        if isinstance(attention := each.attend.attention, LogitSettings) and attention.weights == "left-out"
+    }
     if not wanted:
         return experiment
-    stages: dict[str, str] = {}  # the first configuration with the same stages, by base name
-    alike: dict[str, str] = {}
-    for each in wanted.values():
-        base = base_of(each.name)
-        stages.setdefault(base, alike.setdefault(_stages(each), base))
-    used = [each for each in wanted.values() if base_of(each.name) in set(stages.values())]
+    used = [each for each in experiment.configurations if each.name in wanted]
+    shared: dict[str, str] = {}  # by base name, that of the first configuration with the same stages
+    first: dict[str, str] = {}
+    for each in used:
+        stages = repr({key: value for key, value in each.plain().items() if key != "attention"})
+        shared.setdefault(base_of(each.name), first.setdefault(stages, base_of(each.name)))
     plain = tuple(
-        replace(each, attend=each.attend.model_copy(update={"attention": NearestSettings(method="nearest")}))
-        for each in used
+        _attending(each, NearestSettings(method="nearest")) for each in used if base_of(each.name) in shared.values()
     )
     directory = run(replace(experiment, configurations=plain, notes=(), published=None))
-    found: dict[str, dict[str, LogitWeights]] = {}
-    of_all: dict[str, LogitWeights] = {}
-    for labelled in read_features(directory, dict.fromkeys(stages.values())):
-        base, people = labelled.configuration, labelled.people
+    fitted: dict[str, dict[str, Any]] = {}
+    for labelled in read_features(directory, dict.fromkeys(shared.values())):
+        people = labelled.people
         clips = list(dict.fromkeys(str(person.sequence.group) for person in people))
         if len(clips) < 2:
             raise VfoaError(
                 f'{experiment.name}: attention.weights = "left-out": labels of {", ".join(clips)} alone; expected two '
                 "labelled clips or more"
             )
-        smoothings = {_settings(each).smoothing for each in wanted.values() if stages[base_of(each.name)] == base}
-        of_all[base] = fitted_to(people, sorted(smoothings))
-        found[base] = {
-            clip: fitted_to([each for each in people if each.sequence.group != clip], sorted(smoothings))
-            for clip in clips
-        }
-    filled = {
-        name: replace(
-            each,
-            attend=each.attend.model_copy(
-                update={
-                    "attention": _settings(each).model_copy(
-                        update={"weights": of_all[stages[base_of(name)]], "by_clip": found[stages[base_of(name)]]}
-                    )
-                }
-            ),
+        smoothings = sorted(
+            {wanted[each.name].smoothing for each in used if shared[base_of(each.name)] == labelled.configuration}
         )
-        for name, each in wanted.items()
-    }
-    return replace(experiment, configurations=tuple(filled.get(each.name, each) for each in experiment.configurations))
+        fitted[labelled.configuration] = {
+            "weights": fitted_to(people, smoothings),
+            "by_clip": {
+                clip: fitted_to([each for each in people if each.sequence.group != clip], smoothings) for clip in clips
+            },
+        }
+    return replace(
+        experiment,
+        configurations=tuple(
+            _attending(each, wanted[each.name].model_copy(update=fitted[shared[base_of(each.name)]]))
+            if each.name in wanted
+            else each
+            for each in experiment.configurations
+        ),
+    )
 
 
-def _is_left_out(configuration: Configuration) -> bool:
-    attention = configuration.attend.attention
-    return isinstance(attention, LogitSettings) and attention.weights == "left-out"
-
-
-def _settings(configuration: Configuration) -> LogitSettings:
-    attention = configuration.attend.attention
-    if not isinstance(attention, LogitSettings):
-        raise TypeError(f"expected the settings of a logit, found {attention!r}")
-    return attention
-
-
-def _stages(configuration: Configuration) -> str:
-    """A text that is the same for configurations that differ in attention alone."""
-    plain = {key: value for key, value in configuration.plain().items() if key != "attention"}
-    return repr(plain)
+def _attending(configuration: Configuration, attention: NearestSettings | LogitSettings) -> Configuration:
+    return replace(configuration, attend=configuration.attend.model_copy(update={"attention": attention}))
