@@ -46,10 +46,7 @@ Annotator = Annotated[
     str | None,
     typer.Option(metavar="ANNOTATOR", help="Labels of this annotator, CLIP@ANNOTATOR.csv. Default: CLIP.csv."),
 ]
-Format = Annotated[
-    str,
-    typer.Option("--format", help="elan, boris, cvat, csv, idiap_vfoa, or a package's."),
-]
+Format = Annotated[str, typer.Option("--format", help="elan, boris, cvat, csv, idiap_vfoa, or a package's.")]
 Fps = Annotated[
     float | None, typer.Option(min=0.001, help="Frames per second in the other program. Default: the clip's.")
 ]
@@ -122,8 +119,7 @@ def export(
         str, typer.Argument(metavar="CLIP|RUN", help="A clip's name or .toml file, or a run's directory.")
     ],
     to: Annotated[
-        Path | None,
-        typer.Argument(metavar="[FILE]", help="File to write. Default for a run: RUN/labels/CLIP__CONFIG."),
+        Path | None, typer.Argument(metavar="[FILE]", help="File to write. Default for a run: RUN/labels/CLIP__CONFIG.")
     ] = None,
     *,
     format_: Format,

@@ -39,8 +39,7 @@ def live(
         str, typer.Option(metavar="EXPERIMENT", help="Experiment, by name or file, whose configuration is run.")
     ] = "default",
     config: Annotated[
-        str | None,
-        typer.Option(metavar="CONFIGURATION", help="Configuration of the experiment, if it has several."),
+        str | None, typer.Option(metavar="CONFIGURATION", help="Configuration of the experiment, if it has several.")
     ] = None,
     preset: Annotated[
         str, typer.Option(metavar="NAME", help="A bundle of settings over the defaults; none for none.")

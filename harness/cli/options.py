@@ -80,27 +80,16 @@ def run_folder(run: str) -> Path:
 
 
 Run = Annotated[
-    str,
-    typer.Argument(
-        metavar="RUN",
-        help="Directory of a run, such as runs/demo.",
-        autocompletion=run_directories,
-    ),
+    str, typer.Argument(metavar="RUN", help="Directory of a run, such as runs/demo.", autocompletion=run_directories)
 ]
 Recordings = Annotated[
-    str,
-    typer.Argument(
-        metavar="RUN",
-        help="Directory of a run, or one .rrd file.",
-        autocompletion=run_directories,
-    ),
+    str, typer.Argument(metavar="RUN", help="Directory of a run, or one .rrd file.", autocompletion=run_directories)
 ]
 Clip = Annotated[
     str, typer.Argument(metavar="CLIP", help="Clip by name, or its .toml file.", autocompletion=clip_names)
 ]
 OneClip = Annotated[
-    str | None,
-    typer.Option("--clip", metavar="CLIP", help="Only recordings of this clip.", autocompletion=clip_names),
+    str | None, typer.Option("--clip", metavar="CLIP", help="Only recordings of this clip.", autocompletion=clip_names)
 ]
 OneConfiguration = Annotated[
     str | None,
@@ -141,8 +130,7 @@ Workers = Annotated[int, typer.Option(min=0, help="Number of processes, one thre
 Cache = Annotated[
     str | None,
     typer.Option(
-        metavar="DIRECTORY",
-        help="Directory of the stage cache. Default: $VFOA_CACHE, or the user's cache directory.",
+        metavar="DIRECTORY", help="Directory of the stage cache. Default: $VFOA_CACHE, or the user's cache directory."
     ),
 ]
 Port = Annotated[int, typer.Option(min=0, max=65535, help="Port to serve on; 0: any free port.")]

@@ -68,10 +68,7 @@ def run(
     clips: Annotated[
         list[str] | None,
         typer.Option(
-            "--clip",
-            metavar="CLIP",
-            help="Run this clip instead of the experiment's own.",
-            autocompletion=clip_names,
+            "--clip", metavar="CLIP", help="Run this clip instead of the experiment's own.", autocompletion=clip_names
         ),
     ] = None,
     out: Out = None,
@@ -85,12 +82,10 @@ def run(
     ] = None,
     limit: Annotated[int | None, typer.Option(min=1, help="Run only the first N frames of each clip.")] = None,
     recording: Annotated[
-        Recording | None,
-        typer.Option(help="Size of the Rerun recordings. Default: the experiment's, else light."),
+        Recording | None, typer.Option(help="Size of the Rerun recordings. Default: the experiment's, else light.")
     ] = None,
     oracle: Annotated[
-        bool,
-        typer.Option("--oracle", help="Oracle ablation: replace one stage after another by ground truth."),
+        bool, typer.Option("--oracle", help="Oracle ablation: replace one stage after another by ground truth.")
     ] = False,
     cache: Cache = None,
     no_cache: Annotated[bool, typer.Option("--no-cache", help="Do not use the stage cache.")] = False,

@@ -78,10 +78,7 @@ _KINDS = "significant-drop[=POINTS], drop=POINTS or possible-drop=POINTS"
 
 
 def compare(
-    runs: Annotated[
-        list[str],
-        typer.Argument(help="Directories of finished runs.", metavar="RUN"),
-    ],
+    runs: Annotated[list[str], typer.Argument(help="Directories of finished runs.", metavar="RUN")],
     baseline: Annotated[
         str | None, typer.Option(metavar="RUN", help="Compare each configuration with this run's of the same name.")
     ] = None,

@@ -29,16 +29,13 @@ def view(
     subject: Annotated[str | None, typer.Option(help="Show this person's tab.")] = None,
     web: Annotated[bool, typer.Option("--web", help="Open it in the browser; Ctrl-C ends it.")] = False,
     failures: Annotated[
-        bool,
-        typer.Option("--failures", help="Step from one wrong frame to the next by keys; with --web, by links."),
+        bool, typer.Option("--failures", help="Step from one wrong frame to the next by keys; with --web, by links.")
     ] = False,
     compare: Annotated[
-        tuple[str, str] | None,
-        typer.Option(metavar="K1 K2", help="Open two configurations of --clip side by side."),
+        tuple[str, str] | None, typer.Option(metavar="K1 K2", help="Open two configurations of --clip side by side.")
     ] = None,
     screenshot: Annotated[
-        Path | None,
-        typer.Option(metavar="PNG", help="Write a screenshot of the first recording; needs no display."),
+        Path | None, typer.Option(metavar="PNG", help="Write a screenshot of the first recording; needs no display.")
     ] = None,
     replace: Replace = False,
 ) -> None:

@@ -47,9 +47,7 @@ class RecordingSinks:
         subjects = tuple(manifest.subjects)
         return Recorder(
             ClipFiles(
-                run=context.directory.path,
-                clip=manifest.name,
-                recording_id=recording_id(context.run_id, manifest.name),
+                run=context.directory.path, clip=manifest.name, recording_id=recording_id(context.run_id, manifest.name)
             ),
             self.layers[context.configuration],
             rate_hz=context.rate_hz,
@@ -67,9 +65,7 @@ def _judged(record: FrameRecord, subjects: Sequence[str], labels: Labels | None)
 
 
 def recordings(
-    configurations: Iterable[Configuration],
-    size: Size | None,
-    watched_at: str | None = None,
+    configurations: Iterable[Configuration], size: Size | None, watched_at: str | None = None
 ) -> tuple[RecordingSinks, ...]:
     """Return the recordings of an experiment with these configurations: of this size, or none."""
     if size is None:
@@ -94,10 +90,7 @@ class ThumbnailSinks:
 
 
 def composed_sinks(
-    configurations: Iterable[Configuration],
-    recording: Size | None,
-    *,
-    watched_at: str | None = None,
+    configurations: Iterable[Configuration], recording: Size | None, *, watched_at: str | None = None
 ) -> tuple[SinkFactory, ...]:
     """Thumbnails, and recordings of this size (None: none), which a viewer at ``watched_at`` shows as they grow.
 

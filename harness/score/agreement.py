@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, groupby
+from typing import NamedTuple
 
 import numpy as np
 
@@ -81,12 +82,10 @@ class Agreement:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Sequence:
-    """One subject's compared frames, and the answers of both annotators there."""
+class _Sequence(NamedTuple):
+    """One subject's compared frames by their place in the clip, and the answers of both annotators there."""
 
     subject: str
-    frames: tuple[int, ...]
     places: tuple[int, ...]
     first: tuple[str, ...]
     second: tuple[str, ...]
@@ -116,13 +115,12 @@ def compare_annotators(labels: Mapping[str, Labels], frames: Sequence[int], rate
 def differences(first: Labels, second: Labels, frames: Sequence[int]) -> list[Difference]:
     """Return the ranges in which two annotators judged the same frames differently, by subject and frame."""
     found = []
-    places = {frame: place for place, frame in enumerate(frames)}
     for each in _sequences(first, second, frames):
-        said = zip(each.frames, each.first, each.second, strict=True)
+        answers = zip(each.places, each.first, each.second, strict=True)
         # within a run of one difference, place in the clip and rank in the list grow together
-        runs = groupby(enumerate(said), key=lambda item: (places[item[1][0]] - item[0], item[1][1:]))
+        runs = groupby(enumerate(answers), key=lambda item: (item[1][0] - item[0], item[1][1:]))
         for (_, (one, other)), run in runs:
-            inside = [frame for _, (frame, *_) in run]
+            inside = [frames[place] for _, (place, *_) in run]
             if one != other:
                 found.append(
                     Difference(
@@ -141,24 +139,15 @@ def _sequences(first: Labels, second: Labels, frames: Sequence[int]) -> list[_Se
     first, second = first.confirmed(), second.confirmed()
     found = []
     for subject in sorted({*first.subjects, *second.subjects}):
-        pairs = [(frame, first.at(frame, subject), second.at(frame, subject)) for frame in frames]
+        pairs = [(first.at(frame, subject), second.at(frame, subject)) for frame in frames]
         judged = [
-            (place, frame, one.target, other.target)
-            for place, (frame, one, other) in enumerate(pairs)
+            (place, one.target, other.target)
+            for place, (one, other) in enumerate(pairs)
             if one and other and IGNORED not in (one.target, other.target)
         ]
-        labelled = sum(one is not None or other is not None for _, one, other in pairs)
-        places, numbers, said, heard = zip(*judged, strict=True) if judged else ((), (), (), ())
-        found.append(
-            _Sequence(
-                subject=subject,
-                frames=numbers,
-                places=places,
-                first=said,
-                second=heard,
-                skipped=labelled - len(judged),
-            )
-        )
+        labelled = sum(one is not None or other is not None for one, other in pairs)
+        places, one_said, other_said = zip(*judged, strict=True) if judged else ((), (), ())
+        found.append(_Sequence(subject, places, one_said, other_said, labelled - len(judged)))
     return found
 
 

@@ -111,9 +111,7 @@ def fit_logit(run: LabelledRun, *, first_s: float | None = None, scored: bool = 
 
 
 def fitted_to(
-    people: Sequence[Person],
-    smoothings: Collection[Smoothing] = SMOOTHINGS,
-    answering: Sequence[Person] | None = None,
+    people: Sequence[Person], smoothings: Collection[Smoothing] = SMOOTHINGS, answering: Sequence[Person] | None = None
 ) -> LogitWeights:
     """Return weights fitted to people; rounded as in the file, so that a file gives the same answers.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from harness.record.appearance import Colours
@@ -47,15 +47,12 @@ class Served:
     recordings: Mapping[Pair, str]
 
 
-@dataclass(slots=True)
-class Names:
+class Names(dict[str, int]):
     """Numbers for names, in the order in which they are first used."""
-
-    codes: dict[str, int] = field(default_factory=dict)
 
     def code(self, name: str | None) -> int:
         """The number of a name; -1 for none."""
-        return -1 if name is None else self.codes.setdefault(name, len(self.codes))
+        return -1 if name is None else self.setdefault(name, len(self))
 
 
 def page_data(
@@ -116,7 +113,7 @@ def page_data(
         "run": served and served.run,
         "recordings": served and _recordings(served),
         "overall": [_row(row, {}, scored) for row in scores.overall()],
-        "names": list(names.codes),
+        "names": list(names),
     }
     return data, packs
 
@@ -185,7 +182,7 @@ def _clip_data(
 def _colours(colours: Colours, tracks: list[dict[str, Any]], names: Names) -> dict[int, str]:
     shown = {code for track in tracks for each in track["configurations"] for code in each["attended"]}
     shown |= {code for track in tracks for code in track["truth"][::2] if code >= 0}
-    words = list(names.codes)
+    words = list(names)
     return {code: "rgb({} {} {})".format(*colours.of(words[code])) for code in sorted(shown)}
 
 

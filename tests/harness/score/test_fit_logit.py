@@ -20,7 +20,7 @@ from tests.repository import REPOSITORY
 from vfoa.errors import VfoaError
 from vfoa.logit import LogitSettings, LogitWeights, shipped_weights
 
-FRAMES = 1500
+FRAMES = 775
 TWO_CLIPS = EXPERIMENT.replace('"talk"', '"one", "two"').replace('"bayes"', '"logit"')
 
 
@@ -83,7 +83,7 @@ def test_one_clip_is_divided_into_blocks_that_share_no_label(tmp_path: Path, mon
     labelled_clips(tmp_path, ("one",), FRAMES)
     labelled = read_labelled(run_plainly(load_experiment("talk.toml"), tmp_path / "run"))
     folds = folds_of(labelled, None)
-    assert len(folds) == 5  # 60 s
+    assert len(folds) == 3  # 31 s
     scored = [set(person.labelled) for _, test in folds for person in test[:1]]
     assert set.union(*scored) == set(labelled.people[0].labelled)
     for train, test in folds:
