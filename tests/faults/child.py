@@ -117,6 +117,8 @@ def _be_the_verb(
         os.chdir(folder)
         os.environ.update(variables)
         code = _called(verb, before)
+    except KeyboardInterrupt:  # it met this process before or after the command
+        code = 128 + signal.SIGINT
     except BaseException:
         with contextlib.suppress(BaseException):
             traceback.print_exc()
