@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from harness.score.baselines import BASELINES
 from harness.score.metrics import load_metrics
 from harness.score.verdicts import ERROR_TYPES
+from vfoa.errors import VfoaError
 
 
 def frr_columns() -> Mapping[str, str]:
@@ -14,8 +15,13 @@ def frr_columns() -> Mapping[str, str]:
 
     A row is one subject, one clip, or all of them, under one configuration. "Frame" means a labelled (frame, subject)
     pair that is not ``ignore``.
+
+    Raises
+    ------
+    VfoaError
+        If a metric has the name of another column.
     """
-    return {
+    columns = {
         "clip": "clip; (all): all clips together, longer ones weigh more",
         "subject": "subject; (all): all subjects together",
         "configuration": "configuration",
@@ -51,8 +57,11 @@ def frr_columns() -> Mapping[str, str]:
         "beats_baselines": "whether frr is above that of the best baseline: yes (significantly), not shown, or no",
         **{f"error_type_{name}": f"wrong frames because {why}" for name, why in ERROR_TYPES.items()},
         "unknown_names": "names in the results that the clip's manifest does not know: such an answer counts as wrong",
-        **{name: metric.meaning for name, metric in load_metrics().items()},
     }
+    metrics = {name: metric.meaning for name, metric in load_metrics().items()}
+    if taken := sorted(columns.keys() & metrics.keys()):
+        raise VfoaError(f"metric {taken[0]!r}: frr.csv already has a column of that name; expected another name")
+    return columns | metrics
 
 
 FRAMES_COLUMNS: Mapping[str, str] = {

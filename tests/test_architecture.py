@@ -26,15 +26,15 @@ ROOMS = (
     "run",
     "score",
     "record",
-    "report",
     "columns",
+    "report",
     "api",
     "annotate",
     "bench",
     "cli",
 )
 """Folders of ``harness/``, each of which may import those before it. "" are the modules of ``harness/`` itself, but for
-``columns.py`` and ``api.py``, which describe what the rooms before them write, and open them to scripts."""
+``columns.py``, the columns that ``report`` writes, and ``api.py``, which opens the rooms before it to scripts."""
 
 # package -> the files (or folders) that may import it
 DOORS = {

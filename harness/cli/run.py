@@ -217,7 +217,7 @@ def experiment_of(
     known = {*clip_files(), *families()}
     for name in what:
         if not name.endswith(".toml") and name not in known:
-            raise VfoaError(_said_of_unknown(name))
+            raise VfoaError(_unknown_name(name))
     default = load_experiment("default", clips=(*what, *clips), overrides=overrides, preset=preset)
     return replace(default, name=Path(what[0]).stem) if len(default.clips) == 1 else default
 
@@ -233,7 +233,7 @@ def _only_experiment() -> str:
     return str(here[0])
 
 
-def _said_of_unknown(name: str) -> str:
+def _unknown_name(name: str) -> str:
     from difflib import get_close_matches
 
     from harness.clips.manifest import clip_files, families

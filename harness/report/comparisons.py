@@ -9,6 +9,7 @@ from itertools import combinations, takewhile
 
 import numpy as np
 
+from harness.columns import COMPARISON_COLUMNS
 from harness.report.formats import UNKNOWN, Table, csv_share, p_value, percent
 from harness.run.published import PublishedCount
 from harness.score.comparison import POWER, Clips, Comparison, Spread, clips_needed, compare, detectable_difference
@@ -75,10 +76,7 @@ def comparisons_csv(comparisons: Sequence[Comparison]) -> Table:
     """The same table for programs: differences as shares."""
     return Table(
         title="Comparisons",
-        columns=(
-            *("reference", "configuration", "n", "looks", "clips", "better", "worse"),
-            *("difference", "difference_low", "difference_high", "unit", "p", "p_holm", "detectable", "sentence"),
-        ),
+        columns=tuple(COMPARISON_COLUMNS),
         words=2,
         rows=tuple(
             (

@@ -6,21 +6,16 @@ import math
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
+from harness.columns import FRAMES_COLUMNS, frr_columns
 from harness.report.formats import Table, csv_cell, csv_share
 from harness.run.records import FrameRecord, SubjectRecord
 from harness.score.baselines import BASELINES
 from harness.score.calibration import prediction_set
-from harness.score.metrics import load_metrics
 from harness.score.score import ScoreRow, Scores
 from harness.score.verdicts import ERROR_TYPES, Verdict
-from vfoa.errors import VfoaError
 
 ALL = "(all)"
 """The clip, or the subject, in a row over all of them."""
-FRAME_COLUMNS = (
-    *("clip", "configuration", "frame", "time_s", "subject", "track", "target", "instance"),
-    *("gaze", "head", "total", "focus", "set_90", "truth", "predicted", "outcome", "error_type"),
-)
 
 
 def scores_table(scores: Scores) -> Table:
@@ -31,24 +26,12 @@ def scores_table(scores: Scores) -> Table:
     VfoaError
         If a metric has the name of an existing column.
     """
-    columns = (
-        *("clip", "subject", "configuration", "n", "looks", "clips", "correct", "wrong", "predicted", "no_hit", "frr"),
-        *("interval_low", "interval_high", "interval_unit", "wilson_low", "wilson_high", "coverage", "frr_predicted"),
-        *("n_visible", "frr_visible"),
-        *("none_true", "none_said", "none_right", "none_precision", "none_recall"),
-        *("true_events", "found_events", "matched_events", "event_recall", "event_precision", "event_f"),
-        *(f"baseline_{name}" for name in BASELINES),
-        "beats_baselines",
-        *(f"error_type_{error_type}" for error_type in ERROR_TYPES),
-        "unknown_names",
+    return Table(
+        title="Scores",
+        columns=tuple(frr_columns()),
+        words=3,
+        rows=tuple((*_score_cells(row, scores), *map(csv_share, row.metrics.values())) for row in scores.rows),
     )
-    metrics = tuple(load_metrics())
-    if taken := sorted({*columns} & {*metrics}):
-        raise VfoaError(f"metric {taken[0]!r}: frr.csv already has a column of that name; expected another name")
-    rows = tuple(
-        (*_score_cells(row, scores), *(csv_share(row.metrics[name]) for name in metrics)) for row in scores.rows
-    )
-    return Table(title="Scores", columns=(*columns, *metrics), words=3, rows=rows)
 
 
 def _score_cells(row: ScoreRow, scores: Scores) -> tuple[str, ...]:
@@ -122,7 +105,7 @@ class FrameRows:
         not know has a track and no name.
         """
         judged = {(each.clip, each.configuration, each.frame, each.subject): each for each in verdicts}
-        text = [",".join(FRAME_COLUMNS) + "\n"]
+        text = [",".join(FRAMES_COLUMNS) + "\n"]
         for key, subject, lines in self._rows:
             # removed when used: if tracks share a name, the first is the one that was judged
             end = _judgement(judged.pop((*key, subject), None) if subject is not None else None)

@@ -73,7 +73,7 @@ def verdict_sentence(scores: Scores) -> str:
     rows = {row.configuration: row for row in compared_rows(scores)}
     if not rows:
         return "Nothing is scored: no frame has a label."
-    losses = _said_of_log_loss(list(rows.values()))
+    losses = _log_losses(list(rows.values()))
     if len(rows) == 1:
         return f"{_against_baseline(next(iter(rows.values())))}{losses}"
     frames = {name: scores.frames_of(name) for name in rows}
@@ -84,7 +84,7 @@ def verdict_sentence(scores: Scores) -> str:
     return f"{sentence}.{losses}"
 
 
-def _said_of_log_loss(rows: Sequence[ScoreRow]) -> str:
+def _log_losses(rows: Sequence[ScoreRow]) -> str:
     """The log losses, lowest first, where all configurations give probabilities."""
     losses = sorted((row.metrics["log_loss"], row.configuration) for row in rows)
     if any(math.isnan(loss) for loss, _ in losses):

@@ -135,21 +135,23 @@ class FinishedRun:
                 of_clips.setdefault(note, []).append(clip["name"])
         by_one = [f"Scored against the labels of {annotator!r}."] if annotator else []
         shared = [f"{', '.join(clips)}: {note}" for note, clips in of_clips.items()]
-        unlabelled = self._said_of_unlabelled([manifests[name] for name in found if name not in labels])
+        unlabelled = self._unlabelled_notes([manifests[name] for name in found if name not in labels])
         changed: list[str] = []
         for clip in run["clips"]:
             manifest = manifests[clip["name"]]
             if annotator == run.get("annotator"):
-                changed += said_of_labels(run, clip, manifest)
-            changed += said_of_names(clip, manifest)
-            changed += said_of_content(run, clip, manifest, self.directory.noted_inputs) if compare_content else ()
+                changed += changed_label_notes(run, clip, manifest)
+            changed += changed_name_notes(clip, manifest)
+            changed += (
+                changed_content_notes(run, clip, manifest, self.directory.noted_inputs) if compare_content else ()
+            )
         return Reference(
             labels=labels,
             frames={clip["name"]: clip["frames"] for clip in run["clips"]},
             notes=(
                 *_left_out(run)[2],
                 *run.get("notes", ()),
-                *said_of_carried_masks(run["configurations"]),
+                *carried_mask_notes(run["configurations"]),
                 *by_one,
                 *shared,
                 *changed,
@@ -172,7 +174,7 @@ class FinishedRun:
             of_run = self.manifest.get(RUN_LABELS, before)
             self.directory.write_manifest({**self.manifest, TABLE_LABELS: now, RUN_LABELS: of_run})
 
-    def _said_of_unlabelled(self, clips: list[ClipManifest]) -> list[str]:
+    def _unlabelled_notes(self, clips: list[ClipManifest]) -> list[str]:
         """A note for each clip without labels: it is not scored, and how many people the run found in it."""
         if not clips:
             return []
@@ -229,7 +231,7 @@ def labels_digest(manifest: ClipManifest, annotator: str | None) -> str | None:
     return digest_files([("labels", path)]) if path else None
 
 
-def said_of_labels(run: Mapping[str, Any], clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
+def changed_label_notes(run: Mapping[str, Any], clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
     """Yield a note if the labels are not those of the run: edited since, or another file."""
     before = _labels_of_run(run, clip)
     if before is None or labels_digest(manifest, run.get("annotator")) == before:
@@ -239,7 +241,7 @@ def said_of_labels(run: Mapping[str, Any], clip: Mapping[str, Any], manifest: Cl
     yield f"{clip['name']}: its labels are not those that the run was made with; {now}."
 
 
-def said_of_names(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
+def changed_name_notes(clip: Mapping[str, Any], manifest: ClipManifest) -> Iterator[str]:
     """Yield a note if subjects or targets have another rule, or were added or deleted: the results have the old names.
 
     Renamed targets are no difference: the results are read with their present names.
@@ -269,7 +271,7 @@ def _names_then(clip: Mapping[str, Any], manifest: ClipManifest) -> dict[str, An
     return {**clip["names"], "targets": {now.get(name, name): rule for name, rule in targets.items()}}
 
 
-def said_of_content(
+def changed_content_notes(
     run: Mapping[str, Any], clip: Mapping[str, Any], manifest: ClipManifest, digests: Path
 ) -> Iterator[str]:
     """Yield a note if another clip has taken this one's name. ``digests`` are noted there.
@@ -301,7 +303,7 @@ def _labels_of_run(run: Mapping[str, Any], clip: Mapping[str, Any]) -> str | Non
     return found.get(clip["name"])
 
 
-def said_of_carried_masks(configurations: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
+def carried_mask_notes(configurations: Mapping[str, Mapping[str, Any]]) -> Iterator[str]:
     """Yield a note for each distance and delay of key frames, with the configurations that have it."""
     names: dict[tuple[int, int], list[str]] = {}
     for name, configuration in configurations.items():

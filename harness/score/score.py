@@ -146,10 +146,6 @@ class Scores:
         """The rows of single subjects."""
         return [row for row in self.rows if row.subject is not None]
 
-    def verdicts_of(self, configuration: str) -> list[Verdict]:
-        """One configuration's verdicts on all clips."""
-        return [verdict for verdict in self.verdicts if verdict.configuration == configuration]
-
     @property
     def scored_configurations(self) -> tuple[str, ...]:
         """The configurations that have rows, in the order of the results; one name for all seeds of a configuration."""
