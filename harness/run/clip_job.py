@@ -17,7 +17,9 @@ from harness.sources import Clip, MeasuredClip
 from harness.stages.cache.stage import ClipCache, Tally
 from harness.stages.configuration import Configuration
 from harness.stages.drawn import DrawnClip
+from harness.stages.perception import Perception
 from vfoa.errors import VfoaError
+from vfoa.gaze.temporal import WindowStart
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,6 +74,19 @@ class ClipJob:
             return nullcontext
         KNOWN.add(self.known)
         return UnchangedFiles(self.manifest.name, clip.digest, self.digest).active
+
+    def perception(
+        self,
+        clip: Clip,
+        *,
+        begins: Mapping[str, int] | None = None,
+        starts: Mapping[str, WindowStart] | None = None,
+    ) -> Perception:
+        """Percepts and scenes of the clip for the job's configurations; ``begins`` and ``starts`` as there."""
+        parallel = self.perceive_ahead > 0
+        return Perception(
+            self.configurations, clip, self.cache, drawn=self.drawn, parallel=parallel, begins=begins, starts=starts
+        )
 
     def outcome(self, errors: Iterable[VfoaError | None], tallies: Mapping[str, Tally] | None = None) -> ClipOutcome:
         """The outcome of the job, from each configuration's error in order (None: it is finished)."""

@@ -9,7 +9,7 @@ from dataclasses import replace
 from harness.run.clip_job import ClipJob, ClipOutcome
 from harness.run.executors.contract import Executor, Progress
 from harness.stages.cache.stage import Account
-from harness.stages.sharing import SharedPipeline
+from harness.stages.perception import Perception
 from vfoa.errors import VfoaError
 
 STRETCHES_PER_WORKER = 4
@@ -22,8 +22,8 @@ LONGEST_STRETCH = 32
 
 Unchanged = Callable[[], AbstractContextManager[None]]
 
-_opened: tuple[object, SharedPipeline, Unchanged] | None = None
-"""The last job of this process, its pipeline and the check of its files: the next stretch is usually of that clip."""
+_opened: tuple[object, Perception, Unchanged] | None = None
+"""The last job of this process, its perception and the check of its files: the next stretch is usually of that clip."""
 
 
 def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
@@ -32,23 +32,24 @@ def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
     Clip, models and matchers stay open for the next job if it differs only in its frames.
     """
     try:
-        pipeline, unchanged = _open(job)
+        perception, unchanged = _open(job)
     except VfoaError:  # run_clip will report it
         return ClipOutcome(failures={})
     with unchanged():
-        for _ in pipeline.warm(job.frames):
+        for number in job.frames:
+            perception.warm(number)
             progress(job.manifest.name)
-    return ClipOutcome(failures={}, tallies=pipeline.take_tallies())
+    return ClipOutcome(failures={}, tallies=perception.take_tallies())
 
 
-def _open(job: ClipJob) -> tuple[SharedPipeline, Unchanged]:
+def _open(job: ClipJob) -> tuple[Perception, Unchanged]:
     global _opened
     wanted = (job.manifest, job.configurations, job.cache, job.drawn, job.directory)
     if _opened is None or _opened[0] != wanted:
         _opened = None  # two sets of models may not fit into memory
         clip = job.manifest.open_images()
         unchanged = job.unchanged(clip)
-        _opened = (wanted, SharedPipeline(job.configurations, clip, job.cache, drawn=job.drawn), unchanged)
+        _opened = (wanted, job.perception(clip), unchanged)
     return _opened[1:]
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from harness.sources import Clip, PersonTruth, Truth
 from harness.stages.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
 from harness.stages.ground_truth.oracle import LEAST_OVERLAP, truth_of
-from harness.stages.stage_runner import StageMemo
+from harness.stages.stage_runner import Memo
 from vfoa.geometry import angle_between, box_corners, box_iou
 from vfoa.types import Box3D, Disparity, Float, Instances, Percepts, Person, Scene, Target
 
@@ -27,12 +27,12 @@ class Measurer:
     def __init__(self, clip: Clip) -> None:
         self._clip = clip
         self._frame: int | None = None
-        self._memo = StageMemo()
+        self._memo = Memo()
 
     def measure(self, percepts: Percepts, scene: Scene) -> FrameMeasures | None:
         """Measure one configuration's percepts and scene; None without any ground truth."""
         if percepts.index != self._frame:
-            self._frame, self._memo = percepts.index, StageMemo()
+            self._frame, self._memo = percepts.index, Memo()
         truth = truth_of(self._clip, percepts.index)
         if truth.disparity is None and truth.instances is None and truth.people is None:
             return None

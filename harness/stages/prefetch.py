@@ -6,72 +6,36 @@ run while they compute.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass
-from queue import Empty, Queue
-from threading import Event, Lock, Thread
-from typing import Generic, TypeVar
+from collections import deque
+from collections.abc import Generator
+from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
+from typing import Any, TypeVar, cast
 
-from harness.sources import Clip, Truth
-from vfoa.types import StereoFrame
+from harness.sources import Clip
 
 T = TypeVar("T")
-_POLL_S = 0.05
-
-
-@dataclass(frozen=True, slots=True)
-class _Item(Generic[T]):
-    value: T
-
-
-@dataclass(frozen=True, slots=True)
-class _End:
-    error: BaseException | None
+_END = object()
 
 
 def prefetch(items: Generator[T], depth: int) -> Generator[T]:
-    """Yield the items; a thread computes up to ``depth`` of them in advance. 0: none, and no thread.
+    """Yield the items; a thread has up to ``depth`` of them ready and computes the next one. 0: no thread.
 
     An error is raised where its item would have come. When the caller stops, the thread ends after its current item.
     """
-    if depth == 0:
-        yield from items
-        return
-    ready: Queue[_Item[T] | _End] = Queue(depth)
-    unwanted = Event()
-    thread = Thread(target=_compute, args=(items, ready, unwanted), daemon=True)
-    thread.start()
+    return _computed_ahead(items, depth) if depth else items
+
+
+def _computed_ahead(items: Generator[T], depth: int) -> Generator[T]:
+    thread = ThreadPoolExecutor(1)
     try:
-        while isinstance(found := ready.get(), _Item):
-            yield found.value
-        if found.error is not None:
-            raise found.error
+        ahead = deque(thread.submit(next, items, _END) for _ in range(depth + 1))
+        while (item := ahead.popleft().result()) is not _END:
+            ahead.append(thread.submit(next, items, _END))
+            yield cast("T", item)
     finally:
-        unwanted.set()
-        while thread.is_alive():  # the thread may wait for a place in the queue
-            _drain(ready)
-            thread.join(_POLL_S)
-
-
-def _compute(items: Generator[T], ready: Queue[_Item[T] | _End], unwanted: Event) -> None:
-    try:
-        for value in items:
-            ready.put(_Item(value))
-            if unwanted.is_set():
-                break
-        items.close()  # the generator may have a thread of its own
-    except BaseException as error:  # raised again in the thread that waits for the item
-        ready.put(_End(error))
-    else:
-        ready.put(_End(None))
-
-
-def _drain(ready: Queue[_Item[T] | _End]) -> None:
-    try:
-        while True:
-            ready.get_nowait()
-    except Empty:
-        return
+        thread.shutdown(cancel_futures=True)
+        items.close()  # it may have a thread of its own
 
 
 def one_at_a_time(clip: Clip, count: int) -> tuple[Clip, ...]:
@@ -80,44 +44,22 @@ def one_at_a_time(clip: Clip, count: int) -> tuple[Clip, ...]:
     Each is an object of its own, with its own last ground truth (:func:`harness.stages.ground_truth.oracle.truth_of`).
     """
     lock = Lock()
-    return tuple(_OneAtATime(clip, lock) for _ in range(count))
+    return tuple(cast("Clip", _OneAtATime(clip, lock)) for _ in range(count))
 
 
 class _OneAtATime:
+    """A clip whose methods wait for each other."""
+
     def __init__(self, clip: Clip, lock: Lock) -> None:
         self._clip, self._lock = clip, lock
 
-    @property
-    def frames(self) -> Sequence[int]:
-        """As in :class:`harness.sources.Clip`; so are the following methods."""
-        return self._clip.frames
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(self._clip, name)
+        return self._locked(value) if callable(value) else value
 
-    @property
-    def rate_hz(self) -> float | None:
-        """Frames per second."""
-        return self._clip.rate_hz
+    def _locked(self, method: Any) -> Any:
+        def call(*arguments: Any) -> Any:
+            with self._lock:
+                return method(*arguments)
 
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Notes for the reader of a table."""
-        return self._clip.notes
-
-    def time_ns(self, number: int) -> int:
-        """Time of a frame, nanoseconds."""
-        with self._lock:
-            return self._clip.time_ns(number)
-
-    def frame(self, number: int) -> StereoFrame:
-        """Read one stereo pair."""
-        with self._lock:
-            return self._clip.frame(number)
-
-    def truth(self, number: int) -> Truth:
-        """The ground truth of a frame."""
-        with self._lock:
-            return self._clip.truth(number)
-
-    def digest(self) -> str:
-        """Digest of everything that a frame depends on."""
-        with self._lock:
-            return self._clip.digest()
+        return call

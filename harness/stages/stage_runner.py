@@ -1,11 +1,7 @@
-"""The layer between the pipeline and a stage: each call is shared, cached, guarded, checked and timed.
+"""The layer between the pipeline and a stage: each call is shared, cached, guarded, checked and timed here.
 
 A stage can come from anywhere: an error in one ends the configurations that use it, not the run. Only calls that pass
-through :func:`guarded` are caught. An error of the harness itself ends the program.
-
-Configurations that use the same stage share its outputs in a frame (:class:`StageMemo`). An output is looked up by the
-stage and the identity of its inputs. A shared stage returns the very same object, so its followers are shared as well;
-no table of dependencies between stages is needed.
+through :class:`StageRunner` or :func:`guarded` are caught. An error of the harness itself ends the program.
 """
 
 from __future__ import annotations
@@ -13,32 +9,27 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor
 from contextlib import contextmanager
-from contextvars import ContextVar
-from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
 
-from harness.sources import Clip
 from harness.stages.cache.stage import StoredOutputs
-from harness.stages.slots import SLOTS, StageChoice
 from vfoa.errors import StageError, VfoaError
 from vfoa.settings import Settings
 from vfoa.stereo.region import Region
-from vfoa.types import Disparity, Gaze, Head, HeadPose, Instances, NoGaze, StereoFrame
+from vfoa.types import Disparity, Gaze, Head, HeadPose, Instances, NoGaze
 
 T = TypeVar("T")
 Timings = dict[str, float]
-"""Seconds per stage."""
+"""Seconds per stage. A shared output counts in full for each configuration: timings say what one costs alone."""
 
 LONGEST_TEXT = 300
 """Longest text of an exception that is quoted in a line."""
 
-_ONE_OF = {"match": Disparity, "match_region": Disparity, "segment": Instances, "estimate_sequence": Gaze}
-_ONE_OR_NONE = {"head_pose": (HeadPose,), "gaze": (Gaze, NoGaze)}
+NOT_STORED = frozenset({"crop", "stride", "with_people"})
+"""Methods that are faster to compute than to read from the cache."""
 
 
 @contextmanager
@@ -49,60 +40,78 @@ def timed(timings: Timings, stage: str) -> Iterator[None]:
     timings[stage] = timings.get(stage, 0.0) + time.perf_counter() - started
 
 
-@dataclass(frozen=True, slots=True)
-class Output:
-    """The output of a stage, its timings and its inputs."""
+class Memo:
+    """The outputs of calls on one frame: a call of the same objects is made once.
 
-    value: Any
-    timings: Timings
-    inputs: tuple[object, ...]  # kept alive, since a new object could otherwise get the same id
-
-
-@dataclass(slots=True)
-class StageMemo:
-    """The outputs of one frame's stages, and the timings of the configuration that is calling.
-
-    A shared output counts in full for every configuration that uses it: timings say what a configuration costs alone.
+    Settings, regions and text are compared by value, other arguments by identity. A shared output is the very same
+    object, so the calls that follow it are shared as well; no table of dependencies is needed.
     """
 
-    outputs: dict[tuple[object, ...], Output] = field(default_factory=dict)
-    _timings: ContextVar[Timings] = field(default_factory=lambda: ContextVar("timings"))
+    def __init__(self) -> None:
+        self.outputs: dict[tuple[object, ...], tuple[Any, float, tuple[object, ...]]] = {}
+        self.timings: Timings = {}
 
-    @property
-    def timings(self) -> Timings:
-        """Timings of the caller. A thread that works for it has a copy of its context, and adds to the same timings."""
-        return self._timings.get({})
+    def key(self, function: object, inputs: tuple[object, ...]) -> tuple[object, ...]:
+        """The key of a call. Its inputs must be kept: a new object could otherwise get the same id."""
+        return (function, *(each if isinstance(each, Settings | Region | str) else id(each) for each in inputs))
 
-    @timings.setter
-    def timings(self, timings: Timings) -> None:
-        self._timings.set(timings)
-
-    def call(self, name: str, function: Callable[..., T], *inputs: object) -> T:
-        """Return ``function(*inputs)``, computed once.
-
-        Settings, regions and text are compared by value, other arguments by identity. The time is added to ``name`` or,
-        if the function makes calls of its own, to theirs.
-        """
-        key = (
-            name,
-            function,
-            *(each if isinstance(each, Settings | Region | str) else id(each) for each in inputs),
-        )
+    def call(self, stage: str, function: Callable[..., T], *inputs: object) -> T:
+        """Return ``function(*inputs)``, computed once; its seconds are charged to ``stage`` each time."""
+        key = self.key(function, inputs)
         if key not in self.outputs:
-            outer, self.timings = self.timings, {}
             started = time.perf_counter()
-            value = function(*inputs)
-            timings = self.timings or {name: time.perf_counter() - started}
-            self.timings = outer
-            self.outputs[key] = Output(value, timings, inputs)
-        output = self.outputs[key]
-        for stage, seconds in output.timings.items():
-            self.charge(stage, seconds)
-        return output.value
+            self.outputs[key] = function(*inputs), time.perf_counter() - started, inputs
+        value: T = self.outputs[key][0]
+        self.charge(stage, self.outputs[key][1])
+        return value
 
     def charge(self, stage: str, seconds: float) -> None:
-        """Add seconds to a stage: its own, or those of a shared or stored output."""
+        """Add seconds to a stage."""
         self.timings[stage] = self.timings.get(stage, 0.0) + seconds
+
+
+class StageRunner:
+    """A stage of any protocol: it has the methods that the stage has.
+
+    Each call is answered from the frame's memo, from the cache if the stage is cached, or by the stage. An error of the
+    stage becomes one line, and its output is checked. The seconds that an output took when it was computed are charged
+    to the stage's slot.
+    """
+
+    def __init__(
+        self, stage: Any, *, slot: str, name: str, memo: Memo | None = None, stored: StoredOutputs | None = None
+    ) -> None:
+        self.stage = stage
+        self._slot, self._name, self._memo, self._stored = slot, name, memo or Memo(), stored
+
+    def __getattr__(self, method: str) -> Any:
+        getattr(self.stage, method)  # raises AttributeError for a method that the stage does not have
+        return partial(self._call, method)
+
+    def _call(self, method: str, *inputs: Any) -> Any:
+        key = self._memo.key((self, method), inputs)
+        if key not in self._memo.outputs:
+            stored = None if method in NOT_STORED else self._stored
+            if stored and (found := stored.load(inputs)):
+                seconds, value = found
+            else:
+                fault, started = None, time.perf_counter()
+                try:
+                    value = getattr(self.stage, method)(*inputs)
+                    seconds = time.perf_counter() - started
+                    check_output(value, method, self._slot, inputs)
+                except VfoaError:
+                    raise
+                except Exception as error:
+                    fault = _fault(f"{self._name}, {method}", error)
+                if fault:  # raised outside of the handler, so that it keeps no object of the stage alive
+                    raise fault
+                if stored:
+                    stored.save(inputs, seconds, value)
+            self._memo.outputs[key] = value, seconds, inputs
+        value, seconds, _ = self._memo.outputs[key]
+        self._memo.charge(self._slot, seconds)
+        return value
 
 
 def guarded(what: str, function: Callable[..., T], *inputs: Any) -> T:
@@ -119,14 +128,16 @@ def guarded(what: str, function: Callable[..., T], *inputs: Any) -> T:
     except VfoaError:
         raise
     except Exception as error:
-        fault = StageError(f"{what}: {_in_one_line(error)}", "".join(traceback.format_exception(error)))
-    raise fault  # raised outside of the handler, so that it keeps no object of the stage alive
+        fault = _fault(what, error)
+    raise fault
 
 
-def _in_one_line(error: Exception) -> str:
+def _fault(what: str, error: Exception) -> StageError:
+    """The error of a stage in one line, with its traceback."""
     words = " ".join(str(traceback.TracebackException.from_exception(error)).split())
     short = words if len(words) <= LONGEST_TEXT else f"{words[:LONGEST_TEXT]}..."
-    return f"{type(error).__name__}: {short}" if short else type(error).__name__
+    line = f"{type(error).__name__}: {short}" if short else type(error).__name__
+    return StageError(f"{what}: {line}", "".join(traceback.format_exception(error)))
 
 
 def check_output(value: object, method: str, slot: str, inputs: tuple[Any, ...]) -> None:
@@ -137,17 +148,16 @@ def check_output(value: object, method: str, slot: str, inputs: tuple[Any, ...])
     TypeError, ValueError
         If the kind of value, or the size of a map, is wrong. Outputs of unknown methods are not checked.
     """
-    _check_kind(value, method, slot)
-    if isinstance(value, Disparity | Instances):
-        _check_size(value, inputs[0])
-
-
-def _check_kind(value: object, method: str, slot: str) -> None:
-    if method in _ONE_OF:
-        expected, is_right = _ONE_OF[method].__name__, isinstance(value, _ONE_OF[method])
+    if method in ("match", "match_region"):
+        expected, is_right = "Disparity", isinstance(value, Disparity)
+    elif method == "segment":
+        expected, is_right = "Instances", isinstance(value, Instances)
+    elif method == "estimate_sequence":
+        expected, is_right = "Gaze", isinstance(value, Gaze)
+    elif method == "estimate" and slot == "head_pose":
+        expected, is_right = "HeadPose or None", value is None or isinstance(value, HeadPose)
     elif method == "estimate":
-        kinds = _ONE_OR_NONE[slot]
-        expected, is_right = f"{kinds[0].__name__} or None", value is None or isinstance(value, kinds)
+        expected, is_right = "Gaze or None", value is None or isinstance(value, Gaze | NoGaze)
     elif method in ("detect", "faces", "with_people"):
         heads = isinstance(value, tuple | list) and all(isinstance(each, Head) for each in value)
         expected, is_right = "tuple of Head", heads
@@ -160,68 +170,8 @@ def _check_kind(value: object, method: str, slot: str) -> None:
         return
     if not is_right:
         raise TypeError(f"returned {type(value).__name__}; expected {expected}")
-
-
-def _check_size(found: Disparity | Instances, frame: StereoFrame) -> None:
-    shape = found.disparity_px.shape if isinstance(found, Disparity) else found.ids.shape
-    if shape != (frame.rig.height_px, frame.rig.width_px):
-        raise ValueError(f"returned a map of {shape}; expected {(frame.rig.height_px, frame.rig.width_px)}")
-
-
-NOT_STORED = frozenset({"crop", "stride", "with_people"})
-"""Methods that are faster to compute than to read from the cache."""
-
-
-class StageRunner:
-    """A stage of any protocol: it has the methods that the stage has.
-
-    Each call is answered from the frame's memo, from the cache if the stage is cached, or by the stage. An error of the
-    stage becomes one line, and its output is checked. The seconds that an output took when it was computed are charged
-    to the stage's slot.
-    """
-
-    def __init__(
-        self, stage: Any, *, slot: str, name: str, memo: StageMemo, stored: StoredOutputs | None = None
-    ) -> None:
-        self.stage = stage
-        self._slot, self._name, self._memo, self._stored = slot, name, memo, stored
-
-    def __getattr__(self, method: str) -> Any:
-        getattr(self.stage, method)  # raises AttributeError for a method that the stage does not have
-        return partial(self._memo.call, self._slot, self._answer, method)
-
-    def _answer(self, method: str, *inputs: Any) -> Any:
-        """Call a method, or find its output in the cache."""
-        stored = None if method in NOT_STORED else self._stored
-        found = stored.load(inputs) if stored else None
-        if found is None:
-            started = time.perf_counter()
-            value = guarded(f"{self._name}, {method}", getattr(self.stage, method), *inputs)
-            guarded(f"{self._name}, {method}", check_output, value, method, self._slot, inputs)
-            found = time.perf_counter() - started, value
-            if stored:
-                stored.save(inputs, *found)
-        seconds, value = found
-        self._memo.charge(self._slot, seconds)
-        return value
-
-
-def build_stage(
-    choice: StageChoice,
-    clip: Clip,
-    memo: StageMemo,
-    stored: StoredOutputs | None = None,
-    *,
-    beside: Executor | None = None,
-) -> StageRunner:
-    """Build a stage for one clip; ``beside`` as for :meth:`harness.stages.slots.Slot.build`.
-
-    Raises
-    ------
-    StageError
-        If its constructor raises anything but a :class:`VfoaError`, which is raised unchanged.
-    """
-    slot = SLOTS[choice.slot]
-    name = f'{slot.name}.{slot.key} = "{choice.name}"'
-    stage = guarded(name, slot.build, choice, clip, beside)
-    return StageRunner(stage, slot=slot.name, name=name, memo=memo, stored=stored)
+    if isinstance(value, Disparity | Instances):
+        shape = value.disparity_px.shape if isinstance(value, Disparity) else value.ids.shape
+        rig = inputs[0].rig
+        if shape != (rig.height_px, rig.width_px):
+            raise ValueError(f"returned a map of {shape}; expected {(rig.height_px, rig.width_px)}")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,12 +20,13 @@ from harness.run.experiment import Experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext, SinkFactory
 from harness.run.live.clip import Latency, LiveClip
 from harness.run.live.newest import Newest
-from harness.run.loop import attend_to, reconstructed
+from harness.run.loop import attend_to
 from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, PreparedClip, describe, drawn_on, said_of_drawn
 from harness.run.runner import circumstances, now
 from harness.sources.live import LiveSource
-from harness.stages.sharing import SharedPipeline
+from harness.stages.perception import Perception
+from harness.stages.prefetch import prefetch
 from vfoa.errors import VfoaError
 
 
@@ -129,10 +129,10 @@ def _follow(
     progress: Callable[[str], None],
 ) -> tuple[int, VfoaError | None]:
     """Run each frame from the source through to the sinks; return the number of frames and the error that ended it."""
-    parallel = job.perceive_ahead > 0
-    with closing(SharedPipeline(job.configurations, clip, drawn=job.drawn, parallel=parallel)) as pipeline:
-        numbers = clip.numbers(lambda first: _rehearse(first, clip, pipeline, job), limit)
-        (runner,) = attend_to(reconstructed(clip, pipeline, numbers, job), job, clip.rate_hz, progress)
+    with job.perception(clip) as perception:
+        numbers = clip.numbers(lambda first: _rehearse(first, clip, perception, job), limit)
+        frames = prefetch(perception.frames(numbers), job.perceive_ahead)
+        (runner,) = attend_to(frames, job, clip.rate_hz, progress)
     return runner.written, runner.error
 
 
@@ -162,12 +162,11 @@ class _Arrivals:
         self.clip.done(frame.record.frame)
 
 
-def _rehearse(number: int, clip: LiveClip, pipeline: SharedPipeline, job: ClipJob) -> None:
+def _rehearse(number: int, clip: LiveClip, perception: Perception, job: ClipJob) -> None:
     """Run one frame through all steps and discard the output. Errors are ignored: the run itself will report them."""
     with TemporaryDirectory() as folder:
-        job = replace(job, directory=RunDirectory(Path(folder)), perceive_ahead=0, keeps=False)
-        frames = reconstructed(clip, pipeline, [number], job)
-        attend_to(frames, job, clip.rate_hz, lambda clip: None, rehearsal=True)
+        job = replace(job, directory=RunDirectory(Path(folder)), keeps=False)
+        attend_to(perception.frames([number]), job, clip.rate_hz, lambda clip: None, rehearsal=True)
 
 
 def _prepared(job: ClipJob, clip: LiveClip, written: int) -> PreparedClip:

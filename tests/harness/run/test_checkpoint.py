@@ -11,7 +11,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from harness.report.sinks import composed_sinks
-from harness.run import checkpoint, configuration_runner
+from harness.run import checkpoint, loop
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
@@ -117,13 +117,13 @@ def test_a_killed_run_goes_on_from_its_checkpoint(
 ) -> None:
     told, attended, unbroken = list[str](), list[int](), runs[0]
     out = shutil.copytree(runs[1][kept, killed], tmp_path / "out")
-    real = configuration_runner.attend
+    real = loop.attend
 
     def counted(scene: Any, *rest: Any) -> Any:
         attended.append(scene.index)
         return real(scene, *rest)
 
-    monkeypatch.setattr(configuration_runner, "attend", counted)
+    monkeypatch.setattr(loop, "attend", counted)
     directory = _run(experiment, out, told)
     assert _files(directory) == _files(unbroken)
     assert directory.timings.read_text().count(",attention,") == 3 * FRAMES

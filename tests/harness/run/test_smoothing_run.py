@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from harness.run.configuration_runner import SmoothingBuffer
+from harness.run.loop import SmoothingBuffer
 from tests.scenes import make_box, make_subject, make_target
 from vfoa.attention import AttentionSettings
 from vfoa.bayes import BayesSettings, smooth

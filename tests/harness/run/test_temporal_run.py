@@ -18,7 +18,7 @@ from harness.run.runner import prepare, run_plan
 from harness.sources import Clip
 from harness.stages.configuration import Configuration
 from harness.stages.ground_truth.oracle import OracleSettings, TruthSegmenter
-from harness.stages.sharing import SharedPipeline
+from harness.stages.perception import Perception
 from tests import graphs
 from tests.disk import write_text
 from vfoa.gaze.gaze360 import Gaze360
@@ -157,7 +157,7 @@ def test_the_network_runs_anew_where_heads_may_be_others(
     else:
         choice = replace(base.choices[slot], settings=OtherSettings())
         other = replace(base, name="other", choices={**base.choices, slot: choice})
-    pipeline = SharedPipeline([base, other], load_manifest("studio_table").open())
+    pipeline = Perception([base, other], load_manifest("studio_table").open())
     assert len(list(pipeline.frames(range(1, 4)))) == 3
     assert len(estimated) == 2 * 3
 
@@ -182,7 +182,7 @@ def test_the_network_runs_once_for_configurations_that_differ_in_stereo_alone(
         return segment(self, frame)
 
     monkeypatch.setattr(TruthSegmenter, "segment", counted_too)
-    pipeline = SharedPipeline(only(experiment, "truth", "bm"), load_manifest("studio_table").open())
+    pipeline = Perception(only(experiment, "truth", "bm"), load_manifest("studio_table").open())
     frames = list(pipeline.frames(range(1, LAST + 1)))
     assert len(estimated) == LAST
     assert followed == segmented == list(range(1, LAST + 1))
@@ -198,7 +198,7 @@ def test_a_frame_leaves_when_those_its_gaze_needs_were_read(
     experiment: Experiment, names: tuple[str, ...], ahead: int
 ) -> None:
     clip = WatchedClip(load_manifest("studio_table").open())
-    pipeline = SharedPipeline(only(experiment, *names), clip)
+    pipeline = Perception(only(experiment, *names), clip)
     left = [(shared.frame.index, clip.read[-1]) for shared in pipeline.frames(range(1, LAST + 1))]
     assert left == [(number, min(number + ahead, LAST)) for number in range(1, LAST + 1)]
     assert clip.read == list(range(1, LAST + 1))

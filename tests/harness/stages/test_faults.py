@@ -28,7 +28,7 @@ from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from harness.sources.live import Arrival
 from harness.stages.cache.store import Store
-from harness.stages.stage_runner import StageMemo, StageRunner
+from harness.stages.stage_runner import StageRunner
 from tests import graphs
 from tests.alley import write_clip, write_masks
 from tests.command import vfoa
@@ -238,12 +238,12 @@ def test_a_fault_of_attention_is_one_line_too(
     def fails(scene: Any, *_: Any) -> Any:
         raise FloatingPointError("not a number")
 
-    monkeypatch.setattr("harness.run.configuration_runner.attend", fails)
+    monkeypatch.setattr("harness.run.loop.attend", fails)
     with pytest.raises(VfoaError, match="frame 1: attention: FloatingPointError: not a number"):
         _run(experiment, tmp_path / "run")
 
 
-@pytest.mark.parametrize("place", ["harness.run.configuration_runner.name_frame", "harness.stages.cache.stage.encode"])
+@pytest.mark.parametrize("place", ["harness.run.loop.name_frame", "harness.stages.cache.stage.encode"])
 def test_a_bug_of_the_harness_is_not_taken_for_one_of_a_stage(
     place: str, experiment: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -338,7 +338,7 @@ def _frame() -> StereoFrame:
 
 
 def _guarded(stage: object, slot: str = "stereo") -> StageRunner:
-    return StageRunner(stage, slot=slot, name="mine", memo=StageMemo())
+    return StageRunner(stage, slot=slot, name="mine")
 
 
 @pytest.mark.parametrize(

@@ -1,87 +1,102 @@
-"""A stage is called through one runner, which knows no protocol."""
+"""Every call of a stage goes through one runner, which knows no protocol: shared, cached, checked and timed there."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from types import FrameType
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
-from harness.stages.cache.stage import open_cache
+from harness.stages.cache.stage import Tally, open_cache
 from harness.stages.cache.store import Store
-from harness.stages.sharing import SharedPipeline
 from harness.stages.slots import SLOTS
-from harness.stages.stage_runner import StageMemo, StageRunner, build_stage
-from vfoa.pipeline import perceive
-from vfoa.stereo.block_matching import BlockMatcher
+from harness.stages.stage_runner import Memo, StageRunner, Timings, timed
+from tests.calls import calls_to_match
+from vfoa.tracking import TrackingSettings
 
-MOST_BETWEEN = 3
-"""Frames of the harness between ``perceive`` and the matcher."""
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    """A clock that stands unless a test moves it."""
+    now = SimpleNamespace(s=100.0)
+    monkeypatch.setattr("harness.stages.stage_runner.time", SimpleNamespace(perf_counter=lambda: now.s))
+    return now
+
+
+def test_a_call_of_the_same_inputs_is_made_once_and_charged_in_full_to_everyone(clock: SimpleNamespace) -> None:
+    memo, calls, given = Memo(), [], [1]
+
+    def work(value: object) -> object:
+        calls.append(value)
+        clock.s += 2.0
+        return object()
+
+    first = memo.call("stage", work, given)
+    timings, memo.timings = memo.timings, {"decode": 4.0}
+    assert memo.call("stage", work, given) is first
+    assert (calls, timings, memo.timings) == ([given], {"stage": 2.0}, {"decode": 4.0, "stage": 2.0})
+
+
+def test_equal_objects_are_different_inputs_but_equal_settings_are_the_same() -> None:
+    memo = Memo()
+
+    def work(given: object) -> object:
+        return object()
+
+    assert len({id(memo.call("stage", work, [1])) for _ in range(3)}) == 3
+    assert len({id(memo.call("stage", work, TrackingSettings())) for _ in range(3)}) == 1
+
+
+def test_a_block_is_charged_its_seconds_and_a_second_one_added(clock: SimpleNamespace) -> None:
+    timings: Timings = {"decode": 3.0}
+    for seconds in (2.5, 0.5):
+        with timed(timings, "stereo"):
+            clock.s += seconds
+    assert timings == {"decode": 3.0, "stereo": 3.0}
 
 
 class Novel:
-    """A stage with a method that no protocol has today."""
+    """A stage with a method that no protocol has today; a call takes a second."""
 
-    def __init__(self) -> None:
-        self.calls = 0
+    def __init__(self, clock: SimpleNamespace) -> None:
+        self.calls, self._clock = 0, clock
 
     def segment_twice(self, frame: object, often: str) -> tuple[str, int]:
         self.calls += 1
+        self._clock.s += 1.0
         return often, self.calls
 
 
-def test_a_new_method_of_a_protocol_needs_nothing_new() -> None:
-    stage, memo, frame = Novel(), StageMemo(), object()
-    memo.timings = {}
-    runner = StageRunner(stage, slot="segmentation", name="novel", memo=memo)
+def test_a_new_method_of_a_protocol_needs_nothing_new(clock: SimpleNamespace) -> None:
+    memo, frame = Memo(), object()
+    runner = StageRunner(Novel(clock), slot="segmentation", name="novel", memo=memo)
     assert runner.segment_twice(frame, "a") == ("a", 1)
     assert runner.segment_twice(frame, "a") == ("a", 1)
     assert runner.segment_twice(frame, "b") == ("b", 2)
-    assert list(memo.timings) == ["segmentation"]
+    assert memo.timings == {"segmentation": 3.0}
     assert not hasattr(runner, "match")
 
 
-@pytest.mark.parametrize("cached", [False, True])
-def test_few_frames_stand_between_the_pipeline_and_a_matcher(
-    cached: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    experiment = load_experiment("demo", clips=("studio_table",))
-    configurations = [each for each in experiment.configurations if each.name == "bm-one"]
-    clip = load_manifest("studio_table").open()
-    cache = open_cache(Store(tmp_path, 10**9), "studio_table", clip, configurations) if cached else None
-    between: list[int] = []
-    match = BlockMatcher.match
-
-    def counted(self: BlockMatcher, frame: object) -> object:
-        count, at = 0, sys._getframe(1)
-        while isinstance(at, FrameType) and at.f_code is not perceive.__code__:
-            count, at = count + ("/harness/" in at.f_code.co_filename), at.f_back  # type: ignore[assignment]
-        between.append(count)
-        return match(self, frame)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(BlockMatcher, "match", counted)
-    list(SharedPipeline(configurations, clip, cache).frames([1]))
-    assert between
-    assert max(between) <= MOST_BETWEEN
+def test_few_calls_are_between_the_loop_and_the_matcher() -> None:
+    assert len(calls_to_match()) <= 7
 
 
 @pytest.mark.parametrize("damage", ["another's", "garbage"])
 def test_a_stored_output_that_is_another_frames_or_none_is_computed_again(damage: str, tmp_path: Path) -> None:
-    clip = load_manifest("studio_table").open()
-    choice = SLOTS["stereo"].parse({"matcher": "bm", "min_depth_m": 0.5}, "test")
-    assert choice is not None
+    clip = load_manifest("studio_table").open_images()
     experiment = load_experiment("demo", clips=("studio_table",))
     store = Store(tmp_path, 10**9)
     first = experiment.configurations[0]
     cache = open_cache(store, "studio_table", clip, [first])
     choice = first.choices["stereo"]
     assert choice is not None
-    tallies: dict[str, object] = {}
-    runner = build_stage(choice, clip, StageMemo(), cache.outputs_of(choice, tallies))  # type: ignore[arg-type]
+    tallies: dict[str, Tally] = {}
+    matcher = SLOTS["stereo"].build(choice, clip)
+    stored = cache.outputs_of(choice, tallies)
+    runner = StageRunner(matcher, slot="stereo", name="bm", stored=stored)
     expected = {number: runner.match(clip.frame(number)).disparity_px for number in (1, 2)}
     paths = sorted(tmp_path.rglob("*.bin"))
     assert len(paths) == 2
@@ -89,7 +104,7 @@ def test_a_stored_output_that_is_another_frames_or_none_is_computed_again(damage
         paths[0].write_bytes(paths[1].read_bytes())
     else:
         store.save(paths[0], b"\x93\x01\x02")
-    again = build_stage(choice, clip, StageMemo(), cache.outputs_of(choice, tallies))  # type: ignore[arg-type]
+    again = StageRunner(matcher, slot="stereo", name="bm", stored=stored)
     np.testing.assert_array_equal(again.match(clip.frame(1)).disparity_px, expected[1])
     (tally,) = tallies.values()
-    assert tally.damaged == {paths[0].name}  # type: ignore[attr-defined]
+    assert tally.damaged == {paths[0].name}

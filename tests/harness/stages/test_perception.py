@@ -6,14 +6,14 @@ import numpy as np
 
 from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
-from harness.stages.sharing import SharedPipeline
+from harness.stages.perception import Perception
 
 
 def test_head_models_beside_the_matcher_give_the_same_and_are_timed_all_the_same() -> None:
     configurations = load_experiment("demo", clips=("studio_table",)).configurations
     found = []
     for parallel in (False, True):
-        pipeline = SharedPipeline(configurations, load_manifest("studio_table").open(), parallel=parallel)
+        pipeline = Perception(configurations, load_manifest("studio_table").open(), parallel=parallel)
         found.append(list(pipeline.frames((1, 2))))
     for alone, beside in zip(*found, strict=True):
         for configuration in configurations:

@@ -11,7 +11,7 @@ from harness.clips.naming import Names, Rules, SubjectNames, name_frame
 from harness.run.experiment import load_experiment
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
-from harness.stages.sharing import SharedPipeline
+from harness.stages.perception import Perception
 from tests.disk import write_text
 from vfoa.bayes import BayesSettings, smooth
 from vfoa.pipeline import Memory, attend
@@ -43,7 +43,7 @@ def test_a_lane_remembers_who_is_called_what(tmp_path: Path, monkeypatch: pytest
         left.append(after)
         return names, after
 
-    monkeypatch.setattr("harness.run.configuration_runner.name_frame", watched)
+    monkeypatch.setattr("harness.run.loop.name_frame", watched)
     experiment = load_experiment(str(write_text(tmp_path / "smoothed.toml", EXPERIMENT)))
     run_plan(prepare(experiment, limit=3), tmp_path / "run", workers=1, progress=lambda clip: None)
     assert given == [SubjectNames(), *left[:-1]]
@@ -63,7 +63,7 @@ def test_a_lane_remembers_from_frame_to_frame_and_writes_those_that_wait_at_the_
     settings = configuration.attend.attention
     assert isinstance(settings, BayesSettings)
     results, memory = [], Memory()
-    pipeline = SharedPipeline([configuration], load_manifest("studio_talk").open())
+    pipeline = Perception([configuration], load_manifest("studio_talk").open())
     for shared in pipeline.frames(range(1, FRAMES + 1)):
         found = shared.by_configuration["smoothed"]
         assert isinstance(found, tuple)
