@@ -201,7 +201,7 @@ def run_experiment(
     from harness.report.sinks import composed_sinks
     from harness.run.directory import out_folder
     from harness.run.runner import prepare, run_plan
-    from harness.stages.cache.store import Store, cache_limit
+    from harness.stages.cache_store import Store, cache_limit
 
     overrides = tuple(f"{key}={toml_value(value)}" for key, value in (settings or {}).items())
     experiment = load_experiment(str(name_or_path), clips=tuple(clips), overrides=overrides, preset=preset)

@@ -11,7 +11,7 @@ import numpy as np
 from harness.clips.manifest import load_manifest
 from harness.stages.configuration import Configuration
 from harness.stages.outputs.write import write_stage_outputs
-from harness.stages.slots import SLOTS
+from harness.stages.stages import STAGES
 from tests.disk import write_bytes
 from vfoa.pipeline import Stages, perceive
 
@@ -20,7 +20,7 @@ def save_stage_outputs(folder: Path, clip: str, configuration: Configuration, fr
     """Perceive frames and write every stage's output below ``folder``; return ``folder``."""
     images = load_manifest(clip).open_images()
     chosen = configuration.for_clip(clip).choices
-    built = {slot: SLOTS[slot].build(choice, images) if choice else None for slot, choice in chosen.items()}
+    built = {slot: STAGES[slot].build(choice, images) if choice else None for slot, choice in chosen.items()}
     stages = Stages(
         matcher=built["stereo"],
         segmenter=built["segmentation"],

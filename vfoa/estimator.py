@@ -139,28 +139,48 @@ class Estimator:
         VfoaError
             If an image does not match the rig, or a model fails.
         """
-        return self.follow(rig).step(left, right)
+        with self.follow(rig) as follower:
+            return follower.step(left, right)
 
     def follow(self, rig: StereoRig) -> Follower:
-        """Begin a sequence of frames: people keep their numbers, and the settings may filter their gaze."""
+        """Begin a sequence of frames: people keep their numbers, and the settings may filter their gaze.
+
+        With ``segmentation.delay``, key frames are segmented in a thread: close the follower, or use it in a ``with``
+        block, to end it.
+        """
         return Follower(self, rig)
 
 
 class Follower:
-    """Follows people over the frames of one sequence and holds the memory. Made by :meth:`Estimator.follow`."""
+    """Follows people over the frames of one sequence and holds the memory. Made by :meth:`Estimator.follow`.
+
+    It is a context manager; after :meth:`close`, no frame can follow.
+    """
 
     def __init__(self, estimator: Estimator, rig: StereoRig) -> None:
         self._estimator, self._rig = estimator, rig
         self._memory, self._frames = Memory(), 0
         self._stages, settings = estimator.stages, estimator.key_frames
+        self._thread = ThreadPoolExecutor(1) if settings.delay else None
         if not settings.on_every_frame:
             on_key_frames = KeyFrameSegmenter(
                 self._stages.segmenter,
                 settings,
                 lambda number: path_to(number, range(number + 1), settings),
-                beside=ThreadPoolExecutor(1) if settings.delay else None,
+                beside=self._thread,
             )
             self._stages = replace(self._stages, segmenter=on_key_frames)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End the thread of the segmenter, after its current frame."""
+        if self._thread:
+            self._thread.shutdown(cancel_futures=True)
 
     def step(self, left: Image, right: Image, *, time_ns: int = 0) -> Estimate:
         """Estimate who looks at what in the next pair.

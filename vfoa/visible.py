@@ -24,18 +24,16 @@ _SURFACE_DEPTH_M = 0.03
 
 
 class SurfaceSettings(Settings):
-    """Settings of :func:`views_of`.
-
-    ``surface``: a target is its box, or its cloud as the camera saw it; a measured scene has boxes but no clouds.
-    ``occlusion``: with ``first_hit``, a target is seen only where no other one is in front of it, with ``ignore``
-    everywhere. ``faces``: people are looked at in the face, if their eye origin is known. ``directions``: number of
-    rays to a target.
-    """
+    """Settings of :func:`views_of`."""
 
     surface: Literal["box", "cloud"] = "cloud"
+    """A target is its box, or its cloud as the camera saw it; recorded 3D poses have boxes but no clouds."""
     occlusion: Literal["ignore", "first_hit"] = "ignore"
+    """With first_hit, a target is seen only where no other one is in front of it, with ignore everywhere."""
     faces: bool = True
+    """People are looked at in the face, if their eye origin is known."""
     directions: int = Field(default=128, ge=16, le=10_000)
+    """Number of rays to a target."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,7 +21,7 @@ from harness.labels.formats.cvat import read_cvat_drawn, write_cvat_drawn
 from harness.labels.formats.exchange import Box, Exchange, HeadBoxes, Imported
 from harness.labels.labels import Labels
 from harness.labels.timeline import timeline_of
-from harness.run.clip_records import read_clip_records
+from harness.run.results import read_clip_records
 from harness.sources import AnyClip
 from vfoa.errors import VfoaError
 

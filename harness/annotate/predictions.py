@@ -14,9 +14,9 @@ from harness.files.io import check_new
 from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat
 from harness.labels.formats.exchange import Exchange, HeadBoxes
 from harness.labels.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels, ranges_of
-from harness.run.clip_records import ClipRecords, read_clip_records
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, SubjectRecord
+from harness.run.results import ClipRecords, read_clip_records
 from harness.sources import Truth
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.types import StereoFrame

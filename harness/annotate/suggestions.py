@@ -13,8 +13,8 @@ from statistics import median
 
 from harness.clips.manifest import ClipManifest
 from harness.labels.labels import NOWHERE
-from harness.run.clip_records import read_clip_records
 from harness.run.records import FrameRecord, SubjectRecord
+from harness.run.results import read_clip_records
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +114,7 @@ class _Said:
 class Predictions:
     """A run's records of one clip under one configuration, as suggestions for labelling.
 
-    Raises the errors of :func:`~harness.run.clip_records.read_clip_records`.
+    Raises the errors of :func:`~harness.run.results.read_clip_records`.
     """
 
     def __init__(self, run: Path, clip: ClipManifest, configuration: str | None) -> None:

@@ -20,7 +20,7 @@ from harness.run.runner import prepare, run_plan
 from harness.score.comparison import Comparison
 from harness.score.finished_run import read_scores
 from harness.score.score import Scores
-from harness.stages.cache.store import open_store
+from harness.stages.cache_store import open_store
 
 PAPER: Mapping[str, float] = {"sgbm against bm": 0.14, "two against one": 0.06}
 """The paper's differences on its 50 frames, of the factors' mean rates, as shares."""

@@ -13,7 +13,7 @@ from harness.clips.manifest import ClipManifest
 from harness.report.formats import Table
 from harness.run.experiment import Experiment, load_experiment
 from harness.sources import Clip
-from harness.stages.slots import SLOTS, StageChoice
+from harness.stages.stages import STAGES, StageChoice
 from vfoa.errors import VfoaError
 from vfoa.onnx import Provider, RuntimeSettings, available_providers
 from vfoa.types import Instances, StereoFrame
@@ -51,7 +51,7 @@ def measure_gpu(manifest: ClipManifest, experiment: Experiment, frames: Sequence
     clip = manifest.open_images()
     (default,) = load_experiment("default", clips=(manifest.name,)).configurations
     own = experiment.configurations[0].for_clip(manifest.name).choices
-    choices = {**default.choices, "stereo": SLOTS["stereo"].parse({"matcher": "hitnet"}, "bench")}
+    choices = {**default.choices, "stereo": STAGES["stereo"].parse({"matcher": "hitnet"}, "bench")}
     if own["segmentation"] and _is_network(own["segmentation"]):
         choices["segmentation"] = own["segmentation"]
     calls = _calls(clip, choices, [clip.frame(number) for number in frames[:MOST_FRAMES]])
@@ -83,7 +83,7 @@ def _built(choice: StageChoice | None, clip: Clip) -> Any:
     """The stage; None if its weights are not on this machine."""
     if choice is None or not _are_here(choice):
         return None
-    return SLOTS[choice.slot].build(choice, clip)
+    return STAGES[choice.slot].build(choice, clip)
 
 
 def _are_here(choice: StageChoice) -> bool:
@@ -105,7 +105,7 @@ def _ms(choice: StageChoice, provider: Provider, clip: Clip, calls: Calls) -> fl
         return "no heads"
     taken_s = []
     try:
-        call = getattr(SLOTS[choice.slot].build(choice.on(provider), clip), _METHODS[choice.slot])
+        call = getattr(STAGES[choice.slot].build(choice.on(provider), clip), _METHODS[choice.slot])
         for inputs in calls[choice.slot]:
             started = time.perf_counter()
             call(*inputs)

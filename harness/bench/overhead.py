@@ -23,8 +23,8 @@ from harness.run.loop import run_clip
 from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, prepare
 from harness.run.runner import run_plan
-from harness.stages.cache.stage import ClipCache, open_cache
-from harness.stages.cache.store import Store
+from harness.stages.cache import ClipCache, open_cache
+from harness.stages.cache_store import Store
 from harness.stages.configuration import Configuration
 from vfoa.attention import AttentionSettings
 

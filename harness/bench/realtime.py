@@ -17,7 +17,7 @@ from harness.run.executors.contract import compute_with
 from harness.run.experiment import load_experiment
 from harness.stages.configuration import Configuration
 from harness.stages.prefetch import prefetch
-from harness.stages.slots import SLOTS, StageChoice
+from harness.stages.stages import STAGES, StageChoice
 from vfoa.errors import VfoaError
 from vfoa.onnx import Provider
 from vfoa.pipeline import Memory, Stages, attend, perceive, reconstruct
@@ -163,7 +163,7 @@ def configuration_of(experiment: str, clip: str, row: Row, given: tuple[str, ...
         (default,) = load_experiment("default", clips=(clip,), preset=row.preset).configurations
         heads = {slot: default.choices[slot] for slot in _HEAD_SLOTS}
     else:
-        person_mask = SLOTS["heads"].parse({"detector": "person_mask"}, "bench")
+        person_mask = STAGES["heads"].parse({"detector": "person_mask"}, "bench")
         heads = {**dict.fromkeys(_HEAD_SLOTS), "heads": person_mask}
     return replace(first, choices={**first.choices, **heads}).for_clip(clip)
 
@@ -172,7 +172,7 @@ def _hold(manifest: ClipManifest, configuration: Configuration, frames: Sequence
     clip = manifest.open_images()
     choice = configuration.choices["segmentation"]
     assert choice is not None
-    segmenter = SLOTS["segmentation"].build(choice, clip)
+    segmenter = STAGES["segmentation"].build(choice, clip)
     read = [clip.frame(number) for number in frames]
     masks = {frame.index: segmenter.segment(frame) for frame in read}
     return _Held(frames=read, instances=masks, truths=[clip.truth(number).disparity for number in frames])
@@ -185,7 +185,7 @@ def _measure(row: Row, manifest: ClipManifest, configuration: Configuration, hel
             ending.enter_context(ThreadPoolExecutor(1)) if threads > 1 else None for _ in range(2)
         )
         built: dict[str, Any] = {
-            slot: SLOTS[slot].build(choice, clip, segments_beside)
+            slot: STAGES[slot].build(choice, clip, segments_beside)
             if choice and (slot != "segmentation" or row.has_segmenter)
             else None
             for slot, choice in configuration.choices.items()

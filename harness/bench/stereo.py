@@ -9,7 +9,7 @@ import numpy as np
 
 from harness.sources import Clip
 from harness.stages.configuration import Configuration
-from harness.stages.slots import SLOTS
+from harness.stages.stages import STAGES
 from vfoa.types import Disparity
 
 OFF_PX = 2.0
@@ -47,7 +47,7 @@ def measure_stereo(clip: Clip, configurations: Sequence[Configuration], frames: 
         if choice is None or choice.name == "truth" or str(choice.plain()) in seen:
             continue
         seen.add(str(choice.plain()))
-        matcher = SLOTS["stereo"].build(choice, clip)
+        matcher = STAGES["stereo"].build(choice, clip)
         pairs = [(matcher.match(clip.frame(number)), clip.truth(number).disparity) for number in frames]
         known = [(found, truth) for found, truth in pairs if truth is not None]
         if known:

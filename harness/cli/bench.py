@@ -36,8 +36,8 @@ def bench(
     from harness.clips.manifest import load_manifest
     from harness.files.io import atomic_write, check_new
     from harness.report.formats import to_markdown
-    from harness.run import provenance
     from harness.run.experiment import load_experiment
+    from harness.run.plan import host, versions
     from vfoa.errors import VfoaError, did_you_mean
     from vfoa.onnx import check_provider
 
@@ -67,7 +67,7 @@ def bench(
             print_report(table)
             tables.append(table)
     if out:
-        machine = ", ".join(f"{key} {value}" for key, value in {**provenance.host(), **provenance.versions()}.items())
+        machine = ", ".join(f"{key} {value}" for key, value in {**host(), **versions()}.items())
         on = [] if provider is ProviderName.cpu else ["--provider", provider.value]
         options = [
             *(["--clip", clip] if clip else []),

@@ -59,7 +59,7 @@ def live(
     from harness.report.sinks import composed_sinks
     from harness.run.directory import RunDirectory
     from harness.run.experiment import load_experiment
-    from harness.run.live.runner import run_live
+    from harness.run.live import run_live
     from vfoa.errors import VfoaError
 
     if recording.size is None and (viewer or connect):

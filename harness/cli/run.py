@@ -104,7 +104,7 @@ def run(
     from harness.run.directory import out_folder
     from harness.run.runner import prepare, run_plan
     from harness.score.fit_logit import with_left_out_weights
-    from harness.stages.cache.store import open_store
+    from harness.stages.cache_store import open_store
 
     experiment = experiment_of(what or [_only_experiment()], tuple(clips or ()), tuple(overrides or ()), preset)
     if annotator:
@@ -183,7 +183,7 @@ def run_plainly(experiment: Experiment, out: Path, limit: int | None = None, wor
     """Run an experiment without recordings, or reuse its results."""
     from harness.cli.terminal import frames_bar
     from harness.run.runner import prepare, run_plan
-    from harness.stages.cache.store import open_store
+    from harness.stages.cache_store import open_store
 
     plan = prepare(experiment, limit=limit)
     with frames_bar(plan.frames, experiment.name) as progress:

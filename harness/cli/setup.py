@@ -58,13 +58,13 @@ def _write_data(folder: Path) -> None:
     from harness.run.experiment import load_experiment
     from harness.sources import MeasuredClip
     from harness.stages.outputs.write import write_stage_outputs
-    from harness.stages.slots import SLOTS
+    from harness.stages.stages import STAGES
     from vfoa.pipeline import Stages, perceive
 
     clip = load_manifest("studio_talk").open()
     assert not isinstance(clip, MeasuredClip)
     choices = load_experiment("demo").configurations[0].choices
-    built = {slot: SLOTS[slot].build(choice, clip) for slot, choice in choices.items() if choice}
+    built = {slot: STAGES[slot].build(choice, clip) for slot, choice in choices.items() if choice}
     stages = Stages(
         matcher=built["stereo"],
         segmenter=built["segmentation"],
@@ -158,14 +158,14 @@ def _folders() -> Iterator[Finding]:
 def _weights() -> Iterator[Finding]:
     """For each slot, the stages that can run; and how to get the weights of the one that `vfoa run CLIP` takes."""
     from harness.run.experiment import load_experiment
-    from harness.stages.slots import SLOTS
-    from harness.stages.weights.readiness import missing_weights, ready_stages
+    from harness.stages.stages import STAGES
+    from harness.stages.weights import missing_weights, ready_stages
 
     (default,) = load_experiment("default", clips=("any",)).configurations
     for slot, choice in default.choices.items():
         missing = missing_weights([choice] if choice else [])
         fix = " or ".join((missing.fetch, *missing.instead)) if missing else None
-        ready = ", ".join(stage.name for stage in ready_stages(SLOTS[slot])) or "none"
+        ready = ", ".join(stage.name for stage in ready_stages(STAGES[slot])) or "none"
         yield Finding(what=f"{slot} (default {choice.name if choice else 'none'})", state=f"ready: {ready}", fix=fix)
 
 
@@ -228,7 +228,7 @@ def info(cache: Cache = None, as_json: Json = False) -> None:
     """Show where the cache is, its limit, and the size of each stage and clip."""
     from dataclasses import asdict
 
-    from harness.stages.cache.store import open_store
+    from harness.stages.cache_store import open_store
 
     store = open_store(cache)
     usage = store.usage()
@@ -248,7 +248,7 @@ def info(cache: Cache = None, as_json: Json = False) -> None:
 @cache_app.command()
 def clear(cache: Cache = None) -> None:
     """Remove every cached result."""
-    from harness.stages.cache.store import open_store
+    from harness.stages.cache_store import open_store
 
     store = open_store(cache)
     total = sum(each.bytes for each in store.usage())

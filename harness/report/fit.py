@@ -7,7 +7,7 @@ from typing import Any
 
 from harness.files.parsing import toml_key, toml_value
 from harness.report.formats import Table, number, percent
-from harness.run.fitted_weights import FittedWeights, MethodScore
+from harness.run.experiment import FittedWeights, MethodScore
 from vfoa.logit import shipped_fit
 
 _COLUMNS = ("n", "Log loss", "ECE", "Balanced %", "FRR %", "Targets %")
@@ -49,7 +49,7 @@ def _table(title: str, rows: Sequence[MethodScore], notes: Sequence[str]) -> Tab
 
 
 def fitted_text(fitted: FittedWeights) -> str:
-    """The file, as :func:`harness.run.fitted_weights.read_fitted` reads it."""
+    """The file, as :func:`harness.run.experiment.read_fitted` reads it."""
     plain = fitted.model_dump(mode="json", exclude_none=True)
     rows = {name: plain["fit"].pop(name) for name in ("held_out", "curve")}
     lines = ["# Written by vfoa fit. Use it as a preset: vfoa run CLIP | EXPERIMENT --preset THIS_FILE"]

@@ -19,7 +19,7 @@ import numpy as np
 from harness.clips.naming import SubjectNames
 from harness.files.io import atomic_write
 from harness.run.directory import Pair, RunDirectory
-from harness.stages.cache.values import Codec
+from harness.stages.cache_store import Codec
 from vfoa.bayes import BeliefState
 from vfoa.gaze.temporal import WindowStart
 from vfoa.gaze_filter import CueFilter, GazeFilterState

@@ -14,7 +14,7 @@ from harness.run.checkpoint import Checkpoint, read_checkpoint
 from harness.run.directory import Pair, RunDirectory, new_run_id
 from harness.run.frame_sink import SinkFactory
 from harness.sources import Clip, MeasuredClip
-from harness.stages.cache.stage import ClipCache, Tally
+from harness.stages.cache import ClipCache, Tally
 from harness.stages.configuration import Configuration
 from harness.stages.drawn import DrawnClip
 from harness.stages.perception import Perception
@@ -31,8 +31,8 @@ class ClipJob:
     Each finished frame goes to the ``sinks`` in their order. ``drawn`` holds the shapes drawn on the clip. ``digest``
     is that of the clip's content, of which every frame must be read (None: not checked), and ``known`` are digests by
     the stamp of their files. ``cache`` is None if no stage output is stored. ``read_ahead`` and ``perceive_ahead`` are
-    the numbers of frames that one thread reads and another one perceives in advance; 0 for no thread. If ``measured``,
-    stages are compared with the ground truth. ``keeps``: frames cannot be read again, so the frames finished before an
+    the numbers of frames that one thread reads and another one perceives in advance; 0 for no thread.
+    ``keeps``: frames cannot be read again, so the frames finished before an
     error are the complete result.
     """
 
@@ -49,7 +49,6 @@ class ClipJob:
     cache: ClipCache | None = None
     read_ahead: int = 0
     perceive_ahead: int = 0
-    measured: bool = True
     keeps: bool = False
 
     @property

@@ -10,7 +10,7 @@ An experiment is a TOML file::
     preset = "realtime"                     # settings over the defaults, see PRESETS below
     annotator = "anna"                      # score <clip>@anna.csv instead of <clip>.csv
 
-    [defaults.stereo]                       # one table per stage, see vfoa/*/ and harness/stages/slots.py
+    [defaults.stereo]                       # one table per stage, see vfoa/*/ and harness/stages/stages.py
     matcher = "sgbm"
     min_depth_m = 0.8                       # for every matcher that has such a setting
 
@@ -24,7 +24,7 @@ or, instead of ``[grid]``, a list of ``[[configuration]]`` with a ``name`` and t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -34,9 +34,8 @@ from pydantic import Field
 from harness.clips.manifest import clips_here
 from harness.files.folders import find, names
 from harness.files.parsing import parse_assignment, read_toml
-from harness.run.fitted_weights import fitted_note, logit_only, preset_of, read_fitted
 from harness.run.grid import base_of, repeated, variants
-from harness.run.published import Published
+from harness.run.manifest import Published
 from harness.stages.configuration import (
     TABLES,
     Configuration,
@@ -48,12 +47,82 @@ from harness.stages.configuration import (
 )
 from vfoa.config import Tables, dotted_tables
 from vfoa.errors import VfoaError, did_you_mean
+from vfoa.logit import LogitSettings
 from vfoa.settings import Settings
 from vfoa.validation import parse
 
+
+class MethodScore(Settings):
+    """The scores of one method. Without probabilities it has no log loss and no calibration error."""
+
+    method: str
+    n: int
+    log_loss: float | None = None
+    calibration_error: float | None = None
+    balanced_frr: float | None = None
+    frr: float
+    recall_on_targets: float | None = None
+
+
+class FitRecord(Settings):
+    """What weights were fitted to, and their scores on what was left out."""
+
+    experiment: str
+    configuration: str
+    clips: tuple[str, ...]
+    people: int
+    labelled_s: float
+    seeds: int = 1
+    version: str
+    held_out: tuple[MethodScore, ...] = ()
+    curve: tuple[MethodScore, ...] = ()
+
+    def score_of(self, method: str) -> MethodScore | None:
+        """Return the scores of a method, if it was scored."""
+        return next((each for each in self.held_out if each.method == method), None)
+
+
+class FittedWeights(Settings):
+    """A whole file."""
+
+    fit: FitRecord
+    attention: LogitSettings
+
+
+def read_fitted(path: Path) -> FittedWeights:
+    """Read a file of ``vfoa fit``.
+
+    Raises
+    ------
+    VfoaError
+        If it is missing, or a key or value is wrong.
+    """
+    return parse(FittedWeights, read_toml(path), str(path))
+
+
+def preset_of(path: Path) -> dict[str, Any]:
+    """Return the settings of attention in a file of ``vfoa fit``."""
+    return {"method": "logit", "weights": read_fitted(path).attention.model_dump()["weights"]}
+
+
+def fitted_note(path: Path, fitted: FittedWeights, clips: Sequence[str]) -> str:
+    """The table's note about fitted weights, with a warning if it reports a clip they were fitted on."""
+    seen = [clip for clip in clips if clip in fitted.fit.clips]
+    if seen:
+        return f"FITTED ON WHAT IS REPORTED: the weights of {path.name} were fitted on {', '.join(seen)}."
+    return f"Weights of {path.name}, fitted on other clips: {', '.join(fitted.fit.clips)}."
+
+
+def logit_only(tables: Mapping[str, Mapping[str, Any]], method: object) -> Mapping[str, Mapping[str, Any]]:
+    """Return the tables of a preset that apply to a configuration of this method; None: it says nothing about it."""
+    if "attention" not in tables or method in (None, tables["attention"].get("method")):
+        return tables
+    return {name: table for name, table in tables.items() if name != "attention"}
+
+
 PRESETS: dict[str, dict[str, dict[str, Any]]] = {
     "none": {},
-    # for clips of measurements, which have no images
+    # for clips of recorded 3D poses, which have no images
     "measured": {
         "stereo": {"matcher": "none"},
         "segmentation": {"model": "none"},

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 class FinishedFrame:
     """One frame under one configuration: images, percepts, result, the record with names, and seconds by stage.
 
-    A clip of measurements has no images and no percepts.
+    A clip of recorded 3D poses has no images and no percepts.
     """
 
     frame: StereoFrame | None

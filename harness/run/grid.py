@@ -13,7 +13,7 @@ from vfoa.errors import VfoaError
 
 if TYPE_CHECKING:
     from harness.stages.configuration import Configuration
-    from harness.stages.slots import StageChoice
+    from harness.stages.stages import StageChoice
 
 PRESET = "preset"
 """The only key of a configuration, beside its name, that is not in a table."""

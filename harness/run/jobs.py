@@ -1,8 +1,13 @@
-"""Divide a plan into jobs, run them and collect their outcomes."""
+"""Divide a plan into jobs, run them and collect their outcomes.
+
+With more workers than clips, the workers perceive a clip in stretches and fill the cache (the warm-up), and the main
+process follows behind them with the steps that need an order.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 
 from harness.files.digests import KNOWN
@@ -13,12 +18,12 @@ from harness.run.frame_sink import SharedFilesFactory
 from harness.run.loop import run_clip
 from harness.run.partial_results import ResultsSinks
 from harness.run.plan import Plan, PreparedClip
-from harness.run.warm_up import GivenUpError, Perceived
-from harness.sources import Clip, MeasuredClip
-from harness.stages.cache.stage import Account, ClipCache, open_cache
-from harness.stages.cache.store import Store
+from harness.sources import MeasuredClip
+from harness.stages.cache import Account, open_cache
+from harness.stages.cache_store import Store
 from harness.stages.configuration import Configuration
-from harness.stages.slots import SLOTS
+from harness.stages.perception import Perception
+from harness.stages.stages import STAGES
 from vfoa.errors import VfoaError
 
 CLIPS_PER_WORKER = 2
@@ -27,9 +32,16 @@ CLIPS_PER_WORKER = 2
 PREFETCHED = 2
 """Frames that one thread reads, and another one perceives, in advance."""
 
-ALONG = 8
+FOLLOWING = 8
 """Number of configurations that can usually follow one frame in the time of its perception. More would delay the
 workers that perceive for them."""
+
+STRETCHES_PER_WORKER = 4
+"""Stretches per worker in what remains of a clip. Stretches are long at first, so that little is opened and sought, and
+short at the end, so that all workers end together (guided self-scheduling, Polychronopoulos and Kuck 1987)."""
+
+LONGEST_STRETCH = 32
+"""Most frames of a stretch, so that nobody waits long for it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,25 +103,22 @@ def _share(
 
     ``begun`` are the first needed frames, by clip.
     """
-    perceived, left = Perceived(jobs, begun, executor, account, progress), list[ClipJob]()
+    warm_up, left = WarmUp(jobs, begun, executor, account, progress), list[ClipJob]()
     compute_with(executor.threads)
     for job in jobs:
-        if not (perceived.lacked(job) and _goes_along(job, executor.workers)):
+        can_follow = len(_together(job)) == 1 or len(job.configurations) * (executor.workers - 1) <= FOLLOWING
+        if job.manifest.name not in warm_up.clips or not can_follow:
             left += _dealt(job, 1 if _shares_files(job) else executor.workers)
             continue
         try:
-            outcome = run_clip(job, _silent, perceived.frames(job))
+            outcome = run_clip(job, _silent, warm_up.frames(job))
         except GivenUpError:  # a job that kills workers must not run here, and one configuration must not kill another
             left += _dealt(job, len(job.configurations))
         else:
             failures.update(outcome.failures)
             account.add(job.manifest.name, outcome.tallies)
-    perceived.finish()
+    warm_up.finish()
     return left
-
-
-def _goes_along(job: ClipJob, workers: int) -> bool:
-    return len(_together(job)) == 1 or len(job.configurations) * (workers - 1) <= ALONG
 
 
 def _dealt(job: ClipJob, hands: int) -> list[ClipJob]:
@@ -139,7 +148,7 @@ def _together(job: ClipJob) -> list[list[Configuration]]:
     groups: dict[str, list[Configuration]] = {}
     for each in job.configurations:
         gaze = each.choices["gaze"]
-        temporal = gaze is not None and SLOTS["gaze"].is_temporal(gaze)
+        temporal = gaze is not None and STAGES["gaze"].is_temporal(gaze)
         groups.setdefault(gaze.key if gaze and temporal else each.name, []).append(each)
     return list(groups.values())
 
@@ -176,11 +185,107 @@ def _job(plan: Plan, one: PreparedClip, directory: RunDirectory, store: Store | 
     )
     if store is None or isinstance(one.clip, MeasuredClip):  # nothing to perceive
         return job
-    return replace(job, cache=_clip_cache(one, one.clip, job, store, account))
-
-
-def _clip_cache(one: PreparedClip, clip: Clip, job: ClipJob, store: Store, account: Account) -> ClipCache:
-    cache = open_cache(store, one.manifest.name, clip, job.configurations, one.digest)
+    cache = open_cache(store, clip, one.clip, job.configurations, one.digest)
     for key, identity in cache.identities.items():
-        account.open(one.manifest.name, key, identity, store)
-    return cache
+        account.open(clip, key, identity, store)
+    return replace(job, cache=cache)
+
+
+Unchanged = Callable[[], AbstractContextManager[None]]
+
+_opened: tuple[object, Perception, Unchanged] | None = None
+"""The last job of this process, its perception and the check of its files: the next stretch is usually of that clip."""
+
+
+def warm_clip(job: ClipJob, progress: Progress) -> ClipOutcome:
+    """Perceive the job's frames, in any order, so that the cache holds the outputs that :func:`run_clip` needs.
+
+    Clip, models and matchers stay open for the next job if it differs only in its frames.
+    """
+    try:
+        perception, unchanged = _open(job)
+    except VfoaError:  # run_clip will report it
+        return ClipOutcome(failures={})
+    with unchanged():
+        for number in job.frames:
+            perception.warm(number)
+            progress(job.manifest.name)
+    return ClipOutcome(failures={}, tallies=perception.take_tallies())
+
+
+def _open(job: ClipJob) -> tuple[Perception, Unchanged]:
+    global _opened
+    wanted = (job.manifest, job.configurations, job.cache, job.drawn, job.directory)
+    if _opened is None or _opened[0] != wanted:
+        _opened = None  # two sets of models may not fit into memory
+        clip = job.manifest.open_images()
+        unchanged = job.unchanged(clip)
+        _opened = (wanted, job.perception(clip), unchanged)
+    return _opened[1:]
+
+
+class GivenUpError(Exception):
+    """A frame killed every worker that perceived it."""
+
+
+class WarmUp:
+    """Workers perceive the frames of these jobs that the cache lacks; they begin when the first frame is requested.
+
+    ``begun`` are the first needed frames, by clip.
+    """
+
+    def __init__(
+        self,
+        jobs: Sequence[ClipJob],
+        begun: Mapping[str, int],
+        executor: Executor,
+        account: Account,
+        progress: Progress,
+    ) -> None:
+        self._account, self._lost = account, set[tuple[str, int]]()
+        parts: list[ClipJob] = []
+        for job in jobs:
+            needed = [frame for frame in job.frames if frame >= begun[job.manifest.name]]
+            lacking = job.cache.lacking(needed) if job.cache else []
+            for _ in range(len(job.frames) - len(lacking)):
+                progress(job.manifest.name)
+            parts += [replace(job, frames=frames) for frames in stretches(lacking, executor.workers)]
+        self._waiting = {(part.manifest.name, frame) for part in parts for frame in part.frames}
+        self.clips = {part.manifest.name for part in parts}
+        self._arriving = zip(parts, executor.run(warm_clip, parts, progress, _lost), strict=True)
+
+    def frames(self, job: ClipJob) -> Iterator[int]:
+        """Yield a job's frames, each as soon as it is perceived.
+
+        Raises
+        ------
+        GivenUpError
+            At a stretch that killed its worker every time.
+        """
+        for number in job.frames:
+            while (job.manifest.name, number) in self._waiting:
+                self._take(*next(self._arriving))
+            if (job.manifest.name, number) in self._lost:
+                raise GivenUpError
+            yield number
+
+    def finish(self) -> None:
+        """Wait for the stretches that nobody requested."""
+        for part, outcome in self._arriving:
+            self._take(part, outcome)
+
+    def _take(self, part: ClipJob, outcome: ClipOutcome) -> None:
+        self._account.add(part.manifest.name, outcome.tallies)
+        frames = {(part.manifest.name, frame) for frame in part.frames}
+        self._waiting -= frames
+        if outcome.failures:
+            self._lost |= frames
+
+
+def stretches(frames: Sequence[int], workers: int) -> Iterator[tuple[int, ...]]:
+    """Divide frames into stretches for this many workers, which take them one after the other."""
+    at = 0
+    while at < len(frames):
+        length = min(LONGEST_STRETCH, -(-(len(frames) - at) // (STRETCHES_PER_WORKER * workers)))
+        yield tuple(frames[at : at + length])
+        at += length

@@ -64,8 +64,7 @@ def run_clip(job: ClipJob, progress: Progress, numbers: Iterable[int] | None = N
     starts = {name: each.window for name, each in resumed.items() if each.window}
     with unchanged(), job.perception(images, begins=begins, starts=starts) as perception:
         frames = prefetch(perception.frames(chosen, job.read_ahead), job.perceive_ahead)
-        measurer = Measurer(truth) if job.measured else None
-        runners = attend_to(frames, job, clip.rate_hz, progress, measurer=measurer, resumed=resumed)
+        runners = attend_to(frames, job, clip.rate_hz, progress, measurer=Measurer(truth), resumed=resumed)
     if job.cache:
         job.cache.store.trim()
     return job.outcome(_with_others([each.error for each in runners], clip, job.frames), perception.take_tallies())

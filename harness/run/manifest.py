@@ -5,10 +5,31 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeInt, PositiveInt, model_validator
 
-from harness.run.published import Published
+from vfoa.settings import Settings
 from vfoa.validation import parse
+
+
+class PublishedCount(Settings):
+    """``correct`` of ``n`` frames."""
+
+    correct: NonNegativeInt
+    n: PositiveInt
+
+    @model_validator(mode="after")
+    def _share(self) -> Self:
+        if self.correct > self.n:
+            raise ValueError(f"found {self.correct} correct of {self.n}; expected at most {self.n}")
+        return self
+
+
+class Published(Settings):
+    """``[published]`` of an experiment: the source of the figures, and the counts by configuration."""
+
+    source: str
+    counts: dict[str, PublishedCount] = Field(min_length=1)
+
 
 MOST = 3
 """Number of differences that are named; the others are counted."""

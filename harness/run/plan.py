@@ -1,25 +1,31 @@
-"""The plan of a run: an experiment with every input opened once, and the description of all of it."""
+"""The plan of a run: an experiment with every input opened once, and the description of all that it depends on."""
 
 from __future__ import annotations
 
+import os
+import platform
+import subprocess
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.matching import first_middle_last, near_notes
 from harness.files.code_digest import code_digest
+from harness.files.digests import file_digest
 from harness.labels.labels import Labels
 from harness.labels.timeline import timeline_of
-from harness.run import provenance
 from harness.run.directory import Pair
 from harness.run.experiment import Experiment
 from harness.run.frame_sink import SinkFactory
 from harness.sources import Clip, MeasuredClip
 from harness.stages.configuration import Configuration
 from harness.stages.drawn import DrawnClip, check_drawn
-from harness.stages.slots import SLOTS
+from harness.stages.stages import STAGES
+from harness.stages.weights import locate_weights
 from vfoa.errors import VfoaError
 from vfoa.stereo.block_matching_settings import BlockMatchingSettings
 
@@ -56,7 +62,10 @@ class Plan:
     @property
     def deciding_modules(self) -> tuple[str, ...]:
         """The modules whose code decides the results: a change to any other does not make another run."""
-        return provenance.deciding_modules([one.clip for one in self.clips], self.experiment)
+        choices = [choice for one in self.experiment.configurations for choice in one.choices.values() if choice]
+        stages = {STAGES[choice.slot].stage_class(choice.name).__module__ for choice in choices}
+        adapters = {type(one.clip).__module__ for one in self.clips}
+        return tuple(sorted({"harness.run.loop", *stages, *adapters}))
 
     @property
     def frames(self) -> int:
@@ -85,12 +94,12 @@ def prepare(experiment: Experiment, *, limit: int | None = None, sinks: Iterable
         experiment = replace(
             experiment, configurations=tuple(each.without_images() for each in experiment.configurations)
         )
-    said = (
-        *_said_of_names(clips, experiment.configurations),
-        *_said_of_drawn(clips),
-        *_said_of_near(clips, experiment.configurations),
+    notes = (
+        *_notes_on_names(clips, experiment.configurations),
+        *(note_on_drawn(one.manifest.name, one.drawn) for one in clips if one.drawn is not None),
+        *_notes_on_near(clips, experiment.configurations),
     )
-    noted = replace(experiment, notes=(*experiment.notes, *said))
+    noted = replace(experiment, notes=(*experiment.notes, *notes))
     return Plan(experiment=noted, clips=clips, sinks=tuple(sinks))
 
 
@@ -118,10 +127,10 @@ def drawn_on(manifest: ClipManifest, frames: Sequence[int] | None, experiment: E
     return DrawnClip.of(manifest, drawn) if drawn else None
 
 
-def _said_of_names(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
+def _notes_on_names(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
     """Notes on names that use the source's own ids while masks come from a network, which numbers them anew."""
     choices = [each.choices["segmentation"] for each in configurations]
-    networks = sorted({each.name for each in choices if each and each.name not in SLOTS["segmentation"].of_clip})
+    networks = sorted({each.name for each in choices if each and each.name not in STAGES["segmentation"].of_clip})
     for clip in [one for one in clips if not isinstance(one.clip, MeasuredClip)] if networks else ():
         rules = {**clip.manifest.subjects, **clip.manifest.targets}
         if names := [name for name, rule in rules.items() if rule.instance is not None]:
@@ -131,20 +140,13 @@ def _said_of_names(clips: Iterable[PreparedClip], configurations: Iterable[Confi
             )
 
 
-def _said_of_drawn(clips: Iterable[PreparedClip]) -> Iterator[str]:
-    """Notes on drawn shapes, which replace a model's: a reader of the table must know."""
-    for one in clips:
-        if one.drawn is not None:
-            yield said_of_drawn(one.manifest.name, one.drawn)
-
-
-def said_of_drawn(clip: str, drawn: DrawnClip) -> str:
+def note_on_drawn(clip: str, drawn: DrawnClip) -> str:
     """A line that lists what is drawn on a clip, and the number of key frames."""
     keys = sum(len(each.keys) for each in drawn.drawn.tracks)
     return f"{clip}: drawn by hand: {', '.join(drawn.drawn.names)} ({keys} key frames)."
 
 
-def _said_of_near(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
+def _notes_on_near(clips: Iterable[PreparedClip], configurations: Iterable[Configuration]) -> Iterator[str]:
     """Notes on objects nearer than a matcher searches. Unreadable images are ignored: the run reports them."""
     stereo = [choice.settings for each in configurations if (choice := each.choices["stereo"])]
     limits_m: set[float] = {each.min_depth_m for each in stereo if isinstance(each, BlockMatchingSettings)}
@@ -173,8 +175,8 @@ def describe(plan: Plan) -> dict[str, Any]:
         "clips": [_describe_clip(one, plan.experiment) for one in plan.clips],
         "configurations": {one.name: one.plain() for one in plan.experiment.configurations},
         "factors": {one.name: dict(one.factors) for one in plan.experiment.configurations},
-        "weights_sha256": provenance.weights_digests(plan.experiment),
-        "versions": provenance.versions(),
+        "weights_sha256": weights_digests(plan.experiment),
+        "versions": versions(),
         "source_sha256": code_digest(plan.deciding_modules),
     }
 
@@ -192,5 +194,76 @@ def _describe_clip(one: PreparedClip, experiment: Experiment) -> dict[str, Any]:
         "sha256": one.digest,
         "drawn_sha256": None if one.drawn is None else one.drawn.digest,
         "names": one.manifest.naming(),
-        "stage_outputs_sha256": provenance.output_digests(experiment, one.manifest.name, one.clip),
+        "stage_outputs_sha256": output_digests(experiment, one.manifest.name, one.clip),
     }
+
+
+_PACKAGES = (
+    "vfoa",
+    "filterpy",
+    "mcap",
+    "numpy",
+    "onnxruntime",
+    "open3d",
+    "open3d-cpu",
+    "opencv-contrib-python-headless",
+    "pandas",
+    "rerun-sdk",
+    "scipy",
+)
+
+
+def weights_digests(experiment: Experiment) -> dict[str, str]:
+    """The sha256 of every weights file that the experiment's stages name, by that name.
+
+    Raises
+    ------
+    VfoaError
+        If some are missing: which, how to fetch them, and what would do instead.
+    """
+    found = locate_weights(choice for one in experiment.configurations for choice in one.choices.values() if choice)
+    return {name: file_digest(path) for name, path in found.items()}
+
+
+def output_digests(experiment: Experiment, name: str, clip: Clip | MeasuredClip) -> list[str]:
+    """The sha256 of the files that each distinct stage reads for the clip ``name``, in the order of the stages."""
+    if isinstance(clip, MeasuredClip):
+        return []
+    choices = [choice for one in experiment.configurations for choice in one.for_clip(name).choices.values() if choice]
+    distinct = {f"{choice.slot} {choice.plain()}": choice for choice in choices}
+    digests = (STAGES[choice.slot].files_digest(choice, clip) for choice in distinct.values())
+    return [digest for digest in digests if digest is not None]
+
+
+def versions() -> dict[str, str]:
+    """Versions of Python and of the packages that can change a result."""
+    found = {"python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def source_commit() -> str | None:
+    """The git commit of this source tree, with ``-dirty`` if it was changed; None outside a checkout."""
+    root = Path(__file__).parent.parent.parent
+    if not (root / ".git").exists():
+        return None
+    try:
+        commit = subprocess.run(
+            ["git", "describe", "--always", "--abbrev=40", "--dirty", "--exclude=*"],
+            cwd=root,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return commit.stdout.strip()
+
+
+def host() -> dict[str, Any]:
+    """The machine, without anything that identifies its owner."""
+    return {"system": platform.system(), "machine": platform.machine(), "cores": os.cpu_count()}

@@ -199,8 +199,8 @@ def attention_records(attention: Attention) -> tuple[AttentionRecord, ...]:
     return tuple(
         AttentionRecord(
             instance_id=value.instance_id,
-            gaze=_measured(value.gaze),
-            head=_measured(value.head),
+            gaze=_none_if_nan(value.gaze),
+            head=_none_if_nan(value.head),
             total=float(value.total),
         )
         for value in attention.values
@@ -216,7 +216,7 @@ def _fit(fit: DirectionFit) -> DirectionFitRecord:
     )
 
 
-def _measured(value: float) -> float | None:
+def _none_if_nan(value: float) -> float | None:
     return None if math.isnan(value) else float(value)
 
 

@@ -12,16 +12,15 @@ from harness.files.cache import read_value, write_value
 from harness.files.digests import KNOWN, digest_files
 from harness.files.unchanged import changed_during_run
 from harness.remote import forget_copies
-from harness.run import provenance
 from harness.run.directory import RunDirectory, locked, new_run_id
 from harness.run.executors import executor
 from harness.run.executors.contract import Progress
 from harness.run.experiment import Experiment
 from harness.run.jobs import Done, run_jobs, skip
 from harness.run.manifest import differences
-from harness.run.plan import Plan, PreparedClip, describe, prepare
-from harness.stages.cache.stage import cache_lines
-from harness.stages.cache.store import Store
+from harness.run.plan import Plan, PreparedClip, describe, host, prepare, source_commit
+from harness.stages.cache import cache_lines
+from harness.stages.cache_store import Store
 from vfoa.errors import VfoaError
 
 __all__ = ["prepare", "run_plan"]
@@ -185,8 +184,8 @@ def circumstances(plan: Plan, started: str) -> dict[str, Any]:
     """Facts about a finished run that are not part of its identity."""
     return {
         "labels_sha256": {one.manifest.name: _labels_digest(one, plan.experiment) for one in plan.clips},
-        "commit": provenance.source_commit(),
-        "host": provenance.host(),
+        "commit": source_commit(),
+        "host": host(),
         "started": started,
         "finished": now(),
     }

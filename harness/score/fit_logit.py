@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from harness.run.directory import RunDirectory
-from harness.run.experiment import Experiment
-from harness.run.fitted_weights import FitRecord, FittedWeights, MethodScore
+from harness.run.experiment import Experiment, FitRecord, FittedWeights, MethodScore
 from harness.run.grid import base_of
 from harness.score.baselines import best_limit_rad
 from harness.score.calibration import reliability

@@ -15,8 +15,8 @@ from typing import Literal
 import numpy as np
 
 from harness.run.grid import base_of
+from harness.run.manifest import Published
 from harness.run.measure_log import MeasureLog
-from harness.run.published import Published
 from harness.run.records import FrameRecord
 from harness.score.baselines import BASELINES
 from harness.score.intervals import rate_interval

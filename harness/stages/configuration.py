@@ -1,6 +1,6 @@
 """A configuration: every setting of one way to run the pipeline, made of tables of settings.
 
-A table belongs to one stage (:data:`harness.stages.slots.SLOTS`) or one step. An experiment gives tables as defaults,
+A table belongs to one stage (:data:`harness.stages.stages.STAGES`) or one step. An experiment gives tables as defaults,
 presets and differences; each overrides the ones before it.
 """
 
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from harness.stages.slots import DRAWN, SLOTS, StageChoice
+from harness.stages.stages import DRAWN, STAGES, StageChoice
 from vfoa import config
 from vfoa.config import Tables, is_in_region, read_steps, step_settings
 from vfoa.drawn import DrawnSettings
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 STEPS: Mapping[str, Mapping[str, type[Settings]]] = {"drawn": {"": DrawnSettings}, **config.STEPS}
 """Drawn shapes and the steps after perception, as in :data:`vfoa.config.STEPS`."""
 
-TABLES = (*SLOTS, *STEPS)
+TABLES = (*STAGES, *STEPS)
 """The tables of a configuration: the stages in the order of the pipeline, then the steps."""
 
 
@@ -71,9 +71,9 @@ class Configuration:
         return replace(self, choices=choices)
 
     def without_images(self) -> Configuration:
-        """Return the configuration for clips of measurements: only stages that answer from the truth of a person."""
+        """Return the configuration for clips of recorded 3D poses: only stages that answer from a person's truth."""
         choices = {
-            slot: choice if choice and SLOTS[slot].is_true(choice) else None for slot, choice in self.choices.items()
+            slot: choice if choice and STAGES[slot].is_true(choice) else None for slot, choice in self.choices.items()
         }
         return replace(self, choices=choices)
 
@@ -94,7 +94,7 @@ def inherited(defaults: Tables, own: Tables) -> Tables:
     """Return the defaults that a configuration inherits: a stage inherits only the settings that it has."""
     tables = {}
     for table, settings in defaults.items():
-        slot = SLOTS.get(table)
+        slot = STAGES.get(table)
         name = {**settings, **own.get(table, {})}.get(slot.key) if slot else None
         tables[table] = {key: value for key, value in settings.items() if slot is None or slot.takes(name, key)}
     return tables
@@ -104,7 +104,7 @@ def takes(tables: Tables, dotted: str) -> bool:
     """Whether the stage or step that these tables select has the setting ``table.key``."""
     table, _, key = dotted.partition(".")
     settings = tables.get(table, {})
-    if slot := SLOTS.get(table):
+    if slot := STAGES.get(table):
         return slot.takes(settings.get(slot.key), key)
     if table not in STEPS:
         return False
@@ -136,7 +136,7 @@ def make_configuration(name: str, tables: Tables, factors: Mapping[str, str], wh
     VfoaError
         If a stage, a key or a value is wrong, or two of them cannot be combined.
     """
-    choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in SLOTS.values()}
+    choices = {slot.name: slot.parse(tables.get(slot.name, {}), where) for slot in STAGES.values()}
     stereo = choices["stereo"]
     reconstruction, attend = read_steps(tables, stereo.settings if stereo else None, where)
     drawn = _switched_on(parse(DrawnSettings, tables.get("drawn", {}), where, "drawn"), choices)

@@ -12,7 +12,7 @@ from harness.clips.manifest import ClipManifest
 from harness.labels.drawn import Drawn, Kind, format_drawn
 from harness.sources import Clip
 from harness.stages.configuration import Configuration
-from harness.stages.slots import DRAWN
+from harness.stages.stages import DRAWN
 from vfoa.coco import THINGS
 from vfoa.drawn import DrawnSettings, DrawnShape, DrawnShapes
 from vfoa.errors import VfoaError

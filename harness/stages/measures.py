@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from harness.sources import Clip, PersonTruth, Truth
 from harness.stages.frame_measures import DisparityMeasure, FrameMeasures, PersonMeasure, TargetMeasure
-from harness.stages.ground_truth.oracle import LEAST_OVERLAP, truth_of
+from harness.stages.ground_truth import LEAST_OVERLAP, truth_of
 from harness.stages.stage_runner import Memo
 from vfoa.geometry import angle_between, box_corners, box_iou
 from vfoa.types import Box3D, Disparity, Float, Instances, Percepts, Person, Scene, Target

@@ -16,12 +16,12 @@ from typing import Any
 
 from harness.files.unchanged import ChangedError, read_unchanged
 from harness.sources import Clip, MeasuredClip, PersonTruth
-from harness.stages.cache.stage import ClipCache, Tally
+from harness.stages.cache import ClipCache, Tally
 from harness.stages.configuration import Configuration
 from harness.stages.drawn import DrawnClip
 from harness.stages.prefetch import prefetch
-from harness.stages.slots import OFF, SLOTS, StageChoice
 from harness.stages.stage_runner import Memo, StageRunner, Timings, guarded
+from harness.stages.stages import OFF, STAGES, StageChoice
 from vfoa.drawn import DrawnSettings
 from vfoa.errors import StageError, VfoaError
 from vfoa.gaze import TemporalGazeModel
@@ -237,7 +237,7 @@ class Perception:
         chosen: dict[str, Any] = {slot: self._stages.get(key) for slot, key in keys.items()}
         for slot in ("stereo", "segmentation", "heads"):
             if chosen[slot] is None:
-                raise VfoaError(f'{slot}.{SLOTS[slot].key}: found "none"; a clip with images needs it')
+                raise VfoaError(f'{slot}.{STAGES[slot].key}: found "none"; a clip with images needs it')
         drawing = self._drawing(configuration)
         drawn = configuration.drawn if drawing else None
         gaze = chosen["gaze"]
@@ -267,7 +267,7 @@ class Perception:
         self._group_of[configuration.name] = group
 
     def _stage(self, choice: StageChoice) -> StageRunner:
-        slot = SLOTS[choice.slot]
+        slot = STAGES[choice.slot]
         name = f'{slot.name}.{slot.key} = "{choice.name}"'
         stored = self._cache.outputs_of(choice, self._tallies) if self._cache else None
         stage = guarded(name, slot.build, choice, self._clip, self._segmenter_thread)
@@ -298,9 +298,9 @@ def pose_frames(
     """
     stages = {
         each.name: {
-            choice.key: SLOTS[choice.slot].stage_class(choice.name)(choice.settings, clip)
+            choice.key: STAGES[choice.slot].stage_class(choice.name)(choice.settings, clip)
             for slot in _DIRECTIONS
-            if (choice := each.choices[slot]) and SLOTS[slot].is_true(choice)
+            if (choice := each.choices[slot]) and STAGES[slot].is_true(choice)
         }
         for each in configurations
     }

@@ -41,7 +41,7 @@ def _computed_ahead(items: Generator[T], depth: int) -> Generator[T]:
 def one_at_a_time(clip: Clip, count: int) -> tuple[Clip, ...]:
     """Return the clip once for each of several threads: only one reads at a time, since a clip need not be thread-safe.
 
-    Each is an object of its own, with its own last ground truth (:func:`harness.stages.ground_truth.oracle.truth_of`).
+    Each is an object of its own, with its own last ground truth (:func:`harness.stages.ground_truth.truth_of`).
     """
     lock = Lock()
     return tuple(cast("Clip", _OneAtATime(clip, lock)) for _ in range(count))

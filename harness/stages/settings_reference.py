@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from harness.stages.configuration import STEPS, TABLES
-from harness.stages.slots import OFF, SLOTS
+from harness.stages.stages import OFF, STAGES
 from vfoa.errors import VfoaError, did_you_mean
 from vfoa.settings import Settings
 
@@ -88,19 +88,19 @@ def settings_tables(only: str | None = None) -> tuple[SettingsTable, ...]:
 
 def choice_names() -> list[str]:
     """Every argument of :func:`settings_tables` that names one choice of a stage or step: ``stereo.sgbm``."""
-    stages = [f"{slot.name}.{name}" for slot in SLOTS.values() for name in slot.names() if name != OFF]
+    stages = [f"{slot.name}.{name}" for slot in STAGES.values() for name in slot.names() if name != OFF]
     return [*stages, *(f"{step}.{method}" for step, methods in STEPS.items() for method in methods if method)]
 
 
 def setting_keys() -> list[str]:
     """Every dotted key that ``--set`` takes, sorted."""
-    choices = {*(f"{slot.name}.{slot.key}" for slot in SLOTS.values()), "attention.method"}
+    choices = {*(f"{slot.name}.{slot.key}" for slot in STAGES.values()), "attention.method"}
     return sorted(choices | {setting.key for table in settings_tables() for setting in table.settings})
 
 
 def _tables_of(table: str) -> Iterator[SettingsTable]:
-    if table in SLOTS:
-        slot = SLOTS[table]
+    if table in STAGES:
+        slot = STAGES[table]
         for name in slot.names():
             if name != OFF:
                 stage = slot.stage_class(name)
@@ -113,7 +113,6 @@ def _tables_of(table: str) -> Iterator[SettingsTable]:
 def _describe(table: str, choice: str, model: type[Settings], summary: str) -> SettingsTable:
     chosen = choice.partition(" = ")[0]
     fields = {name: field for name, field in model.model_fields.items() if name != chosen}
-    meanings = _meanings(model)
     return SettingsTable(
         table=table,
         choice=choice,
@@ -124,7 +123,7 @@ def _describe(table: str, choice: str, model: type[Settings], summary: str) -> S
                 type=_type(field.annotation, field.metadata),
                 unit=_unit(name),
                 default=_default(field),
-                meaning=_plain(field.description) if field.description else meanings.get(name, ""),
+                meaning=_plain(field.description or ""),
             )
             for name, field in fields.items()
         ),
@@ -181,33 +180,6 @@ def _type(annotation: Any, metadata: list[Any]) -> str:
 
 def _first_sentence(thing: Any) -> str:
     return _plain(re.split(r"(?<=\.)\s", inspect.getdoc(thing) or "", maxsplit=1)[0])
-
-
-def _meanings(model: type[BaseModel]) -> dict[str, str]:
-    """Meanings from the docstrings of a settings class and its bases, for fields without a docstring of their own.
-
-    A sentence that names fields in double backquotes is about them. After ``name``: and its sentence, the following
-    sentences of the paragraph that name no field are about it, too.
-    """
-    found: dict[str, list[str]] = {}
-    for base in reversed(model.__mro__):
-        if not issubclass(base, BaseModel) or base in (BaseModel, Settings):
-            continue
-        for paragraph in re.split(r"\n\s*\n", inspect.cleandoc(base.__dict__.get("__doc__") or "")):
-            about: list[str] = []
-            for sentence in re.split(r"(?<=\.)\s+", paragraph):
-                named = [name for name in re.findall(r"``(\w+)(?: = [^`]*)?``", sentence) if name in model.model_fields]
-                for name in dict.fromkeys(named or about):
-                    found.setdefault(name, []).append(_about(sentence, name))
-                defined = named and sentence.startswith(f"``{named[0]}``:")
-                about = [named[0]] if defined else about if not named else []
-    return {name: " ".join(sentences) for name, sentences in found.items()}
-
-
-def _about(sentence: str, name: str) -> str:
-    """Return the sentence in plain text, without the field's own name before a colon."""
-    text = _plain(re.sub(rf"^``{name}``:\s*", "", sentence)).rstrip(".") + "."
-    return text if re.match(r"[a-z0-9]+_", text) or text.startswith(name) else text[0].upper() + text[1:]
 
 
 def _plain(text: str) -> str:

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from harness.stages.cache.stage import StoredOutputs
+from harness.stages.cache import StoredOutputs
 from vfoa.errors import StageError, VfoaError
 from vfoa.settings import Settings
 from vfoa.stereo.region import Region

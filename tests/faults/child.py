@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import harness
-from harness.stages.weights import catalogue
+from harness.stages import weights
 from tests.faults.project import MODEL_SHA256
 from tests.faults.verbs import Writes
 
@@ -151,10 +151,10 @@ def _called(verb: Writes, before: Callable[[], None]) -> int:
 
 def _offer_a_model(address: str) -> None:
     """A catalogue of one model, on a site of this machine."""
-    entry = catalogue.CatalogueEntry(
+    entry = weights.CatalogueEntry(
         file="mine.onnx", task="a test", licence="CC0-1.0", home=address, address=address, sha256=MODEL_SHA256
     )
-    catalogue.catalogue = lambda: {"mine": entry}  # type: ignore[assignment]
+    weights.catalogue = lambda: {"mine": entry}  # type: ignore[assignment]
 
 
 # Faults that are laid on the child

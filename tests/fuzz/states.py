@@ -31,11 +31,9 @@ from harness.sources.recordings.clip import RecordingClip
 from harness.sources.recordings.messages import BY_NAME, MessageType
 from harness.sources.recordings.pixels import read_depth
 from harness.sources.recordings.topics import RecordingSettings
-from harness.stages.cache.identity import Identity, difference
-from harness.stages.cache.stage import StoredOutputs, Tally
-from harness.stages.cache.store import Store
-from harness.stages.cache.values import encode
-from harness.stages.outputs.coco_panoptic import CocoPanoptic, CocoPanopticSettings
+from harness.stages.cache import Identity, StoredOutputs, Tally, difference
+from harness.stages.cache_store import Store, encode
+from harness.stages.outputs.maps import CocoPanoptic, CocoPanopticSettings
 from harness.stages.outputs.write import write_coco_panoptic
 from harness.studio.store import load_pair
 from tests.disk import write_text

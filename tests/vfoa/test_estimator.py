@@ -5,6 +5,7 @@ import math
 import re
 import subprocess
 import sys
+import threading
 import tomllib
 from pathlib import Path
 
@@ -61,10 +62,12 @@ def test_a_follower_segments_key_frames_and_each_sequence_has_its_own(
 ) -> None:
     key_frames = KeyFrameSettings(every=2, delay=delay)
     estimator = vfoa.Estimator(true_stages(percepts, NEAR), reconstruction=PATCH, key_frames=key_frames)
+    before = threading.active_count()
     for _ in range(2):
-        follower = estimator.follow(percepts.rig)
-        found = [follower.step(BLACK, BLACK).percepts.instances.carried_from for _ in range(5)]
+        with estimator.follow(percepts.rig) as follower:
+            found = [follower.step(BLACK, BLACK).percepts.instances.carried_from for _ in range(5)]
         assert found == expected
+    assert threading.active_count() == before
 
 
 def test_the_posterior_follows_with_and_without_times(percepts: Percepts) -> None:

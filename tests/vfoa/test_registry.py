@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.stages.slots import SLOTS
+from harness.stages.stages import STAGES
 from vfoa.errors import VfoaError
 from vfoa.registry import Registry
 
@@ -22,7 +22,7 @@ def test_nothing_is_imported_before_load() -> None:
         registry.load("absent")
 
 
-@pytest.mark.parametrize("slot", SLOTS.values(), ids=lambda slot: slot.name)
+@pytest.mark.parametrize("slot", STAGES.values(), ids=lambda slot: slot.name)
 def test_every_builtin_stage_can_be_loaded_and_has_settings(slot: object) -> None:
     for name in slot.names():  # type: ignore[attr-defined]
         if name != "none":

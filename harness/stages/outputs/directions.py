@@ -26,9 +26,8 @@ from pydantic import Field
 from harness.files.digests import digest_files
 from harness.remote import expand
 from harness.sources import Clip
-from harness.stages.ground_truth.oracle import LEAST_OVERLAP
-from harness.stages.outputs.heads import read_heads
-from harness.stages.outputs.tables import FrameTable, RowIndex, read_table
+from harness.stages.ground_truth import LEAST_OVERLAP
+from harness.stages.outputs.heads import FrameTable, RowIndex, read_heads, read_table
 from vfoa.crops import center
 from vfoa.geometry import box_iou, direction_from_crop, gaze_direction_crop, head_direction_crop, pixel_ray
 from vfoa.settings import Settings

@@ -14,8 +14,7 @@ import numpy as np
 from harness.files.io import atomic_write
 from harness.files.tables import write_rows
 from harness.stages.outputs.directions import DIRECTION, HEAD_ANGLES
-from harness.stages.outputs.heads import BOX, COLUMNS, FACE, LANDMARKS
-from harness.stages.outputs.tables import KEYS
+from harness.stages.outputs.heads import BOX, COLUMNS, FACE, KEYS, LANDMARKS
 from vfoa.errors import VfoaError
 from vfoa.types import Float, Gaze, Head, HeadPose, Instances, Mask, Percepts
 

@@ -13,10 +13,9 @@ from pympi.Elan import Eaf
 
 from harness.annotate.predictions import export_predictions, predicted_heads, predicted_labels
 from harness.labels.formats import FORMATS
-from harness.run.clip_records import read_clip_records
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord
-from harness.run.results import to_line
+from harness.run.results import read_clip_records, to_line
 from tests.command import vfoa
 from tests.disk import write_image, write_text
 from tests.exchanges import SUBJECTS, TARGETS, PlainClip, exchange

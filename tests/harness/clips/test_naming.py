@@ -161,6 +161,15 @@ def test_a_rule_finds_its_instance(choice: dict[str, object], instance: int | No
     assert names_of_targets({"mine": rule}) == expected
 
 
+def test_a_point_is_of_the_thing_it_lies_in_though_the_middle_of_another_one_is_nearer() -> None:
+    wide, narrow = frame(CUPS[:2]).scene.targets
+    wide = replace(wide, box_px=np.array([0.0, 0, 100, 40]))
+    narrow = replace(narrow, box_px=np.array([92.0, 10, 110, 30]))
+    result = FrameResult(scene=Scene(index=0, time_ns=0, targets=(wide, narrow), people=()), attentions=())
+    names, _ = name_frame(result, {}, {"mine": NameRule(category="cup", at_px=(90, 20))}, SubjectNames())
+    assert names.targets == {1: "mine", 2: "cup#2"}
+
+
 def test_a_name_by_category_is_shared_by_those_that_have_no_name_of_their_own() -> None:
     rules = {"cups": NameRule(category="cup"), "middle": NameRule(category="cup", from_left=2)}
     assert names_of_targets(rules) == {1: "cups", 2: "middle", 3: "cups", 4: "book#4"}

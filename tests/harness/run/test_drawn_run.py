@@ -18,12 +18,12 @@ from harness.labels.drawn import KeyFrame, Kind, drawn_of, read_drawn, write_dra
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
-from harness.run.live.runner import run_live
+from harness.run.live import run_live
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from harness.sources import Truth
 from harness.sources.live import PlayedClip
-from harness.stages.cache.store import Store
+from harness.stages.cache_store import Store
 from harness.studio import StudioClip
 from tests.disk import write_text
 from tests.repository import REPOSITORY

@@ -16,7 +16,7 @@ from harness.run.experiment import load_experiment
 from harness.run.records import FrameRecord
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
-from harness.stages.cache.store import Store
+from harness.stages.cache_store import Store
 from tests import graphs
 from tests.disk import write_text
 from vfoa.segmentation.yolo_seg import YoloSeg

@@ -27,7 +27,7 @@ from harness.run.experiment import load_experiment
 from harness.run.loop import run_clip
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
-from harness.stages.cache.store import Store
+from harness.stages.cache_store import Store
 from tests import graphs
 from tests.alley import write_clip, write_masks
 from tests.disk import write_text

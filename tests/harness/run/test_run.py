@@ -22,7 +22,7 @@ from harness.run.experiment import load_experiment
 from harness.run.partial_results import partial_results
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
-from harness.stages.cache.store import Store
+from harness.stages.cache_store import Store
 from harness.stages.outputs.write import write_coco_panoptic
 from tests.disk import HEIGHT, WIDTH, sintel_scene, write_text
 from tests.repository import REPOSITORY

@@ -17,7 +17,7 @@ from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from harness.sources import Clip
 from harness.stages.configuration import Configuration
-from harness.stages.ground_truth.oracle import OracleSettings, TruthSegmenter
+from harness.stages.ground_truth import OracleSettings, TruthSegmenter
 from harness.stages.perception import Perception
 from tests import graphs
 from tests.disk import write_text

@@ -9,8 +9,7 @@ import pytest
 from harness.cli.fit import fit
 from harness.cli.run import experiment_of, run_plainly
 from harness.clips.add import add_clip
-from harness.run.experiment import load_experiment
-from harness.run.fitted_weights import read_fitted
+from harness.run.experiment import load_experiment, read_fitted
 from harness.score.fit_logit import folds_of, with_left_out_weights
 from harness.score.labelled_run import read_labelled
 from tests.command import vfoa

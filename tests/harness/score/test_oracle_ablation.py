@@ -19,7 +19,7 @@ from harness.score.score import score
 from harness.sources import PersonTruth, Truth
 from harness.stages.configuration import StageChoice
 from harness.stages.frame_measures import FrameMeasures
-from harness.stages.ground_truth.oracle import OracleSettings
+from harness.stages.ground_truth import OracleSettings
 from tests.records import answers, labels
 from vfoa.errors import VfoaError
 from vfoa.types import Disparity, Instances

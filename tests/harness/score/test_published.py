@@ -9,7 +9,7 @@ import pytest
 from harness.report.comparisons import reproductions
 from harness.report.write import render_tables
 from harness.run.experiment import load_experiment
-from harness.run.published import Published
+from harness.run.manifest import Published
 from harness.score.outcomes import Reference
 from harness.score.score import score
 from tests.disk import write_text

@@ -23,11 +23,11 @@ from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from harness.run.executors.cluster import local_cluster
 from harness.run.experiment import load_experiment
-from harness.run.live.runner import run_live
+from harness.run.live import run_live
 from harness.run.results import read_results
 from harness.run.runner import prepare, run_plan
 from harness.sources.live import Arrival
-from harness.stages.cache.store import Store
+from harness.stages.cache_store import Store
 from harness.stages.stage_runner import StageRunner
 from tests import graphs
 from tests.alley import write_clip, write_masks
@@ -243,7 +243,7 @@ def test_a_fault_of_attention_is_one_line_too(
         _run(experiment, tmp_path / "run")
 
 
-@pytest.mark.parametrize("place", ["harness.run.loop.name_frame", "harness.stages.cache.stage.encode"])
+@pytest.mark.parametrize("place", ["harness.run.loop.name_frame", "harness.stages.cache.encode"])
 def test_a_bug_of_the_harness_is_not_taken_for_one_of_a_stage(
     place: str, experiment: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -10,10 +10,10 @@ import pytest
 
 from harness.clips.manifest import load_manifest
 from harness.run.experiment import load_experiment
-from harness.stages.cache.stage import Tally, open_cache
-from harness.stages.cache.store import Store
-from harness.stages.slots import SLOTS
+from harness.stages.cache import Tally, open_cache
+from harness.stages.cache_store import Store
 from harness.stages.stage_runner import Memo, StageRunner, Timings, timed
+from harness.stages.stages import STAGES
 from tests.calls import calls_to_match
 from vfoa.tracking import TrackingSettings
 
@@ -94,7 +94,7 @@ def test_a_stored_output_that_is_another_frames_or_none_is_computed_again(damage
     choice = first.choices["stereo"]
     assert choice is not None
     tallies: dict[str, Tally] = {}
-    matcher = SLOTS["stereo"].build(choice, clip)
+    matcher = STAGES["stereo"].build(choice, clip)
     stored = cache.outputs_of(choice, tallies)
     runner = StageRunner(matcher, slot="stereo", name="bm", stored=stored)
     expected = {number: runner.match(clip.frame(number)).disparity_px for number in (1, 2)}

@@ -11,7 +11,7 @@ from harness.labels.files import read_annotations
 from harness.labels.labels import IGNORED
 from harness.sources.measured.tables import write_measured
 from harness.sources.measured.vr_objects import VrObjectsClip
-from harness.stages.ground_truth.oracle import true_labels
+from harness.stages.ground_truth import true_labels
 from tests.measured import open_measured, vr_session
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between

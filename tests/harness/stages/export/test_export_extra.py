@@ -14,7 +14,7 @@ from vfoa.errors import VfoaError
 def test_without_the_extra_its_name_is_told(package: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, package, None)
     monkeypatch.delitem(sys.modules, "harness.stages.export.gaze360", raising=False)
-    monkeypatch.delitem(sys.modules, "harness.stages.export.resnet", raising=False)
+    monkeypatch.delitem(sys.modules, "harness.stages.export.gaze360", raising=False)
     (tmp_path / "model.pth.tar").write_bytes(b"")
     arguments = ["--checkpoint", str(tmp_path / "model.pth.tar"), "--out", str(tmp_path / "gaze360.onnx")]
     found = CliRunner().invoke(app, ["export", "gaze360", *arguments])

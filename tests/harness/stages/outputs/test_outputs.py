@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from harness.sources.media.maps import read_disparity, read_pfm, relabel, small_ids
 from harness.sources.sintel import SintelClip, SintelSettings
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
-from harness.stages.outputs.coco_panoptic import CocoPanoptic, CocoPanopticSettings
-from harness.stages.outputs.disparity import FileMatcher, FileMatcherSettings
+from harness.stages.outputs.maps import CocoPanoptic, CocoPanopticSettings, FileMatcher, FileMatcherSettings
 from tests.disk import (
     HEIGHT,
     WIDTH,

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.stages.outputs.coco_panoptic import CocoPanoptic, CocoPanopticSettings
+from harness.stages.outputs.maps import CocoPanoptic, CocoPanopticSettings
 from harness.stages.outputs.write import write_coco_panoptic
 from tests.mirror import frame_of
 from vfoa.errors import VfoaError

@@ -11,8 +11,13 @@ from pydantic import ValidationError
 
 from harness.labels.labels import Label
 from harness.sources import PersonTruth, Truth
-from harness.stages.ground_truth.oracle import (
+from harness.stages.ground_truth import (
+    AngularError,
     OracleSettings,
+    SimulatedGaze,
+    SimulatedGazeSettings,
+    SimulatedHeadPose,
+    SimulatedHeadPoseSettings,
     TruthGaze,
     TruthHeadPose,
     TruthHeads,
@@ -21,14 +26,7 @@ from harness.stages.ground_truth.oracle import (
     true_labels,
     truth_of,
 )
-from harness.stages.ground_truth.simulated import (
-    AngularError,
-    SimulatedGaze,
-    SimulatedGazeSettings,
-    SimulatedHeadPose,
-    SimulatedHeadPoseSettings,
-)
-from harness.stages.slots import SLOTS
+from harness.stages.stages import STAGES
 from tests.examples import few
 from vfoa.errors import VfoaError
 from vfoa.geometry import angle_between, unit
@@ -303,7 +301,7 @@ class TestSimulated:
 
     def test_every_clip_of_a_run_has_errors_of_its_own_unless_they_share_a_draw(self) -> None:
         def chosen(table: dict[str, Any], clip: str) -> str:
-            choice = SLOTS["gaze"].parse({"model": "simulated", **table}, "x")
+            choice = STAGES["gaze"].parse({"model": "simulated", **table}, "x")
             assert choice is not None
             return choice.for_clip(clip).key
 

@@ -26,14 +26,13 @@ from harness.record import viewer
 from harness.report.sinks import recordings
 from harness.run.directory import RunDirectory
 from harness.run.experiment import Experiment, load_experiment
-from harness.run.live.newest import Newest
-from harness.run.live.runner import LiveReport, run_live
+from harness.run.live import LiveReport, Newest, run_live
 from harness.run.results import read_results
 from harness.sources.live import Arrival, CameraPair, LiveSource, PlayedClip
 from harness.sources.recordings.mcap_tail import McapTail, follow_records
 from harness.sources.recordings.topics import RecordingSettings
 from harness.sources.stereo_folder import StereoFolderClip, StereoFolderSettings
-from harness.stages.slots import SLOTS
+from harness.stages.stages import STAGES
 from tests.alley import write_masks
 from tests.disk import HEIGHT, WIDTH, moving_picture, picture, sintel_scene, write_text, write_video
 from tests.harness.record.test_viewer import needs_vulkan
@@ -194,7 +193,7 @@ def test_a_failing_stage_ends_the_run_although_the_source_waits(experiment: Expe
     manifest = {"name": "alley", "adapter": "sintel", "root": str(root), "source": {"scene": "alley"}}
     source = Stalling(make_manifest(manifest, tmp_path / "alley.toml").open())  # type: ignore[arg-type]
     (configuration,) = experiment.configurations
-    heads = SLOTS["heads"].parse({"detector": "truth"}, "test")  # which a live frame does not know
+    heads = STAGES["heads"].parse({"detector": "truth"}, "test")  # which a live frame does not know
     failing = replace(configuration, choices={**configuration.choices, "heads": heads})
     with pytest.raises(VfoaError, match=r"heads|people"):
         _run(source, replace(experiment, configurations=(failing,)), tmp_path / "run", threads=2)

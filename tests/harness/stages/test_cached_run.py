@@ -11,7 +11,7 @@ import pytest
 from harness.run.directory import RunDirectory
 from harness.run.experiment import load_experiment
 from harness.run.runner import prepare, run_plan
-from harness.stages.cache.store import Store
+from harness.stages.cache_store import Store
 from tests import graphs
 from tests.command import vfoa
 from tests.disk import write_text

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.run.clip_records import read_clip_records
-from harness.run.results import to_line
+from harness.run.results import read_clip_records, to_line
 from tests.disk import write_text
 from tests.records import frame_record
 from vfoa.errors import VfoaError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import vonmises_fisher
 
-from harness.stages.ground_truth.simulated import AngularError, SimulatedGazeSettings
+from harness.stages.ground_truth import AngularError, SimulatedGazeSettings
 from vfoa.geometry import angle_between, unit
 
 TRUE = unit(np.array([0.3, -0.2, -1.0]))

@@ -14,11 +14,18 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from harness.cli.models import app
-from harness.stages.slots import SLOTS, StageChoice
-from harness.stages.weights import catalogue as models
-from harness.stages.weights.catalogue import CatalogueEntry, catalogue, fetch_model, find_model
-from harness.stages.weights.check import check_model, signature
-from harness.stages.weights.readiness import locate_weights, ready_stages
+from harness.stages import weights as models
+from harness.stages.stages import STAGES, StageChoice
+from harness.stages.weights import (
+    CatalogueEntry,
+    catalogue,
+    check_model,
+    fetch_model,
+    find_model,
+    locate_weights,
+    ready_stages,
+    signature,
+)
 from tests import graphs
 from tests.web import Site, serve
 from vfoa.errors import VfoaError
@@ -96,7 +103,7 @@ def test_every_entry_names_a_stage_that_exists_and_what_it_needs_to_be_run() -> 
         if entry.is_onnx:
             assert entry.stage is not None, name
             slot, stage = entry.stage.split(".")
-            assert stage in SLOTS[slot].library.names(), name
+            assert stage in STAGES[slot].library.names(), name
             assert entry.outputs, name
             opened = {length for shape in entry.inputs.values() for length in shape if isinstance(length, str)}
             assert opened == set(entry.sizes), name
@@ -303,7 +310,7 @@ def test_what_cannot_be_fetched_does_not_stop_the_others(
 
 
 def chosen(**tables: dict[str, Any]) -> list[StageChoice]:
-    choices = [SLOTS[slot].parse(table, "test") for slot, table in tables.items()]
+    choices = [STAGES[slot].parse(table, "test") for slot, table in tables.items()]
     return [choice for choice in choices if choice]
 
 
@@ -333,7 +340,7 @@ def test_a_missing_network_names_one_that_is_here_and_the_options_it_names_are_t
             (tmp_path / "given" / find_model(here).file).touch()
         with pytest.raises(VfoaError, match=re.escape(options)):
             locate_weights(wanted)
-    (stage,) = (each for each in ready_stages(SLOTS["segmentation"]) if each.name == "yolo_seg")
+    (stage,) = (each for each in ready_stages(STAGES["segmentation"]) if each.name == "yolo_seg")
     table = dict(setting.removeprefix("segmentation.").split("=") for setting in stage.settings)
     assert locate_weights(chosen(segmentation=table)).keys() == {"yolov8n-seg_int8.onnx"}
 

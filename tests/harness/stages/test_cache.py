@@ -9,9 +9,9 @@ import pytest
 
 from harness.files.code_digest import code_of
 from harness.run.experiment import load_experiment
-from harness.stages.cache import values
-from harness.stages.cache.identity import Source, difference, identify
-from harness.stages.slots import StageChoice
+from harness.stages import cache_store
+from harness.stages.cache import Source, difference, identify
+from harness.stages.stages import StageChoice
 from tests.disk import write_text
 from vfoa.errors import VfoaError
 
@@ -43,7 +43,7 @@ def test_every_part_makes_another_identity_but_the_clips_name() -> None:
 
 def test_results_of_another_format_are_not_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = identify(_choice("stereo"), CLIP)
-    monkeypatch.setattr(values, "__file__", str(write_text(tmp_path / "values.py", "# every array in Fortran's order")))
+    monkeypatch.setattr(cache_store, "__file__", str(write_text(tmp_path / "values.py", "# another order")))
     after = identify(_choice("stereo"), CLIP)
     assert before is not None
     assert after is not None

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 DRAWN = "drawn"
 """The name of the stages that use only the shapes drawn on the clip."""
 OFF = "none"
-"""The name that switches a stage off. Without matcher, segmentation or heads, only clips of measurements can be run."""
+"""The name that switches a stage off. Clips with images need a matcher, segmentation and heads."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Slot:
+class StageKind:
     """One place in the pipeline: its table in a configuration, the key that selects a stage, and the stages."""
 
     name: str
@@ -144,58 +144,58 @@ class StageChoice:
 
     def plain(self) -> dict[str, Any]:
         """Return the choice as JSON values, with every default."""
-        return {SLOTS[self.slot].key: self.name, **self.settings.model_dump(mode="json")}
+        return {STAGES[self.slot].key: self.name, **self.settings.model_dump(mode="json")}
 
 
-SLOTS: dict[str, Slot] = {
+STAGES: dict[str, StageKind] = {
     slot.name: slot
     for slot in (
-        Slot(
+        StageKind(
             name="stereo",
             key="matcher",
             library=vfoa.stereo.MATCHERS,
             of_clip={
-                "truth": "harness.stages.ground_truth.oracle:TruthMatcher",
-                "files": "harness.stages.outputs.disparity:FileMatcher",
+                "truth": "harness.stages.ground_truth:TruthMatcher",
+                "files": "harness.stages.outputs.maps:FileMatcher",
             },
         ),
-        Slot(
+        StageKind(
             name="segmentation",
             key="model",
             library=vfoa.segmentation.SEGMENTERS,
             of_clip={
-                "truth": "harness.stages.ground_truth.oracle:TruthSegmenter",
-                "coco_panoptic": "harness.stages.outputs.coco_panoptic:CocoPanoptic",
+                "truth": "harness.stages.ground_truth:TruthSegmenter",
+                "coco_panoptic": "harness.stages.outputs.maps:CocoPanoptic",
                 DRAWN: "harness.stages.drawn:DrawnMasks",
             },
         ),
-        Slot(
+        StageKind(
             name="heads",
             key="detector",
             library=vfoa.heads.DETECTORS,
             of_clip={
-                "truth": "harness.stages.ground_truth.oracle:TruthHeads",
+                "truth": "harness.stages.ground_truth:TruthHeads",
                 "files": "harness.stages.outputs.heads:FileHeads",
                 DRAWN: "harness.stages.drawn:DrawnHeads",
             },
         ),
-        Slot(
+        StageKind(
             name="head_pose",
             key="model",
             library=vfoa.head_pose.MODELS,
             of_clip={
-                "truth": "harness.stages.ground_truth.oracle:TruthHeadPose",
-                "simulated": "harness.stages.ground_truth.simulated:SimulatedHeadPose",
+                "truth": "harness.stages.ground_truth:TruthHeadPose",
+                "simulated": "harness.stages.ground_truth:SimulatedHeadPose",
                 "files": "harness.stages.outputs.directions:FileHeadPose",
             },
         ),
-        Slot(
+        StageKind(
             name="gaze",
             key="model",
             library=vfoa.gaze.MODELS,
             of_clip={
-                "truth": "harness.stages.ground_truth.oracle:TruthGaze",
-                "simulated": "harness.stages.ground_truth.simulated:SimulatedGaze",
+                "truth": "harness.stages.ground_truth:TruthGaze",
+                "simulated": "harness.stages.ground_truth:SimulatedGaze",
                 "files": "harness.stages.outputs.directions:FileGaze",
             },
         ),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from harness.stages.cache.store import Store, cache_limit
+from harness.stages.cache_store import Store, cache_limit
 from vfoa.errors import VfoaError
 
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from harness.stages.cache.values import content_digest, decode, encode
+from harness.stages.cache_store import content_digest, decode, encode
 from vfoa.types import Disparity, Gaze, Head, HeadPose, Instance, Instances
 
 

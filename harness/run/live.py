@@ -1,14 +1,19 @@
-"""A live run: one configuration on the newest frames of a source, recorded like any other run."""
+"""A live run: one configuration on the newest frames of a source, recorded like any other run.
+
+Frames that arrive while one is processed are dropped and counted.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 import statistics
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import time
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from threading import Event
+from threading import Condition, Event, Thread
 from typing import Any, Self
 
 from harness.clips.manifest import ClipManifest
@@ -18,16 +23,159 @@ from harness.run.directory import RunDirectory
 from harness.run.executors.contract import MOST_THREADS, compute_with
 from harness.run.experiment import Experiment
 from harness.run.frame_sink import FinishedFrame, SinkContext, SinkFactory
-from harness.run.live.clip import Latency, LiveClip
-from harness.run.live.newest import Newest
 from harness.run.loop import attend_to
 from harness.run.partial_results import ResultsSinks
-from harness.run.plan import Plan, PreparedClip, describe, drawn_on, said_of_drawn
+from harness.run.plan import Plan, PreparedClip, describe, drawn_on, note_on_drawn
 from harness.run.runner import circumstances, now
-from harness.sources.live import LiveSource
+from harness.sources import Truth
+from harness.sources.live import Arrival, LiveSource
 from harness.stages.perception import Perception
 from harness.stages.prefetch import prefetch
 from vfoa.errors import VfoaError
+from vfoa.types import StereoFrame
+
+
+class Newest:
+    """Reads a source in a thread and gives the caller the newest frame; earlier ones are dropped and counted."""
+
+    def __init__(self, source: LiveSource, stopped: Event) -> None:
+        self._source = source
+        self._dropped = 0
+        self._changed = Condition()
+        self._waiting: Arrival | None = None
+        self._ended = False
+        self._error: BaseException | None = None
+        self._thread = Thread(target=self._read, args=(stopped,), daemon=True)
+
+    def __iter__(self) -> Iterator[tuple[Arrival, int]]:
+        """Yield the newest frame each time one is requested, and the number of frames dropped since the one before.
+
+        Ends when the source ends, and raises its error.
+        """
+        self._thread.start()
+        while (taken := self._take()) is not None:
+            yield taken
+        self._thread.join()
+        if self._error is not None:
+            raise self._error
+
+    def begin(self) -> None:
+        """Begin to count dropped frames."""
+        with self._changed:
+            self._dropped = 0
+        self._source.begin()
+
+    def _take(self) -> tuple[Arrival, int] | None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting is not None or self._ended)
+            arrival, dropped = self._waiting, self._dropped
+            self._waiting, self._dropped = None, 0
+            return None if arrival is None else (arrival, dropped)
+
+    def _read(self, stopped: Event) -> None:
+        try:
+            for arrival in self._source.arrivals(stopped):
+                with self._changed:
+                    self._dropped += self._waiting is not None
+                    self._waiting = arrival
+                    self._changed.notify()
+        except BaseException as error:  # the thread that waits for a frame must know
+            self._error = error
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Latency:
+    """Latency of one frame: milliseconds from its arrival to the end of all processing, and the frames that it cost.
+
+    ``dropped_before`` counts the frames that arrived and were dropped since the one before.
+    """
+
+    frame: int
+    latency_ms: float
+    dropped_before: int
+
+
+class LiveClip:
+    """A live source as the pipeline reads it (:class:`harness.sources.Clip`, but only in the order of the source).
+
+    :meth:`numbers` waits for the newest frame, which can be read until the next one is requested. A damaged frame is
+    skipped and counted.
+    """
+
+    def __init__(self, newest: Newest, rate_hz: float | None) -> None:
+        self.rate_hz = rate_hz
+        self.latencies: list[Latency] = []
+        self.damaged: list[str] = []
+        self.notes: tuple[str, ...] = ()
+        self._newest = newest
+        self._frames: dict[int, StereoFrame] = {}
+        self._underway: dict[int, tuple[Arrival, int]] = {}
+        self._times_ns: dict[int, int] = {}
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """Numbers of the frames taken so far."""
+        return tuple(self._times_ns)
+
+    def numbers(self, rehearse: Callable[[int], None], limit: int | None = None) -> Generator[int]:
+        """Yield the number of each frame that is taken, when it has arrived; at most ``limit`` of them.
+
+        ``rehearse`` is called with the first one: things loaded at first use take seconds, and the frames that arrive
+        meanwhile do not count as dropped. The first frame is taken again only if no other arrives.
+        """
+        first: Arrival | None = None
+        for arrival, dropped in self._newest:
+            is_whole = self._read(arrival)
+            if first is None:
+                first = arrival
+                if is_whole:
+                    rehearse(arrival.number)
+                self._newest.begin()
+            elif is_whole:
+                yield self._take(arrival, dropped)
+                if limit is not None and len(self._times_ns) >= limit:
+                    return
+        if first is not None and not self._times_ns and first.number in self._frames:
+            yield self._take(first, 0)
+
+    def _read(self, arrival: Arrival) -> bool:
+        """Decode a frame; return False if it is damaged."""
+        try:
+            self._frames = {arrival.number: arrival.read()}
+        except VfoaError as error:
+            self.damaged.append(str(error))
+            return False
+        return True
+
+    def _take(self, arrival: Arrival, dropped: int) -> int:
+        self._times_ns[arrival.number] = arrival.time_ns
+        self._underway[arrival.number] = arrival, dropped
+        return arrival.number
+
+    def done(self, number: int) -> None:
+        """Note the time at which a frame was done."""
+        arrival, dropped = self._underway.pop(number)
+        latency_ms = 1e3 * (time.monotonic() - arrival.arrived_s)
+        self.latencies.append(Latency(frame=number, latency_ms=latency_ms, dropped_before=dropped))
+
+    def time_ns(self, number: int) -> int:
+        """Time of a frame, as given by the source."""
+        return self._times_ns[number]
+
+    def frame(self, number: int) -> StereoFrame:
+        """Return the frame that was taken last."""
+        return self._frames[number]
+
+    def truth(self, number: int) -> Truth:
+        """A live source has no ground truth."""
+        return Truth()
+
+    def digest(self) -> str:
+        """Digest of the frames' numbers and times: the frames themselves are gone."""
+        return hashlib.sha256(repr(list(self._times_ns.items())).encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +238,7 @@ def run_live(
         raise VfoaError(f"{directory.path}: holds a run already; a live run cannot continue it: choose another --out")
     drawn = drawn_on(manifest, frames, experiment)
     if drawn is not None:
-        experiment = replace(experiment, notes=(*experiment.notes, said_of_drawn(manifest.name, drawn)))
+        experiment = replace(experiment, notes=(*experiment.notes, note_on_drawn(manifest.name, drawn)))
     started, sinks = now(), tuple(sinks)
     compute_with(min(threads, MOST_THREADS))
     (configuration,) = experiment.configurations

@@ -1,1 +1,0 @@
-"""Live runs: process the newest frame of a source, and drop those that arrive meanwhile."""

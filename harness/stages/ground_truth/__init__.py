@@ -1,1 +1,0 @@
-"""Stages that return the ground truth, exactly or with an error of known size."""

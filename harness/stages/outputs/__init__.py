@@ -1,1 +1,0 @@
-"""Stages that read outputs of other programs from files."""

@@ -1,1 +1,0 @@
-"""Learned models: the catalogue, downloads, and checks of their files."""
