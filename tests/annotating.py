@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.annotate.server import PageServer
+from harness.annotate.app import PageServer
 from harness.annotate.session import Session
 from harness.labels.labels import IGNORED, Label, Labels, ranges_of
 from harness.run.records import FrameRecord

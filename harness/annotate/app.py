@@ -1,10 +1,20 @@
-"""The routes of the labelling page: the page's own files, pictures by position, and the labels as JSON."""
+"""The labelling page's server: the page's own files, pictures by position, and the labels as JSON.
+
+Its port and token are stored for a day: an open page finds the server again after a restart.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
+import os
+import secrets
+import time
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from importlib import resources
-from typing import Any, Literal, get_args
+from pathlib import Path
+from typing import Any, get_args
 
 from pydantic import Field, ValidationError
 from starlette.applications import Starlette
@@ -14,65 +24,20 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
-from harness.annotate.drawing import Draw
-from harness.annotate.journaled import OutsideClipError, StaleRevisionError
-from harness.annotate.pictures import RegionPx, View
+from harness.annotate.actions import Action
+from harness.annotate.journal import OutsideClipError, StaleRevisionError
 from harness.annotate.session import Session
+from harness.annotate.views import RegionPx, View
 from harness.clips.naming import NameRule
+from harness.files.cache import cache_root
+from harness.server.local_server import LocalServer
 from vfoa.errors import VfoaError
 from vfoa.settings import Settings
 
+_LONGEST_S = 24 * 3600
+_PATIENCE_S = 20
+"""Longest time for a frame that must first be rendered or decoded, seconds."""
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-
-
-class Change(Settings):
-    """A person's action; ``kind`` decides which of the other values are needed. ``draw`` is one on the image.
-
-    A change that is sent again under the same ``id``, because its answer was lost, is not applied twice.
-    """
-
-    kind: Literal[
-        "look", "range", "clear", "nudge", "move", "accept", "confirm", "note", "seen", "draw", "undo", "redo"
-    ]
-    id: str = Field(default="", max_length=64)
-    subject: str = ""
-    at: int = 0
-    last: int = 0
-    by: int = 0
-    target: str | None = None
-    point_px: tuple[float, float] | None = None
-    attention: float = 1.0
-    note: str = ""
-    draw: Draw | None = None
-
-    def make(self, session: Session) -> None:
-        """Apply the change to the present state."""
-        revision, drawn = session.revisions
-        match self.kind:
-            case "look":
-                session.look(revision, self.subject, self.at, self.target or "", self.point_px)
-            case "range":
-                session.mark_range(revision, self.subject, self.at, self.last, self.target)
-            case "clear":
-                session.clear(revision, self.subject, self.at)
-            case "nudge":
-                session.nudge(revision, self.subject, self.at, self.by)
-            case "move":
-                session.move_change(revision, self.subject, self.at, self.last)
-            case "accept":
-                session.accept(revision, self.subject, self.attention)
-            case "confirm":
-                session.confirm(revision, self.subject, self.at)
-            case "note":
-                session.annotate(revision, self.subject, self.at, self.note)
-            case "seen":
-                session.see(self.subject, self.at)
-            case "draw":
-                session.draw((self.draw or Draw(do="key")).model_copy(update={"revision": drawn, "id": self.id}))
-            case "undo":
-                session.undo()
-            case "redo":
-                session.redo()
 
 
 class Changes(Settings):
@@ -80,10 +45,10 @@ class Changes(Settings):
 
     revision: int = 0
     drawn: int = 0
-    changes: list[Change] = Field(max_length=1000)
+    changes: list[Action] = Field(max_length=1000)
 
     def make(self, session: Session) -> None:
-        """Apply all changes that were not applied before.
+        """Make all actions that were not made before.
 
         Raises
         ------
@@ -102,7 +67,7 @@ class Changes(Settings):
         for each in rest:
             with session.once(each.id) as is_new:
                 if is_new:
-                    each.make(session)
+                    session.make(each)
 
 
 class Shown(Settings):
@@ -144,6 +109,70 @@ class DeletedTarget(Settings):
     to: str | None = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Address:
+    """Port and token of a page; port 0 is any free port."""
+
+    port: int
+    token: str
+
+
+class PageServer(LocalServer):
+    """Serves one clip's page; the port is taken when the server is made.
+
+    Parameters
+    ----------
+    port
+        0: any that is free.
+    before
+        The page's last address: the same token, and the same port if it is free and no other is requested.
+
+    Raises
+    ------
+    VfoaError
+        If the port is taken.
+    """
+
+    def __init__(self, session: Session, port: int = 0, before: Address | None = None) -> None:
+        address = before or Address(port=0, token=secrets.token_urlsafe(24))
+        app = create_app(session)
+        try:
+            super().__init__(app, port or address.port, patience_s=_PATIENCE_S, token=address.token)
+        except VfoaError:
+            if port or not address.port:
+                raise
+            super().__init__(app, patience_s=_PATIENCE_S, token=address.token)
+        self.parts = Address(port=self.port, token=address.token)
+
+
+def last_address(labels: Path) -> Address | None:
+    """Return the last page's address for an annotation file; None if there was none within a day."""
+    file = _address_file(labels)
+    try:
+        if time.time() - file.stat().st_mtime < _LONGEST_S:
+            return Address(**json.loads(file.read_text()))
+    except (OSError, ValueError, TypeError):
+        pass  # only the address is lost
+    return None
+
+
+def remember(labels: Path, address: Address) -> None:
+    """Store the address so that only this user can read it. If that fails, the next address is a new one."""
+    file = _address_file(labels)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        file.unlink(missing_ok=True)
+        with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as opened:
+            json.dump(asdict(address), opened)
+    except OSError:
+        pass
+
+
+def _address_file(labels: Path) -> Path:
+    name = hashlib.sha256(os.fsencode(labels.resolve())).hexdigest()[:24]
+    return cache_root() / "annotate" / f"{name}.json"
+
+
 def create_app(session: Session) -> Starlette:
     """Return the application for one clip, to be served by a :class:`harness.server.local_server.LocalServer`."""
     files = {path.name: path.read_bytes() for path in (resources.files(__package__) / "page").iterdir()}
@@ -173,7 +202,7 @@ def create_app(session: Session) -> Starlette:
 
     def change(body: bytes) -> Response:
         asked = Changes.model_validate_json(body)
-        with session.changing():
+        with session.changing:
             names = session.manifest
             try:
                 asked.make(session)

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 
-from harness.annotate.drawing import DrawingStore
-from harness.annotate.store import LabelStore
+from harness.annotate.drawing_store import DrawingStore
+from harness.annotate.label_store import LabelStore
 from harness.clips.manifest import ClipManifest
 from harness.files.folders import came_with_program
 from harness.labels.files import read_annotations, target_names

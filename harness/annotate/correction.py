@@ -1,18 +1,39 @@
-"""Correct one label through the store, and score the run again."""
+"""Correct labels of a run's clip through the store, and score the run again; the form for it in a served report.
+
+The form has no scripts. It is at ``/label?clip=CLIP&subject=SUBJECT&frame=N``, and posted to the same path.
+"""
 
 from __future__ import annotations
 
+import re
+import threading
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
+from urllib.parse import parse_qsl
 
-from harness.annotate import edits
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, PlainTextResponse, Response
+from starlette.routing import Route
+
+from harness.annotate.actions import mark_range
 from harness.annotate.clip_stores import open_store
 from harness.clips.manifest import load_manifest
 from harness.labels.timeline import timeline_of
 from harness.report.write import rescore
 from harness.run.directory import RunDirectory
 from vfoa.errors import VfoaError, did_you_mean
+
+PATH = "/label"
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+_NUMBER = re.compile(r"-?[0-9]{1,18}")
+_STYLE = (
+    "body{font:16px/1.5 system-ui;max-width:36rem;margin:2rem auto;padding:0 1rem;color-scheme:light dark}"
+    "label{display:block;margin:.6rem 0}"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,7 +87,7 @@ def correct(directory: RunDirectory, correction: Correction) -> Path:
     for frame in (correction.first, correction.last):
         if frame not in frames:
             raise VfoaError(f"{correction.clip}: no frame {frame}; expected {frames[0]} to {frames[-1]}")
-    stretch = edits.mark_range(frames.index(correction.first), frames.index(correction.last), correction.target)
+    stretch = mark_range(frames.index(correction.first), frames.index(correction.last), correction.target)
     with closing(open_store(manifest, directory.read_manifest().get("annotator"), timeline)) as store:
         store.put(store.revision, correction.subject, stretch)
         path = store.path
@@ -80,3 +101,72 @@ def _place(directory: RunDirectory, clip: str) -> str:
     if clip not in places:
         raise VfoaError(f"{directory.path}: no clip {clip!r}; {did_you_mean(clip, places)}")
     return places[clip] if Path(places[clip]).is_file() else clip
+
+
+def correction_routes(directory: RunDirectory) -> list[Route]:
+    """Routes of the form for any label of a run's clips: it writes the labels and scores the run again."""
+    one_at_a_time = threading.Lock()
+
+    def show(request: Request) -> Response:
+        given = request.query_params
+        clip, subject, frame = (_given(given, key) for key in ("clip", "subject", "frame"))
+        return _page(_form(clip, subject, _number(frame, "frame"), choices(directory, clip, subject)))
+
+    def change(given: Mapping[str, str]) -> Response:
+        correction = Correction(
+            clip=_given(given, "clip"),
+            subject=_given(given, "subject"),
+            target=_given(given, "target"),
+            first=_number(_given(given, "first"), "first"),
+            last=_number(_given(given, "last"), "last"),
+        )
+        with one_at_a_time:
+            path = correct(directory, correction)
+        done = f"{correction}. Written to {path.name}; tables, page and recordings are updated."
+        return _page(f'<p>{escape(done)}</p><p><a href="/">Back to the report</a></p>')
+
+    async def answer(request: Request) -> Response:
+        try:
+            if request.method != "POST":
+                return await run_in_threadpool(show, request)
+            body = (await request.body()).decode("utf-8", errors="replace")
+            return await run_in_threadpool(change, dict(parse_qsl(body, max_num_fields=20)))
+        except (VfoaError, ValueError) as error:
+            return PlainTextResponse(f"{error}\n", status_code=400)
+
+    return [Route(PATH, answer, methods=["GET", "POST"])]
+
+
+def _given(given: Mapping[str, str], key: str) -> str:
+    if not given.get(key):
+        raise VfoaError(f"{key}: expected a value, found none")
+    return given[key]
+
+
+def _number(text: str, key: str) -> int:
+    if not _NUMBER.fullmatch(text):
+        raise VfoaError(f"{key}: expected a number, found {text!r}")
+    return int(text)
+
+
+def _form(clip: str, subject: str, frame: int, targets: tuple[str, ...]) -> str:
+    options = "".join(f"<option>{escape(name)}</option>" for name in targets)
+    hidden = "".join(
+        f'<input type="hidden" name="{name}" value="{escape(value)}">'
+        for name, value in (("clip", clip), ("subject", subject))
+    )
+    return (
+        f"<p>{escape(clip)}, frame {frame}: what does {escape(subject)} look at?</p>"
+        f'<form method="post" action="{PATH}">{hidden}'
+        f'<label>Target <select name="target" required><option value="">choose</option>{options}</select></label>'
+        f'<label>From frame <input name="first" type="number" value="{frame}" required></label>'
+        f'<label>to frame <input name="last" type="number" value="{frame}" required></label>'
+        "<button>Write the label</button></form>"
+        "<p>It can be undone in the labelling page. The run is scored again.</p>"
+    )
+
+
+def _page(body: str) -> Response:
+    head = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>Label</title><style>{_STYLE}</style>'
+    content = f"{head}<h1>The label is wrong</h1>{body}</html>"
+    return HTMLResponse(content, headers={"Content-Security-Policy": _POLICY})

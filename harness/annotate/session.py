@@ -3,33 +3,30 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-from harness.annotate import edits, pictures, targets
+from harness.annotate import targets
+from harness.annotate.actions import Action, edited
 from harness.annotate.clip_stores import open_drawing, open_store, with_others
-from harness.annotate.drawing import Draw, DrawingStore
-from harness.annotate.history import Step
-from harness.annotate.marks import stretch_at
-from harness.annotate.store import LabelStore
+from harness.annotate.drawing_store import DrawingStore
+from harness.annotate.label_store import LabelStore
 from harness.annotate.suggestions import Block, Predictions, advice
-from harness.annotate.target_change import TargetChange, finish_change
-from harness.annotate.views import Views
-from harness.clips.manifest import ClipManifest, known_categories, load_manifest, make_manifest
+from harness.annotate.targets import TargetChange, finish_change
+from harness.annotate.views import RegionPx, View, Views
+from harness.clips.manifest import ClipManifest, known_categories, load_manifest
 from harness.clips.naming import COLOURS, KEYS, NameRule, looks
 from harness.files.digests import digest_files
 from harness.files.folders import came_with_program
 from harness.files.io import read_bytes
-from harness.files.parsing import parse_toml
 from harness.labels.labels import RESERVED, TO_DECIDE
 from harness.labels.timeline import timeline_of
 from harness.sources import Clip
 from vfoa.errors import VfoaError
-from vfoa.validation import parse
 
 
 class Session:
@@ -73,11 +70,10 @@ class Session:
         self._frames = tuple(self._clip.frames)
         if not self._frames:
             raise VfoaError(f"{self.manifest.path}: the clip has no frames")
-        self._request = ""
         self._run, self._configuration = run, configuration
         self._annotator, self._blind, self._uncertain_first = annotator, blind, uncertain_first
         self._predictions = Predictions(run, self.manifest, configuration) if run else None
-        self._reading, self._changing = threading.Lock(), threading.RLock()
+        self._reading, self.changing = threading.Lock(), threading.RLock()
         self._timeline = timeline_of(self._clip)
         self.manifest = finish_change(self.manifest, self._timeline)
         self._views = Views(self._clip, self.manifest, self._predictions)
@@ -141,31 +137,20 @@ class Session:
 
     def state(self) -> dict[str, Any]:
         """The labels as JSON, read again if another program has changed the file."""
-        with self._changing:
+        with self.changing:
             self._store.refresh()
             can = {f"can_{kind}": self._next(kind) is not None for kind in ("undo", "redo")}
             return {**self._store.state(), **can}
 
     @contextmanager
-    def changing(self) -> Iterator[None]:
-        """No other thread changes or reads the labels within the block."""
-        with self._changing:
-            yield
-
-    @contextmanager
     def once(self, request: str) -> Iterator[bool]:
         """Whether a request was not applied yet, by its id; changes of the block are recorded under it."""
-        with self._changing, self._store.once(request) as is_new:
-            self._request = request
-            yield is_new and not self._drawing.knows(request)
+        with self.changing, self._store.once(request) as is_new, self._drawing.once(request) as is_undrawn:
+            yield is_new and is_undrawn
 
     def knows(self, request: str) -> bool:
         """Whether a request was applied, by its id."""
         return self._store.knows(request) or self._drawing.knows(request)
-
-    def check_revision(self, revision: int) -> None:
-        """Reject changes on older labels (:class:`StaleRevisionError`)."""
-        self._store.check_revision(revision)
 
     @property
     def revisions(self) -> tuple[int, int]:
@@ -174,64 +159,54 @@ class Session:
 
     def refresh(self) -> None:
         """Read the files again if another program has changed them."""
-        with self._changing:
+        with self.changing:
             self._store.refresh()
             self._drawing.refresh()
 
-    def look(self, revision: int, subject: str, at: int, target: str, point_px: edits.PointPx | None) -> None:
-        """The subject looks at a target from a position on, until the next change."""
-        self._edit(revision, subject, lambda track: edits.look(track, at, target, point_px), at, seen=at)
+    def make(self, action: Action) -> None:
+        """Make a person's action on the present state.
 
-    def mark_range(self, revision: int, subject: str, first: int, last: int, target: str | None) -> None:
-        """The subject looks at a target from one position to another; None removes the labels."""
-        self._edit(revision, subject, lambda _: edits.mark_range(first, last, target), first)
+        Raises
+        ------
+        VfoaError
+            If a name, a position or a place is wrong, or a file cannot be written.
+        """
+        with self.changing:
+            match action.kind:
+                case "undo":
+                    self.undo()
+                case "redo":
+                    self.redo()
+                case "draw":
+                    self._drawing.make(self._drawing.revision, action.draw)
+                case "seen":
+                    self._store.see(action.subject, action.at)
+                case _:
+                    self._edit(action)
 
-    def accept(self, revision: int, subject: str, attention: float) -> None:
-        """Use suggestions with at least this attention for unlabelled frames; they stay suggestions."""
-        wanted = [found[0] if found and found[1] >= attention else None for found in self._suggestions(subject) or ()]
-        if wanted:
-            self._edit(revision, subject, lambda track: edits.accept(track, wanted, self._store.seen(subject)), 0)
-
-    def confirm(self, revision: int, subject: str, at: int) -> None:
-        """Confirm the suggestion at a position."""
-        self._edit(revision, subject, lambda track: edits.confirm(track, at), at)
-
-    def annotate(self, revision: int, subject: str, at: int, note: str) -> None:
-        """Put a note on the label at a position."""
-        self._edit(revision, subject, lambda track: edits.annotate(track, at, note), at)
-
-    def clear(self, revision: int, subject: str, at: int) -> None:
-        """Remove the labels from a position until the next change."""
-        self._edit(revision, subject, lambda track: edits.clear(track, at), at)
-
-    def move_change(self, revision: int, subject: str, at: int, to: int) -> None:
-        """Move the change of target at a position or before it to another position."""
-        self._edit(revision, subject, lambda track: edits.move_change(track, at, to), at)
-
-    def nudge(self, revision: int, subject: str, at: int, by: int) -> None:
-        """Move the change of target at a position or before it by some frames."""
-
-        def edit(track: Sequence[Any]) -> list[Any]:
-            return edits.move_change(track, at, stretch_at(track, at, same_target=True)[0] + by)
-
-        self._edit(revision, subject, edit, at)
+    def _edit(self, action: Action) -> None:
+        at, subject, store = self._store.check_position(action.at), action.subject, self._store
+        store.check_revision(store.revision)
+        suggested = self._suggestions(subject) if action.kind == "accept" else None
+        if new := edited(action, store.track(subject), suggested, store.seen(subject)):
+            store.put(store.revision, subject, new, seen=at if action.kind == "look" else None)
 
     def undo(self) -> None:
         """Take back the last change of labels, targets or drawing, whichever is newest."""
-        with self._changing:
+        with self.changing:
             if self._next("undo") is self._drawing:
-                self._drawing.make(Draw(do="undo", revision=self._drawing.revision, id=self._request))
+                self._drawing.undo(self._drawing.revision)
             else:
-                change = _targets_of(self._store.undo_list.next_undo)
-                self._with_targets(change and change.inverse, lambda: self._store.undo(self._store.revision))
+                change = TargetChange.of_step(self._store.undo_list.next_undo)
+                self._with_targets(change.inverse if change else None, lambda: self._store.undo(self._store.revision))
 
     def redo(self) -> None:
         """Make the change again that was undone last. Nothing that was undone before a newer change comes back."""
-        with self._changing:
+        with self.changing:
             if self._next("redo") is self._drawing:
-                self._drawing.make(Draw(do="redo", revision=self._drawing.revision, id=self._request))
+                self._drawing.redo(self._drawing.revision)
             elif self._next("redo"):
-                change = _targets_of(self._store.undo_list.next_redo)
+                change = TargetChange.of_step(self._store.undo_list.next_redo)
                 self._with_targets(change, lambda: self._store.redo(self._store.revision))
 
     def _next(self, kind: Literal["undo", "redo"]) -> LabelStore | DrawingStore | None:
@@ -248,46 +223,30 @@ class Session:
 
     def drawn(self) -> dict[str, Any]:
         """The drawn shapes as JSON, read again if another program has changed the file."""
-        with self._changing:
+        with self.changing:
             self._drawing.refresh()
             return self._drawing.state()
 
-    def draw(self, draw: Draw) -> None:
-        """Apply a drawing action, or take one back.
-
-        Raises
-        ------
-        VfoaError
-            If the action is wrong.
-        """
-        with self._changing:
-            self._drawing.make(draw)
-
-    def see(self, subject: str, at: int) -> None:
-        """Note that a subject's frames were seen up to a position."""
-        with self._changing:
-            self._store.see(subject, at)
-
     def add_target(self, name: str, rule: NameRule) -> None:
         """Write a new target into the manifest, and allow its name."""
-        with self._changing:
-            self._change(self._to(targets.with_target(self.manifest.path, name, rule)))
+        with self.changing:
+            self._change(targets.with_target(self.manifest.path, name, rule))
 
     def change_target(self, name: str, *, new_name: str, key: str | None, colour: str) -> None:
         """Give a target another name, also in the labels of all annotators, or another key or colour."""
-        with self._changing:
+        with self.changing:
             to = targets.with_change(self.manifest.path, name, new_name=new_name, key=key, colour=colour)
             if new_name == name:
-                self._change(self._to(to))
+                self._change(to)
                 return
             with with_others(self._store, self.manifest, self._timeline) as stores:
                 labels = {each.path.name: each.reassigned(name, new_name) for each in stores}
             drawn = [[new_name if each == name else each, kind, keys] for each, kind, keys in self._drawing.tracks()]
-            self._change(self._to(to, labels, drawn))
+            self._change(to, labels, drawn)
 
     def delete_target(self, name: str, to: str | None) -> None:
         """Delete a target from the manifest; labels of all annotators that have it become ``to``."""
-        with self._changing:
+        with self.changing:
             with with_others(self._store, self.manifest, self._timeline) as stores:
                 if to is not None:
                     for each in stores:
@@ -296,20 +255,16 @@ class Session:
                     raise VfoaError(f"{name!r} is the target of {uses} labels; expected another target for them")
                 labels = {each.path.name: each.reassigned(name, to) for each in stores} if to is not None else {}
             drawn = [each for each in self._drawing.tracks() if each[0] != name]
-            self._change(self._to(targets.without_target(self.manifest.path, name), labels, drawn))
+            self._change(targets.without_target(self.manifest.path, name), labels, drawn)
 
-    def _to(
-        self, text: str, labels: dict[str, list[Any]] | None = None, drawn: list[Any] | None = None
-    ) -> TargetChange:
-        """The change of targets to this text of the manifest, with these changes of labels, to this drawing."""
+    def _change(self, text: str, labels: dict[str, list[Any]] | None = None, drawn: list[Any] | None = None) -> None:
+        """Change the manifest to this text, with these changes of labels by file name, and to this drawing."""
         before = self._drawing.tracks()
-        return TargetChange(
+        change = TargetChange(
             manifest=(read_bytes(self.manifest.path).decode(), text),
             labels={name: found for name, found in (labels or {}).items() if found},
             drawn=None if drawn is None or drawn == before else (before, drawn),
         )
-
-    def _change(self, change: TargetChange) -> None:
         self._with_targets(change, lambda: self._store.change_targets(change.model_dump(mode="json")))
 
     def _with_targets(self, change: TargetChange | None, make: Callable[[], None]) -> None:
@@ -326,24 +281,13 @@ class Session:
         with with_others(self._store, self.manifest, self._timeline) as stores:
             if change.drawn is not None:
                 self._drawing.check_writable()
-            self._check_names(change, stores)
+            change.check_names(self.manifest, stores[1:])
             with change.kept(self.manifest):
                 change.in_labels(stores[1:])
                 make()
                 if change.drawn is not None:
                     self._drawing.set_tracks(change.drawn[1])
         self._read_manifest()
-
-    def _check_names(self, change: TargetChange, stores: Sequence[LabelStore]) -> None:
-        """Refuse to take back a target that labels of another annotator have gained since."""
-        before, after = (
-            make_manifest(parse_toml(text, self.manifest.path), self.manifest.path, self.manifest.name).targets
-            for text in change.manifest
-        )
-        for store in stores[1:]:
-            for name in [name for name in before if name not in after and store.path.name not in change.labels]:
-                if store.uses(name):
-                    raise VfoaError(f"{store.path.name} has labels of {name!r}; expected none before it is removed")
 
     def scene(self, at: int) -> dict[str, Any]:
         """Outlines and heads at a position, as JSON."""
@@ -352,11 +296,11 @@ class Session:
 
     def picture(
         self,
-        view: pictures.View,
+        view: View,
         at: int,
         subject: str | None = None,
         *,
-        region: pictures.RegionPx | None = None,
+        region: RegionPx | None = None,
         width: int | None = None,
     ) -> bytes | None:
         """A region of a view, or all of it, as JPEG of at most this width; None for an unknown head."""
@@ -373,21 +317,6 @@ class Session:
         """Close the files."""
         self._store.close()
         self._drawing.close()
-
-    def _edit(
-        self,
-        revision: int,
-        subject: str,
-        edit: Callable[[Sequence[Any]], list[Any]],
-        at: int,
-        *,
-        seen: int | None = None,
-    ) -> None:
-        self._store.check_position(at)
-        with self._changing:
-            self._store.check_revision(revision)
-            if new := edit(self._store.track(subject)):
-                self._store.put(revision, subject, new, seen=seen)
 
     @property
     def _rules(self) -> dict[str, NameRule]:
@@ -433,11 +362,6 @@ class Session:
         known = {*self._store.names()} - {subject}
         found = [self._predictions.predict(frame, subject) for frame in self._frames]
         return [(each.target, round(each.attention, 4)) if each and each.target in known else None for each in found]
-
-
-def _targets_of(step: Step | None) -> TargetChange | None:
-    """The change of targets that a step of the undo list is, if it is one."""
-    return parse(TargetChange, step.targets, "journal") if step and step.targets else None
 
 
 def _check_choices(run: Path | None, configuration: str | None, blind: bool, uncertain_first: bool) -> None:

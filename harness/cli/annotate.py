@@ -26,8 +26,7 @@ def annotate(
     no_open: NoOpen = False,
 ) -> None:
     """Serve the labelling page. Every change is saved at once; Ctrl-C ends it and scores RUN again."""
-    from harness.annotate.address import last_address, remember
-    from harness.annotate.server import PageServer
+    from harness.annotate.app import PageServer, last_address, remember
     from harness.annotate.session import Session
     from harness.server.local_server import ended_by_sigterm, open_browser
 

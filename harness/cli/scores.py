@@ -63,7 +63,7 @@ def report(
         rescore(directory)
         say(f"Page: {directory.path / 'report.html'}")
         return
-    from harness.annotate.correction_page import correction_routes
+    from harness.annotate.correction import correction_routes
     from harness.cli.view import browse
     from harness.record.composed import served_recordings
 

@@ -135,24 +135,6 @@ def check_new(path: Path, *, replace: bool, hint: str = "", inputs: Iterable[Pat
         raise VfoaError(f"{path}: exists already; expected --replace{hint}")
 
 
-def check_new_folder(path: Path, *, replace: bool, hint: str = "") -> None:
-    """Refuse to write files into a folder that is not empty: :func:`check_new` for verbs that write a folder.
-
-    Raises
-    ------
-    VfoaError
-        If the folder is not empty and ``replace`` is False, or if a file is in its place.
-    """
-    try:
-        if path.exists() and not path.is_dir():
-            raise VfoaError(f"{path}: is a file; expected a folder to write into")
-        is_taken = path.exists() and any(path.iterdir())
-    except (OSError, ValueError) as error:
-        raise unreadable(path, error) from None
-    if is_taken and not replace:
-        raise VfoaError(f"{path}: has files already; expected --replace{hint}")
-
-
 def check_readable(path: Path) -> None:
     """Reject a pipe, a socket or a device, of which reading may never end; other errors show on reading.
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from harness.annotate.edits import look
-from harness.annotate.store import LabelStore
+from harness.annotate.actions import look
+from harness.annotate.label_store import LabelStore
 from harness.labels.timeline import Timeline
 from tests.disk import write_image, write_text
 from tests.measured import EXPERIMENT, LABELS_HEADER, measured_tables, true_labels

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from harness.annotate.edits import look
-from harness.annotate.store import LabelStore
+from harness.annotate.actions import look
+from harness.annotate.label_store import LabelStore
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
 from harness.labels.timeline import Timeline

@@ -1,4 +1,4 @@
-// The link to correct a label: the form of a served page (harness/annotate/correction_page.py).
+// The link to correct a label: the form of a served page (harness/annotate/correction.py).
 
 import { element } from "./dom.js";
 import { data } from "./packs.js";

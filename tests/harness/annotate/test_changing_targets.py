@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from harness.annotate.drawing import Draw
+from harness.annotate.actions import Action
+from harness.annotate.drawing_store import Draw
 from harness.annotate.session import Session
 from harness.clips.manifest import ClipManifest, load_manifest
 from harness.clips.naming import NameRule
@@ -45,7 +46,7 @@ def _said(work: Path, subject: str = "ann", annotator: str | None = None) -> str
 
 
 def _mark(session: Session, first: int, last: int, target: str, subject: str = "ann") -> None:
-    session.mark_range(session.state()["revision"], subject, first, last, target)
+    session.make(Action(kind="range", subject=subject, at=first, last=last, target=target))
 
 
 def test_a_new_name_is_in_the_labels_of_all_annotators(opened: Any, work: Path) -> None:
@@ -91,7 +92,7 @@ def test_one_history_takes_back_labels_targets_and_drawing(opened: Any, work: Pa
         return _said(work), _said(work, annotator="ben"), drawn, looks, [*session.manifest.targets]
 
     def draw() -> None:
-        session.draw(Draw(do="key", revision=session.drawn()["revision"], name="cup", place=(1, 1, 9, 9)))
+        session.make(Action(kind="draw", draw=Draw(name="cup", place=(1, 1, 9, 9))))
 
     pen = NameRule(category="pen")
     steps: list[Callable[[], None]] = [

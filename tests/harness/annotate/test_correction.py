@@ -19,9 +19,9 @@ from starlette.applications import Starlette
 from typer.testing import CliRunner
 
 from harness import RunResults, load_run, run_experiment
-from harness.annotate.correction import Correction, choices, correct
-from harness.annotate.correction_page import PATH, correction_routes
-from harness.annotate.server import PageServer
+from harness.annotate.actions import Action
+from harness.annotate.app import PageServer
+from harness.annotate.correction import PATH, Correction, choices, correct, correction_routes
 from harness.annotate.session import Session
 from harness.cli import app, failures
 from harness.record import entities, viewer
@@ -330,7 +330,7 @@ def test_the_label_of_a_wrong_frame_is_set_right_by_keys(run: RunResults, monkey
 
 def test_the_run_follows_what_is_labelled_in_the_page(run: RunResults, monkeypatch: pytest.MonkeyPatch) -> None:
     def label(session: Session) -> None:
-        session.mark_range(session.state()["revision"], "anna", 0, 0, "book")
+        session.make(Action(kind="range", subject="anna", at=0, last=0, target="book"))
 
     assert "tables, page and recordings are updated" in _annotate(run, monkeypatch, label)
     _agree(run, {1: "book", 2: "mug", 3: "mug", 4: "mug"})

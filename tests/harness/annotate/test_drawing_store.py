@@ -10,8 +10,9 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
-from harness.annotate.drawing import Draw, DrawingStore
-from harness.annotate.journaled import StaleRevisionError
+from harness.annotate.actions import Action
+from harness.annotate.drawing_store import Draw, DrawingStore
+from harness.annotate.journal import StaleRevisionError
 from harness.annotate.session import Session
 from harness.labels.drawn import COLUMNS, Drawn, KeyFrame, read_drawn, write_drawn
 from tests.disk import write_text
@@ -31,7 +32,10 @@ def _file(folder: Path) -> Drawn:
 
 
 def _make(store: DrawingStore, do: str, **more: Any) -> None:
-    store.make(Draw.model_validate({"do": do, "revision": store.revision, **more}))
+    if do in ("undo", "redo"):
+        getattr(store, do)(store.revision)
+    else:
+        store.make(store.revision, Draw.model_validate({"do": do, **more}))
 
 
 @pytest.fixture
@@ -93,7 +97,7 @@ def test_what_was_drawn_elsewhere_wins(store: DrawingStore, tmp_path: Path) -> N
     revision = store.revision
     write_drawn(tmp_path / "noise.drawn.csv", Drawn())
     with pytest.raises(StaleRevisionError):
-        store.make(Draw(do="key", revision=revision, name="cup", at=1, place=BOX))
+        store.make(revision, Draw(do="key", name="cup", at=1, place=BOX))
     store.refresh()
     assert store.state()["tracks"] == []
     assert not store.state()["can_undo"]
@@ -101,11 +105,11 @@ def test_what_was_drawn_elsewhere_wins(store: DrawingStore, tmp_path: Path) -> N
 
 
 def test_what_comes_again_because_its_answer_was_lost_is_not_done_twice(store: DrawingStore) -> None:
-    draw = Draw(do="key", revision=store.revision, id="one", name="cup", at=0, place=BOX)
-    store.make(draw)
-    revision = store.revision
-    store.make(draw)
-    assert store.revision == revision
+    with store.once("one") as is_new:
+        assert is_new
+        _make(store, "key", name="cup", at=0, place=BOX)
+    with store.once("one") as is_new:
+        assert not is_new
     store.close()
 
 
@@ -149,7 +153,7 @@ def test_what_is_drawn_goes_with_a_target_that_is_renamed_or_deleted(work: Path)
         colour = session.about()["looks"]["cup"]["colour"]
         session.change_target("cup", new_name="mug", key=None, colour=colour)
         assert [each["name"] for each in session.drawn()["tracks"]] == ["ann", "mug"]
-        session.draw(Draw(do="key", revision=session.drawn()["revision"], name="mug", at=2, place=BOX))
+        session.make(Action(kind="draw", draw=Draw(name="mug", at=2, place=BOX)))
         session.delete_target("mug", None)
         assert [each["name"] for each in session.drawn()["tracks"]] == ["ann"]
     finally:

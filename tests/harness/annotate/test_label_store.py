@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.annotate import edits
-from harness.annotate.journaled import StaleRevisionError
+from harness.annotate import actions
+from harness.annotate.journal import StaleRevisionError
+from harness.annotate.label_store import LabelStore
 from harness.annotate.marks import Mark
-from harness.annotate.store import LabelStore
 from harness.labels.files import read_annotations
 from harness.labels.labels import TO_DECIDE, Label, Labels
 from harness.labels.timeline import Timeline
@@ -53,7 +53,7 @@ def _file(folder: Path) -> Labels:
 
 
 def _look(store: LabelStore, at: int, target: str, subject: str = "ann") -> None:
-    store.put(store.revision, subject, edits.look(store.track(subject), at, target), seen=at)
+    store.put(store.revision, subject, actions.look(store.track(subject), at, target), seen=at)
 
 
 def _targets(labels: Labels, subject: str = "ann") -> list[str | None]:
@@ -80,8 +80,8 @@ def test_what_lies_between_labels_and_was_never_said_is_not_scored_and_is_unlabe
     tmp_path: Path,
 ) -> None:
     store = _open(tmp_path)
-    store.put(0 + store.revision, "ann", edits.mark_range(0, 1, "cup"))
-    store.put(store.revision, "ann", edits.mark_range(5, 6, "book"))
+    store.put(0 + store.revision, "ann", actions.mark_range(0, 1, "cup"))
+    store.put(store.revision, "ann", actions.mark_range(5, 6, "book"))
     assert _targets(_file(tmp_path)) == ["cup", "cup", "ignore", "ignore", "ignore", "book", "book", None]
     store.close()
     (tmp_path / "journal.jsonl").unlink()
@@ -92,11 +92,11 @@ def test_what_lies_between_labels_and_was_never_said_is_not_scored_and_is_unlabe
 def test_a_suggestion_is_not_scored_until_a_person_confirms_it(tmp_path: Path) -> None:
     store = _open(tmp_path)
     suggested = ["cup", "cup", "book", "book", None, None, None, "cup"]
-    store.put(store.revision, "ann", edits.accept(store.track("ann"), suggested, store.seen("ann")))
+    store.put(store.revision, "ann", actions.accept(store.track("ann"), suggested, store.seen("ann")))
     assert _file(tmp_path).at(1, "ann") == Label(target="cup", is_suggested=True)
     assert set(_targets(_file(tmp_path).confirmed())) == {"ignore"}
     assert store.state()["labelled"] == 0
-    store.put(store.revision, "ann", edits.confirm(store.track("ann"), 3))
+    store.put(store.revision, "ann", actions.confirm(store.track("ann"), 3))
     assert _targets(_file(tmp_path).confirmed()) == ["ignore", "ignore", "book", "book", *["ignore"] * 4]
     store.close()
     (tmp_path / "journal.jsonl").unlink()
@@ -111,18 +111,18 @@ def test_a_suggestion_is_not_scored_until_a_person_confirms_it(tmp_path: Path) -
 
 def test_suggestions_fill_only_what_is_unlabelled(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", edits.mark_range(1, 2, "none"))
-    store.put(store.revision, "ann", edits.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
-    marks = [mark and (mark.target, mark.suggested) for mark in store.track("ann")]
-    assert marks == [("cup", True), *[("none", False)] * 2, *[("cup", True)] * 5]
+    store.put(store.revision, "ann", actions.mark_range(1, 2, "none"))
+    store.put(store.revision, "ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
+    found = [mark and (mark.target, mark.suggested) for mark in store.track("ann")]
+    assert found == [("cup", True), *[("none", False)] * 2, *[("cup", True)] * 5]
 
 
 def test_suggestions_go_before_what_is_only_carried_ahead(tmp_path: Path) -> None:
     store = _open(tmp_path)
     _look(store, 1, "book")
-    store.put(store.revision, "ann", edits.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
-    marks = [mark and (mark.target, mark.suggested) for mark in store.track("ann")]
-    assert marks == [("cup", True), ("book", False), *[("cup", True)] * 6]
+    store.put(store.revision, "ann", actions.accept(store.track("ann"), ["cup"] * 8, store.seen("ann")))
+    found = [mark and (mark.target, mark.suggested) for mark in store.track("ann")]
+    assert found == [("cup", True), ("book", False), *[("cup", True)] * 6]
 
 
 def test_what_annotators_differ_in_is_decided_one_difference_at_a_time(tmp_path: Path) -> None:
@@ -144,9 +144,9 @@ def test_what_annotators_differ_in_is_decided_one_difference_at_a_time(tmp_path:
 
 def test_a_note_stays_with_its_label(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", edits.mark_range(0, LAST, "cup"))
-    store.put(store.revision, "ann", edits.mark_range(3, 4, "ignore"))
-    store.put(store.revision, "ann", edits.annotate(store.track("ann"), 4, "eyes shut, blinks"))
+    store.put(store.revision, "ann", actions.mark_range(0, LAST, "cup"))
+    store.put(store.revision, "ann", actions.mark_range(3, 4, "ignore"))
+    store.put(store.revision, "ann", actions.annotate(store.track("ann"), 4, "eyes shut, blinks"))
     assert _file(tmp_path).at(4, "ann") == Label(target="ignore", note="eyes shut, blinks")
     assert _file(tmp_path).at(5, "ann") == Label(target="ignore", note="eyes shut, blinks")
     assert _file(tmp_path).at(3, "ann") == Label(target="cup")
@@ -158,7 +158,7 @@ def test_a_change_made_on_an_older_state_is_refused(tmp_path: Path) -> None:
     _look(store, 0, "cup")
     before = (tmp_path / "annotations" / "clip.csv").read_bytes()
     for stale in (
-        lambda: store.put(old, "ann", edits.mark_range(0, LAST, "book")),
+        lambda: store.put(old, "ann", actions.mark_range(0, LAST, "book")),
         lambda: store.undo(old),
         lambda: store.redo(old),
     ):
@@ -171,7 +171,7 @@ def test_a_change_that_is_sent_again_is_not_made_twice_also_after_a_restart(tmp_
     store = _open(tmp_path)
     with store.once("a") as is_new:
         assert is_new
-        store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+        store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
     with store.once("a") as is_new:
         assert not is_new
     store.close()
@@ -187,7 +187,7 @@ def test_seeing_frames_makes_no_other_tab_stale(tmp_path: Path) -> None:
     _look(store, 0, "cup")
     revision = store.revision
     store.see("ann", 4)
-    store.put(revision, "ben", edits.mark_range(0, 1, "cup"))
+    store.put(revision, "ben", actions.mark_range(0, 1, "cup"))
 
 
 @pytest.mark.parametrize("opened", [True, False], ids=["while open", "between"])
@@ -203,7 +203,7 @@ def test_a_csv_that_was_changed_elsewhere_wins_and_is_not_overwritten(tmp_path: 
         store = _open(tmp_path)
     else:
         with pytest.raises(StaleRevisionError):
-            store.put(revision, "ann", edits.mark_range(0, 0, "book"))
+            store.put(revision, "ann", actions.mark_range(0, 0, "book"))
     assert store.revision > revision
     assert [mark and mark.note for mark in store.track("ben")] == ["by hand"] * 8
     assert (tmp_path / "annotations" / "clip.csv").read_text() == text
@@ -244,13 +244,13 @@ def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_r
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
     files = [tmp_path / "journal.jsonl", tmp_path / "annotations" / "clip.csv"]
     before, shown = [path.read_bytes() for path in files], store.state()
     with monkeypatch.context() as patch:
-        patch.setattr("harness.annotate.store.write_annotations", lambda path, labels: _refuse(0))
+        patch.setattr("harness.annotate.label_store.write_annotations", lambda path, labels: _refuse(0))
         for change in (
-            lambda: store.put(store.revision, "ann", edits.mark_range(4, 5, "book")),
+            lambda: store.put(store.revision, "ann", actions.mark_range(4, 5, "book")),
             lambda: store.undo(store.revision),
             lambda: store.set_marks(
                 [{"subject": "ann", "before": [], "after": [[0, 1, "book", "", None, False, False]]}]
@@ -263,7 +263,7 @@ def test_a_change_that_does_not_get_into_the_csv_is_not_made_and_not_made_by_a_r
             assert [path.read_bytes() for path in files] == before
             assert {**store.state(), "seconds_left": None} == {**shown, "seconds_left": None}
     assert store.names() == (*TARGETS, *SUBJECTS, "none", "ignore")
-    store.put(store.revision, "ann", edits.mark_range(6, 6, "book"))
+    store.put(store.revision, "ann", actions.mark_range(6, 6, "book"))
     store.close()
     assert _open(tmp_path).track("ann")[4:] == [None, None, Mark(target="book"), None]
 
@@ -272,14 +272,14 @@ def test_a_change_that_the_disk_does_not_take_leaves_nothing_behind(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
     before = (tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)
     with monkeypatch.context() as patch:
         patch.setattr("os.fsync", _refuse)
         with pytest.raises(VfoaError, match=r"journal\.jsonl: cannot be written: No space left on device"):
-            store.put(store.revision, "ann", edits.mark_range(4, 5, "book"))
+            store.put(store.revision, "ann", actions.mark_range(4, 5, "book"))
     assert ((tmp_path / "journal.jsonl").read_bytes(), _file(tmp_path)) == before
-    store.put(store.revision, "ann", edits.mark_range(6, 6, "book"))
+    store.put(store.revision, "ann", actions.mark_range(6, 6, "book"))
     store.close()
     assert _open(tmp_path).track("ann")[4:] == [None, None, Mark(target="book"), None]
 
@@ -310,7 +310,7 @@ def _refuse(handle: int) -> None:
 )
 def test_a_journal_that_was_changed_by_hand_is_one_line(tmp_path: Path, line: str, message: str) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
     store.close()
     with (tmp_path / "journal.jsonl").open("a") as file:
         file.write(f"{line}\n")
@@ -320,9 +320,9 @@ def test_a_journal_that_was_changed_by_hand_is_one_line(tmp_path: Path, line: st
 
 def test_a_note_may_hold_whatever_a_line_may(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
     note = "à\u00a0gauche \u200d 目"
-    store.put(store.revision, "ann", edits.annotate(store.track("ann"), 0, note))
+    store.put(store.revision, "ann", actions.annotate(store.track("ann"), 0, note))
     assert _file(tmp_path).at(1, "ann") == Label(target="cup", note=note)
 
 
@@ -345,13 +345,13 @@ def test_wrong_names_and_positions_are_refused_in_one_line(tmp_path: Path) -> No
         ("ann", 3, 2, "cup", "position 3 comes after position 2"),
     ):
         with pytest.raises(VfoaError, match=found):
-            store.put(store.revision, subject, edits.mark_range(first, last, target))
+            store.put(store.revision, subject, actions.mark_range(first, last, target))
     assert not (tmp_path / "annotations").exists()
 
 
 def test_a_journal_of_a_clip_that_has_other_frames_or_people_by_now_is_not_believed(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", edits.mark_range(0, 1, "cup"))
+    store.put(store.revision, "ann", actions.mark_range(0, 1, "cup"))
     store.close()
     longer = _open(tmp_path, (*FRAMES, 11), ("ann",))
     assert [mark and mark.target for mark in longer.track("ann")] == ["cup"] * 2 + [None] * 7
@@ -361,7 +361,7 @@ def test_the_time_that_is_left_follows_from_the_pace_without_the_breaks_once_it_
     now = iter([0.0, 0.0, 10.0, 1000.0, 1025.0])
     store = _open(tmp_path, clock=lambda: next(now))
     for last, left in ((3, None), (5, None), (7, (10 + 30 + 25) / 8 * 8)):
-        store.put(store.revision, "ann", edits.mark_range(0, last, "cup"))
+        store.put(store.revision, "ann", actions.mark_range(0, last, "cup"))
         assert store.state()["seconds_left"] == (left and pytest.approx(left))
 
 
@@ -383,7 +383,7 @@ def _take(store: LabelStore, step: tuple[object, ...]) -> None:
         case ("see", str(subject), int(at)):
             store.see(subject, at)
         case ("accept", str(subject), list(suggested)):
-            if new := edits.accept(store.track(subject), suggested, store.seen(subject)):
+            if new := actions.accept(store.track(subject), suggested, store.seen(subject)):
                 store.put(store.revision, subject, new)
         case ("undo",):
             store.undo(store.revision)
@@ -435,6 +435,6 @@ def test_a_kill_at_any_byte_of_a_change_leaves_the_state_before_or_after_it(tmp_
 
 def test_a_label_over_labels_that_a_person_gave_counts_at_once(tmp_path: Path) -> None:
     store = _open(tmp_path)
-    store.put(store.revision, "ann", edits.mark_range(0, 5, "book"))
+    store.put(store.revision, "ann", actions.mark_range(0, 5, "book"))
     _look(store, 2, "cup")
     assert _targets(_file(tmp_path)) == ["book"] * 2 + ["cup"] * 4 + [None] * 2

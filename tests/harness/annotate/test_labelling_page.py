@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from harness.annotate.actions import Action
 from harness.clips.manifest import load_manifest
 from harness.labels.files import read_annotations
 from harness.labels.timeline import Timeline
@@ -219,7 +220,7 @@ def test_a_second_tab_overwrites_nothing_and_is_shown_the_newer_state(browser: C
     try:
         browser.get(f"http://127.0.0.1:{page.port}/")
         wait_for(lambda: shown(browser) is not None and _is_settled(browser))
-        page.session.mark_range(page.session.state()["revision"], "ann", 0, 5, "book")  # what the other tab does
+        page.session.make(Action(kind="range", subject="ann", at=0, last=5, target="book"))  # what the other tab does
         _keys(browser, "n")
         assert "were changed elsewhere" in browser.find_element("id", "notice").text
         assert "ann: book" in browser.find_element("id", "label").text

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from harness.annotate.pictures import colour, head
-from harness.annotate.scene import outline
-from harness.annotate.server import PageServer
+from harness.annotate.actions import Action
+from harness.annotate.app import PageServer
 from harness.annotate.session import Session
 from harness.annotate.targets import with_target
+from harness.annotate.views import colour, head, outline
 from harness.cli import app
 from harness.clips.manifest import load_manifest
 from harness.clips.naming import NameRule
@@ -167,7 +167,7 @@ def test_labels_of_a_target_that_the_manifest_has_no_longer_are_shown_and_can_be
     opened: Any, work: Path
 ) -> None:
     session = opened()
-    session.mark_range(session.state()["revision"], "ann", 0, 3, "book")
+    session.make(Action(kind="range", subject="ann", at=0, last=3, target="book"))
     session.close()
     manifest = work / "datasets" / "noise.toml"
     manifest.write_text(manifest.read_text().replace('[targets.book]\ncategory = "book"\n', ""))
@@ -176,7 +176,7 @@ def test_labels_of_a_target_that_the_manifest_has_no_longer_are_shown_and_can_be
     assert "noise.csv has labels of book, which noise.toml does not have" in about["notice"]
     assert "book" in about["names"]
     assert "book" in about["looks"]
-    session.mark_range(session.state()["revision"], "ann", 0, 3, "cup")
+    session.make(Action(kind="range", subject="ann", at=0, last=3, target="cup"))
     session.close()
     assert opened().about()["notice"] is None
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from harness.files.digests import digest_files, file_digest
-from harness.files.io import atomic_write, check_new, check_new_folder, read_bytes, read_text, write_together
+from harness.files.io import atomic_write, check_new, read_bytes, read_text, write_together
 from vfoa.errors import VfoaError
 
 
@@ -90,17 +90,6 @@ def test_a_file_is_replaced_only_where_that_was_said(tmp_path: Path) -> None:
     with pytest.raises(VfoaError, match=r"a\.csv: exists already; expected --replace, or another"):
         check_new(place, replace=False, hint=", or another")
     check_new(place, replace=True)
-
-
-def test_a_folder_with_files_is_written_into_only_where_that_was_said(tmp_path: Path) -> None:
-    check_new_folder(tmp_path / "new", replace=False)
-    check_new_folder(tmp_path, replace=False)
-    (tmp_path / "mine").touch()
-    with pytest.raises(VfoaError, match="has files already; expected --replace, or another"):
-        check_new_folder(tmp_path, replace=False, hint=", or another")
-    check_new_folder(tmp_path, replace=True)
-    with pytest.raises(VfoaError, match="mine: is a file; expected a folder"):
-        check_new_folder(tmp_path / "mine", replace=True)
 
 
 @pytest.mark.parametrize("write", [lambda path: atomic_write(path, "x"), lambda path: check_new(path, replace=True)])

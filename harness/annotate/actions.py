@@ -1,16 +1,72 @@
-"""Edits made on the page, as new marks: from a position until the next change, a range, suggestions, notes."""
+"""A person's actions on the page, and the marks that they set: until the next change, in a range, notes."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Literal
 
+from pydantic import Field
+
+from harness.annotate.drawing_store import Draw
 from harness.annotate.marks import Mark, Stretch, Track, counts, stretch_at, stretches
+from vfoa.settings import Settings
 
-PointPx = tuple[float, float]
+
+class Action(Settings):
+    """A person's action; ``kind`` decides which of the other values are needed. ``draw`` is one on the image.
+
+    An action that is sent again under the same ``id``, because its answer was lost, is not made twice.
+    """
+
+    kind: Literal[
+        "look", "range", "clear", "nudge", "move", "accept", "confirm", "note", "seen", "draw", "undo", "redo"
+    ]
+    id: str = Field(default="", max_length=64)
+    subject: str = ""
+    at: int = 0
+    last: int = 0
+    by: int = 0
+    target: str | None = None
+    point_px: tuple[float, float] | None = None
+    attention: float = 1.0
+    note: str = ""
+    draw: Draw = Field(default_factory=Draw)
 
 
-def look(track: Sequence[Mark | None], at: int, target: str, point_px: PointPx | None = None) -> list[Stretch]:
+def edited(
+    action: Action, track: Sequence[Mark | None], suggested: Sequence[tuple[str, float] | None] | None, seen: int
+) -> list[Stretch]:
+    """The new marks of a subject after an action on its labels; none if nothing changes.
+
+    ``suggested`` has a target and the attention to it for each frame; the frames up to ``seen`` were seen.
+    """
+    at = action.at
+    match action.kind:
+        case "look":
+            return look(track, at, action.target or "", action.point_px)
+        case "range":
+            return mark_range(at, action.last, action.target)
+        case "clear":
+            return clear(track, at)
+        case "nudge":
+            return move_change(track, at, stretch_at(track, at, same_target=True)[0] + action.by)
+        case "move":
+            return move_change(track, at, action.last)
+        case "accept":
+            enough = (each[0] if each and each[1] >= action.attention else None for each in suggested or ())
+            return accept(track, list(enough), seen) if suggested else []
+        case "confirm":
+            return confirm(track, at)
+        case "note":
+            return annotate(track, at, action.note)
+        case "seen" | "draw" | "undo" | "redo":
+            return []
+
+
+def look(
+    track: Sequence[Mark | None], at: int, target: str, point_px: tuple[float, float] | None = None
+) -> list[Stretch]:
     """The subject looks at a target from a position on, until the mark changes.
 
     After the position the mark is carried on, except over frames that a person has labelled before.
