@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from harness.labels.formats.exchange import Exchange
 from harness.labels.labels import Label, LabelRange, Labels
-from harness.sources import Truth
+from harness.labels.timeline import timeline_of
 from tests.scenes import make_rig
 from vfoa.types import StereoFrame
 
@@ -21,31 +21,24 @@ SUBJECTS, TARGETS = ("girl", "boy"), ("bird", "cup")
 
 @dataclass
 class PlainClip:
-    """Black frames; frame n at n over the rate, on a clock that begins ``start_ns`` earlier or later."""
+    """Black frames; frame n is at n over the rate, on a clock that begins ``start_ns`` earlier or later."""
 
     frames: Sequence[int] = range(1, 51)
     rate_hz: float | None = 25.0
     start_ns: int = 0
-    notes: tuple[str, ...] = ()
-    truths: dict[int, Truth] = field(default_factory=dict)
 
     def time_ns(self, number: int) -> int:
         return self.start_ns + round(number * 1e9 / (self.rate_hz or 1.0))
 
     def frame(self, number: int) -> StereoFrame:
-        rig = make_rig(64, 48)
         black = np.zeros((48, 64, 3), np.uint8)
+        rig = make_rig(64, 48)
         return StereoFrame(index=number, time_ns=self.time_ns(number), left=black, right=black, rig=rig)
-
-    def truth(self, number: int) -> Truth:
-        return self.truths.get(number, Truth())
-
-    def digest(self) -> str:
-        return "0" * 64
 
 
 def exchange(clip: PlainClip | None = None, **more: Any) -> Exchange:
-    return Exchange(clip=clip or PlainClip(), subjects=SUBJECTS, targets=TARGETS, **more)
+    clip = clip or PlainClip()
+    return Exchange(timeline=timeline_of(clip), rate_hz=clip.rate_hz, subjects=SUBJECTS, targets=TARGETS, **more)
 
 
 def row(first: int, last: int, target: str, subject: str = "girl", **more: Any) -> LabelRange:

@@ -51,7 +51,6 @@ DOORS = {
     "mcap_protobuf": ("harness/sources/recordings/messages.py",),
     "onnxruntime": ("vfoa/onnx.py",),
     "typer": ("harness/cli/",),
-    "openpyxl": ("harness/labels/formats/tables.py",),
     "pympi": ("harness/labels/formats/elan.py",),
     "distributed": ("harness/run/executors/cluster.py",),
     "torch": ("harness/stages/export/",),

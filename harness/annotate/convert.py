@@ -5,24 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace as replace_fields
-from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
 from harness.annotate.clip_stores import open_drawing, open_store, read_for_store
 from harness.annotate.marks import from_labels, stretches
-from harness.annotate.predictions import predicted_heads
 from harness.clips.manifest import ClipManifest
 from harness.files.io import check_new
 from harness.labels.drawn import Drawn, write_drawn
 from harness.labels.files import write_annotations
 from harness.labels.formats import FORMATS, AnnotationFormat
 from harness.labels.formats.cvat import read_cvat_drawn, write_cvat_drawn
-from harness.labels.formats.exchange import Box, Exchange, HeadBoxes, Imported
+from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.labels import Labels
 from harness.labels.timeline import timeline_of
-from harness.run.results import read_clip_records
-from harness.sources import AnyClip
 from vfoa.errors import VfoaError
 
 
@@ -33,51 +29,21 @@ def open_exchange(
     offset: float = 0.0,
     renamed: Mapping[str, str] | None = None,
     gaps: Literal["ignore", "none"] = "ignore",
-    run: Path | None = None,
-    configuration: str | None = None,
-    attribute: str = "target",
     observation: str | None = None,
 ) -> Exchange:
-    """Open a clip for import or export; the parameters are those of :class:`Exchange`.
-
-    Parameters
-    ----------
-    run, configuration
-        The run (and its configuration) that gives the boxes of heads; by default the clip's ground truth gives them.
-
-    Raises
-    ------
-    VfoaError
-        If the clip cannot be opened, or the run has no results of it.
-    """
+    """Open a clip for import or export; the parameters are those of :class:`Exchange`. Raises as ``open`` does."""
     clip = manifest.open()
-    records = None if run is None else read_clip_records(run, manifest, configuration).by_frame
     return Exchange(
-        clip=clip,
+        timeline=timeline_of(clip),
+        rate_hz=clip.rate_hz,
         subjects=tuple(manifest.subjects),
         targets=tuple(manifest.targets),
         fps=fps,
         offset=offset,
         renamed=renamed or {},
         gaps=gaps,
-        heads=true_heads(clip) if records is None else predicted_heads(records),
-        attribute=attribute,
         observation=observation,
     )
-
-
-def true_heads(clip: AnyClip) -> HeadBoxes:
-    """The head boxes of a clip's ground truth, by frame and name of the subject."""
-    truth = lru_cache(maxsize=1)(clip.truth)
-
-    def head_box(frame: int, subject: str) -> Box | None:
-        person = next((each for each in truth(frame).people or () if each.name == subject), None)
-        if person is None:
-            return None
-        u0, v0, u1, v1 = person.head_box_px.tolist()
-        return u0, v0, u1, v1
-
-    return head_box
 
 
 def import_labels(
@@ -118,7 +84,7 @@ def import_labels(
         imported = replace_fields(imported, labels=_confirmed(imported.labels))
     elif suggested:
         notes.append(f"{source}: {suggested} labels are suggestions, which are not scored; --confirm confirms them.")
-    timeline = timeline_of(exchange.clip)
+    timeline = exchange.timeline
     present, new, frames = read_for_store(manifest, place, timeline), imported.labels, exchange.frames
     given = {subject: sum(present.is_given(frame, subject) for frame in frames) for subject in present.subjects}
     taken = {subject: count for subject, count in given.items() if count and subject in new.subjects}
@@ -194,7 +160,7 @@ def export_labels(
     path = manifest.annotations.find() if annotator is None else manifest.annotations.expect(annotator)
     if path is None:
         raise VfoaError(f"{manifest.name}: no annotations; expected {manifest.annotations.place()}")
-    labels = manifest.read(path, timeline_of(exchange.clip), allow_gaps=True)
+    labels = manifest.read(path, exchange.timeline, allow_gaps=True)
     chosen: AnnotationFormat = FORMATS.load(name)()
     return [f"{to}: {each}" for each in chosen.write(to, labels, exchange)]
 

@@ -6,20 +6,18 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from harness.files.io import check_new
 from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat
-from harness.labels.formats.exchange import Exchange, HeadBoxes
+from harness.labels.formats.exchange import Exchange
 from harness.labels.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels, ranges_of
+from harness.labels.timeline import Timeline
+from harness.run.results import ClipRecords, read_clip_records
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, SubjectRecord
-from harness.run.results import ClipRecords, read_clip_records
-from harness.sources import Truth
 from vfoa.errors import VfoaError, did_you_mean
-from vfoa.types import StereoFrame
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,51 +80,14 @@ def export_predictions(
         place = to or run / "labels" / f"{each}__{records.configuration}{SUFFIXES.get(name, '')}"
         check_new(place, replace=replace, inputs=RunDirectory(run).inputs)
         exchange = Exchange(
-            clip=_RunClip.of(clips[each], run),
+            timeline=Timeline(frames=clips[each]["frames"], times_ns=clips[each]["times_ns"]),
+            rate_hz=clips[each]["rate_hz"],
             subjects=found.labels.subjects,
             targets=targets,
             fps=fps,
             offset=offset,
-            heads=predicted_heads(records.by_frame),
         )
         yield Exported(path=place, notes=(*found.notes, *written.write(place, found.labels, exchange)))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _RunClip:
-    """The frames and times of a clip from a run's manifest, so that the clip's data is not needed."""
-
-    where: str
-    frames: Sequence[int]
-    times_ns: Mapping[int, int]
-    rate_hz: float | None
-    notes: tuple[str, ...] = ()
-
-    @classmethod
-    def of(cls, described: Mapping[str, Any], run: Path) -> _RunClip:
-        frames = tuple(described["frames"])
-        times = dict(zip(frames, described["times_ns"], strict=True))
-        return cls(where=f"{run}: {described['name']}", frames=frames, times_ns=times, rate_hz=described["rate_hz"])
-
-    def time_ns(self, number: int) -> int:
-        return self.times_ns[number]
-
-    def frame(self, number: int) -> StereoFrame:
-        raise VfoaError(f"{self.where}: frame {number}: a run holds no images, and this format needs their size")
-
-    def truth(self, number: int) -> Truth:
-        return Truth()
-
-    def digest(self) -> str:
-        raise VfoaError(f"{self.where}: a run holds no images to digest")
-
-
-def predicted_heads(records: Mapping[int, FrameRecord]) -> HeadBoxes:
-    """The head boxes of a configuration, by frame and name of the subject."""
-    heads = {
-        (frame, each.name): each.head_box_px for frame, record in records.items() for each in record.subjects[::-1]
-    }
-    return lambda frame, subject: heads.get((frame, subject))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

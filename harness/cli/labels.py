@@ -46,18 +46,17 @@ Annotator = Annotated[
     str | None,
     typer.Option(metavar="ANNOTATOR", help="Labels of this annotator, CLIP@ANNOTATOR.csv. Default: CLIP.csv."),
 ]
-Format = Annotated[str, typer.Option("--format", help="elan, boris, cvat, csv, idiap_vfoa, or a package's.")]
+Format = Annotated[
+    str,
+    typer.Option("--format", help="elan, boris, csv, idiap_vfoa, or a package's; with --drawn: cvat."),
+]
 Fps = Annotated[
     float | None, typer.Option(min=0.001, help="Frames per second in the other program. Default: the clip's.")
 ]
 Offset = Annotated[
     float, typer.Option(help="Where the clip begins in the other program: seconds, or frames if it counts frames.")
 ]
-Drawn = Annotated[bool, typer.Option("--drawn", help="CVAT: boxes and points of CLIP.drawn.csv, not the labels.")]
-FromRun = Annotated[
-    str | None,
-    typer.Option("--run", metavar="RUN", help="CVAT: take heads from this run. Default: the clip's ground truth."),
-]
+Drawn = Annotated[bool, typer.Option("--drawn", help="Boxes and points of CLIP.drawn.csv, as CVAT's, not the labels.")]
 
 
 @app.command(name="import", short_help="Read the labels of another program.")
@@ -76,7 +75,6 @@ def import_(
         ),
     ] = None,
     gaps: Annotated[Gaps, typer.Option(help="Meaning of frames without a label between two labels.")] = Gaps.ignore,
-    attribute: Annotated[str, typer.Option(help="CVAT: the attribute that holds the target.")] = "target",
     observation: Annotated[
         str | None, typer.Option(metavar="NAME", help="BORIS: observation to read, if the file has several.")
     ] = None,
@@ -97,7 +95,6 @@ def import_(
         offset=offset,
         renamed=dict(_pair(each) for each in rename or ()),
         gaps=gaps.value,
-        attribute=attribute,
         observation=observation,
     )
     if drawn:
@@ -128,7 +125,6 @@ def export(
     fps: Fps = None,
     offset: Offset = 0.0,
     drawn: Drawn = False,
-    run: FromRun = None,
     config: RunConfiguration = None,
     replace: Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")] = False,
 ) -> None:
@@ -143,7 +139,7 @@ def export(
 
     folder = run_folder(source)
     if is_run(folder):
-        given = {"--annotator": annotator, "--run": run, "--drawn": drawn}
+        given = {"--annotator": annotator, "--drawn": drawn}
         for option in [name for name, value in given.items() if value]:
             raise VfoaError(f"{option}: found it for the predictions of a run; expected it for a clip's labels")
         for each in export_predictions(
@@ -154,8 +150,7 @@ def export(
     if to is None:
         raise VfoaError(f"{source}: no run's directory; expected FILE, the file to write the clip's labels to")
     manifest = load_manifest(source)
-    from_run = run_folder(run) if run and not drawn else None
-    exchange = open_exchange(manifest, fps=fps, offset=offset, run=from_run, configuration=config)
+    exchange = open_exchange(manifest, fps=fps, offset=offset)
     if drawn:
         notes = export_drawn(manifest, format_, exchange, to, replace=replace)
     else:

@@ -41,7 +41,6 @@ KINDS = {
     "eaf": "xml",
     "npz": "zip",
     "txt": "text",
-    "xlsx": "zip",
     "yml": "yaml",
     **dict(zip(*2 * [("csv", "json", "jsonl", "toml", "xml", "yaml")], strict=True)),
 }
@@ -128,12 +127,10 @@ PARSERS: Sequence[Parser] = (
     Parser("cvat tracks", "theirs.xml", whole.CVAT_TRACKS, lambda path: read_cvat_drawn(path, exchange())),
     *(
         Parser(f"{name} labels", file_name, whole.exported(name), _labels(name))
-        for name, file_name in (("csv", "theirs.csv"), ("cvat", "theirs.xml"), ("elan", "theirs.eaf"))
+        for name, file_name in (("csv", "theirs.csv"), ("elan", "theirs.eaf"))
     ),
-    Parser("BORIS tables", "theirs.csv", whole.BORIS_TABLES, _labels("boris")),
     Parser("BORIS project", "theirs.boris", whole.exported("boris"), _labels("boris")),
     Parser("BORIS project, packed", "theirs.boris.gz", whole.boris_packed, _labels("boris")),
-    Parser("BORIS workbook", "theirs.xlsx", whole.boris_workbook, _labels("boris")),
     Parser("Idiap labels, arrays", "a_gt.npz", whole.idiap_arrays, states.idiap_labels),
     Parser("Idiap labels, table", "labels.csv", whole.idiap_table, states.idiap_labels),
     Parser("journal of labels", "journal.jsonl", states.write_journal, states.open_labels),

@@ -15,7 +15,7 @@ from harness.annotate.actions import look
 from harness.annotate.label_store import LabelStore
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
-from harness.labels.timeline import Timeline
+from harness.labels.timeline import Timeline, timeline_of
 from harness.report.thumbnails import lines_path, read_thumbnails
 from harness.report.thumbnails.writer import ThumbnailWriter
 from harness.run.directory import RunDirectory
@@ -75,7 +75,9 @@ def cameras_beside(name: str, write: whole.Write) -> Read:
 
 def idiap_labels(path: Path) -> Any:
     clip = open_measured("idiap_vfoa", once(path, idiap_file), file="tracker.csv")
-    return IdiapGroundTruth().read(path, Exchange(clip=clip, subjects=("1", "2"), targets=("robot",)))
+    return IdiapGroundTruth().read(
+        path, Exchange(timeline=timeline_of(clip), rate_hz=clip.rate_hz, subjects=("1", "2"), targets=("robot",))
+    )
 
 
 def _store(folder: Path, journal: Path) -> LabelStore:

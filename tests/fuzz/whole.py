@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pandas as pd
-from openpyxl import Workbook
 from rosbags.typesys import Stores, get_typestore
 
 from harness.labels.formats import FORMATS
@@ -68,13 +67,6 @@ CVAT_TRACKS = (
     '<box frame="5" keyframe="0" outside="1" xtl="3" ytl="2" xbr="11" ybr="8"/></track>'
     '<track id="1" label="cup"><points frame="2" keyframe="1" outside="0" points="7.5,8.5"/></track></annotations>'
 )
-BORIS_TABLES = (
-    "Observation id,talk\nTime offset (s),0.0\nTime,Media file path,FPS,Subject,Behavior,Comment,Status\n"
-    "0.000,talk.mp4,25.0,girl,bird,eyes shut,START\n0.030,talk.mp4,25.0,boy,cup,,START\n"
-    "0.080,talk.mp4,25.0,girl,bird,,STOP\n0.100,talk.mp4,25.0,girl,nod,,POINT\n0.120,talk.mp4,25.0,boy,cup,,STOP\n",
-    "Observation id\tSubject\tBehavior\tModifier #1\tBehavior type\tStart (s)\tStop (s)\tComment start\n"
-    "talk\tgirl\tbird\t\tSTATE\t0.000\t0.080\teyes shut\ntalk\tboy\tcup\tred\tSTATE\t0.030\t0.120\t\n",
-)
 SIGNALS = "frame,subject,x,y,z\n1,anna,0,0,1\n2,anna,0.5,-0.5,1e0\n2,ben,,,\n"
 HEADS = "frame,subject,u0_px,v0_px,u1_px,v1_px,score,instance_id\n1,anna,1,2,30.5,40,0.5,1\n2,anna,1,2,3,4,,\n"
 STAMPS = "# timestamp filename\n1305031102.175304 rgb/1.png\n1305031102.211214 rgb/2.png\n"
@@ -106,17 +98,6 @@ def exported(name: str) -> Write:
 def boris_packed(path: Path) -> None:
     exported("boris")(path.with_name("theirs.boris"))
     path.write_bytes(gzip.compress(path.with_name("theirs.boris").read_bytes(), mtime=0))
-
-
-def boris_workbook(path: Path) -> None:
-    book = Workbook()
-    for cells in (
-        ["Time", "Subject", "Behavior", "Behavior type", "Comment"],
-        [0.04, "girl", "bird", "START", None],
-        [0.2, "girl", "bird", "STOP", None],
-    ):
-        book.active.append(cells)
-    book.save(path)
 
 
 def idiap_arrays(path: Path) -> None:

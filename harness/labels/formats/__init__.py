@@ -8,7 +8,6 @@ from typing import Protocol
 from harness.labels.files import read_annotations, write_annotations
 from harness.labels.formats.exchange import Exchange, Imported
 from harness.labels.labels import Labels
-from harness.labels.timeline import timeline_of
 from vfoa.registry import Registry
 
 
@@ -41,8 +40,13 @@ class AnnotationCsv:
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
         """Read a file with the manifest's own names."""
-        timeline, subjects, targets = timeline_of(exchange.clip), exchange.subjects, exchange.targets
-        labels = read_annotations(path, timeline=timeline, subjects=subjects, targets=targets, allow_gaps=True)
+        labels = read_annotations(
+            path,
+            timeline=exchange.timeline,
+            subjects=exchange.subjects,
+            targets=exchange.targets,
+            allow_gaps=True,
+        )
         return exchange.labels(labels.ranges, path)
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
@@ -56,17 +60,11 @@ FORMATS = Registry(
     builtin={
         "boris": "harness.labels.formats.boris:Boris",
         "csv": "harness.labels.formats:AnnotationCsv",
-        "cvat": "harness.labels.formats.cvat:CvatVideo",
         "elan": "harness.labels.formats.elan:Elan",
         "idiap_vfoa": "harness.labels.formats.idiap_vfoa:IdiapGroundTruth",
     },
     group="vfoa.annotation_formats",
 )
 
-SUFFIXES = {
-    "boris": ".boris",
-    "csv": ".csv",
-    "cvat": ".xml",
-    "elan": ".eaf",
-}
+SUFFIXES = {"boris": ".boris", "csv": ".csv", "elan": ".eaf"}
 """Default suffix of a file in each format; formats of other distributions have none."""

@@ -1,8 +1,8 @@
-"""BORIS: its project file, and its tables of events, distinguished by their content. Projects are written.
+"""BORIS's project file (``.boris``, JSON, also gzipped): its observations, whose state events start and stop in turn.
 
-A project (``.boris``, JSON, also gzipped) holds observations, whose state events start and stop in turn. An event is
-``[time, subject, behaviour, modifiers, comment]``, followed by a frame number since BORIS 8. The behaviour is the
-target. The fields are those of BORIS's own projects (github.com/olivierfriard/BORIS, ``tests/files``; read, not used).
+An event is ``[time, subject, behaviour, modifiers, comment]``, followed by a frame number since BORIS 8. The behaviour
+is the target. The fields are those of BORIS's own projects (github.com/olivierfriard/BORIS, ``tests/files``; read, not
+used).
 """
 
 from __future__ import annotations
@@ -10,20 +10,20 @@ from __future__ import annotations
 import json
 import math
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_json
-from harness.labels.formats.boris_tables import NO_FOCAL_SUBJECT, choose_observation, read_events
 from harness.labels.formats.exchange import Exchange, Imported, Span, from_spans, left_out, one_line, to_spans
 from harness.labels.labels import Label, Labels
-from vfoa.errors import VfoaError
+from vfoa.errors import VfoaError, did_you_mean
 
-_SUFFIXES = (".boris", ".boris.gz")
 _GZIP = b"\x1f\x8b"
 _LARGEST_BYTES = 2**28
+_NO_FOCAL_SUBJECT = "No focal subject"
+"""BORIS's name for the subject of events without one."""
 _DATE = "1970-01-01T00:00:00"
 """The format needs dates; a constant one gives the same bytes for the same labels."""
 
@@ -32,10 +32,27 @@ class Boris:
     """State events. Point events have no length and are left out, with a note."""
 
     def read(self, path: Path, exchange: Exchange) -> Imported:
-        """Read one observation of a project, or of a table (CSV, TSV, XLSX)."""
-        if path.name.lower().endswith(_SUFFIXES) or read_bytes(path)[:1] == b"{":
-            return _read_project(path, exchange)
-        return read_events(path, exchange)
+        """Read the state events of one observation of a project."""
+        project = _load(path)
+        observations = project.get("observations")
+        if not isinstance(observations, dict) or not observations:
+            raise VfoaError(f"{path}: no observations; expected a BORIS project")
+        name = _choose_observation(observations, exchange.observation, path)
+        observation = observations[name]
+        events = _events(observation, f"{path}: observation {name!r}")
+        behaviours = project.get("behaviors_conf")
+        kinds = {
+            str(each.get("code")): str(each.get("type", ""))
+            for each in (behaviours.values() if isinstance(behaviours, dict) else ())
+            if isinstance(each, dict)
+        }
+        states = [each for each in events if not kinds.get(each[2], "").lower().startswith("point")]
+        said = []
+        if len(states) < len(events):
+            said.append(f"{path}: {len(events) - len(states)} point events have no length and are left out.")
+        offset_ms, note = _offset(observation, exchange, path)
+        found = from_spans(_pairs(states, offset_ms, exchange, f"{path}: observation {name!r}"), exchange, path)
+        return Imported(labels=found.labels, notes=(*found.notes, *said, *note))
 
     def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
         """Write a project with one observation, named like the file; image points are left out."""
@@ -83,28 +100,16 @@ class Boris:
         return tuple(left_out(labels, "BORIS", notes=True))
 
 
-def _read_project(path: Path, exchange: Exchange) -> Imported:
-    """Read the state events of one observation of a project."""
-    project = _load(path)
-    observations = project.get("observations")
-    if not isinstance(observations, dict) or not observations:
-        raise VfoaError(f"{path}: no observations; expected a BORIS project")
-    name = choose_observation(observations, exchange.observation, path)
-    observation = observations[name]
-    events = _events(observation, f"{path}: observation {name!r}")
-    behaviours = project.get("behaviors_conf")
-    kinds = {
-        str(each.get("code")): str(each.get("type", ""))
-        for each in (behaviours.values() if isinstance(behaviours, dict) else ())
-        if isinstance(each, dict)
-    }
-    states = [each for each in events if not kinds.get(each[2], "").lower().startswith("point")]
-    said = []
-    if len(states) < len(events):
-        said.append(f"{path}: {len(events) - len(states)} point events have no length and are left out.")
-    offset_ms, note = _offset(observation, exchange, path)
-    found = from_spans(_pairs(states, offset_ms, exchange, f"{path}: observation {name!r}"), exchange, path)
-    return Imported(labels=found.labels, notes=(*found.notes, *said, *note))
+def _choose_observation(names: Collection[str], wanted: str | None, path: Path) -> str:
+    """Return the wanted observation, or the only one."""
+    if wanted is not None:
+        if wanted not in names:
+            raise VfoaError(f"{path}: --observation: no {wanted!r}; {did_you_mean(wanted, names)}")
+        return wanted
+    if len(names) > 1:
+        listed = ", ".join(map(repr, names))
+        raise VfoaError(f"{path}: found the observations {listed}; expected --observation NAME")
+    return next(iter(names))
 
 
 def _behaviour(name: str) -> dict[str, str]:
@@ -142,7 +147,7 @@ def _events(observation: Any, where: str) -> list[tuple[int, str, str, str]]:
                 f"{where}: event {place}: found {str(event)[:80]!r}; expected [time, subject, behaviour, ...]"
             )
         comment = one_line(str(event[4])) if len(event) > 4 else ""
-        found.append((round(float(event[0]) * 1000), str(event[1]) or NO_FOCAL_SUBJECT, str(event[2]), comment))
+        found.append((round(float(event[0]) * 1000), str(event[1]) or _NO_FOCAL_SUBJECT, str(event[2]), comment))
     return sorted(found, key=lambda each: each[0])
 
 

@@ -1,20 +1,14 @@
-"""CVAT, "for video 1.1": labels as attributes of a subject's track, and what is drawn as the boxes of tracks.
+"""Boxes and points of CVAT's tracks ("for video 1.1") as what is drawn on a clip.
 
-    <track id="0" label="girl" source="manual">
-      <box frame="0" keyframe="1" outside="0" occluded="0" xtl="10" ytl="20" xbr="60" ybr="80" z_order="0">
-        <attribute name="target">bird</attribute>      also: note, u_px, v_px, state
-      </box>
+    <track label="robot"> <box frame="0" keyframe="1" outside="0" xtl="10" ytl="20" xbr="60" ybr="80"/> ... </track>
     <track label="lamp">  <points frame="0" keyframe="1" outside="0" points="611.5,88.5"/> ... </track>
 
-Labels: the subject is the track's attribute ``subject``, or else its label; other tracks are left out. A label holds
-from its shape to the next one's. As CVAT 2 exports it (github.com/cvat-ai/cvat, MIT; read, not used:
-``cvat/apps/dataset_manager/formats/cvat.py``): frames count from 0 in the source, a track ends with a shape that is
-outside, and ``annotations.xml`` comes in a ZIP.
-
-Drawn: a track is of the target or subject that its label names; a subject's box is the head, or the whole person if its
+A track is of the target or subject that its label names; a subject's box is the head, or the whole person if its
 attribute ``kind`` is ``box``. Only key frames are read and written, and every shape that comes or goes: both programs
 move boxes linearly in between, CVAT by position in the clip. CVAT counts pixels from the upper left corner of the
-image, so that its numbers are greater by half a pixel.
+image, so that its numbers are greater by half a pixel. As CVAT 2 exports it (github.com/cvat-ai/cvat, MIT; read, not
+used: ``cvat/apps/dataset_manager/formats/cvat.py``), a track ends with a shape that is outside, and ``annotations.xml``
+comes in a ZIP.
 """
 
 from __future__ import annotations
@@ -24,7 +18,7 @@ import math
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -33,141 +27,14 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from harness.files.io import atomic_write, read_bytes
 from harness.files.parsing import parse_xml, read_member
 from harness.labels.drawn import BOX, Drawn, KeyFrame, Kind, Place, Track, check_kind, check_place, drawn_of
-from harness.labels.formats.exchange import Box, Exchange, Imported, one_line
-from harness.labels.labels import IGNORED, Label, LabelRange, Labels, ranges_of
-from harness.labels.rows import SUGGESTED, parse_point
+from harness.labels.formats.exchange import Exchange
 from vfoa.errors import VfoaError
 
-_UNDEFINED = "__undefined__"
-"""CVAT's own value for an attribute that was not set."""
 _MEMBER = "annotations.xml"
 _FRAME = re.compile(r"[0-9]{1,18}")
 _CORNERS = ("xtl", "ytl", "xbr", "ybr")
 _HALF_PX = 0.5
 _KIND = "kind"
-_ATTRIBUTES = ("target", "note", "u_px", "v_px", "state")
-
-
-class CvatVideo:
-    """Reads any shape that has a frame; writes head boxes if they are known, else the whole image."""
-
-    def read(self, path: Path, exchange: Exchange) -> Imported:
-        """Read the tracks of subjects; those of other labels are left out and counted."""
-        root = _read_tracks(path)
-        by_subject: dict[str, dict[int, Label]] = {}
-        outside, others = 0, Counter[str]()
-        for track in root.iter("track"):
-            where = f"{path}: track {track.get('id')!r}"
-            subject = _subject(track, exchange)
-            if subject not in exchange.subjects:
-                others[track.get("label", "")] += 1
-                continue
-            labels = by_subject.setdefault(subject, {})
-            for first, last, label in _labelled(track, subject, exchange, where):
-                low, high = first - exchange.first_number, last - exchange.first_number
-                inside = range(max(low, 0), min(high + 1, len(exchange.frames)))
-                outside += high + 1 - low - len(inside)
-                if (double := next((each for each in inside if each in labels), None)) is not None:
-                    frame = double + exchange.first_number
-                    raise VfoaError(f"{where}: {subject!r} has two labels in frame {frame} of CVAT")
-                labels.update(dict.fromkeys(inside, label))
-        if not by_subject:
-            raise VfoaError(
-                f"{path}: no track is labelled with a subject; found {', '.join(map(repr, others))}; "
-                f"expected {', '.join(map(repr, exchange.subjects))} (--rename LABEL=OURS)"
-            )
-        rows = [row for subject, labels in by_subject.items() for row in _rows(subject, labels, exchange)]
-        found = exchange.labels(rows, path)
-        said = [f"{path}: {outside} labels are outside of the clip's frames and are left out."] if outside else []
-        if others:
-            counts = ", ".join(f"{count} of {label!r}" for label, count in sorted(others.items()))
-            said.append(f"{path}: tracks that are no subject's are left out: {counts}.")
-        return Imported(labels=found.labels, notes=(*found.notes, *said))
-
-    def write(self, path: Path, labels: Labels, exchange: Exchange) -> tuple[str, ...]:
-        """Write a shape for every frame; only the boundary between two equal ranges is lost."""
-        root = _document(path, labels.subjects, exchange, _ATTRIBUTES)
-        whole = 0
-        for number, subject in enumerate(labels.subjects):
-            track = SubElement(root, "track", id=str(number), label=subject, source="manual")
-            whole += _write_track(track, subject, labels, exchange)
-        _write_document(path, root)
-        said = f"{whole} boxes are the whole image: the subject's head is not known there (--run RUN has heads)."
-        return (said,) if whole else ()
-
-
-def _read_tracks(path: Path) -> Element:
-    """The root of a file "for video 1.1", or of the one in a ZIP: of one task, with tracks."""
-    content = read_bytes(path)
-    if zipfile.is_zipfile(io.BytesIO(content)):
-        content = read_member(content, _MEMBER, path, "CVAT's exports")
-    root = parse_xml(content, path)
-    if root.tag != "annotations" or root.find("image") is not None or root.find("track") is None:
-        raise VfoaError(f"{path}: found <{root.tag}> without tracks; expected CVAT for video 1.1")
-    tasks = sorted({track.get("task_id", "") for track in root.iter("track")})
-    if len(tasks) > 1:
-        raise VfoaError(f"{path}: found the tasks {', '.join(tasks)} of a project; expected the export of one task")
-    return root
-
-
-def _subject(track: Element, exchange: Exchange) -> str:
-    """Our name of the track's attribute ``subject``, or of its label."""
-    named = next(filter(None, (_attributes(shape).get("subject", "") for shape in track)), "")
-    return exchange.names.translate(named or track.get("label", ""))
-
-
-def _labelled(track: Element, subject: str, exchange: Exchange, where: str) -> Iterator[tuple[int, int, Label]]:
-    """Yield CVAT's first and last frame of every label of a track; a shape that is ``outside`` ends one."""
-    shapes = sorted(((_frame(shape, where), shape) for shape in track), key=lambda each: each[0])
-    ends = [frame - 1 for frame, _ in shapes[1:]] + [frame for frame, _ in shapes[-1:]]
-    for (frame, shape), last in zip(shapes, ends, strict=True):
-        if shape.get("outside") != "1" and last >= frame:
-            yield frame, last, _label(_attributes(shape), subject, exchange, f"{where}, frame {frame}")
-
-
-def _label(found: dict[str, str], subject: str, exchange: Exchange, where: str) -> Label:
-    name = exchange.attribute
-    if name not in found:
-        listed = ", ".join(found) or "none"
-        raise VfoaError(f"{where}: no attribute {name!r}; found {listed} (--attribute NAME holds the target)")
-    target = IGNORED if found[name] in (_UNDEFINED, "") else exchange.target(found[name], subject, where)
-    point_px = parse_point((found.get("u_px", ""), found.get("v_px", "")), where)
-    state = found.get("state") == SUGGESTED
-    return Label(target=target, note=found.get("note", ""), point_px=point_px, is_suggested=state)
-
-
-def _rows(subject: str, labels: dict[int, Label], exchange: Exchange) -> Iterator[LabelRange]:
-    return ranges_of(subject, ((frame, labels.get(position)) for position, frame in enumerate(exchange.frames)))
-
-
-def _write_track(track: Element, subject: str, labels: Labels, exchange: Exchange) -> int:
-    """Write a subject's shapes; return how many of them are the whole image."""
-    whole = 0
-    before: Label | None = None
-    last_head: Box | None = None
-    for position, frame in enumerate(exchange.frames):
-        label = labels.at(frame, subject)
-        if label is None and before is None:
-            continue
-        head = exchange.heads(frame, subject) if exchange.heads else None
-        whole += head is None and label is not None
-        # A shape that ends a label is at the head's last place: CVAT does not show it.
-        box = head or (last_head if label is None else None) or exchange.image_box
-        last_head = head or last_head
-        number = position + exchange.first_number
-        shape = _write_shape(track, number, box, is_key=label != before, is_outside=label is None)
-        _write_attributes(shape, label or before)
-        before = label
-    return whole
-
-
-def _write_attributes(shape: Element, label: Label | None) -> None:
-    if label is None:
-        return
-    u, v = ("", "") if label.point_px is None else (repr(each) for each in label.point_px)
-    values = (label.target, label.note, u, v, SUGGESTED if label.is_suggested else "")
-    for name, value in zip(_ATTRIBUTES, values, strict=True):
-        SubElement(shape, "attribute", name=name).text = value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,6 +79,20 @@ def read_cvat_drawn(path: Path, exchange: Exchange) -> ImportedDrawn:
     return ImportedDrawn(drawn=drawn, notes=(*unused, *notes))
 
 
+def _read_tracks(path: Path) -> Element:
+    """The root of a file "for video 1.1", or of the one in a ZIP: of one task, with tracks."""
+    content = read_bytes(path)
+    if zipfile.is_zipfile(io.BytesIO(content)):
+        content = read_member(content, _MEMBER, path, "CVAT's exports")
+    root = parse_xml(content, path)
+    if root.tag != "annotations" or root.find("image") is not None or root.find("track") is None:
+        raise VfoaError(f"{path}: found <{root.tag}> without tracks; expected CVAT for video 1.1")
+    tasks = sorted({track.get("task_id", "") for track in root.iter("track")})
+    if len(tasks) > 1:
+        raise VfoaError(f"{path}: found the tasks {', '.join(tasks)} of a project; expected the export of one task")
+    return root
+
+
 def _tracks(element: Element, name: str, exchange: Exchange, where: str) -> dict[Kind, list[KeyFrame]]:
     """The key frames of a track, numbered as in CVAT; a subject's box is a head."""
     found: dict[Kind, list[KeyFrame]] = {}
@@ -222,8 +103,8 @@ def _tracks(element: Element, name: str, exchange: Exchange, where: str) -> dict
             continue
         was_outside = outside
         kind, place = _place(shape, f"{where}, frame {frame}")
-        if kind == "box" and name in exchange.subjects and _attributes(shape).get(_KIND) != "box":
-            kind = "head"
+        if kind == "box" and name in exchange.subjects:
+            kind = "box" if shape.findtext(f"attribute[@name='{_KIND}']") == "box" else "head"
         keys = found.setdefault(kind, [])
         if keys and keys[-1].frame == frame:
             raise VfoaError(f"{where}: frame {frame}: found two shapes; expected one")
@@ -282,17 +163,23 @@ def _joined(one: list[KeyFrame], other: list[KeyFrame], name: str, where: str) -
 
 def write_cvat_drawn(path: Path, drawn: Drawn, exchange: Exchange) -> tuple[str, ...]:
     """Write a track for each of what is drawn; the answer says what CVAT has to be told first."""
-    root = _document(path, drawn.names, exchange)
+    root = Element("annotations")
+    SubElement(root, "version").text = "1.1"
+    task = SubElement(SubElement(root, "meta"), "task")
+    for tag, value in {"name": path.stem, "size": str(len(exchange.frames)), "mode": "interpolation"}.items():
+        SubElement(task, tag).text = value
+    listed = SubElement(task, "labels")
+    for name in drawn.names:
+        SubElement(SubElement(listed, "label"), "name").text = name
+    people = [each.name for each in drawn.tracks if each.kind == "box" and each.name in exchange.subjects]
     for number, track in enumerate(drawn.tracks):
         element = SubElement(root, "track", id=str(number), label=track.name, source="manual")
         for key in _keys(track, exchange.frames):
-            frame = exchange.frames.index(key.frame) + exchange.first_number
-            place = [each + _HALF_PX for each in key.place]
-            shape = _write_shape(element, frame, place, is_key=True, is_outside=key.outside)
-            if track.kind == "box" and track.name in exchange.subjects:
+            shape = _write_shape(element, track.kind, key, exchange)
+            if track.kind == "box" and track.name in people:
                 SubElement(shape, "attribute", name=_KIND).text = "box"
-    _write_document(path, root)
-    people = [each.name for each in drawn.tracks if each.kind == "box" and each.name in exchange.subjects]
+    indent(root)
+    atomic_write(path, f'<?xml version="1.0" encoding="utf-8"?>\n{tostring(root, encoding="unicode")}\n')
     said = f"whole people are told from heads by a text attribute {_KIND!r}: give it to {', '.join(people)} in CVAT."
     return (said,) if people else ()
 
@@ -307,49 +194,17 @@ def _keys(track: Track, frames: Sequence[int]) -> list[KeyFrame]:
     return sorted(found, key=lambda each: each.frame)
 
 
+def _write_shape(track: Element, kind: Kind, key: KeyFrame, exchange: Exchange) -> Element:
+    frame = exchange.frames.index(key.frame) + exchange.first_number
+    flags = {"frame": str(frame), "keyframe": "1", "outside": str(int(key.outside)), "occluded": "0", "z_order": "0"}
+    values = [f"{each + _HALF_PX:.2f}" for each in key.place]
+    if kind == "point":
+        return SubElement(track, "points", {**flags, "points": ",".join(values)})
+    return SubElement(track, "box", {**flags, **dict(zip(_CORNERS, values, strict=True))})
+
+
 def _frame(shape: Element, where: str) -> int:
     number = shape.get("frame", "")
     if not _FRAME.fullmatch(number):
         raise VfoaError(f"{where}: <{shape.tag}> has the frame {number[:40]!r}; expected a number")
     return int(number)
-
-
-def _attributes(shape: Element) -> dict[str, str]:
-    return {each.get("name", ""): one_line(each.text) for each in shape.iter("attribute")}
-
-
-def _document(path: Path, names: Iterable[str], exchange: Exchange, attributes: Sequence[str] = ()) -> Element:
-    """A document of one task, with these labels and their attributes, and no track yet."""
-    root = Element("annotations")
-    SubElement(root, "version").text = "1.1"
-    task = SubElement(SubElement(root, "meta"), "task")
-    _add_texts(task, {"name": path.stem, "size": str(len(exchange.frames)), "mode": "interpolation"})
-    listed = SubElement(task, "labels")
-    for name in names:
-        label = SubElement(listed, "label")
-        SubElement(label, "name").text = name
-        described = SubElement(label, "attributes") if attributes else label
-        for each in attributes:
-            values = {"name": each, "mutable": "True", "input_type": "text", "default_value": "", "values": ""}
-            _add_texts(SubElement(described, "attribute"), values)
-    return root
-
-
-def _add_texts(element: Element, texts: dict[str, str]) -> None:
-    for tag, text in texts.items():
-        SubElement(element, tag).text = text
-
-
-def _write_shape(track: Element, frame: int, place: Sequence[float], *, is_key: bool, is_outside: bool) -> Element:
-    """Add a box (4 numbers), or a point (2 numbers)."""
-    flags = {"frame": str(frame), "keyframe": str(int(is_key)), "outside": str(int(is_outside)), "occluded": "0"}
-    numbers = [f"{each:.2f}" for each in place]
-    if len(numbers) == 2:
-        return SubElement(track, "points", {**flags, "z_order": "0", "points": ",".join(numbers)})
-    return SubElement(track, "box", {**flags, **dict(zip(_CORNERS, numbers, strict=True)), "z_order": "0"})
-
-
-def _write_document(path: Path, root: Element) -> None:
-    indent(root)
-    text = tostring(root, encoding="unicode")
-    atomic_write(path, f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n')

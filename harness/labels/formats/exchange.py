@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Literal
@@ -11,14 +11,8 @@ from typing import Literal
 import numpy as np
 
 from harness.labels.labels import IGNORED, RESERVED, UNLABELLED, Label, LabelRange, Labels, gaps
-from harness.labels.timeline import timeline_of
-from harness.sources import Clip, MeasuredClip
+from harness.labels.timeline import Timeline
 from vfoa.errors import VfoaError, did_you_mean
-
-Box = tuple[float, float, float, float]
-"""u0, v0, u1, v1 in pixels."""
-HeadBoxes = Callable[[int, str], Box | None]
-"""The box of a subject's head in a frame; None: not known."""
 
 _SHOWN = 8
 _LARGEST = 1e9
@@ -91,8 +85,10 @@ class Exchange:
 
     Parameters
     ----------
-    clip, subjects, targets
-        The clip and the manifest's names.
+    timeline, rate_hz
+        The clip's frames and times; None: the clip does not know its rate.
+    subjects, targets
+        The manifest's names.
     fps
         The rate at which the other program shows the clip's frames; None: at the clip's own times.
     offset
@@ -102,23 +98,18 @@ class Exchange:
         The other program's name -> ours; ``SUBJECT:NAME`` -> ours for targets of one subject.
     gaps
         Meaning of frames without a label between two labels of a subject.
-    heads
-        The boxes of heads, for formats of boxes; None: not known.
-    attribute
-        In CVAT: the attribute that holds the target.
     observation
         In BORIS: the observation to read, if a file has several.
     """
 
-    clip: Clip | MeasuredClip
+    timeline: Timeline
+    rate_hz: float | None
     subjects: Collection[str]
     targets: Collection[str]
     fps: float | None = None
     offset: float = 0.0
     renamed: Mapping[str, str] = field(default_factory=dict)
     gaps: Literal["ignore", "none"] = "ignore"
-    heads: HeadBoxes | None = None
-    attribute: str = "target"
     observation: str | None = None
 
     def __post_init__(self) -> None:
@@ -134,7 +125,7 @@ class Exchange:
     @cached_property
     def frames(self) -> Sequence[int]:
         """The clip's frame numbers, by position; position 0 is its first frame."""
-        return tuple(self.clip.frames)
+        return tuple(self.timeline.frames)
 
     @cached_property
     def times_ms(self) -> list[int]:
@@ -145,13 +136,13 @@ class Exchange:
         VfoaError
             If neither the clip nor ``fps`` gives the frame rate.
         """
-        if self.fps is None and self.clip.rate_hz is None:
+        if self.fps is None and self.rate_hz is None:
             raise VfoaError("--fps: the clip does not know its rate, and this format holds times; expected --fps RATE")
         offset_ns = round(self.offset * 1e9)
         if self.fps is not None:
             times_ns = [round(position * 1e9 / self.fps) for position in range(len(self.frames))]
         else:
-            own = timeline_of(self.clip).times_ns
+            own = self.timeline.times_ns
             times_ns = [time - own[0] for time in own]
         return [(time + offset_ns + 500_000) // 1_000_000 for time in times_ns]
 
@@ -175,20 +166,6 @@ class Exchange:
         if self.offset != int(self.offset):
             raise VfoaError(f"--offset: found {self.offset:g}; expected whole frames: this format holds frame numbers")
         return int(self.offset)
-
-    @cached_property
-    def image_box(self) -> Box:
-        """The whole left image, pixels.
-
-        Raises
-        ------
-        VfoaError
-            If the clip has no images.
-        """
-        if isinstance(self.clip, MeasuredClip):
-            raise VfoaError("this format holds points in images, and the clip has none; expected another --format")
-        rig = self.clip.frame(self.frames[0]).rig
-        return 0.0, 0.0, float(rig.width_px), float(rig.height_px)
 
     def positions(self, row: LabelRange) -> range:
         """The positions of a range's frames in the clip."""

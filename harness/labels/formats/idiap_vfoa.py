@@ -16,15 +16,15 @@ import numpy as np
 
 from harness.files.io import read_bytes
 from harness.files.parsing import check_archive
+from harness.files.tables import read_rows
 from harness.labels.formats.exchange import Exchange, Imported
-from harness.labels.formats.tables import read_table, rows_of
 from harness.labels.labels import NOWHERE, Label, Labels, ranges_of
-from harness.labels.timeline import timeline_of
 from vfoa.errors import VfoaError, did_you_mean
 
 MEANINGS = ("unfocused", "robot", "other person")
 """Meaning of the codes, in their order."""
 
+_COLUMNS = ("time_ns", "person", "looks_at")
 _Found = tuple[int, str, str]
 """A frame, the upstream name of a person, and the target of that person."""
 
@@ -92,12 +92,11 @@ def _arrays(path: Path) -> dict[str, Sequence[int]]:
 
 
 def _of_table(path: Path, exchange: Exchange) -> Iterator[_Found]:
-    timeline = timeline_of(exchange.clip)
-    frame_at = dict(zip(timeline.times_ns, timeline.frames, strict=True))
-    for line, cells in read_table(rows_of(path), ("time_ns", "person", "looks_at"), path):
-        where, stamp, meaning = f"{path}:{line}", cells["time_ns"], cells["looks_at"]
+    frame_at = dict(zip(exchange.timeline.times_ns, exchange.timeline.frames, strict=True))
+    for row in read_rows(path, _COLUMNS, _COLUMNS):
+        stamp, meaning = row.cells.get("time_ns", ""), row.cells.get("looks_at", "")
         if not (stamp.isascii() and stamp.isdigit()) or int(stamp) not in frame_at:
-            raise VfoaError(f"{where}: time_ns: found {stamp!r}; expected the time of a frame of the clip")
+            raise VfoaError(f"{row.where}: time_ns: found {stamp!r}; expected the time of a frame of the clip")
         if meaning not in MEANINGS:
-            raise VfoaError(f"{where}: looks_at: no {meaning!r}; {did_you_mean(meaning, MEANINGS)}")
-        yield frame_at[int(stamp)], cells["person"], meaning
+            raise VfoaError(f"{row.where}: looks_at: no {meaning!r}; {did_you_mean(meaning, MEANINGS)}")
+        yield frame_at[int(stamp)], row.cells.get("person", ""), meaning

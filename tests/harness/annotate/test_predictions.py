@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pympi.Elan import Eaf
 
-from harness.annotate.predictions import export_predictions, predicted_heads, predicted_labels
+from harness.annotate.predictions import export_predictions, predicted_labels
 from harness.labels.formats import FORMATS
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord
@@ -66,12 +66,6 @@ def test_predictions_are_suggestions_with_their_probability(tmp_path: Path) -> N
     )
 
 
-def test_heads_are_those_of_the_records() -> None:
-    heads = predicted_heads(frames_of(["bird"]))
-    assert heads(1, "girl") == (0.0, 0.0, 5.0, 5.0)
-    assert (heads(2, "girl"), heads(1, "boy")) == (None, None)
-
-
 def test_cones_that_hit_nothing_are_no_label(tmp_path: Path) -> None:
     run = write_run(tmp_path, ["bird", "none", "cup"], method="cones")
     found = predicted_labels(read_clip_records(run, "clip", None), TARGETS)
@@ -79,7 +73,7 @@ def test_cones_that_hit_nothing_are_no_label(tmp_path: Path) -> None:
     assert found.notes == ("1 frames of girl have no prediction (nothing hit) and no label.",)
 
 
-@pytest.mark.parametrize("name", ["elan", "boris", "cvat", "csv"])
+@pytest.mark.parametrize("name", ["elan", "boris", "csv"])
 @given(girl=st.lists(st.sampled_from(["bird", "cup", "none", None]), min_size=1, max_size=60).filter(any))
 def test_the_round_trip_is_exact_to_the_frame(name: str, tmp_path: Path, girl: list[str | None]) -> None:
     run = write_run(tmp_path / "run", girl)

@@ -35,7 +35,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-@pytest.mark.parametrize("name", ["elan", "boris"])  # cvat would render every head
+@pytest.mark.parametrize("name", ["elan", "boris"])
 def test_labels_go_out_and_come_back(
     name: str, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -160,8 +160,8 @@ def test_a_pipe_is_not_written_over(
     [
         (("export", CLIP, "out", "--format", "elen"), "annotation format: no 'elen'; did you mean 'elan'?"),
         (("export", CLIP, "out", "--format", "elan", "--annotator", "bea"), "no annotations by 'bea'"),
-        (("import", "gone", "--format", "cvat", "--clip", CLIP, "--annotator", "x"), "gone: no such file"),
-        (("import", "gone", "--format", "cvat", "--clip", CLIP, "--rename", "x"), "--rename x: expected THEIRS=OURS"),
+        (("import", "gone", "--format", "elan", "--clip", CLIP, "--annotator", "x"), "gone: no such file"),
+        (("import", "gone", "--format", "elan", "--clip", CLIP, "--rename", "x"), "--rename x: expected THEIRS=OURS"),
         (("export", CLIP, "out", "--format", "elan", "--offset", "inf"), "--offset: found inf; expected a number"),
         (("agreement", CLIP, "anna"), "labels of anna; expected two annotators or more"),
         (("merge", CLIP), f"{CLIP}.csv: exists already; expected --replace, or another --to"),

@@ -10,6 +10,7 @@ import pytest
 from harness.labels.formats.exchange import Exchange
 from harness.labels.formats.idiap_vfoa import IdiapGroundTruth
 from harness.labels.labels import Labels
+from harness.labels.timeline import timeline_of
 from harness.sources import MeasuredClip
 from tests.disk import write_text
 from tests.exchanges import row
@@ -29,7 +30,7 @@ EXPECTED = Labels(
 
 def _exchange(folder: Path, subjects: tuple[str, ...] = ("1", "2")) -> Exchange:
     clip: MeasuredClip = open_measured("idiap_vfoa", folder, file=idiap_file(folder).name)
-    return Exchange(clip=clip, subjects=subjects, targets=("robot",))
+    return Exchange(timeline=timeline_of(clip), rate_hz=clip.rate_hz, subjects=subjects, targets=("robot",))
 
 
 @pytest.mark.parametrize("columns", [(), (1,)])
@@ -42,7 +43,7 @@ def test_the_arrays_hold_a_code_for_each_frame(tmp_path: Path, columns: tuple[in
 def test_the_genuine_arrays_say_what_the_table_says(shared_data: Path) -> None:
     folder = shared_data / "idiap_vfoa"
     clip = open_measured("idiap_vfoa", folder, file="heads.csv")
-    exchange = Exchange(clip=clip, subjects=("1", "2"), targets=("robot",))
+    exchange = Exchange(timeline=timeline_of(clip), rate_hz=clip.rate_hz, subjects=("1", "2"), targets=("robot",))
     arrays, table = (IdiapGroundTruth().read(folder / name, exchange) for name in ("gt_first_half.npz", "labels.csv"))
     assert arrays.labels == table.labels
     assert sum(each.last_frame - each.first_frame + 1 for each in arrays.labels.ranges) == 1060

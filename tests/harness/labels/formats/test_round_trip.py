@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.labels.formats import FORMATS, SUFFIXES
-from harness.labels.labels import Labels, ranges_of
+from harness.labels.labels import Labels
 from tests.exchanges import FRAMES, PlainClip, exchange, labels_of
 
 HELD = {
@@ -53,19 +53,3 @@ def test_formats_of_times(
     clip = PlainClip(frames=frames, rate_hz=rate, start_ns=start_ns)
     labels = data.draw(labels_of(frames, **HELD[name]))
     assert _again(name, tmp_path / f"labels{SUFFIXES[name]}", labels, clip=clip, fps=fps, offset=offset) == labels
-
-
-@given(frames=FRAMES, offset=st.integers(0, 1000), data=st.data())
-def test_cvat(tmp_path: Path, frames: list[int], offset: int, data: st.DataObject) -> None:
-    labels = data.draw(labels_of(frames, notes=True, points=True, suggested=True))
-    clip, path, chosen = PlainClip(frames=frames), tmp_path / "labels.xml", FORMATS.load("cvat")()
-    (said,) = chosen.write(path, labels, exchange(clip, offset=offset))
-    assert "boxes are the whole image" in said
-    imported = chosen.read(path, exchange(clip, offset=offset))
-    assert (imported.labels, imported.notes) == (_joined(labels, frames), ())
-
-
-def _joined(labels: Labels, frames: list[int]) -> Labels:
-    """Equal ranges that follow each other are one: a format of frames cannot tell them apart."""
-    subjects = labels.subjects
-    return Labels(row for who in subjects for row in ranges_of(who, ((n, labels.at(n, who)) for n in frames)))
