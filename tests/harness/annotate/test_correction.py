@@ -23,7 +23,8 @@ from harness.annotate.actions import Action
 from harness.annotate.app import PageServer
 from harness.annotate.correction import PATH, Correction, choices, correct, correction_routes
 from harness.annotate.session import Session
-from harness.cli import app, failures
+from harness.cli import app
+from harness.cli.view import step_through
 from harness.record import entities, viewer
 from harness.record.composed import served_recordings
 from harness.record.layers import ClipFiles
@@ -318,12 +319,10 @@ def test_the_label_of_a_wrong_frame_is_set_right_by_keys(run: RunResults, monkey
             return True
 
     monkeypatch.setattr(viewer, "opened", opened)
-    keys = iter(["n", "w"])
-    said = iter(["mug 2-3"])
-    monkeypatch.setattr(failures, "_keys", lambda: keys)
-    monkeypatch.setattr(failures.sys, "stdin", Terminal())
-    monkeypatch.setattr(failures.typer, "prompt", lambda *_, **__: next(said))
-    failures.step_through(run.path, None, "one")
+    said = iter(["n", "w", "mug 2-3"])
+    monkeypatch.setattr("sys.stdin", Terminal())
+    monkeypatch.setattr("typer.prompt", lambda *_, **__: next(said))
+    step_through(run.path, None, "one")
     assert shown == [2, 3]  # after the correction no frame is wrong
     _agree(run, dict.fromkeys(range(1, FRAMES + 1), "mug"))
 
