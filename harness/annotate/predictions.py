@@ -14,9 +14,9 @@ from harness.labels.formats import FORMATS, SUFFIXES, AnnotationFormat
 from harness.labels.formats.exchange import Exchange
 from harness.labels.labels import IGNORED, NOWHERE, RESERVED, Label, LabelRange, Labels, ranges_of
 from harness.labels.timeline import Timeline
-from harness.run.results import ClipRecords, read_clip_records
 from harness.run.directory import RunDirectory
 from harness.run.records import FrameRecord, SubjectRecord
+from harness.run.results import ClipRecords, read_clip_records
 from vfoa.errors import VfoaError, did_you_mean
 
 
